@@ -1,0 +1,224 @@
+"""The vocabulary: contacts, indenters, poses, scenes, frames and the heatmap grid.
+
+Frame of reference: right-handed, origin at the undeformed apex of the dome, x right and y down in
+the sensor image (the camera looks outward), z out of the dome. Lengths are millimetres, angles
+degrees. Depth is a tip's travel past its own first touch along -z.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def _column(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
+    array = np.array(values, dtype=np.float64)
+    if array.size == 0:
+        array = array.reshape(shape)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} holds a value that is not finite")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts of one frame, best first. Zero contacts are allowed.
+
+    xy: (N, 2) axis of each tip, mm. depth: (N,) travel past first touch, mm. score: (N,) in 0..1,
+    descending; truth has score 1. std: (N, 3) the model's own 1-sigma for x, y and depth, mm.
+
+    Raises ValueError on shapes that do not fit, values that are not finite, scores outside 0..1.
+    """
+
+    xy: FloatArray
+    depth: FloatArray
+    score: FloatArray
+    std: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        n = np.size(self.depth)
+        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+        put("xy", _column(self.xy, (n, 2), "xy"))
+        put("depth", _column(self.depth, (n,), "depth"))
+        put("score", _column(self.score, (n,), "score"))
+        if self.std is not None:
+            put("std", _column(self.std, (n, 3), "std"))
+        if n and (self.score.min() < 0 or self.score.max() > 1):
+            raise ValueError("score lies outside 0..1")
+        order = np.argsort(-self.score, kind="stable")
+        if (order != np.arange(n)).any():
+            for name in ("xy", "depth", "score", "std"):
+                value = getattr(self, name)
+                if value is not None:
+                    put(name, _column(value[order], value.shape, name))
+
+    @classmethod
+    def truth(cls, xy: npt.ArrayLike, depth: npt.ArrayLike) -> Contacts:
+        """Contacts that are known rather than predicted: every score is 1."""
+        return cls(np.asarray(xy), np.asarray(depth), np.ones(np.size(depth)))
+
+    @classmethod
+    def none(cls) -> Contacts:
+        """No contact at all."""
+        return cls(np.empty((0, 2)), np.empty(0), np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.depth)
+
+    def top(self, count: int) -> Contacts:
+        """The ``count`` contacts with the highest scores."""
+        std = None if self.std is None else self.std[:count]
+        return Contacts(self.xy[:count], self.depth[:count], self.score[:count], std)
+
+
+@dataclass(frozen=True)
+class PlatePose:
+    """A flat plate on the dome: depth mm along the plate's normal, tilt deg, optional 1-sigma."""
+
+    depth: float
+    tilt: float
+    std: tuple[float, float] | None = None
+
+
+Answer = Contacts | PlatePose
+"""What a model may return for one frame."""
+
+
+@dataclass(frozen=True)
+class Indenter:
+    """Spherical tips on a rigid holder, or a plate.
+
+    radius: of every tip, mm; ``inf`` for a plate. offsets: one (dx, dy, dz) per tip, mm, in the
+    indenter's own frame; a larger dz reaches further towards the sensor.
+    """
+
+    radius: float
+    offsets: tuple[tuple[float, float, float], ...]
+    name: str
+
+    def __post_init__(self) -> None:
+        if not self.radius > 0:
+            raise ValueError(f"an indenter's radius is {self.radius} mm, it must be positive")
+        if not self.offsets:
+            raise ValueError("an indenter needs at least one tip")
+
+    @property
+    def is_plate(self) -> bool:
+        return math.isinf(self.radius)
+
+    @classmethod
+    def single(cls, radius: float = 3.0) -> Indenter:
+        return cls(radius, ((0.0, 0.0, 0.0),), "single")
+
+    @classmethod
+    def dual(cls, distance: float, radius: float = 3.0) -> Indenter:
+        """Two tips of equal height, ``distance`` mm apart along the indenter's x axis."""
+        half = distance / 2
+        return cls(radius, ((-half, 0.0, 0.0), (half, 0.0, 0.0)), "dual")
+
+    @classmethod
+    def triple(
+        cls, heights: tuple[float, float, float], side: float = 8.0, radius: float = 3.0
+    ) -> Indenter:
+        """Three tips on an equilateral triangle with the given height inserts, mm."""
+        r = side / math.sqrt(3)
+        turns = (math.pi / 2 + k * 2 * math.pi / 3 for k in range(3))
+        offsets = tuple(
+            (r * math.cos(a), r * math.sin(a), h) for a, h in zip(turns, heights, strict=True)
+        )
+        return cls(radius, offsets, "triple")
+
+    @classmethod
+    def plate(cls) -> Indenter:
+        return cls(math.inf, ((0.0, 0.0, 0.0),), "plate")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where an indenter is: x, y of its axis mm, yaw and tilt deg, depth mm.
+
+    Depth is the travel past the indenter's first touch: the tip that touches first has this depth,
+    the others less. A plate's depth is measured along its own normal.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    tilt: float = 0.0
+    depth: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is pressed: an indenter at a pose. A sensor turns it into a Frame."""
+
+    indenter: Indenter
+    pose: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What a sensor saw.
+
+    image: (H, W) or (H, W, 3) uint8. timestamp: s, monotonic. pose: actually reached.
+    rest: image of the undeformed sensor of the same shape, if there is one.
+    """
+
+    image: npt.NDArray[np.uint8]
+    timestamp: float
+    pose: Pose
+    rest: npt.NDArray[np.uint8] | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The one place that maps heatmap cells to millimetres and back.
+
+    shape: (rows, columns). origin: (x, y) of the centre of cell [0, 0], mm. pitch: cell size, mm.
+    Rows run along y, columns along x.
+    """
+
+    shape: tuple[int, int]
+    origin: tuple[float, float]
+    pitch: float
+
+    @classmethod
+    def centred(cls, cells: int, pitch: float) -> Grid:
+        """A square grid around the apex: cell centres at (i - (cells - 1) / 2) * pitch."""
+        start = -(cells - 1) / 2 * pitch
+        return cls((cells, cells), (start, start), pitch)
+
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """x of every column (W,) and y of every row (H,), mm."""
+        rows, columns = self.shape
+        return (
+            self.origin[0] + self.pitch * np.arange(columns),
+            self.origin[1] + self.pitch * np.arange(rows),
+        )
+
+    def xy(self, row: npt.ArrayLike, column: npt.ArrayLike) -> FloatArray:
+        """(..., 2) mm of (fractional) cell indices."""
+        x = self.origin[0] + self.pitch * np.asarray(column, dtype=np.float64)
+        y = self.origin[1] + self.pitch * np.asarray(row, dtype=np.float64)
+        return np.stack([x, y], axis=-1)
+
+    def cells(self, xy: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Fractional (row, column) of (..., 2) mm. Nothing is rounded."""
+        points = np.asarray(xy, dtype=np.float64)
+        return (
+            (points[..., 1] - self.origin[1]) / self.pitch,
+            (points[..., 0] - self.origin[0]) / self.pitch,
+        )
+
+    def __iter__(self) -> Iterator[Any]:  # a grid is not a sequence of cells
+        raise TypeError("a Grid cannot be iterated; use axes()")

@@ -1,0 +1,82 @@
+"""Closed-form contact geometry of spherical tips and plates on a spherical dome.
+
+With R_d the dome's radius, R the tip's and rho the distance of the tip's axis from the dome's, a
+tip first touches when its centre is at height sqrt((R_d + R)^2 - rho^2) above the dome's centre.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tactibench.contacts import Contacts, FloatArray, PlatePose, Scene
+
+DOME_RADIUS_MM = 20.0
+
+
+def tip_positions(scene: Scene) -> FloatArray:
+    """(K, 3) x, y and height offset of every tip's axis in the sensor frame, mm."""
+    offsets = np.array(scene.indenter.offsets, dtype=np.float64)
+    yaw = math.radians(scene.pose.yaw)
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    xy = offsets[:, :2] @ turn.T + [scene.pose.x, scene.pose.y]
+    return np.column_stack([xy, offsets[:, 2]])
+
+
+def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
+    """(K,) travel of every tip past its own first touch, mm; zero or less: it does not touch.
+
+    Tips whose axis passes beside the dome (rho >= R_d + R) get minus infinity.
+    """
+    tips = tip_positions(scene)
+    reach = dome_radius + scene.indenter.radius
+    square = reach**2 - (tips[:, :2] ** 2).sum(axis=1)
+    touch = np.full(len(tips), -np.inf)
+    inside = square > 0
+    touch[inside] = np.sqrt(square[inside]) + tips[inside, 2]
+    if not inside.any():
+        return touch
+    return scene.pose.depth - (touch.max() - touch)
+
+
+def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:
+    """The contacts of a scene of spherical tips; a tip that never touches is none.
+
+    A plate touches at ``dome_radius * sin(tilt)`` along its tilt axis with the depth of the pose.
+    """
+    if scene.indenter.is_plate:
+        xy = plate_contact_xy(scene, dome_radius)
+        return Contacts.truth([xy], [scene.pose.depth]) if scene.pose.depth > 0 else Contacts.none()
+    depth = tip_depths(scene, dome_radius)
+    touching = depth > 0
+    return Contacts.truth(tip_positions(scene)[touching, :2], depth[touching])
+
+
+def plate_contact_xy(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> tuple[float, float]:
+    """(x, y) mm at which a tilted plate meets the dome: dome_radius * sin(tilt) along the yaw."""
+    offset = dome_radius * math.sin(math.radians(scene.pose.tilt))
+    yaw = math.radians(scene.pose.yaw)
+    return offset * math.cos(yaw), offset * math.sin(yaw)
+
+
+def plate_pose(scene: Scene) -> PlatePose:
+    """The true plate pose of a scene."""
+    return PlatePose(scene.pose.depth, scene.pose.tilt)
+
+
+def plate_from_contacts(contacts: Contacts, dome_radius: float = DOME_RADIUS_MM) -> PlatePose | None:
+    """Read a plate from the best contact: tilt = asin(x / dome_radius). None without a contact."""
+    if not len(contacts):
+        return None
+    sine = float(np.clip(contacts.xy[0, 0] / dome_radius, -1.0, 1.0))
+    return PlatePose(float(contacts.depth[0]), math.degrees(math.asin(sine)))
+
+
+def normal_penetration(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
+    """(K,) delta = R_d + R - |c - O| mm of every tip, for the tip depths of the scene."""
+    tips = tip_positions(scene)
+    reach = dome_radius + scene.indenter.radius
+    rho_squared = (tips[:, :2] ** 2).sum(axis=1)
+    height = np.sqrt(np.maximum(reach**2 - rho_squared, 0.0)) - tip_depths(scene, dome_radius)
+    return reach - np.sqrt(rho_squared + height**2)

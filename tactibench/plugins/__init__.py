@@ -1,0 +1,1 @@
+"""Hook specifications, specs, interfaces and the guarded plugin host."""

@@ -1,0 +1,206 @@
+"""What stands behind a spec: the classes a plugin writes, as typing protocols.
+
+Nothing has to inherit from these; a class with the methods is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene
+
+Maps = npt.NDArray[np.float32]
+
+
+class Encoder(Protocol):
+    """Contacts <-> maps, in millimetres; nothing is rounded to a cell when encoding.
+
+    channels: number of maps. separation: closest spacing told apart, mm. tolerance: largest
+    round-trip error in x, y and depth of one contact away from the border, mm.
+    A target is called as ``Class(**parameters)``.
+    """
+
+    channels: int
+    separation: float
+    tolerance: float
+
+    def encode(self, contacts: Contacts, grid: Grid) -> Maps:
+        """Return (C, H, W) float32 maps in 0..1."""
+        ...
+
+    def decode(self, maps: Maps, grid: Grid) -> Contacts:
+        """Read contacts from (C, H, W) maps, best first."""
+        ...
+
+    def decode_batch(self, maps: Maps, grid: Grid) -> list[Contacts]:
+        """Read contacts from (N, C, H, W) maps."""
+        ...
+
+
+@dataclass(frozen=True)
+class ModelContext:
+    """What the benchmark tells a model when it builds it: ``Class(context, **parameters)``.
+
+    answer: "contacts" or "plate", what ``predict`` must return. grid: of the heatmaps.
+    max_depth: mm, heatmap value 1. encoder: None for models that do not use one.
+    device: "cpu" or "cuda". checkpoints: folder in which ``fit`` keeps what it needs to resume;
+    None: nothing is kept.
+    """
+
+    answer: str
+    grid: Grid
+    max_depth: float
+    encoder: Encoder | None = None
+    device: str = "cpu"
+    checkpoints: Path | None = None
+
+
+class Progress(Protocol):
+    """Told by ``fit`` after each step and epoch; the command line draws it."""
+
+    def start(self, epochs: int, steps: int) -> None:
+        """Training begins: at most ``epochs`` epochs of ``steps`` steps."""
+        ...
+
+    def step(self, loss: float) -> None:
+        """One optimiser step was taken."""
+        ...
+
+    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
+        """One epoch ended. epoch counts from 1; validation_mm: mean position error, mm."""
+        ...
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """How training went. history: one dict per epoch. seconds: spent in this and earlier calls."""
+
+    epochs: int = 0
+    seconds: float = 0.0
+    resumed_from: int = 0
+    history: tuple[dict[str, float], ...] = ()
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+class Model(Protocol):
+    """Frames -> contacts (or plate poses)."""
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Learn from labelled frames. Must give the same weights for the same rng state."""
+        ...
+
+    def predict(self, frames: Sequence[Frame]) -> Sequence[Answer]:
+        """Answer every frame; float32 arithmetic."""
+        ...
+
+    def save(self, directory: Path) -> None:
+        """Write the weights into an existing, empty folder."""
+        ...
+
+    def load(self, directory: Path) -> None:
+        """Read what ``save`` wrote. No pickle of untrusted data."""
+        ...
+
+
+@runtime_checkable
+class MapsModel(Protocol):
+    """Optional: a model that can show the maps behind its contacts."""
+
+    def maps(self, frames: Sequence[Frame]) -> Maps:
+        """Return (N, C, H, W) float32 maps in 0..1."""
+        ...
+
+
+@runtime_checkable
+class StagedModel(Protocol):
+    """Optional: a model whose phases can be timed apart.
+
+    stages: name -> callable, applied in order to a list of frames; their composition is
+    ``predict`` in the fast configuration (which may use lower precision than ``predict``).
+    """
+
+    def stages(self) -> Sequence[tuple[str, Any]]: ...
+
+
+@dataclass(frozen=True)
+class SensorContext:
+    """What the benchmark tells a sensor: ``Class(context, **parameters)``.
+
+    seed: of everything random in the frames. data: folder given with ``--data``, or None.
+    """
+
+    seed: np.random.SeedSequence
+    data: Path | None = None
+
+
+class Sensor(Protocol):
+    """Scenes -> frames. A context manager: devices are opened on entry and closed on exit."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
+
+    def rest(self) -> Frame:
+        """The undeformed sensor."""
+        ...
+
+    def press(self, scene: Scene) -> Frame:
+        """Press once. Raises UserError for a scene it cannot press."""
+        ...
+
+    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
+        """Press in order; a faster sensor may work ahead."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that determines the frames, as JSON values: geometry, tables, noise."""
+        ...
+
+
+@runtime_checkable
+class HasScenes(Protocol):
+    """Optional: a sensor that can press only the scenes it has (recorded folders)."""
+
+    def scenes(self) -> dict[str, Scene]:
+        """Frame name -> scene."""
+        ...
+
+
+@runtime_checkable
+class KnowsSurface(Protocol):
+    """Optional: a sensor that knows how far its skin really moved (simulators)."""
+
+    def surface(self, scene: Scene, grid: Grid) -> FloatArray:
+        """(H, W) true inward displacement of the skin along the dome's normal, mm.
+
+        Cell (i, j) is the point of the undeformed dome above the cell's centre."""
+        ...
+
+
+@runtime_checkable
+class KnowsBound(Protocol):
+    """Optional: a sensor that knows the Cramer-Rao bound of its frames (simulators)."""
+
+    def bound(self, scene: Scene) -> FloatArray:
+        """(K, 3) smallest possible standard deviation of x, y and depth of every contact, mm."""
+        ...
