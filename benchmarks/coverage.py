@@ -1,0 +1,89 @@
+"""How often a 95 % interval holds the true mean when the frames of one press resemble each other.
+
+    python benchmarks/coverage.py [--errors normal|gamma] [--frames 50] [--runs 1000] [--seed 0]
+
+Prints, for within-press correlations 0, 0.05 and 0.3 and for 10, 30 and 100 presses, the coverage
+of the interval that takes frames for independent, of the clustered t interval, and of the BCa and
+the percentile bootstrap over presses. Errors are a share per press plus a share per frame, which
+makes the correlation exact: normal, or (--errors gamma) skewed as absolute errors are.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import stats
+
+from tactibench.stats import weighted
+from tactibench.stats.bca import bca_interval, bootstrap_values
+from tactibench.stats.intervals import mean_interval
+
+CORRELATIONS = (0.0, 0.05, 0.3)
+PRESSES = (10, 30, 100)
+MEAN = 2.0
+"""True mean of an error; the gamma errors have this variance too, and skewness 1.4."""
+
+
+def errors(
+    rng: np.random.Generator, kind: str, correlation: float, presses: int, frames: int
+) -> np.ndarray:
+    """(presses, frames) errors; two gammas of one scale, or two normals, add up to their kind."""
+    shared, own = (presses, 1), (presses, frames)
+    if kind == "normal":
+        pressed = rng.normal(MEAN, np.sqrt(correlation), shared)
+        return pressed + rng.normal(0, np.sqrt(1 - correlation), own)
+    pressed = rng.gamma(MEAN * correlation, size=shared) if correlation else np.zeros(shared)
+    return pressed + rng.gamma(MEAN * (1 - correlation), size=own)
+
+
+def intervals(
+    y: np.ndarray, level: float, rng: np.random.Generator
+) -> Iterator[tuple[float, float]]:
+    """Naive, clustered t, BCa and percentile interval of one data set."""
+    presses, frames = y.shape
+    codes, flat = np.repeat(np.arange(presses), frames), y.ravel()
+    yield stats.t.interval(level, flat.size - 1, loc=flat.mean(), scale=stats.sem(flat))
+    clustered = mean_interval(flat, codes, level=level)
+    assert clustered.low is not None  # noqa: S101
+    assert clustered.high is not None  # noqa: S101
+    yield clustered.low, clustered.high
+    mean = weighted.ratio(flat, np.ones(flat.size), codes, presses)
+    yield bca_interval(mean, presses, rng=rng, level=level, resamples=1000) or (np.nan, np.nan)
+    drawn = bootstrap_values(mean, presses, 1000, rng)
+    low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])
+    yield float(low), float(high)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--errors", choices=("normal", "gamma"), default="normal")
+    parser.add_argument("--frames", type=int, default=50, help="frames of one press")
+    parser.add_argument("--runs", type=int, default=1000, help="simulated data sets per line")
+    parser.add_argument("--level", type=float, default=0.95)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    print(
+        f"{options.errors} errors, {options.frames} frames a press, {options.runs} runs, "
+        f"nominal {options.level:.0%}"
+    )
+    print("correlation  presses   naive  clustered t     BCa  percentile")
+    streams = np.random.SeedSequence(options.seed).spawn(len(CORRELATIONS) * len(PRESSES))
+    for k, stream in enumerate(streams):
+        rng = np.random.default_rng(stream)
+        correlation, presses = CORRELATIONS[k // len(PRESSES)], PRESSES[k % len(PRESSES)]
+        held = np.zeros(4)
+        for _ in range(options.runs):
+            y = errors(rng, options.errors, correlation, presses, options.frames)
+            limits = np.array(list(intervals(y, options.level, rng)))
+            held += (limits[:, 0] <= MEAN) & (limits[:, 1] >= MEAN)
+        naive, clustered, bca, percentile = held / options.runs
+        print(
+            f"{correlation:11.2f} {presses:8d} {naive:7.1%} {clustered:12.1%} {bca:7.1%} "
+            f"{percentile:11.1%}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Time that the recipes ``default`` and ``paper`` of the U-Net need to one validation error.
+
+    python benchmarks/time_to_accuracy.py [--presses 3600] [--target-mm 0.06] [--epochs-cap N]
+
+Both are trained in one run on the same simulated presses, seeds and threads, one after the other;
+the time of each epoch includes its validation. The whole ``paper`` recipe takes a good half hour on
+two cores: ``--epochs-cap`` ends it early, and then its time is a lower bound. The last line is the
+ratio of the two times. Errors are those of the encoder ``hertz`` with its default decoder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+import torch
+
+from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
+from tactibench.geometry import true_contacts
+from tactibench_heatmaps.hertz import HertzGaussian
+from tactibench_sim.sensor import TacTip127
+from tactibench_unet.model import UNet
+
+
+class Reached(Exception):  # noqa: N818
+    """The validation error came down to the target."""
+
+
+class Watch:
+    """A Progress that prints epochs, keeps their times and stops at a target or a cap."""
+
+    def __init__(self, target_mm: float, cap: int | None) -> None:
+        self.target_mm, self.cap = target_mm, cap
+        self.began = 0.0
+        self.reached_s: float | None = None
+        self.last_s = 0.0
+        self.best_mm = float("inf")
+
+    def start(self, epochs: int, steps: int) -> None:  # noqa: ARG002
+        self.began = time.perf_counter()
+
+    def step(self, loss: float) -> None: ...
+
+    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
+        self.last_s = time.perf_counter() - self.began
+        error = float("inf") if validation_mm is None else validation_mm
+        self.best_mm = min(self.best_mm, error)
+        print(
+            f"  epoch {epoch:2d}  {self.last_s:7.1f} s  loss {loss:.5f}  {error:8.4f} mm",
+            flush=True,
+        )
+        if error <= self.target_mm and self.reached_s is None:
+            self.reached_s = self.last_s
+            raise Reached
+        if epoch == self.cap:
+            raise Reached
+
+    def __str__(self) -> str:
+        if self.reached_s is not None:
+            return f"{self.reached_s:.0f} s"
+        return f"> {self.last_s:.0f} s (stopped at {self.best_mm:.4f} mm)"
+
+
+def presses(count: int, seed: int):
+    """Frames and truth of single presses, x and y in +-6.4 mm, depth 0.5 to 6 mm."""
+    rng = np.random.default_rng(seed)
+    values = rng.uniform([-6.4, -6.4, 0.5], [6.4, 6.4, 6.0], (count, 3))
+    scenes = [Scene(Indenter.single(), Pose(x, y, depth=depth)) for x, y, depth in values]
+    with TacTip127(SensorContext(np.random.SeedSequence(seed))) as sensor:
+        frames = list(sensor.press_many(scenes))
+    return frames, [true_contacts(scene) for scene in scenes]
+
+
+def measure(recipe: str, data, held_out, target_mm: float, cap: int | None, seed: int) -> Watch:
+    """Train one recipe until it reaches the target, its end or the cap."""
+    grid = Grid.centred(64, 0.4)
+    model = UNet(ModelContext("contacts", grid, 6.0, encoder=HertzGaussian()), recipe=recipe)
+    print(f"{recipe}: {model.recipe}")
+    watch = Watch(target_mm, cap)
+    try:
+        rng = np.random.default_rng(seed)
+        model.fit(*data, validation=held_out, rng=rng, progress=watch)
+    except Reached:
+        pass
+    print(f"{recipe}: mean position error of {target_mm} mm after {watch}")
+    return watch
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--presses", type=int, default=3600)
+    parser.add_argument("--target-mm", type=float, default=0.06)
+    parser.add_argument("--epochs-cap", type=int, default=None, help="end each training here")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    print(
+        f"{torch.get_num_threads()} threads, torch {torch.__version__}, {options.presses} presses"
+    )
+    data, held_out = presses(options.presses, options.seed), presses(200, options.seed + 1)
+    watches = [
+        measure(recipe, data, held_out, options.target_mm, options.epochs_cap, options.seed)
+        for recipe in ("default", "paper")
+    ]
+    fast, slow = watches
+    if fast.reached_s is None:
+        print("default did not reach the target: no ratio")
+        return
+    bound = "" if slow.reached_s is not None else "at least "
+    ratio = slow.last_s / fast.reached_s
+    print(f"time to {options.target_mm} mm, paper / default: {bound}{ratio:.1f}")
+
+
+if __name__ == "__main__":
+    main()

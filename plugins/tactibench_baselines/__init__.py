@@ -1,0 +1,1 @@
+"""Models that every other must beat: the training mean and the nearest training frame."""

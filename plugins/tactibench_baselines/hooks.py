@@ -1,0 +1,33 @@
+"""What this plugin declares."""
+
+from __future__ import annotations
+
+from tactibench import ModelSpec, Parameter, hookimpl
+
+
+@hookimpl
+def tactibench_models() -> list[ModelSpec]:
+    return [
+        ModelSpec(
+            "mean",
+            "tactibench_baselines.mean:MeanModel",
+            "trivial baseline: answers the training mean, whatever the frame",
+            answers=("contacts", "plate"),
+            max_contacts=1,
+        ),
+        ModelSpec(
+            "nearest",
+            "tactibench_baselines.nearest:NearestModel",
+            "trivial baseline: answers the truth of the most similar training frame",
+            (
+                Parameter(
+                    "size",
+                    32,
+                    "frames are compared as size x size pixels, averaged down",
+                    low=4,
+                    high=256,
+                ),
+            ),
+            answers=("contacts", "plate"),
+        ),
+    ]

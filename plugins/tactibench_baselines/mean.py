@@ -1,0 +1,68 @@
+"""The training mean: what can be known without looking."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench import Answer, Contacts, FitReport, Frame, ModelContext, PlatePose, Progress
+from tactibench_baselines.answers import pack, read, unpack, write
+
+
+class MeanModel:
+    """Answers every frame alike.
+
+    "contacts": one contact at the mean x, y and depth of all contacts of the training frames (no
+    contact when they have none). "plate": the mean depth and tilt.
+    """
+
+    def __init__(self, context: ModelContext) -> None:
+        self._answer_kind = context.answer
+        self._mean: Answer | None = None
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Average the labels. Raises ValueError without any."""
+        del validation, rng, progress
+        start = time.perf_counter()
+        if not len(truth):
+            raise ValueError("the mean needs at least one training label")
+        labels = pack(truth, self._answer_kind)
+        if self._answer_kind == "plate":
+            self._mean = PlatePose(float(labels["depth"].mean()), float(labels["tilt"].mean()))
+        elif not len(labels["depth"]):
+            self._mean = Contacts.none()
+        else:
+            self._mean = Contacts.truth([labels["xy"].mean(axis=0)], [labels["depth"].mean()])
+        return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
+
+    def predict(self, frames: Sequence[Frame]) -> list[Answer]:
+        """The mean, once a frame."""
+        if self._mean is None:
+            raise RuntimeError("predict needs fit or load first")
+        return [self._mean] * len(frames)
+
+    def stages(self) -> Sequence[tuple[str, Any]]:
+        """There is one phase."""
+        return [("forward", self.predict)]
+
+    def save(self, directory: Path) -> None:
+        """Write mean.npz."""
+        if self._mean is None:
+            raise RuntimeError("save needs fit or load first")
+        write(directory / "mean.npz", pack([self._mean], self._answer_kind))
+
+    def load(self, directory: Path) -> None:
+        """Read mean.npz. Raises UserError when that is not what ``save`` wrote."""
+        (self._mean,) = unpack(read(directory / "mean.npz", self._answer_kind))

@@ -1,0 +1,133 @@
+"""The nearest training frame: what memory alone can do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Answer, FitReport, Frame, ModelContext, Progress, UserError, gray_frames
+from tactibench_baselines.answers import pack, read, unpack, write
+
+Features = npt.NDArray[np.float32]
+
+_BLOCK = 256  # frames compared at once: 256 x 4,000 distances are 4 MB
+_CANDIDATES = 8  # compared once more in float64, so that the batch size cannot change an answer
+
+
+class NearestModel:
+    """Answers the truth of the training frame at the smallest squared distance.
+
+    Frames are compared as gray images of ``size`` x ``size`` pixels, less the rest frame where all
+    training frames have one. Averaging down is the only blur: on real TacTip frames a further one
+    loses depth, and more than 32 x 32 pixels gain less than 2 % of the error.
+    """
+
+    def __init__(self, context: ModelContext, size: int = 32) -> None:
+        self._answer_kind = context.answer
+        self._size = size
+        self._truth: list[Answer] = []
+        self._remember(np.empty((0, size * size), dtype=np.float32), minus_rest=False)
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Remember every frame and its label. Raises ValueError without any."""
+        del validation, rng, progress
+        start = time.perf_counter()
+        if not len(frames) or len(frames) != len(truth):
+            raise ValueError(f"nearest was given {len(frames)} frames and {len(truth)} labels")
+        self._truth = unpack(pack(truth, self._answer_kind))
+        self._minus_rest = all(frame.rest is not None for frame in frames)
+        self._remember(self._features(frames), self._minus_rest)
+        return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
+
+    def predict(self, frames: Sequence[Frame]) -> list[Answer]:
+        """The label of the nearest training frame; the first of equally near ones."""
+        return self._labels(self._search(self._features(frames)))
+
+    def stages(self) -> Sequence[tuple[str, Any]]:
+        """The phases of ``predict``, in order."""
+        return [
+            ("preprocess", self._features),
+            ("forward", self._search),
+            ("decode", self._labels),
+        ]
+
+    def save(self, directory: Path) -> None:
+        """Write nearest.npz."""
+        if not len(self._train):
+            raise RuntimeError("save needs fit or load first")
+        write(
+            directory / "nearest.npz",
+            {
+                "features": self._train,
+                "minus_rest": np.array(self._minus_rest),
+                **pack(self._truth, self._answer_kind),
+            },
+        )
+
+    def load(self, directory: Path) -> None:
+        """Read nearest.npz. Raises UserError when that is not what ``save`` wrote."""
+        path = directory / "nearest.npz"
+        arrays = read(path, self._answer_kind, "features", "minus_rest")
+        features, minus_rest = arrays.pop("features"), bool(arrays.pop("minus_rest"))
+        truth = unpack(arrays)
+        if features.shape != (len(truth), self._size**2):
+            raise UserError(
+                f"{path} holds features of shape {features.shape} for {len(truth)} labels, but "
+                f"size {self._size} needs ({len(truth)}, {self._size**2}); train again."
+            )
+        self._truth = truth
+        self._remember(features, minus_rest)
+
+    def _remember(self, features: Features, minus_rest: bool) -> None:
+        self._train = np.ascontiguousarray(features)
+        self._half_square = 0.5 * np.einsum("nd,nd->n", self._train, self._train)
+        self._minus_rest = minus_rest
+
+    def _features(self, frames: Sequence[Frame]) -> Features:
+        """(N, size^2) float32, gray levels from 0 to 1, less those of the rest frame."""
+        flat = gray_frames(frames, self._size).reshape(-1, self._size**2).astype(np.float32)
+        if self._minus_rest:
+            rest = [replace(f, image=f.rest) for f in frames if f.rest is not None]
+            if len(rest) != len(frames):
+                raise UserError(
+                    "a frame has no rest frame, but the model 'nearest' was trained with them; "
+                    "use the sensor that it was trained on."
+                )
+            flat -= gray_frames(rest, self._size).reshape(flat.shape)
+        return flat / np.float32(255)
+
+    def _search(self, features: Features) -> npt.NDArray[np.intp]:
+        """(N,) rows of the nearest training frames."""
+        if not len(self._train):
+            raise RuntimeError("predict needs fit or load first")
+        blocks = [
+            self._search_block(features[i : i + _BLOCK]) for i in range(0, len(features), _BLOCK)
+        ]
+        return np.concatenate([np.empty(0, dtype=np.intp), *blocks])
+
+    def _search_block(self, features: Features) -> npt.NDArray[np.intp]:
+        """|a - b|^2 = |a|^2 + 2 (|b|^2 / 2 - a.b), of which |a|^2 orders nothing."""
+        order = self._half_square - features @ self._train.T
+        count = min(_CANDIDATES, order.shape[1])
+        candidates = np.sort(np.argpartition(order, count - 1, axis=1)[:, :count], axis=1)
+        apart = self._train[candidates].astype(np.float64) - features[:, None]
+        best = np.einsum("nkd,nkd->nk", apart, apart).argmin(axis=1)
+        found: npt.NDArray[np.intp] = candidates[np.arange(len(features)), best]
+        return found
+
+    def _labels(self, rows: npt.NDArray[np.intp]) -> list[Answer]:
+        return [self._truth[row] for row in rows]

@@ -1,0 +1,1 @@
+"""Regression CNN that reads one contact or one plate pose from a frame."""

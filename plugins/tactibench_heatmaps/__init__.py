@@ -1,0 +1,1 @@
+"""Heatmap encoders: contacts to maps that a network can draw, and back."""

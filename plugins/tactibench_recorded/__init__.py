@@ -1,0 +1,1 @@
+"""Sensor `recorded`: answers the presses that somebody recorded in a folder."""

@@ -1,0 +1,49 @@
+"""What this plugin declares."""
+
+from __future__ import annotations
+
+from tactibench import Parameter, SensorSpec, hookimpl
+
+_COLUMNS = tuple(f"pose_{axis}" for axis in ("1", "2", "3", "4", "5", "6"))
+_ALIASES = tuple(f"pose_{axis}" for axis in ("x", "y", "z", "Rx", "Ry", "Rz"))
+
+
+@hookimpl
+def tactibench_sensors() -> list[SensorSpec]:
+    return [
+        SensorSpec(
+            "recorded",
+            "tactibench_recorded.sensor:RecordedSensor",
+            "a folder of recorded frames with a targets.csv (plate presses)",
+            (
+                Parameter(
+                    "depth_offset_mm",
+                    5.0,
+                    "added to the depth label, so that depth is counted from about first touch",
+                    low=-100.0,
+                    high=100.0,
+                ),
+                Parameter(
+                    "depth",
+                    "pose_2",
+                    "column of targets.csv with the depth label, mm; pose_x..pose_Rz are the same "
+                    "columns as pose_1..pose_6",
+                    choices=_COLUMNS + _ALIASES,
+                ),
+                Parameter(
+                    "tilt",
+                    "pose_6",
+                    "column of targets.csv with the plate's tilt, deg",
+                    choices=_COLUMNS + _ALIASES,
+                ),
+                Parameter(
+                    "frames",
+                    "auto",
+                    "folder of the frames; auto: the first of them that is there",
+                    choices=("auto", "frames_bw", "images", "sensor_images", "processed_images"),
+                ),
+            ),
+            origin="real",
+            needs_data=True,
+        )
+    ]

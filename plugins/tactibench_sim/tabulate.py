@@ -1,0 +1,63 @@
+"""Make the table file from finite-element runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from tactibench_sim import fem, table
+
+Array = npt.NDArray[np.float64]
+DEEPEST_MM, STEP_MM = 6.5, 0.125
+POLAR_STEP_DEG = 0.5
+
+
+def tabulate(path: Path, dome: fem.Dome, told: Callable[[str], None] = lambda _: None) -> str:
+    """Press sphere and plate, write the file at ``path`` and return its digest.
+
+    Raises UserError without NGSolve, fem.NotConvergedError where a run fails.
+    """
+    delta: Array = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
+    polar: Array = np.radians(np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG)
+    arrays: dict[str, npt.NDArray[Any]] = {"delta": delta, "polar": polar}
+    for shape, radius in table.SHAPES.items():
+        told(shape)
+        for quantity, values in columns(dome, radius, delta, polar).items():
+            arrays[f"{shape}_{quantity}"] = values.astype(np.float32)
+    ngsolve = fem.require_ngsolve()
+    parameters = {"dome": asdict(dome), "solver": f"ngsolve {ngsolve.__version__}"}
+    return table.write(path, arrays, parameters)
+
+
+def columns(dome: fem.Dome, radius: float, delta: Array, polar: Array) -> dict[str, Array]:
+    """The quantities of a table: (D, T) each, force (D,)."""
+    profiles = list(fem.press(dome, radius, delta, polar))
+    w, t = np.stack([p.inner for p in profiles], axis=1)
+    w_outer, t_outer = np.stack([p.outer for p in profiles], axis=1)
+    return {
+        "w": w,
+        "t": t,
+        "omega": normal_rotation(dome.inner, polar, w, t),
+        "w_outer": w_outer,
+        "t_outer": t_outer,
+        "force": np.array([p.force for p in profiles]),
+    }
+
+
+def normal_rotation(radius: float, polar: Array, w: Array, t: Array) -> Array:
+    """Finite rotation of the normal of a meridian displaced by w (inward) and t, rad.
+
+    The tangent of (r - w) b + t e is (r - w + t') e - (w' + t) b; to first order this is
+    (dw/dtheta + t) / r.
+    """
+    slope_w = CubicSpline(polar, w, axis=-1)(polar, 1)
+    slope_t = CubicSpline(polar, t, axis=-1)(polar, 1)
+    rotation: Array = np.arctan2(slope_w + t, radius - w + slope_t)
+    rotation[..., 0] = 0.0
+    return rotation

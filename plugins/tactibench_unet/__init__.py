@@ -1,0 +1,1 @@
+"""U-Net that reads contacts from heatmaps (TactiVerse)."""

@@ -1,0 +1,92 @@
+"""The U-Net of TactiVerse: four levels down, a bottleneck, four levels up, skip connections."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+from torch.nn import functional as F  # noqa: N812
+
+LEVELS = 4
+
+
+class UNetNetwork(nn.Module):
+    """(B, 1, S, S) uint8 frames -> (B, channels, H, W) logits of the heatmap.
+
+    A stem brings the frame to the heatmap's cells: a convolution of the given stride, then
+    pooling or resizing for what is left. Level k has ``width * 2**k`` channels. Weights are those
+    of Ronneberger et al. 2015 with batch normalisation and padded convolutions; the sigmoid of
+    the last layer belongs to the loss (training) and to ``predict``.
+    """
+
+    mean: torch.Tensor
+    scale: torch.Tensor
+
+    def __init__(self, width: int, stem: int, cells: tuple[int, int], channels: int) -> None:
+        super().__init__()
+        self.cells = cells
+        widths = [width * 2**level for level in range(LEVELS + 1)]
+        self.register_buffer("mean", torch.zeros(()))
+        self.register_buffer("scale", torch.ones(()))
+        self.stem = _convolution(1, width, stride=stem)
+        self.down = nn.ModuleList(
+            _block(width if level == 0 else widths[level - 1], widths[level])
+            for level in range(LEVELS)
+        )
+        self.bottleneck = _block(widths[LEVELS - 1], widths[LEVELS])
+        self.lift = nn.ModuleList(
+            nn.ConvTranspose2d(widths[level + 1], widths[level], 2, stride=2)
+            for level in range(LEVELS)
+        )
+        self.up = nn.ModuleList(_block(2 * widths[level], widths[level]) for level in range(LEVELS))
+        self.head = nn.Conv2d(width, channels, 1)
+
+    @torch.no_grad()
+    def start_from(self, images: torch.Tensor, targets: torch.Tensor) -> None:
+        """Fix the input scale to the training frames (uint8) and the output to their mean heat.
+
+        The head starts at the logit of the mean target, so that the first steps are not spent on
+        learning that most of a map is empty.
+        """
+        values = images.float()
+        self.mean.copy_(values.mean())
+        self.scale.copy_(1 / values.std(correction=0).clamp_min(1.0))
+        heat = targets.float().mean(dim=(0, 2, 3)).clamp(1e-3, 1 - 1e-3)
+        if self.head.bias is not None:
+            self.head.bias.copy_(torch.logit(heat))
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        x = self.stem((images.float() - self.mean) * self.scale)
+        x = _to_cells(x, self.cells)
+        skips = []
+        for block in self.down:
+            x = block(x)
+            skips.append(x)
+            x = F.max_pool2d(x, 2)
+        x = self.bottleneck(x)
+        for lift, block, skip in zip(
+            reversed(self.lift), reversed(self.up), reversed(skips), strict=True
+        ):
+            x = block(torch.cat([skip, lift(x)], dim=1))
+        logits: torch.Tensor = self.head(x)
+        return logits
+
+
+def _to_cells(x: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:
+    rows, columns = x.shape[-2:]
+    if (rows, columns) == cells:
+        return x
+    if (rows, columns) == (2 * cells[0], 2 * cells[1]):
+        return F.max_pool2d(x, 2)
+    return F.interpolate(x, size=cells, mode="bilinear", align_corners=False)
+
+
+def _convolution(channels: int, width: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(channels, width, 3, stride=stride, padding=1, bias=False),
+        nn.BatchNorm2d(width),
+        nn.ReLU(inplace=True),
+    )
+
+
+def _block(channels: int, width: int) -> nn.Sequential:
+    return nn.Sequential(*_convolution(channels, width), *_convolution(width, width))

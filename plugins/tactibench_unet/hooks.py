@@ -1,0 +1,34 @@
+"""Declares the model ``unet``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from tactibench import ModelSpec, Parameter, hookimpl
+
+
+@hookimpl
+def tactibench_models() -> Iterable[ModelSpec]:
+    return [
+        ModelSpec(
+            name="unet",
+            target="tactibench_unet.model:UNet",
+            summary="U-Net from frame to heatmap, contacts read by the encoder (TactiVerse)",
+            parameters=(
+                Parameter("recipe", "default", "training recipe", choices=("default", "paper")),
+                Parameter("width", 16, "channels of the first level", choices=(8, 16, 32, 64)),
+                Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
+                Parameter("stem", 2, "stride of the first convolution", choices=(1, 2)),
+                Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000),
+                Parameter(
+                    "precision",
+                    "recipe",
+                    "training arithmetic, recipe: as the recipe has it",
+                    choices=("recipe", "auto", "float32", "bf16"),
+                ),
+            ),
+            answers=("contacts", "plate"),
+            max_contacts=None,
+            uses_encoder=True,
+        )
+    ]

@@ -1,0 +1,72 @@
+"""Several models on one press of three tips: who sees three, where and how deep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+from matplotlib.lines import Line2D
+
+from tactibench.board.figures.marks import depths, heat, marks, millimetres, rings
+from tactibench.board.figures.style import BLACK, MARKERS, SERIES, figure, headline, save
+from tactibench.contacts import Contacts, Grid
+
+
+def triple_comparison(
+    path: Path,
+    grid: Grid,
+    truth: Contacts,
+    models: Mapping[str, Contacts],
+    heatmaps: Mapping[str, npt.NDArray[Any]],
+    *,
+    max_depth: float = 6.0,
+    title: str = "",
+    measured_on: str = "",
+) -> None:
+    """One panel per model, and a last one with all models and the truth.
+
+    models: label -> predicted contacts, in the order of the panels. heatmaps: label -> (H, W) map
+    in 0..1 for those models that have one; the others are drawn on an empty field. Truth is a ring
+    of the tip's radius; numbers are depths, mm.
+    """
+    made = figure(3.0 * (len(models) + 1) + 0.7, 4.3)
+    panels = list(made.subplots(1, len(models) + 1, sharex=True, sharey=True, squeeze=False)[0])
+    drawn = None
+    for k, (label, found) in enumerate(models.items()):
+        axes, heatmap = panels[k], heatmaps.get(label)
+        if heatmap is not None:
+            drawn = heat(axes, grid, heatmap, max_depth)
+        ink, contour = (BLACK, "white") if heatmap is None else ("white", "black")
+        rings(axes, truth, ink, contour=contour)
+        marks(axes, found, SERIES[k % 7], MARKERS[k % 7], contour="white")
+        depths(axes, found, ink, contour=contour)
+        axes.set_title(f"{label}: {len(found)} predicted, {len(truth)} true", fontsize=10)
+    _together(panels[-1], truth, models)
+    for axes in panels:
+        millimetres(axes, grid)
+        axes.label_outer()
+    if drawn is not None:
+        made.colorbar(drawn, ax=panels, label="heatmap, mm", shrink=0.8)
+    made.legend(handles=_legend(models), loc="outside lower center", ncols=len(models) + 1,
+                frameon=False, fontsize=9)  # fmt: skip
+    headline(made, title, "; ".join(filter(None, (measured_on, "numbers are depths in mm"))))
+    save(made, path)
+
+
+def _together(axes: Any, truth: Contacts, models: Mapping[str, Contacts]) -> None:
+    rings(axes, truth, BLACK, contour="white")
+    for k, found in enumerate(models.values()):
+        marks(axes, found, SERIES[k % 7], MARKERS[k % 7], contour="white")
+    axes.set_title("all models and the truth", fontsize=10)
+
+
+def _legend(models: Mapping[str, Contacts]) -> list[Line2D]:
+    ring = Line2D([], [], linestyle="none", marker="o", markersize=11, markerfacecolor="none",
+                  color=BLACK, label="truth")  # fmt: skip
+    return [ring] + [
+        Line2D([], [], linestyle="none", marker=MARKERS[k % 7], markersize=8, color=SERIES[k % 7],
+               label=label)
+        for k, label in enumerate(models)
+    ]  # fmt: skip

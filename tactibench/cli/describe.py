@@ -1,0 +1,90 @@
+"""``tactibench describe``: everything a spec or a protocol says about itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from tactibench.errors import UserError, did_you_mean
+
+
+@click.command()
+@click.argument("name")
+def describe(name: str) -> None:
+    """Show the details of a model, sensor, encoder or protocol called NAME."""
+    from tactibench.plugins.host import PluginHost
+    from tactibench.protocols.loader import protocol_files
+
+    host = PluginHost()
+    files = protocol_files()
+    shown = 0
+    for kind in ("models", "sensors", "encoders"):
+        catalogue = getattr(host, kind)
+        if name in catalogue.specs or name in catalogue.clashes:
+            _show_spec(kind[:-1], catalogue[name], catalogue.origins[name])
+            shown += 1
+    if name in files or name.endswith(".toml"):
+        _show_protocol(name)
+        shown += 1
+    if not shown:
+        known = [
+            *host.models.specs,
+            *host.sensors.specs,
+            *host.encoders.specs,
+            *files,
+        ]
+        raise UserError(f"nothing is called {name!r}; {did_you_mean(name, known)}")
+
+
+def _show_spec(kind: str, spec: Any, origin: Any) -> None:
+    click.echo(f"{kind} {spec.name}: {spec.summary}")
+    click.echo(f"  from      plugin {origin.plugin} of {origin.distribution} {origin.version}")
+    click.echo(f"  class     {spec.target}")
+    for field, label in (
+        ("answers", "answers"),
+        ("max_contacts", "contacts"),
+        ("uses_encoder", "encoder"),
+        ("origin", "origin"),
+        ("needs_data", "--data"),
+    ):
+        if hasattr(spec, field):
+            click.echo(f"  {label:<9} {_words(field, getattr(spec, field))}")
+    for p in spec.parameters:
+        allowed = f" ({', '.join(map(str, p.choices))})" if p.choices else _range(p)
+        click.echo(f"  --param {kind}.{p.name}={p.default}{allowed}")
+        click.echo(f"            {p.help}")
+
+
+def _words(field: str, value: Any) -> str:
+    if field == "max_contacts":
+        return "any number" if value is None else f"at most {value}"
+    if isinstance(value, tuple):
+        return ", ".join(value)
+    return {True: "yes", False: "no"}.get(value, str(value))
+
+
+def _range(parameter: Any) -> str:
+    low, high = parameter.low, parameter.high
+    if low is None and high is None:
+        return ""
+    return f" ({'' if low is None else low}..{'' if high is None else high})"
+
+
+def _show_protocol(name: str) -> None:
+    from tactibench.protocols.loader import load_protocol
+
+    protocol = load_protocol(name)
+    keys = protocol.keys
+    click.echo(f"protocol {protocol.label}: {keys.title}")
+    click.echo(f"  hash      {protocol.hash}")
+    click.echo(f"  asks for  {keys.answer}")
+    for draw in keys.draws:
+        count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
+        click.echo(f"  draw      {draw.name}: {count:,} {draw.indenter} presses")
+    for regime, extra in keys.regimes.items():
+        base = "the training share" if keys.split or keys.recorded else ""
+        click.echo(f"  regime    {regime}: {' + '.join([base, *extra])}")
+    click.echo(f"  tested on {', '.join(keys.test.sets)}; gate {keys.test.gate_mm} mm")
+    click.echo(f"  metrics   {', '.join(keys.metrics.names)}")
+    click.echo(f"  published {', '.join(keys.published.tables)}")

@@ -1,0 +1,108 @@
+"""What a person sees: progress on stderr, results on stdout, pictures beside the record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+from tactibench.records.store import RECORD, StoredRun, stored_runs
+
+
+class Terminal:
+    """stdout for results and stderr for progress, which is silent where it is no terminal."""
+
+    def __init__(self) -> None:
+        self.out = Console(soft_wrap=False, highlight=False)
+        self.err = Console(stderr=True, highlight=False)
+
+    def say(self, line: str) -> None:
+        """One line of the plan; results follow on the same stream."""
+        self.out.print(line, markup=False, soft_wrap=True)
+
+    @contextmanager
+    def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
+        with self._progress(MofNCompleteColumn()) as progress:
+            job = progress.add_task(title, total=total)
+            yield lambda done: progress.advance(job, done)
+
+    @contextmanager
+    def training(self) -> Iterator[TrainingBar]:
+        bar = TrainingBar(self._progress(TextColumn("{task.fields[note]}")))
+        try:
+            yield bar
+        finally:
+            bar.stop()
+
+    def _progress(self, *columns: ProgressColumn) -> Progress:
+        return Progress(
+            TextColumn("{task.description:<26}"),
+            BarColumn(bar_width=24),
+            *columns,
+            TimeRemainingColumn(),
+            console=self.err,
+            transient=True,
+            disable=not self.err.is_terminal,
+        )
+
+
+class TrainingBar:
+    """Loss, validation error in mm and time left of a training."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._job: Any = None
+        self._steps = 0
+        self._note = ""
+
+    def start(self, epochs: int, steps: int) -> None:
+        self._steps = steps
+        self._progress.start()
+        self._job = self._progress.add_task("train", total=epochs * steps, note="")
+
+    def step(self, loss: float) -> None:
+        if self._job is not None:
+            note = f"loss {loss:.4f}{self._note}"
+            self._progress.update(self._job, advance=1, note=note)
+
+    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
+        error = "" if validation_mm is None else f"  validation {validation_mm:.3f} mm"
+        self._note = f"  epoch {epoch}{error}"
+        if self._job is not None:
+            note = f"loss {loss:.4f}{self._note}"
+            self._progress.update(self._job, completed=epoch * self._steps, note=note)
+
+    def stop(self) -> None:
+        if self._job is not None:
+            self._progress.stop()
+
+
+def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
+    """Print the result beside the published numbers, and make what pictures are missing."""
+    from tactibench.board.published import load_published
+    from tactibench.board.run_pictures import draw_pictures
+    from tactibench.cli.report import print_record
+    from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.shipped import shipped_folder
+
+    record = {**run.record, "path": str(run.folder / RECORD)}
+    others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
+    files = protocol_files()
+    tables: tuple[str, ...] = ()
+    if record["protocol"]["id"] in files:
+        tables = read_protocol(files[record["protocol"]["id"]]).keys.published.tables
+    published = load_published(list(tables), shipped_folder("published"))
+    print_record(terminal.out, record, published, [other.record for other in others])
+    for picture in draw_pictures(run, others):
+        terminal.say(f"picture: {picture}")

@@ -1,0 +1,42 @@
+"""``tactibench score``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("run_name", metavar="RUN")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("runs"),
+    show_default=True,
+    help="The run store.",
+)
+@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the record here.")
+def score(run_name: str, out: Path, json_file: Path | None) -> None:
+    """Score the stored predictions of RUN (a name in the store, or a folder) again.
+
+    Neither model nor sensor is used. Says whether the numbers equal the stored ones; exit code 1
+    when they do not.
+    """
+    from tactibench.cli.output import Terminal, show_run
+    from tactibench.records.files import write_json
+    from tactibench.records.store import StoredRun, open_run
+    from tactibench.running.rescore import differences, rescored
+
+    terminal = Terminal()
+    run = open_run(out, run_name)
+    record = rescored(run)
+    show_run(terminal, StoredRun(run.folder, record), out)
+    changed = differences(run.record["metrics"], record["metrics"])
+    if json_file is not None:
+        write_json(json_file, record)
+    if changed:
+        for line in changed[:20]:
+            terminal.say(line)
+        raise SystemExit(1)
+    terminal.say(f"scored again: all {len(record['metrics'])} rows are identical to the stored ones")

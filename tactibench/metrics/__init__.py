@@ -1,0 +1,1 @@
+"""Predictions against truth: one family of metrics a file, `score.score` the entry point."""

@@ -1,0 +1,89 @@
+"""How many contacts: missed, spurious, and single presses taken for two."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.stats import norm
+
+from tactibench.contacts import FloatArray
+from tactibench.metrics.groups import by_kind, mean_metric, members
+from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.trials import CATCH, Trials
+from tactibench.stats.clusters import Labels, cluster_codes
+from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import effective_size, rate_interval, share_interval, t_quantile
+
+
+def missed(trials: Trials) -> Sample:
+    """One value per true contact: 1 where no prediction lies inside the gate, else 0."""
+    trial = np.repeat(np.arange(len(trials)), trials.true_counts)
+    values = np.ones(len(trial))
+    starts = np.cumsum(trials.true_counts) - trials.true_counts
+    values[starts[trials.matched.trial] + trials.matched.truth] = 0.0
+    return Sample(values, trial)
+
+
+def spurious(trials: Trials) -> Sample:
+    """One value per frame: the number of unmatched predictions."""
+    extra = trials.predicted_counts - trials.matched.per_trial(len(trials))
+    return Sample(extra.astype(np.float64), np.arange(len(trials)))
+
+
+def catch_resolved(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Share of catch trials (one true contact) that were answered with exactly two."""
+    catch = members(trials, CATCH)
+    two = (trials.predicted_counts[catch] == 2).astype(np.float64)
+    yield "all", share_interval(two, trials.press[catch], level=trials.level)
+
+
+def d_prime(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Sensitivity of "more than one" against "one" over all two-point and all catch trials."""
+    catch = members(trials, CATCH)
+    more = (trials.predicted_counts >= 2).astype(np.float64)
+    yield (
+        "all",
+        sensitivity(
+            more[~catch], more[catch], trials.press[~catch], trials.press[catch], trials.level
+        ),
+    )
+
+
+def sensitivity(
+    hits: FloatArray, alarms: FloatArray, hit_press: Labels, alarm_press: Labels, level: float
+) -> Estimate:
+    """Return z(H) - z(F), both rates log-linear: (count + 0.5) / (trials + 1) (Hautus 1995).
+
+    Interval: var = sum over both of p (1 - p) / (n phi(z)^2) (Gourevitch and Galanter 1967), with
+    the corrected rates and the effective, clustered n; so it keeps a width where a rate is 0 or 1,
+    which is the usual case and where no bootstrap has any spread.
+    """
+    n = len(hits) + len(alarms)
+    counts = [cluster_codes(press, len(press))[1] for press in (hit_press, alarm_press)]
+    if not len(hits) or not len(alarms):
+        return Estimate(None, None, None, n, sum(counts))
+    rates = [(x.sum() + 0.5) / (len(x) + 1) for x in (hits, alarms)]
+    z = norm.ppf(rates)
+    value = float(z[0] - z[1])
+    if min(counts) < 2:
+        return Estimate(value, None, None, n, sum(counts))
+    sizes = [effective_size(hits, hit_press), effective_size(alarms, alarm_press)]
+    variance = sum(
+        p * (1 - p) / (size * norm.pdf(q) ** 2) for p, q, size in zip(rates, z, sizes, strict=True)
+    )
+    half = t_quantile(level, sum(counts) - 1) * math.sqrt(variance)
+    return Estimate(value, value - half, value + half, n, sum(counts))
+
+
+SPECS = (
+    mean_metric("missed", "share", "lower", "true contacts without a partner inside the gate / "
+                "true contacts", missed, share_interval, by_kind),
+    mean_metric("spurious", "per frame", "lower", "predictions without a partner inside the gate / "
+                "frames", spurious, rate_interval, by_kind),
+    MetricSpec("catch_resolved", "share", "lower", "catch trials answered with exactly two "
+               "contacts / catch trials", catch_resolved),
+    MetricSpec("d_prime", "", "higher", "z((h + 0.5) / (n + 1)) - z((f + 0.5) / (m + 1)); h of n "
+               "two-point trials and f of m catch trials answered with two contacts or more",
+               d_prime),
+)  # fmt: skip

@@ -1,0 +1,95 @@
+"""Which trials a row is about, and rows made by one summary of every group.
+
+A group named by a number is a *condition* (a true distance, mm): only metrics of separation are
+shown for each. The other groups (dual, triple) are *kinds*: metrics of contacts are shown for each.
+Both end with "all". Catch trials are in neither, nor in "all".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.trials import CATCH, PlateTrials, Trials
+from tactibench.stats.clusters import Labels
+from tactibench.stats.estimate import Estimate
+
+Mask = npt.NDArray[np.bool_]
+Groups = Mapping[str, Mask]
+Summary = Callable[..., Estimate]
+"""``summary(values, clusters, level=...)``, one of `tactibench.stats.intervals`."""
+
+
+def condition(name: str) -> float | None:
+    """The number a group is named by, if it is one."""
+    try:
+        number = float(name)
+    except ValueError:
+        return None
+    return number if np.isfinite(number) else None
+
+
+def members(trials: Trials, name: str) -> Mask:
+    """(N,) whether each trial belongs to a group; "all" is everything but catch trials."""
+    group = np.array(trials.group, dtype=object)
+    return np.asarray(group != CATCH if name == "all" else group == name, dtype=bool)
+
+
+def by_condition(trials: Trials) -> Groups:
+    """Distances in ascending order, then "all"."""
+    names = {name: number for name in set(trials.group) if (number := condition(name)) is not None}
+    return {name: members(trials, name) for name in (*sorted(names, key=names.__getitem__), "all")}
+
+
+def by_kind(trials: Trials) -> Groups:
+    """Kinds of indenter in alphabetical order, then "all"."""
+    kinds = {g for g in trials.group if g not in {CATCH, "all"} and condition(g) is None}
+    return {name: members(trials, name) for name in (*sorted(kinds), "all")}
+
+
+def rows(sample: Sample, groups: Groups, summary: Summary, press: Labels, level: float) -> Rows:
+    """One estimate per group, from the values of its trials."""
+    for name, member in groups.items():
+        inside = member[sample.trial]
+        clusters = press[sample.trial[inside]]
+        yield name, summary(sample.values[inside], clusters, level=level)
+
+
+def mean_metric(
+    name: str,
+    unit: str,
+    better: str,
+    formula: str,
+    sample: Callable[[Trials], Sample],
+    summary: Summary,
+    groups: Callable[[Trials], Groups],
+    **others: Any,
+) -> MetricSpec:
+    """Make the spec of a metric that is one summary of one sample, group by group."""
+    return MetricSpec(
+        name,
+        unit,
+        better,
+        formula,
+        contacts=lambda trials, _rng: rows(
+            sample(trials), groups(trials), summary, trials.press, trials.level
+        ),
+        sample=sample,
+        **others,
+    )
+
+
+def plate_rows(
+    sample: Callable[[PlateTrials], Sample], summary: Summary
+) -> Callable[[PlateTrials, np.random.Generator], Rows]:
+    """Rows of a metric of plate poses: the one group "all"."""
+
+    def make(trials: PlateTrials, _rng: np.random.Generator) -> Rows:
+        everything = {"all": np.ones(len(trials), dtype=bool)}
+        return rows(sample(trials), everything, summary, trials.press, trials.level)
+
+    return make

@@ -1,0 +1,138 @@
+"""Single presses: the top-scored prediction against the one true contact, axis by axis, ungated.
+
+A gate would hide the outliers that make RMSE differ from MAE. Frames without any prediction have no
+error; they are left out here (n tells) and counted by `missed`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tactibench.contacts import Contacts, FloatArray
+from tactibench.errors import UserError
+from tactibench.metrics.groups import mean_metric, members
+from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.trials import Trials
+from tactibench.stats import weighted
+from tactibench.stats.bca import bca_interval
+from tactibench.stats.clusters import IntArray, Labels, cluster_codes
+from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import (
+    positive_mean_interval,
+    ratio_interval,
+    rms_interval,
+    root,
+)
+
+AXES = ("x", "y", "z")
+
+
+def top_answers(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
+    """(n, 3) true and predicted x, y, depth of the answered frames, and (n,) their trials."""
+    for index in np.flatnonzero(members(trials, "all") & (trials.true_counts != 1)):
+        raise UserError(
+            f"the metrics of single presses (mae_mm, rmse_mm, r2 ...) need one true contact a "
+            f"trial, but trial {index} has {trials.true_counts[index]}: ask for "
+            f"position_mean_mm and depth_mae_mm in the protocol instead."
+        )
+    answered = np.flatnonzero(members(trials, "all") & (trials.predicted_counts > 0))
+    true = [_first(trials.truth[i]) for i in answered]
+    predicted = [_first(trials.predictions[i]) for i in answered]
+    return np.array(true).reshape(-1, 3), np.array(predicted).reshape(-1, 3), answered
+
+
+def _first(contacts: Contacts) -> tuple[float, float, float]:
+    x, y = contacts.xy[0]
+    return float(x), float(y), float(contacts.depth[0])
+
+
+def mae(trials: Trials, _rng: np.random.Generator) -> Rows:
+    true, predicted, trial = top_answers(trials)
+    for axis, error in _columns(np.abs(predicted - true)):
+        yield axis, positive_mean_interval(error, trials.press[trial], level=trials.level)
+
+
+def rmse(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """RMSE of each axis, and their mean, whose interval follows by linearising the roots."""
+    true, predicted, trial = top_answers(trials)
+    squares = (predicted - true) ** 2
+    press = trials.press[trial]
+    for column, axis in enumerate(AXES):
+        yield axis, rms_interval(squares[:, column], press, level=trials.level)
+    yield "mean", _mean_of_roots(squares, press, trials.level)
+
+
+def _mean_of_roots(squares: FloatArray, press: Labels, level: float) -> Estimate:
+    if not len(squares):
+        return Estimate.nothing()
+    roots = np.sqrt(squares.mean(axis=0))
+    value = float(roots.mean())
+    # d sqrt(m) = d m / (2 sqrt(m)); an axis without any error contributes none
+    slope = np.divide(0.5, roots, out=np.zeros_like(roots), where=roots > 0) / len(AXES)
+    linear = positive_mean_interval(value + (squares - roots**2) @ slope, press, level=level)
+    return Estimate(value, linear.low, linear.high, linear.n, linear.clusters)
+
+
+def r2(trials: Trials, rng: np.random.Generator) -> Rows:
+    """R^2 of each axis and their mean, BCa intervals over presses; n/a for a constant target."""
+    true, predicted, trial = top_answers(trials)
+    codes, clusters = cluster_codes(trials.press[trial], len(trial))
+    columns = [(axis, [i]) for i, axis in enumerate(AXES)] + [("mean", [0, 1, 2])]
+    for axis, use in columns:
+        if not len(trial) or (np.ptp(true[:, use], axis=0) == 0).any():
+            yield axis, Estimate(None, None, None, len(trial), clusters)
+            continue
+        statistic = weighted.r_squared(true[:, use], predicted[:, use], codes, clusters)
+        value = float(statistic(np.ones((1, clusters)))[0])
+        limits = bca_interval(statistic, clusters, rng=rng, level=trials.level)
+        low, high = limits or (None, None)
+        yield axis, Estimate(value, low, high, len(trial), clusters)
+
+
+def rmse_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """sqrt(sum e^2 / sum b^2), b the Cramer-Rao standard deviation; 1 is the limit."""
+    true, predicted, trial = top_answers(trials)
+    if trials.bound is None:
+        yield from ((axis, Estimate.nothing()) for axis in AXES)
+        return
+    bound = np.array([trials.bound[i][0] for i in trial]).reshape(-1, 3)
+    for column, axis in enumerate(AXES):
+        squares = (predicted - true)[:, column] ** 2
+        ratio = ratio_interval(
+            squares, bound[:, column] ** 2, trials.press[trial], level=trials.level, floor=0.0
+        )
+        yield axis, root(ratio)
+
+
+def _columns(errors: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+    for column, axis in enumerate(AXES):
+        yield axis, errors[:, column]
+    yield "mean", errors.mean(axis=1)
+
+
+def axis_mean_errors(trials: Trials) -> Sample:
+    """Absolute error averaged over the axes, one value per answered frame."""
+    true, predicted, trial = top_answers(trials)
+    return Sample(np.abs(predicted - true).mean(axis=1), trial)
+
+
+def axis_mean_squares(trials: Trials) -> Sample:
+    """Squared error averaged over the axes, one value per answered frame."""
+    true, predicted, trial = top_answers(trials)
+    return Sample(((predicted - true) ** 2).mean(axis=1), trial)
+
+
+SPECS = (
+    MetricSpec("r2", "", "higher", "1 - sum (p - t)^2 / sum (t - mean t)^2 per axis; mean: of the "
+               "three; top-scored prediction, ungated", r2),
+    MetricSpec("mae_mm", "mm", "lower", "mean |p - t| per axis; mean: of the three; top-scored "
+               "prediction, ungated", mae, sample=axis_mean_errors),
+    MetricSpec("rmse_mm", "mm", "lower", "sqrt(mean (p - t)^2) per axis; mean: of the three; "
+               "top-scored prediction, ungated", rmse),
+    mean_metric("rmse_pooled_mm", "mm", "lower", "sqrt(mean of (p - t)^2 over frames and axes)",
+                axis_mean_squares, rms_interval, lambda t: {"all": members(t, "all")}),
+    MetricSpec("rmse_over_bound", "", "lower", "sqrt(sum (p - t)^2 / sum b^2) per axis, b the "
+               "Cramer-Rao standard deviation of each frame", rmse_over_bound),
+)  # fmt: skip

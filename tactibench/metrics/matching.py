@@ -1,0 +1,103 @@
+"""Which prediction belongs to which true contact.
+
+The assignment minimises the sum over true-predicted pairs of min(distance, gate)^p with p = 1, in
+two dimensions, and pairs at or beyond the gate are then dissolved. That is the assignment inside
+GOSPA with alpha = 2 (Rahmathullah, Garcia-Fernandez and Svensson 2017): pairing two contacts
+costs their distance, leaving both alone costs the gate. It does not seek the largest number of
+pairs: one pair at 0.1 mm is preferred to two at 2.9 mm, where the gate is 3 mm.
+With an infinite gate it is the plain minimum-cost assignment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from tactibench.contacts import Contacts
+from tactibench.stats.clusters import FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Matched contacts of all trials, ordered by trial and then by true contact.
+
+    trial, truth, prediction: (P,) index of the trial, and of the contact inside it.
+    true_xy, predicted_xy: (P, 2) mm. true_depth, predicted_depth: (P,) mm. distance: (P,) mm.
+    """
+
+    trial: IntArray
+    truth: IntArray
+    prediction: IntArray
+    true_xy: FloatArray
+    predicted_xy: FloatArray
+    true_depth: FloatArray
+    predicted_depth: FloatArray
+    distance: FloatArray
+
+    def per_trial(self, trials: int) -> IntArray:
+        """(N,) number of pairs in each trial."""
+        return np.bincount(self.trial, minlength=trials)
+
+
+def match(
+    truth: FloatArray, predicted: FloatArray, gate: float, power: int = 1
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Match (K, 2) true to (M, 2) predicted points: indices of the pairs, and their distances."""
+    if not len(truth) or not len(predicted):
+        none = np.empty(0, dtype=np.intp)
+        return none, none, np.empty(0)
+    offset = truth[:, None, :] - predicted[None, :, :]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    if distance.size == 1:
+        rows = columns = np.zeros(1, dtype=np.intp)
+    else:
+        rows, columns = linear_sum_assignment(np.minimum(distance, gate) ** power)
+    chosen = distance[rows, columns]
+    inside = chosen < gate
+    return rows[inside], columns[inside], chosen[inside]
+
+
+def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gate: float) -> Pairs:
+    """Match every trial; all pairs in one table."""
+    found = [match(t.xy, p.xy, gate) for t, p in zip(truth, predictions, strict=True)]
+    rows = _join([f[0] for f in found]).astype(np.intp)
+    columns = _join([f[1] for f in found]).astype(np.intp)
+    sizes = np.array([len(f[0]) for f in found], dtype=np.intp)
+    trial = np.repeat(np.arange(len(found)), sizes)
+    at_truth = _starts(truth)[trial] + rows
+    at_prediction = _starts(predictions)[trial] + columns
+    return Pairs(
+        trial,
+        rows,
+        columns,
+        _stack([c.xy for c in truth])[at_truth],
+        _stack([c.xy for c in predictions])[at_prediction],
+        _join([c.depth for c in truth])[at_truth],
+        _join([c.depth for c in predictions])[at_prediction],
+        _join([f[2] for f in found]),
+    )
+
+
+def runs(trial: IntArray) -> Iterator[tuple[int, slice]]:
+    """Each trial that occurs in a sorted index, with the slice of its rows."""
+    unique, starts, sizes = np.unique(trial, return_index=True, return_counts=True)
+    for number, start, size in zip(unique, starts, sizes, strict=True):
+        yield int(number), slice(int(start), int(start + size))
+
+
+def _starts(contacts: Sequence[Contacts]) -> IntArray:
+    sizes = np.array([len(c) for c in contacts], dtype=np.intp)
+    return np.cumsum(sizes) - sizes
+
+
+def _join(parts: Sequence[npt.NDArray[Any]]) -> FloatArray:
+    return np.concatenate(parts) if len(parts) else np.empty(0)
+
+
+def _stack(parts: Sequence[FloatArray]) -> FloatArray:
+    return np.concatenate(parts) if len(parts) else np.empty((0, 2))

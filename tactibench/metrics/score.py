@@ -1,0 +1,54 @@
+"""Names of metrics and trials in, rows of the record out."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactibench.errors import UserError
+from tactibench.metrics.registry import METRICS, find_metric
+from tactibench.metrics.rows import MetricRow
+from tactibench.metrics.spec import MetricSpec, Rows
+from tactibench.metrics.trials import PlateTrials, Trials
+
+__all__ = ["METRICS", "score"]
+
+
+def score(
+    names: Sequence[str], trials: Trials | PlateTrials, *, rng: np.random.Generator
+) -> list[MetricRow]:
+    """Compute metrics in the order of their names, each with its groups in the table's order.
+
+    Every metric gets its own random numbers from one draw of ``rng`` and its name, so an interval
+    does not depend on which other metrics were asked for.
+
+    Raises UserError for an unknown metric, or one that does not apply to these answers.
+    """
+    specs = [find_metric(name) for name in names]
+    seed = int(rng.integers(2**63))
+    rows = []
+    for spec in specs:
+        own = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
+        rows += [
+            MetricRow.of(spec, group, estimate) for group, estimate in _rows(spec, trials, own)
+        ]
+    return rows
+
+
+def _rows(spec: MetricSpec, trials: Trials | PlateTrials, rng: np.random.Generator) -> Rows:
+    if isinstance(trials, PlateTrials):
+        if spec.plates is not None:
+            return spec.plates(trials, rng)
+        fitting = [name for name, other in METRICS.items() if other.plates]
+        kind = "plate poses"
+    else:
+        if spec.contacts is not None:
+            return spec.contacts(trials, rng)
+        fitting = [name for name, other in METRICS.items() if other.contacts]
+        kind = "contacts"
+    raise UserError(
+        f"metric {spec.name!r} does not apply to answers that are {kind}: "
+        f"the protocol may ask for {', '.join(sorted(fitting))}."
+    )

@@ -1,0 +1,130 @@
+"""What a metric is computed from: truth and predictions of every test frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Contacts, FloatArray, PlatePose
+from tactibench.metrics.matching import Pairs, match_trials
+from tactibench.stats.clusters import IntArray, Labels, finite
+
+CATCH = "catch"
+"""Group of the single presses mixed into two-point trials."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """N test frames answered with contacts.
+
+    truth, predictions: contacts of every frame. press: (N,) press ids, the clusters. group: one
+    name per frame ("all"; "dual", "triple"; a true distance such as "6.5"; "catch").
+    maps: (N, H, W) predicted heatmaps, 1 standing for ``max_depth``. surface: (N, H, W) true
+    inward displacement of the skin, mm. bound: per frame (K, 3) Cramer-Rao standard deviations of
+    x, y and depth, mm. gate: mm, inf for none. level: of the intervals.
+
+    Raises ValueError on lengths or shapes that do not fit and on values that are not finite.
+    """
+
+    truth: tuple[Contacts, ...]
+    predictions: tuple[Contacts, ...]
+    press: Labels
+    group: tuple[str, ...]
+    max_depth: float = 6.0
+    gate: float = 3.0
+    level: float = 0.95
+    maps: npt.NDArray[Any] | None = None
+    surface: npt.NDArray[Any] | None = None
+    bound: tuple[FloatArray, ...] | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.truth)
+        _lengths(n, predictions=self.predictions, press=self.press, group=self.group)
+        object.__setattr__(self, "press", np.asarray(self.press))
+        _limits(self.level)
+        if not self.gate > 0 or not 0 < self.max_depth < np.inf:
+            raise ValueError(f"gate {self.gate} mm and max_depth {self.max_depth} mm must be > 0")
+        for name in ("maps", "surface"):
+            value = getattr(self, name)
+            if value is not None:
+                _lengths(n, **{name: value})
+                if not np.isfinite(value).all():
+                    raise ValueError(f"{name} holds a value that is not finite")
+                if value.ndim != 3:
+                    raise ValueError(f"{name} has shape {value.shape}, expected (N, H, W)")
+        if self.maps is not None and self.surface is not None:
+            _same_shape(self.maps, self.surface)
+        if self.bound is not None:
+            _lengths(n, bound=self.bound)
+            for truth, bound in zip(self.truth, self.bound, strict=True):
+                if finite(bound, "bound").shape != (len(truth), 3) or not (bound > 0).all():
+                    raise ValueError("a bound is not one positive (x, y, depth) per true contact")
+
+    def __len__(self) -> int:
+        return len(self.truth)
+
+    @cached_property
+    def matched(self) -> Pairs:
+        """Pairs inside the gate."""
+        return match_trials(self.truth, self.predictions, self.gate)
+
+    @cached_property
+    def ungated(self) -> Pairs:
+        """Pairs of the assignment without a gate."""
+        return match_trials(self.truth, self.predictions, np.inf)
+
+    @cached_property
+    def true_counts(self) -> IntArray:
+        """(N,) number of true contacts."""
+        return np.array([len(c) for c in self.truth], dtype=np.intp)
+
+    @cached_property
+    def predicted_counts(self) -> IntArray:
+        """(N,) number of predicted contacts."""
+        return np.array([len(c) for c in self.predictions], dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class PlateTrials:
+    """N test frames answered with plate poses; None: the frame was not answered.
+
+    Raises ValueError on lengths that do not fit, a truth of None, values that are not finite.
+    """
+
+    truth: tuple[PlatePose | None, ...]
+    predictions: tuple[PlatePose | None, ...]
+    press: Labels
+    level: float = 0.95
+
+    def __post_init__(self) -> None:
+        _lengths(len(self.truth), predictions=self.predictions, press=self.press)
+        object.__setattr__(self, "press", np.asarray(self.press))
+        _limits(self.level)
+        if any(pose is None for pose in self.truth):
+            raise ValueError("a plate trial has no truth and cannot be scored")
+        for pose in (*self.truth, *self.predictions):
+            if pose is not None:
+                finite([pose.depth, pose.tilt], "plate pose")
+
+    def __len__(self) -> int:
+        return len(self.truth)
+
+
+def _lengths(n: int, **columns: Any) -> None:
+    for name, column in columns.items():
+        if len(column) != n:
+            raise ValueError(f"{name} has {len(column)} entries for {n} trials")
+
+
+def _same_shape(maps: npt.NDArray[Any], surface: npt.NDArray[Any]) -> None:
+    if maps.shape != surface.shape:
+        raise ValueError(f"maps have shape {maps.shape}, the surface has {surface.shape}")
+
+
+def _limits(level: float) -> None:
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level}, it must lie between 0 and 1")

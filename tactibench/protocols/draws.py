@@ -1,0 +1,70 @@
+"""Drawing the presses of a protocol, by rejection and from a seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactibench.contacts import Indenter, Pose, Scene
+from tactibench.geometry import tip_depths, tip_positions
+from tactibench.protocols.schema import Draw, Protocol, Workspace
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Accepted scenes in order, and how many candidates geometry refused."""
+
+    scenes: tuple[Scene, ...]
+    rejected: int
+
+
+def draw_scenes(protocol: Protocol, name: str) -> Drawn:
+    """All presses of one draw: the same for equal keys and data seed, on every machine."""
+    draw = protocol.draw(name)
+    rng = np.random.default_rng(np.random.SeedSequence(protocol.data_seed, spawn_key=(draw.stream,)))
+    scenes: list[Scene] = []
+    rejected = 0
+    if draw.per_distance is not None:
+        wanted = [distance for distance in draw.distances_mm for _ in range(draw.per_distance)]
+    else:
+        wanted = [None] * (draw.count or 0)  # type: ignore[list-item]
+    for distance in wanted:
+        while True:
+            scene = _candidate(draw, protocol.workspace, rng, distance)
+            if fits(scene, protocol.workspace):
+                scenes.append(scene)
+                break
+            rejected += 1
+    return Drawn(tuple(scenes), rejected)
+
+
+def fits(scene: Scene, workspace: Workspace) -> bool:
+    """Whether all tips lie in the workspace, the shallowest and deepest inside the depth range."""
+    half = workspace.half_width_mm
+    if np.abs(tip_positions(scene)[:, :2]).max() > half:
+        return False
+    depth = tip_depths(scene, workspace.dome_radius_mm)
+    # The deepest tip has the pose's depth up to rounding; a drawn 6.0 must not be refused.
+    slack = 1e-9
+    return bool(
+        depth.min() >= workspace.depth_min_mm - slack
+        and depth.max() <= workspace.depth_max_mm + slack
+    )
+
+
+def _candidate(
+    draw: Draw, workspace: Workspace, rng: np.random.Generator, distance: float | None
+) -> Scene:
+    half = workspace.half_width_mm
+    x, y = rng.uniform(-half, half, 2)
+    depth = rng.uniform(workspace.depth_min_mm, workspace.depth_max_mm)
+    yaw = 0.0 if draw.indenter == "single" else float(rng.uniform(0, 360))
+    pose = Pose(float(x), float(y), yaw, 0.0, float(depth))
+    if draw.indenter == "single":
+        return Scene(Indenter.single(draw.radius_mm), pose)
+    if draw.indenter == "dual":
+        apart = float(rng.choice(draw.distances_mm)) if distance is None else distance
+        return Scene(Indenter.dual(apart, draw.radius_mm), pose)
+    a, b, c = (float(h) for h in rng.choice(draw.heights_mm, 3))
+    return Scene(Indenter.triple((a, b, c), draw.side_mm or 0.0, draw.radius_mm), pose)

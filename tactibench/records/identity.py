@@ -1,0 +1,76 @@
+"""Identities: whatever changes a result changes its key."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from collections.abc import Iterable
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+CODE_SUFFIXES = {".py", ".npz", ".json", ".toml"}
+
+
+def canonical(value: Any) -> str:
+    """One text for equal JSON values. Raises ValueError on NaN."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def digest(value: Any) -> str:
+    """sha256 of a JSON value."""
+    return hashlib.sha256(canonical(value).encode()).hexdigest()
+
+
+def combined(parts: Iterable[str]) -> str:
+    """sha256 of hashes in order."""
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+@lru_cache(maxsize=64)
+def code_hash(package: str) -> str:
+    """sha256 over the source and data files of an import package or module.
+
+    A version number says what an author remembered to change; this says what changed.
+    """
+    spec = find_spec(package)
+    if spec is None:
+        raise ModuleNotFoundError(package)
+    if spec.submodule_search_locations:
+        roots = [Path(place) for place in spec.submodule_search_locations]
+        files = [(path.relative_to(root).as_posix(), path) for root in roots for path in _code(root)]
+    else:
+        files = [(Path(str(spec.origin)).name, Path(str(spec.origin)))]
+    lines = [f"{name} {hashlib.sha256(p.read_bytes()).hexdigest()}" for name, p in sorted(files)]
+    return combined(lines)
+
+
+def _code(root: Path) -> list[Path]:
+    return [
+        path
+        for path in root.rglob("*")
+        if path.suffix in CODE_SUFFIXES and "__pycache__" not in path.parts
+    ]
+
+
+def code_commit(folder: Path) -> str:
+    """The commit of the checkout the code runs from, ``+dirty`` with changes, or "installed"."""
+    try:
+        where = ["git", "-C", str(folder)]
+        tracked = [*where, "ls-files", "--error-unmatch", "pyproject.toml"]
+        subprocess.run(tracked, check=True, capture_output=True, timeout=10)
+        head = subprocess.run(
+            [*where, "rev-parse", "HEAD"], check=True, capture_output=True, text=True, timeout=10
+        )
+        status = subprocess.run(
+            [*where, "status", "--porcelain"],
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "installed"
+    return head.stdout.strip() + ("+dirty" if status.stdout.strip() else "")

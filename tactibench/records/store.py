@@ -1,0 +1,93 @@
+"""The run store: one folder per run, complete or absent."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from tactibench.errors import UserError
+from tactibench.records.files import arrays_hash, read_arrays, read_json, write_arrays, write_json
+from tactibench.records.record import checked
+
+RECORD = "record.json"
+PARTS = ("truth", "predictions", "maps", "times", "examples")
+"""Arrays beside a record: truth and predictions of every frame, heatmaps, raw call times, and a few
+test frames for pictures."""
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run on disk."""
+
+    folder: Path
+    record: dict[str, Any]
+
+    def arrays(self, part: str) -> Arrays:
+        """One of PARTS, verified. Raises UserError when it is missing, damaged or changed."""
+        path = self.folder / f"{part}.npz"
+        arrays = read_arrays(path)
+        if arrays_hash(arrays) != self.record["identity"]["stored"][part]:
+            raise UserError(f"{path} is not what its record was made from; run the protocol again.")
+        return arrays
+
+
+def write_run(store: Path, record: dict[str, Any], parts: Mapping[str, Arrays]) -> StoredRun:
+    """Store a run whole: nothing is visible under its name before everything is written.
+
+    Raises UserError when the record breaks an invariant.
+    """
+    record["identity"]["stored"] = {name: arrays_hash(parts[name]) for name in PARTS}
+    checked(record, f"the record of {record['name']}")
+    folder = store / record["name"]
+    made = store / f".{record['name']}.made"
+    shutil.rmtree(made, ignore_errors=True)
+    made.mkdir(parents=True)
+    for name in PARTS:
+        write_arrays(made / f"{name}.npz", parts[name])
+    write_json(made / RECORD, record)
+    shutil.rmtree(folder, ignore_errors=True)
+    made.rename(folder)
+    return StoredRun(folder, record)
+
+
+def open_run(store: Path, name: str) -> StoredRun:
+    """Open a run by its name in the store, its folder, or its record file. Raises UserError."""
+    given = Path(name)
+    folder = given.parent if given.name == RECORD else given
+    if not (folder / RECORD).is_file():
+        folder = store / name
+    if not (folder / RECORD).is_file():
+        known = [run.folder.name for run in stored_runs(store)]
+        near = _close(name, known)
+        raise UserError(f"there is no run {name!r} in {store}; {near}")
+    record = read_json(folder / RECORD)
+    checked(record, str(folder / RECORD))
+    return StoredRun(folder, record)
+
+
+def stored_runs(store: Path) -> Iterator[StoredRun]:
+    """Readable runs of a store, sorted by name; unreadable ones are left out."""
+    if not store.is_dir():
+        return
+    for folder in sorted(store.iterdir()):
+        if folder.name.startswith(".") or not (folder / RECORD).is_file():
+            continue
+        try:
+            record = read_json(folder / RECORD)
+            checked(record, str(folder / RECORD))
+        except UserError:
+            continue
+        yield StoredRun(folder, record)
+
+
+def _close(name: str, known: list[str]) -> str:
+    from tactibench.errors import did_you_mean
+
+    return did_you_mean(name, known) if known else "it holds no run yet."

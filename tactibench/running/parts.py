@@ -1,0 +1,150 @@
+"""The plugins a run is made of, resolved by name and described for its identity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tactibench.errors import UserError
+from tactibench.plugins.host import Origin, PluginHost
+from tactibench.plugins.interfaces import Encoder, Model, ModelContext, Sensor, SensorContext
+from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
+from tactibench.protocols.loader import LoadedProtocol
+from tactibench.records.identity import code_hash
+from tactibench.running.request import QUICK_EPOCHS, RunRequest
+
+
+@dataclass(frozen=True)
+class Part:
+    """A spec with its parameters' values and the plugin it came from."""
+
+    spec: ModelSpec | SensorSpec | EncoderSpec
+    values: Mapping[str, Value]
+    origin: Origin
+
+    @property
+    def name(self) -> str:
+        return self.spec.name
+
+    def code(self) -> str:
+        """Hash of the source of the package behind the spec."""
+        return code_hash(self.spec.target.partition(":")[0].partition(".")[0])
+
+    def label(self) -> str:
+        """Name with the parameters that differ from their defaults."""
+        defaults = {p.name: p.default for p in self.spec.parameters}
+        other = [f"{k}={v}" for k, v in self.values.items() if v != defaults[k]]
+        return f"{self.name}({','.join(other)})" if other else self.name
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Model, sensor and encoder of a run."""
+
+    model: Part
+    sensor: Part
+    encoder: Part | None
+    regime: str
+
+    def build_sensor(self, context: SensorContext) -> Sensor:
+        sensor: Sensor = self.sensor.spec.load()(context, **self.sensor.values)
+        return sensor
+
+    def build_encoder(self) -> Encoder | None:
+        if self.encoder is None:
+            return None
+        encoder: Encoder = self.encoder.spec.load()(**self.encoder.values)
+        return encoder
+
+    def build_model(self, context: ModelContext) -> Model:
+        model: Model = self.model.spec.load()(context, **self.model.values)
+        return model
+
+    @property
+    def encode_values(self) -> dict[str, Value]:
+        """The encoder's parameters that change what a model is trained on."""
+        if self.encoder is None:
+            return {}
+        decoding = {p.name for p in self.encoder.spec.parameters if p.decode_only}
+        return {k: v for k, v in self.encoder.values.items() if k not in decoding}
+
+
+def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHost) -> Parts:
+    """Look the plugins up and check that they fit the protocol. Raises UserError."""
+    keys = protocol.keys
+    model = host.models[request.model]
+    given = {kind: dict(values) for kind, values in request.parameters.items()}
+    quick_epochs = request.quick and any(p.name == "epochs" for p in model.parameters)
+    if quick_epochs and "epochs" not in given.get("model", {}):
+        given.setdefault("model", {})["epochs"] = str(QUICK_EPOCHS)
+    default_sensor = keys.defaults.sensor if request.data is None else "recorded"
+    sensor = host.sensors[request.sensor or default_sensor]
+    if keys.answer not in model.answers:
+        raise UserError(
+            f"model {model.name!r} answers {' and '.join(model.answers)}, but protocol {keys.id!r} "
+            f"asks for {keys.answer}; take another model."
+        )
+    if sensor.needs_data and request.data is None:
+        raise UserError(
+            f"protocol {keys.id!r} reads recorded frames with sensor {sensor.name!r}; "
+            "name their folder with --data DIR."
+        )
+    if request.data is not None and not sensor.needs_data:
+        raise UserError(
+            f"sensor {sensor.name!r} makes its own frames and takes no --data; "
+            "leave one of the two out."
+        )
+    regime = _regime(request, protocol, model)
+    if not model.uses_encoder and (request.encoder or given.get("encoder")):
+        raise UserError(f"model {model.name!r} uses no encoder; leave the encoder options out.")
+    encoder = host.encoders[request.encoder or keys.defaults.encoder] if model.uses_encoder else None
+    return Parts(
+        Part(model, model.settings(given.get("model", {})), host.models.origins[model.name]),
+        Part(sensor, sensor.settings(given.get("sensor", {})), host.sensors.origins[sensor.name]),
+        encoder
+        and Part(
+            encoder,
+            encoder.settings(given.get("encoder", {})),
+            host.encoders.origins[encoder.name],
+        ),
+        regime,
+    )
+
+
+def _regime(request: RunRequest, protocol: LoadedProtocol, model: ModelSpec) -> str:
+    keys = protocol.keys
+    regime = request.regime or next(iter(keys.regimes))
+    if regime not in keys.regimes:
+        raise UserError(
+            f"protocol {keys.id!r} has no regime {regime!r}; it has {', '.join(keys.regimes)}."
+        )
+    several = any(keys.draw(name).indenter != "single" for name in keys.regimes[regime])
+    if several and model.max_contacts == 1:
+        raise UserError(
+            f"model {model.name!r} predicts one contact per frame and cannot be trained in regime "
+            f"{regime!r}, whose frames hold several; use --regime single."
+        )
+    return regime
+
+
+def data_folder(path: Path | None) -> Path | None:
+    """The folder given with --data. Raises UserError when it is not there."""
+    if path is not None and not path.is_dir():
+        what = "is not a folder" if path.exists() else "does not exist"
+        raise UserError(f"the data folder {path} {what}; check --data.")
+    return path
+
+
+def plugin_versions(parts: Parts) -> dict[str, Any]:
+    """Plugin -> distribution, version and source hash."""
+    used = [parts.model, parts.sensor, *([parts.encoder] if parts.encoder else [])]
+    return {
+        p.origin.plugin: {
+            "distribution": p.origin.distribution,
+            "version": p.origin.version,
+            "code": p.code()[:16],
+        }
+        for p in used
+    }

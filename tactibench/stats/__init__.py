@@ -1,0 +1,1 @@
+"""Intervals and comparisons whose unit of resampling is the press, never the frame."""

@@ -1,0 +1,98 @@
+"""BCa bootstrap over clusters for any statistic (Efron 1987).
+
+A statistic is a function of weights: given (B, G) numbers of times each of G clusters was drawn,
+it returns (B,) values. All resamples are computed in a few matrix products that way, and the
+jackknife is the same function called with one weight of zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import stats
+
+from tactibench.stats.clusters import FloatArray
+
+Statistic = Callable[[FloatArray], FloatArray]
+
+BLOCK = 2**22
+"""Weights handed to a statistic at once; bounds the memory (32 MiB of float64)."""
+
+LOST = 0.05
+"""Share of resamples on which a statistic may be undefined before there is no interval."""
+
+
+def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> FloatArray:
+    """(resamples, clusters) times each cluster is drawn with replacement."""
+    drawn = rng.integers(clusters, size=(resamples, clusters))
+    drawn += clusters * np.arange(resamples)[:, None]
+    counts = np.bincount(drawn.ravel(), minlength=resamples * clusters)
+    return counts.reshape(resamples, clusters).astype(np.float64)
+
+
+def bootstrap_values(
+    statistic: Statistic, clusters: int, resamples: int, rng: np.random.Generator
+) -> FloatArray:
+    """(resamples,) values of the statistic over resampled clusters."""
+    rows = max(1, BLOCK // clusters)
+    sizes = [min(rows, resamples - start) for start in range(0, resamples, rows)]
+    return np.concatenate([statistic(cluster_weights(clusters, s, rng)) for s in sizes])
+
+
+def jackknife_values(statistic: Statistic, clusters: int) -> FloatArray:
+    """(clusters,) values of the statistic with one cluster left out."""
+    rows = max(1, BLOCK // clusters)
+    values = []
+    for start in range(0, clusters, rows):
+        left_out = np.arange(start, min(start + rows, clusters))
+        weights = np.ones((len(left_out), clusters))
+        weights[np.arange(len(left_out)), left_out] = 0.0
+        values.append(statistic(weights))
+    return np.concatenate(values)
+
+
+def acceleration(jackknife: FloatArray) -> float:
+    """a = sum(d^3) / (6 sum(d^2)^1.5), d the jackknife's deviations from its mean."""
+    deviation = jackknife.mean() - jackknife
+    scale = float((deviation**2).sum())
+    return float((deviation**3).sum()) / (6 * scale**1.5) if scale > 0 else 0.0
+
+
+def bca_interval(
+    statistic: Statistic,
+    clusters: int,
+    *,
+    rng: np.random.Generator,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> tuple[float, float] | None:
+    """Return (low, high), or None where the data cannot support an interval.
+
+    That is: fewer than two clusters, a statistic that is the same on every resample, or one that
+    is undefined (not finite) on more than 5 % of the resamples or on any jackknife sample.
+    A few undefined resamples are left out.
+
+    Raises ValueError when the statistic itself is not finite.
+    """
+    if clusters < 2:
+        return None
+    value = float(statistic(np.ones((1, clusters)))[0])
+    if not np.isfinite(value):
+        raise ValueError(f"the statistic of a BCa interval is {value}")
+    drawn = bootstrap_values(statistic, clusters, resamples, rng)
+    kept = drawn[np.isfinite(drawn)]
+    jackknife = jackknife_values(statistic, clusters)
+    if len(kept) < (1 - LOST) * resamples or not np.isfinite(jackknife).all():
+        return None
+    if np.ptp(kept) <= 1e-12 * max(1.0, abs(value)):
+        return None
+    below = ((kept < value).sum() + (kept <= value).sum()) / (2 * len(kept))
+    # a value outside all resamples would give an infinite bias correction
+    below = float(np.clip(below, 1 / (len(kept) + 1), len(kept) / (len(kept) + 1)))
+    bias, a = stats.norm.ppf(below), acceleration(jackknife)
+    shifted = bias + stats.norm.ppf([(1 - level) / 2, (1 + level) / 2])
+    # beyond the pole of the correction the adjusted quantile is the extreme one
+    tail = np.where(1 - a * shifted > 0, shifted / np.maximum(1 - a * shifted, 1e-12), 38 * shifted)
+    low, high = np.quantile(kept, stats.norm.cdf(bias + tail))
+    return float(low), float(high)

@@ -1,0 +1,139 @@
+"""Clustered intervals for means, ratios, root mean squares, shares and rates.
+
+All are built on the cluster-robust variance of a ratio r = sum(a) / sum(b):
+
+    var(r) = G / (G - 1) * sum_g (sum_{i in g} (a_i - r b_i))^2 / (sum b)^2
+
+with the t quantile of G - 1 degrees of freedom, G the number of clusters (Liang and Zeger 1986;
+for b = 1 it is the variance of a least-squares intercept with CR1 errors). One cluster tells
+nothing about the spread between clusters: its interval is None.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finite
+from tactibench.stats.estimate import Estimate
+
+
+def t_quantile(level: float, clusters: int) -> float:
+    """Two-sided t quantile with clusters - 1 degrees of freedom."""
+    return float(stats.t.ppf((1 + level) / 2, clusters - 1))
+
+
+def clustered_variance(
+    numerator: npt.ArrayLike, denominator: npt.ArrayLike, clusters: Labels
+) -> tuple[float, float, int]:
+    """Ratio of sums, its cluster-robust variance and the number of clusters (two at least)."""
+    a, b = finite(numerator, "numerator"), finite(denominator, "denominator")
+    codes, count = cluster_codes(clusters, len(a))
+    ratio = float(a.sum() / b.sum())
+    residual = cluster_sums(a - ratio * b, codes, count)
+    spread = float((residual**2).sum()) / float(b.sum()) ** 2
+    return ratio, spread * count / (count - 1) if count > 1 else math.nan, count
+
+
+def ratio_interval(
+    numerator: npt.ArrayLike,
+    denominator: npt.ArrayLike,
+    clusters: Labels,
+    *,
+    level: float = 0.95,
+    floor: float = -math.inf,
+) -> Estimate:
+    """sum(numerator) / sum(denominator) with a clustered t interval, cut off below ``floor``."""
+    n = np.size(numerator)
+    if n == 0:
+        return Estimate.nothing()
+    ratio, variance, count = clustered_variance(numerator, denominator, clusters)
+    if count < 2:
+        return Estimate(ratio, None, None, n, count)
+    half = t_quantile(level, count) * math.sqrt(variance)
+    return Estimate(ratio, max(ratio - half, floor), ratio + half, n, count)
+
+
+def mean_interval(
+    values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95, floor: float = -math.inf
+) -> Estimate:
+    """Mean over all values with a clustered t interval."""
+    return ratio_interval(values, np.ones(np.shape(values)), clusters, level=level, floor=floor)
+
+
+def positive_mean_interval(
+    values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95
+) -> Estimate:
+    """Mean of values that cannot be negative (absolute errors): no interval reaches below 0."""
+    return mean_interval(values, clusters, level=level, floor=0.0)
+
+
+def root(square: Estimate) -> Estimate:
+    """Square root of an estimate and of its limits."""
+
+    def take(x: float | None) -> float | None:
+        return None if x is None else math.sqrt(max(x, 0.0))
+
+    return Estimate(
+        take(square.value), take(square.low), take(square.high), square.n, square.clusters
+    )
+
+
+def rms_interval(squares: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
+    """sqrt(mean(squares)) of squared errors; the interval is that of the mean square, rooted."""
+    return root(positive_mean_interval(squares, clusters, level=level))
+
+
+def rmse_interval(errors: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
+    """sqrt(mean(errors^2)) with its interval through the mean square."""
+    return rms_interval(np.square(finite(errors, "errors")), clusters, level=level)
+
+
+def effective_size(hits: npt.ArrayLike, clusters: Labels) -> float:
+    """Number of independent yes/no values that would have the clustered variance.
+
+    p (1 - p) / var, at most n. With p = 0 or 1 nothing can be said about the correlation inside a
+    press, so a press counts once.
+    """
+    share, variance, count = clustered_variance(hits, np.ones(np.shape(hits)), clusters)
+    if not 0 < share < 1 or count < 2:
+        return float(count)
+    n = float(np.size(hits))
+    return n if variance == 0 else min(n, share * (1 - share) / variance)
+
+
+def share_interval(hits: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
+    """Share of ones among 0/1 values; Wilson interval with the effective size and t quantile.
+
+    Stays inside 0..1 and keeps a width at 0 and 1, where a t interval would claim certainty.
+    """
+    values = finite(hits, "hits")
+    if not np.isin(values, (0.0, 1.0)).all():
+        raise ValueError("a share is taken of values that are not all 0 or 1")
+    if len(values) == 0:
+        return Estimate.nothing()
+    _, count = cluster_codes(clusters, len(values))
+    share = float(values.mean())
+    if count < 2:
+        return Estimate(share, None, None, len(values), count)
+    size, t = effective_size(values, clusters), t_quantile(level, count)
+    centre = (share + t**2 / (2 * size)) / (1 + t**2 / size)
+    half = t / (1 + t**2 / size) * math.sqrt(share * (1 - share) / size + t**2 / (4 * size**2))
+    # rounding must not push the share itself out of its interval at 0 and 1
+    low, high = min(max(centre - half, 0.0), share), max(min(centre + half, 1.0), share)
+    return Estimate(share, low, high, len(values), count)
+
+
+def rate_interval(counts: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
+    """Mean of event counts; clustered t, and the exact Poisson limit when nothing happened.
+
+    With no event in G presses the upper limit is -log((1 - level) / 2) / G.
+    """
+    estimate = positive_mean_interval(counts, clusters, level=level)
+    if estimate.value == 0.0 and estimate.clusters > 1:
+        high = -math.log((1 - level) / 2) / estimate.clusters
+        return Estimate(0.0, 0.0, high, estimate.n, estimate.clusters)
+    return estimate

@@ -1,0 +1,198 @@
+"""Latency scenarios: how long one call takes, phase by phase.
+
+``single``: one frame a call, as in a closed loop. ``offline``: a batch a call. Both warm up until
+two successive blocks of calls have medians that differ by less than 2 %, then keep every raw time.
+Scoring is never inside a call. The number of threads is set by the caller and only noted here.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import cycle, islice, pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Stage = tuple[str, Callable[[Any], Any]]
+Clock = Callable[[], float]
+
+SETTLED_WITHIN = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class LatencySample:
+    """Raw times. phases: their names, in order. raw_ms: (calls, phases) milliseconds.
+
+    settled: whether the warm-up ended by itself, after warmup_calls calls. threads: as the caller
+    set them. batch: frames in a call.
+    """
+
+    phases: tuple[str, ...]
+    raw_ms: npt.NDArray[np.float64]
+    settled: bool
+    warmup_calls: int
+    threads: int
+    batch: int = 1
+
+    def __post_init__(self) -> None:
+        raw = np.array(self.raw_ms, dtype=np.float64)
+        if raw.ndim != 2 or raw.shape[1] != len(self.phases) or not len(raw):
+            raise ValueError(f"raw times have shape {raw.shape} for {len(self.phases)} phases")
+        raw.setflags(write=False)
+        object.__setattr__(self, "raw_ms", raw)
+
+    @property
+    def total_ms(self) -> npt.NDArray[np.float64]:
+        """(calls,) time of a whole call, ms."""
+        return np.asarray(self.raw_ms.sum(axis=1), dtype=np.float64)
+
+
+def time_single(
+    stages: Sequence[Stage],
+    frames: Sequence[Any],
+    *,
+    threads: int,
+    calls: int = 300,
+    budget_s: float | None = None,
+    clock: Clock = time.perf_counter,
+) -> LatencySample:
+    """Time the stages, each given what the one before returned, on one-frame lists.
+
+    Frames are taken in turn, again from the first when they are used up. calls: that are timed.
+    budget_s: seconds after which the warm-up counts as not settled and the timing stops, though
+    never before one block of 20 timed calls.
+    """
+    inputs = [[frame] for frame in frames]
+    return _measure(stages, inputs, 1, threads, calls, budget_s, clock, block=20, cap=500)
+
+
+def time_offline(
+    stages: Sequence[Stage],
+    frames: Sequence[Any],
+    batch: int,
+    *,
+    threads: int,
+    calls: int = 30,
+    budget_s: float | None = None,
+    clock: Clock = time.perf_counter,
+) -> LatencySample:
+    """Time the stages on lists of ``batch`` frames, taken in turn; otherwise as ``time_single``.
+
+    A call is longer here, so blocks are 5 calls and the warm-up ends after 50 at the latest.
+    """
+    if batch < 1:
+        raise ValueError(f"batch is {batch}, it must be at least 1")
+    endless = cycle(frames)
+    rounds = -(-len(frames) // batch)
+    inputs = [list(islice(endless, batch)) for _ in range(rounds)]
+    return _measure(stages, inputs, batch, threads, calls, budget_s, clock, block=5, cap=50)
+
+
+def joined(samples: Sequence[LatencySample]) -> LatencySample:
+    """One sample of several rounds of the same model, as models are timed in turns.
+
+    Raises ValueError when phases, threads or batch differ.
+    """
+    if len({(s.phases, s.threads, s.batch) for s in samples}) != 1:
+        raise ValueError("only samples of the same phases, threads and batch can be joined")
+    first = samples[0]
+    return LatencySample(
+        first.phases,
+        np.concatenate([s.raw_ms for s in samples]),
+        all(s.settled for s in samples),
+        sum(s.warmup_calls for s in samples),
+        first.threads,
+        first.batch,
+    )
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Let torch compute with ``count`` threads inside the block, and as before after it."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Keep the garbage collector out of timed calls."""
+    was_on = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _measure(
+    stages: Sequence[Stage],
+    inputs: Sequence[list[Any]],
+    batch: int,
+    threads: int,
+    calls: int,
+    budget_s: float | None,
+    clock: Clock,
+    *,
+    block: int,
+    cap: int,
+) -> LatencySample:
+    phases = tuple(name for name, _ in stages)
+    if not stages or not inputs or calls < 1:
+        raise ValueError("timing needs at least one stage, one frame and one call")
+    if len(set(phases)) < len(phases) or "total" in phases:
+        raise ValueError(f"phases must have different names, none of them 'total': {phases}")
+    source = cycle(inputs)
+    start = clock()
+
+    def over() -> bool:
+        return budget_s is not None and clock() - start >= budget_s
+
+    with _no_collection():
+        settled, warmup = _warm_up(stages, source, clock, over, block, cap)
+        raw: list[list[float]] = []
+        while len(raw) < calls and not (len(raw) >= block and over()):
+            raw.append(_call(stages, next(source), clock))
+    return LatencySample(phases, 1e3 * np.array(raw), settled, warmup, threads, batch)
+
+
+def _warm_up(
+    stages: Sequence[Stage],
+    source: Iterator[list[Any]],
+    clock: Clock,
+    over: Callable[[], bool],
+    block: int,
+    cap: int,
+) -> tuple[bool, int]:
+    """Call until two successive blocks agree. Returns whether they did, and the calls made."""
+    before = float("inf")
+    done = 0
+    while done + block <= cap and not over():
+        times = [sum(_call(stages, next(source), clock)) for _ in range(block)]
+        done += block
+        median = float(np.median(times))
+        if abs(median - before) < SETTLED_WITHIN * before < float("inf"):
+            return True, done
+        before = median
+    return False, done
+
+
+def _call(stages: Sequence[Stage], value: Any, clock: Clock) -> list[float]:
+    """Seconds of every stage in one call."""
+    marks = [clock()]
+    for _, stage in stages:
+        value = stage(value)
+        marks.append(clock())
+    return [after - before for before, after in pairwise(marks)]

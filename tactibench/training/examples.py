@@ -1,0 +1,42 @@
+"""Labelled frames as tensors, prepared once before the first epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from tactibench.contacts import Frame
+from tactibench.images import gray_frames
+from tactibench.training.network import tensor_bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """images: (N, 1, S, S) uint8. targets: (N, ...) float16 or float32, used as float32."""
+
+    images: torch.Tensor
+    targets: torch.Tensor
+
+    def __post_init__(self) -> None:
+        if len(self.images) != len(self.targets):
+            raise ValueError(f"{len(self.images)} images have {len(self.targets)} targets")
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def take(self, index: torch.Tensor, device: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Images (B, 1, S, S) uint8 and targets (B, ...) float32 of one batch on the device."""
+        return self.images[index].to(device), self.targets[index].to(device).float()
+
+    def bits(self) -> bytes:
+        """Everything the weights can depend on, for an identity."""
+        shapes = f"{tuple(self.images.shape)} {tuple(self.targets.shape)} {self.targets.dtype}"
+        return shapes.encode() + tensor_bytes(self.images) + tensor_bytes(self.targets)
+
+
+def image_tensor(frames: Sequence[Frame], size: int) -> torch.Tensor:
+    """(N, 1, size, size) uint8 gray images of frames of any size and colour."""
+    return torch.from_numpy(gray_frames(frames, size)[:, np.newaxis])

@@ -1,0 +1,242 @@
+"""The training loop that all learned models share: deterministic, resumable, told to a Progress."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import nn
+
+from tactibench.errors import UserError
+from tactibench.plugins.interfaces import FitReport, Progress
+from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
+from tactibench.training.examples import Examples
+from tactibench.training.precision import autocast, resolve_precision
+from tactibench.training.recipe import Recipe
+from tactibench.training.seeds import Seeds, seeded
+
+Loss = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+ErrorMm = Callable[[torch.Tensor, npt.NDArray[np.int64]], float | None]
+
+_DECODED = 200
+"""Validation frames that are decoded for the error in mm after each epoch."""
+_EVALUATION_BATCH = 50
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where and in which arithmetic the network computes."""
+
+    device: str
+    precision: str
+
+    def outputs(self, network: nn.Module, images: torch.Tensor) -> torch.Tensor:
+        """Forward pass, float32 outputs. One autocast a pass: it keeps the weights it has cast."""
+        with autocast(self.precision, self.device):
+            outputs: torch.Tensor = network(images)
+        return outputs.float()
+
+
+def train(
+    network: nn.Module,
+    training: Examples,
+    validation: Examples,
+    *,
+    recipe: Recipe,
+    loss: Loss,
+    error_mm: ErrorMm,
+    seeds: Seeds,
+    identity: Mapping[str, Any],
+    progress: Progress,
+    device: str = "cpu",
+    checkpoints: Path | None = None,
+) -> FitReport:
+    """Train ``network`` in place; it ends in float32, evaluation mode, on the device.
+
+    network: freshly initialised, (B, 1, S, S) uint8 -> outputs. loss(outputs, targets): scalar
+    from raw outputs (logits). error_mm(outputs, rows): mean position error of those rows of the
+    validation set, mm, or None. identity: JSON values that, beside recipe, seeds and data,
+    determine the weights (architecture, parameters).
+
+    With ``checkpoints`` the state is kept after every epoch; the same call takes it up again and
+    ends in bit-identical weights (same machine and thread count, torch version). A damaged
+    checkpoint or that of another training is not used, and ``notes["checkpoint"]`` says so. On
+    resuming, ``progress.epoch`` is told the epochs that were done before.
+    """
+    place = _Place(device, resolve_precision(recipe.precision, device))
+    layout = torch.channels_last if recipe.channels_last else torch.contiguous_format
+    network.to(device=device, memory_format=layout)  # type: ignore[call-overload]
+    optimiser = _optimiser(network, recipe)
+    key = _key(identity, recipe, place, seeds, training, validation)
+    state, warning = TrainingState(), None
+    if checkpoints is not None:
+        state, warning = load_checkpoint(checkpoints, key, network, optimiser)
+    resumed = state.epoch
+
+    progress.start(recipe.epochs, -(-len(training) // recipe.batch))
+    for row in state.history:
+        progress.epoch(int(row["epoch"]), row["loss"], row.get("validation_mm"))
+    with _repeatable(device):
+        while state.epoch < recipe.epochs and not _stalled(state, recipe):
+            began = time.perf_counter()
+            row = {"epoch": float(state.epoch + 1)}
+            row["loss"] = _epoch(
+                network, optimiser, training, recipe, loss, seeds, state.epoch, progress, place
+            )
+            row |= _validate(network, validation, recipe, loss, error_mm, place)
+            state.epoch += 1
+            _keep_best(state, row, network, recipe)
+            row["seconds"] = time.perf_counter() - began
+            state.seconds += row["seconds"]
+            state.history.append(row)
+            if checkpoints is not None:
+                save_checkpoint(checkpoints, key, state, network, optimiser)
+            progress.epoch(state.epoch, row["loss"], row.get("validation_mm"))
+
+    if state.best:
+        network.load_state_dict(state.best)
+    network.eval()
+    notes: dict[str, Any] = {"precision": place.precision}
+    if recipe.patience is not None and state.best:
+        notes["best_epoch"] = state.best_epoch
+    if warning is not None:
+        notes["checkpoint"] = warning
+    return FitReport(state.epoch, state.seconds, resumed, tuple(state.history), notes)
+
+
+def _epoch(
+    network: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    training: Examples,
+    recipe: Recipe,
+    loss: Loss,
+    seeds: Seeds,
+    epoch: int,
+    progress: Progress,
+    place: _Place,
+) -> float:
+    """One pass over the training frames; returns the mean loss of a frame."""
+    network.train()
+    order = torch.from_numpy(seeds.permutation(len(training), epoch))
+    batches = torch.split(order, recipe.batch)
+    total = 0.0
+    with seeded(seeds.of_epoch(epoch), place.device):
+        for number, index in enumerate(batches):
+            for group in optimiser.param_groups:
+                group["lr"] = recipe.rate(
+                    epoch * len(batches) + number, recipe.epochs * len(batches)
+                )
+            images, targets = training.take(index, place.device)
+            optimiser.zero_grad(set_to_none=True)
+            value = loss(place.outputs(network, images), targets)
+            value.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+            current = value.item()
+            if not math.isfinite(current):
+                raise UserError(
+                    f"the training loss is {current} in epoch {epoch + 1}; train with "
+                    "precision=float32 or another seed."
+                )
+            total += current * len(index)
+            progress.step(current)
+    return total / len(training)
+
+
+@torch.inference_mode()
+def _validate(
+    network: nn.Module,
+    validation: Examples,
+    recipe: Recipe,
+    loss: Loss,
+    error_mm: ErrorMm,
+    place: _Place,
+) -> dict[str, float]:
+    """Validation loss and position error, over all frames where the loss can stop the training.
+
+    Otherwise, and always for the decoding, over at most 200 frames spread evenly.
+    """
+    if not len(validation):
+        return {}
+    network.eval()
+    count = len(validation)
+    few = np.unique(np.linspace(0, count - 1, min(count, _DECODED)).round().astype(np.int64))
+    rows = few if recipe.patience is None else np.arange(count)
+    outputs, targets = [], []
+    for index in torch.split(torch.from_numpy(rows), _EVALUATION_BATCH):
+        images, wanted = validation.take(index, place.device)
+        outputs.append(place.outputs(network, images))
+        targets.append(wanted)
+    output = torch.cat(outputs)
+    found = {"validation_loss": float(loss(output, torch.cat(targets)))}
+    error = error_mm(output[torch.from_numpy(np.searchsorted(rows, few)).to(place.device)], few)
+    return found if error is None else {**found, "validation_mm": error}
+
+
+def _keep_best(
+    state: TrainingState, row: dict[str, float], network: nn.Module, recipe: Recipe
+) -> None:
+    if recipe.patience is None or "validation_loss" not in row:
+        return
+    if state.best_loss is None or row["validation_loss"] < state.best_loss:
+        state.best_loss, state.best_epoch = row["validation_loss"], state.epoch
+        state.best = {name: value.clone() for name, value in network.state_dict().items()}
+
+
+def _stalled(state: TrainingState, recipe: Recipe) -> bool:
+    if recipe.patience is None or state.best_loss is None:
+        return False
+    return state.epoch - state.best_epoch >= recipe.patience
+
+
+def _optimiser(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
+    """Weight decay acts on kernels only, not on biases and the scales of normalisations."""
+    kernels = [weight for weight in network.parameters() if weight.ndim > 1]
+    others = [weight for weight in network.parameters() if weight.ndim <= 1]
+    groups = [
+        {"params": kernels, "weight_decay": recipe.weight_decay},
+        {"params": others, "weight_decay": 0.0},
+    ]
+    kind = torch.optim.AdamW if recipe.optimiser == "adamw" else torch.optim.Adam
+    return kind(groups, lr=recipe.learning_rate, fused=True)
+
+
+def _key(
+    identity: Mapping[str, Any],
+    recipe: Recipe,
+    place: _Place,
+    seeds: Seeds,
+    training: Examples,
+    validation: Examples,
+) -> str:
+    facts = {
+        "identity": dict(identity),
+        "recipe": asdict(recipe),
+        "place": asdict(place),
+        "seeds": asdict(seeds),
+        "torch": torch.__version__,
+        "threads": torch.get_num_threads(),
+    }
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode())
+    digest.update(training.bits())
+    digest.update(validation.bits())
+    return digest.hexdigest()
+
+
+@contextmanager
+def _repeatable(device: str) -> Iterator[None]:
+    """Let cuDNN choose only kernels that give the same bits twice."""
+    if device != "cuda":
+        yield
+        return
+    with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
+        yield

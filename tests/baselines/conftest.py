@@ -1,0 +1,44 @@
+"""Building and fitting the baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import Grid, ModelContext
+
+
+class Silent:
+    """A progress display that nobody sees."""
+
+    def start(self, epochs: int, steps: int) -> None: ...
+
+    def step(self, loss: float) -> None: ...
+
+    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None: ...
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20)
+
+
+@pytest.fixture
+def context() -> Callable[[str], ModelContext]:
+    return lambda answer: ModelContext(answer, Grid.centred(64, 0.4), 6.0)
+
+
+@pytest.fixture
+def fitted(context: Any) -> Callable[..., Any]:
+    def fit(kind: Any, frames: Any, truth: Any, answer: str = "contacts", **parameters: Any) -> Any:
+        model = kind(context(answer), **parameters)
+        report = model.fit(
+            frames, truth, validation=([], []), rng=np.random.default_rng(0), progress=Silent()
+        )
+        assert report.notes == {"frames": len(frames)}
+        return model
+
+    return fit

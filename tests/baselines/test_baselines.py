@@ -1,0 +1,241 @@
+"""The trivial models: right, exact after saving, and fast enough to stand on every board."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench import Contacts, Frame, PlatePose, Pose, UserError, gray_frames
+from tactibench_baselines.answers import pack, unpack
+from tactibench_baselines.hooks import tactibench_models
+from tactibench_baselines.mean import MeanModel
+from tactibench_baselines.nearest import NearestModel
+
+BOTH = pytest.mark.parametrize("kind", [MeanModel, NearestModel])
+ANSWERS = pytest.mark.parametrize("answer", ["contacts", "plate"])
+
+
+def random_frames(rng, count, side=40):
+    """Frames of one sensor: they share a rest frame."""
+    rest = rng.integers(0, 256, (side, side), dtype=np.uint8)
+    images = rng.integers(0, 256, (count, side, side), dtype=np.uint8)
+    return [Frame(image, float(i), Pose(), rest) for i, image in enumerate(images)]
+
+
+def random_contacts(rng, counts):
+    return [Contacts.truth(rng.uniform(-6, 6, (n, 2)), rng.uniform(0.5, 6, n)) for n in counts]
+
+
+def random_plates(rng, count):
+    return [PlatePose(*map(float, rng.uniform((1, -20), (5, 20)))) for _ in range(count)]
+
+
+def random_truth(rng, answer, count):
+    if answer == "plate":
+        return random_plates(rng, count)
+    return random_contacts(rng, rng.integers(0, 4, count))
+
+
+def same(a, b):
+    """Equal to the last bit."""
+    if isinstance(a, PlatePose):
+        return a == b
+    return all(np.array_equal(getattr(a, f), getattr(b, f)) for f in ("xy", "depth", "score"))
+
+
+def test_specs_build_the_models(context):
+    specs = {spec.name: spec for spec in tactibench_models()}
+    assert set(specs) == {"mean", "nearest"}
+    assert [specs[name].max_contacts for name in ("mean", "nearest")] == [1, None]
+    for spec in specs.values():
+        assert spec.answers == ("contacts", "plate")
+        assert not spec.uses_encoder
+        for answer in spec.answers:
+            assert spec.load()(context(answer), **spec.settings({}))
+
+
+def test_mean_of_single_contacts(rng, fitted):
+    truth = random_contacts(rng, [1] * 50)
+    model = fitted(MeanModel, random_frames(rng, 50), truth)
+    (got,) = model.predict(random_frames(rng, 1))
+    np.testing.assert_allclose(got.xy, [np.mean([t.xy[0] for t in truth], axis=0)])
+    np.testing.assert_allclose(got.depth, [np.mean([t.depth[0] for t in truth])])
+    assert got.score.tolist() == [1.0]
+
+
+def test_mean_weighs_contacts_alike_not_frames(fitted, rng):
+    truth = [Contacts.truth([[3.0, 0.0]], [1.0]), Contacts.truth([[0, 3], [0, 0]], [4.0, 4.0])]
+    model = fitted(MeanModel, random_frames(rng, 2), truth)
+    (got,) = model.predict(random_frames(rng, 1))
+    np.testing.assert_allclose(got.xy, [[1.0, 1.0]])
+    np.testing.assert_allclose(got.depth, [3.0])
+
+
+def test_mean_of_no_contacts_is_no_contact(fitted, rng):
+    model = fitted(MeanModel, random_frames(rng, 2), [Contacts.none()] * 2)
+    assert [len(c) for c in model.predict(random_frames(rng, 3))] == [0, 0, 0]
+
+
+def test_mean_plate(fitted, rng):
+    truth = random_plates(rng, 40)
+    model = fitted(MeanModel, random_frames(rng, 40), truth, answer="plate")
+    (got,) = model.predict(random_frames(rng, 1))
+    assert got.depth == pytest.approx(np.mean([t.depth for t in truth]))
+    assert got.tilt == pytest.approx(np.mean([t.tilt for t in truth]))
+
+
+@ANSWERS
+def test_nearest_recalls_its_training_frames(rng, fitted, answer):
+    frames, truth = random_frames(rng, 30), random_truth(rng, answer, 30)
+    got = fitted(NearestModel, frames, truth, answer=answer).predict(frames)
+    assert all(map(same, got, truth))
+
+
+@pytest.mark.parametrize("rest", [True, False])
+def test_nearest_agrees_with_a_plain_search(rng, fitted, rest):
+    train, test = random_frames(rng, 300), random_frames(rng, 70)
+    if not rest:
+        train = [replace(frame, rest=None) for frame in train]
+    truth = random_contacts(rng, [1] * 300)
+    model = fitted(NearestModel, train, truth, size=8)
+
+    def features(frames):
+        levels = gray_frames(frames, 8).astype(float)
+        if rest:
+            levels -= gray_frames([replace(f, image=f.rest) for f in frames], 8)
+        return levels.reshape(len(frames), -1)
+
+    a, b = features(test), features(train)
+    nearest = [int(((row - b) ** 2).sum(axis=1).argmin()) for row in a]
+    assert all(map(same, model.predict(test), [truth[i] for i in nearest]))
+
+
+def test_rest_subtraction_ignores_a_background(rng, fitted):
+    """The same press seen by a sensor with another fixed background is recognised."""
+    press = rng.integers(0, 100, (20, 32, 32), dtype=np.uint8)
+    backs = [np.zeros((32, 32), np.uint8), rng.integers(0, 150, (32, 32), dtype=np.uint8)]
+    train, test = ([Frame(p + back, 0.0, Pose(), back) for p in press] for back in backs)
+    truth = random_contacts(rng, [1] * 20)
+    assert all(map(same, fitted(NearestModel, train, truth).predict(test), truth))
+
+
+def test_equally_near_frames_answer_the_first(rng, fitted):
+    (frame,) = random_frames(rng, 1)
+    truth = random_contacts(rng, [1] * 6)
+    (got,) = fitted(NearestModel, [frame] * 6, truth).predict([frame])
+    assert same(got, truth[0])
+
+
+@BOTH
+@ANSWERS
+def test_one_by_one_or_all_at_once(rng, fitted, kind, answer):
+    train, test = random_frames(rng, 60), random_frames(rng, 300)
+    model = fitted(kind, train, random_truth(rng, answer, 60), answer=answer)
+    together = model.predict(test)
+    assert all(same(a, model.predict([f])[0]) for a, f in zip(together, test, strict=True))
+    assert model.predict([]) == []
+
+
+@BOTH
+@ANSWERS
+def test_stages_compose_to_predict(rng, fitted, kind, answer):
+    frames, truth = random_frames(rng, 12), random_truth(rng, answer, 12)
+    model = fitted(kind, frames, truth, answer=answer)
+    value = frames
+    for _, stage in model.stages():
+        value = stage(value)
+    assert all(map(same, value, model.predict(frames)))
+
+
+@BOTH
+@ANSWERS
+def test_saved_and_loaded_it_answers_the_same(rng, fitted, context, tmp_path, kind, answer):
+    frames, truth = random_frames(rng, 25), random_truth(rng, answer, 25)
+    model = fitted(kind, frames, truth, answer=answer)
+    folders = [tmp_path / name for name in ("a", "b")]
+    for folder in folders:
+        folder.mkdir()
+        model.save(folder)
+    contents = [[(p.name, p.read_bytes()) for p in folder.iterdir()] for folder in folders]
+    assert contents[0] == contents[1]
+    again = kind(context(answer))
+    again.load(folders[0])
+    test = random_frames(rng, 10)
+    assert all(map(same, again.predict(test), model.predict(test)))
+
+
+@BOTH
+def test_weights_of_another_kind_of_answer_are_refused(rng, fitted, context, tmp_path, kind):
+    fitted(kind, random_frames(rng, 3), random_plates(rng, 3), answer="plate").save(tmp_path)
+    with pytest.raises(UserError, match=r"\.npz holds .*'contacts' needs"):
+        kind(context("contacts")).load(tmp_path)
+
+
+@BOTH
+@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:100], lambda b: b"junk" + b[9:]])
+def test_damaged_weights_are_refused(rng, fitted, context, tmp_path, kind, damage):
+    fitted(kind, random_frames(rng, 3), random_contacts(rng, [1] * 3)).save(tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(UserError, match="no readable weights file"):
+        kind(context("contacts")).load(tmp_path)
+
+
+@BOTH
+def test_missing_weights_are_refused(context, tmp_path, kind):
+    with pytest.raises(UserError, match="train again"):
+        kind(context("contacts")).load(tmp_path)
+
+
+@BOTH
+def test_pickled_weights_are_never_read(rng, fitted, context, tmp_path, kind):
+    fitted(kind, random_frames(rng, 3), random_contacts(rng, [1] * 3)).save(tmp_path)
+    (path,) = tmp_path.iterdir()
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["depth"] = np.array([{"a": 1}], dtype=object)
+    np.savez(path, **arrays)
+    with pytest.raises(UserError, match="no readable weights file"):
+        kind(context("contacts")).load(tmp_path)
+
+
+def test_weights_of_another_size_are_refused(rng, fitted, context, tmp_path):
+    fitted(NearestModel, random_frames(rng, 3), random_plates(rng, 3), answer="plate").save(
+        tmp_path
+    )
+    with pytest.raises(UserError, match="size 16 needs"):
+        NearestModel(context("plate"), size=16).load(tmp_path)
+
+
+def test_a_frame_without_rest_is_refused_when_training_had_one(rng, fitted):
+    frames = random_frames(rng, 3)
+    model = fitted(NearestModel, frames, random_contacts(rng, [1] * 3))
+    with pytest.raises(UserError, match="rest frame"):
+        model.predict([replace(frames[0], rest=None)])
+
+
+@BOTH
+def test_misuse_is_not_answered(rng, fitted, context, tmp_path, kind):
+    with pytest.raises(RuntimeError, match="first"):
+        kind(context("contacts")).predict(random_frames(rng, 1))
+    with pytest.raises(RuntimeError, match="first"):
+        kind(context("contacts")).save(tmp_path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ValueError, match=r"nearest was given|at least one"):
+        fitted(kind, [], [])
+    with pytest.raises(TypeError, match="no Contacts"):
+        fitted(kind, random_frames(rng, 2), random_plates(rng, 2), answer="contacts")
+
+
+@given(st.lists(st.integers(0, 4), max_size=8), st.integers(0, 2**32 - 1))
+def test_packing_loses_nothing(counts, seed):
+    rng = np.random.default_rng(seed)
+    contacts, plates = random_contacts(rng, counts), random_plates(rng, len(counts))
+    for truth, answer in ((contacts, "contacts"), (plates, "plate")):
+        got = unpack(pack(truth, answer))
+        assert len(got) == len(truth)
+        assert all(map(same, got, truth))

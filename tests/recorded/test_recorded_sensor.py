@@ -1,0 +1,215 @@
+"""A recording answers its own presses, in order, and says what it is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from itertools import islice
+
+import cv2
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene, UserError
+from tactibench_recorded.hooks import tactibench_sensors
+
+
+def rows_of(folder):
+    return (folder / "targets.csv").read_text().splitlines()[1:]
+
+
+def rewrite(folder, rows, header=None):
+    old = (folder / "targets.csv").read_text().splitlines()[0]
+    (folder / "targets.csv").write_text("\n".join([header or old, *rows]) + "\n")
+
+
+def test_spec_builds_the_sensor_with_its_defaults(recording, open_recording):
+    (spec,) = tactibench_sensors()
+    assert (spec.name, spec.origin, spec.needs_data) == ("recorded", "real", True)
+    sensor = open_recording(recording, **spec.settings({}))
+    assert isinstance(sensor, spec.load())
+    assert sensor.describe() == open_recording(recording).describe()
+
+
+def test_scenes_are_plates_in_file_order_with_offset_depths(recording, open_recording):
+    scenes = open_recording(recording, depth_offset_mm=4.5).scenes()
+    assert list(scenes) == [f"frame_{i}_0.png" for i in range(5)]
+    for row, scene in zip(rows_of(recording), scenes.values(), strict=True):
+        cells = row.split(",")
+        assert scene.indenter.is_plate
+        assert scene.pose == Pose(depth=float(cells[2]) + 4.5, tilt=float(cells[6]))
+
+
+def test_press_returns_the_frame_of_the_scene(recording, open_recording):
+    with open_recording(recording) as sensor:
+        for row, (name, scene) in enumerate(sensor.scenes().items()):
+            got = sensor.press(scene)
+            on_disk = cv2.imread(str(recording / "frames_bw" / name), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(got.image, on_disk)
+            assert (got.timestamp, got.pose, got.image.dtype) == (row, scene.pose, np.uint8)
+            np.testing.assert_array_equal(got.rest, sensor.rest().image)
+
+
+def test_press_many_keeps_the_order_asked_for(recording, open_recording):
+    sensor = open_recording(recording)
+    scenes = list(sensor.scenes().values())
+    order = np.random.default_rng(3).integers(0, len(scenes), 300)  # longer than the look-ahead
+    stamps = [frame.timestamp for frame in sensor.press_many(scenes[i] for i in order)]
+    assert stamps == order.tolist()
+
+
+def test_press_many_is_lazy_and_may_be_left_early(recording, open_recording):
+    sensor = open_recording(recording)
+    scenes = list(sensor.scenes().values())
+
+    def endless():
+        while True:
+            yield from scenes
+
+    frames = sensor.press_many(endless())
+    assert [frame.timestamp for frame in islice(frames, 7)] == [0, 1, 2, 3, 4, 0, 1]
+    frames.close()
+
+
+def test_rows_with_the_same_pose_stay_apart(recording, open_recording):
+    rows = rows_of(recording)
+    same = rows[1].partition(",")[2]
+    rows[3], rows[4] = f"frame_3_0.png,{same}", f"frame_4_0.png,{same}"
+    rewrite(recording, rows)
+    sensor = open_recording(recording)
+    scenes = list(sensor.scenes().values())
+    assert len(set(scenes)) == 5
+    assert scenes[1].pose == scenes[3].pose == scenes[4].pose
+    assert [f.timestamp for f in sensor.press_many(reversed(scenes))] == [4, 3, 2, 1, 0]
+    assert sensor.press(Scene(Indenter.plate(), scenes[4].pose)).timestamp == 1
+
+
+def test_a_press_that_was_not_recorded_is_refused(recording, open_recording):
+    sensor = open_recording(recording)
+    for scene in (
+        Scene(Indenter.single(), Pose(1.0, 2.0, depth=3.0)),
+        Scene(Indenter.plate(), Pose(depth=4.7500001, tilt=-4.0)),
+    ):
+        with pytest.raises(UserError, match=r"5 plate presses .*3\.75 to 4\.75.*'surface'"):
+            sensor.press(scene)
+        with pytest.raises(UserError, match="plate presses"):
+            list(sensor.press_many([scene]))
+
+
+@pytest.mark.parametrize("name", ["init_3.png", "the_init.png", "image_0.png"])
+def test_rest_frame_by_its_other_names(recording, open_recording, name):
+    frames = recording / "frames_bw"
+    (frames / "init_0.png").rename(frames / name)
+    sensor = open_recording(recording)
+    assert sensor.describe()["rest"] == name
+    np.testing.assert_array_equal(
+        sensor.rest().image, cv2.imread(str(frames / name), cv2.IMREAD_UNCHANGED)
+    )
+
+
+def test_no_rest_frame_is_a_sentence_only_when_asked_for(recording, open_recording):
+    (recording / "frames_bw" / "init_0.png").unlink()
+    sensor = open_recording(recording)
+    scene = next(iter(sensor.scenes().values()))
+    assert sensor.press(scene).rest is None
+    assert sensor.describe()["rest"] is None
+    with pytest.raises(UserError, match=r"init_0\.png"):
+        sensor.rest()
+
+
+def test_a_listed_frame_is_not_taken_for_the_rest_frame(recording, open_recording):
+    frames = recording / "frames_bw"
+    (frames / "init_0.png").unlink()
+    (frames / "frame_0_0.png").rename(frames / "image_0.png")
+    rows = rows_of(recording)
+    rewrite(recording, [rows[0].replace("frame_0_0", "image_0"), *rows[1:]])
+    assert open_recording(recording).describe()["rest"] is None
+
+
+def test_one_level_down_is_the_same_recording(recording, open_recording):
+    inner, outer = open_recording(recording), open_recording(recording.parent)
+    assert inner.describe() == outer.describe()
+    assert inner.scenes() == outer.scenes()
+
+
+def test_lettered_columns_and_backslashes(recording, open_recording):
+    numbered = open_recording(recording)
+    (recording / "frames_bw").rename(recording / "sensor_images")
+    rows = [rf"sensor_images\{row}" for row in rows_of(recording)]
+    rewrite(recording, rows, "sensor_image,pose_x,pose_y,pose_z,pose_Rx,pose_Ry,pose_Rz")
+    lettered = open_recording(recording)
+    assert list(lettered.scenes().values()) == list(numbered.scenes().values())
+    assert next(iter(lettered.scenes())) == "sensor_images/frame_0_0.png"
+    assert lettered.describe()["columns"] == {
+        "name": "sensor_image",
+        "depth": "pose_y",
+        "tilt": "pose_Rz",
+    }
+
+
+def test_frames_folder_can_be_chosen(recording, open_recording):
+    shutil.copytree(recording / "frames_bw", recording / "processed_images")
+    chosen = open_recording(recording, frames="processed_images")
+    assert chosen.describe()["frames"] == "processed_images"
+    assert open_recording(recording).describe()["frames"] == "frames_bw"
+    with pytest.raises(UserError, match="looked for images"):
+        open_recording(recording, frames="images")
+
+
+def test_other_label_columns(recording, open_recording):
+    rows = [f"frame_{i}_0.png,0,0,{-i},{2 * i},0,0" for i in range(5)]
+    rewrite(recording, rows)
+    with pytest.raises(UserError, match=r"pose_2 has the same value.*pose_3 changes"):
+        open_recording(recording)
+    scenes = open_recording(recording, depth="pose_z", tilt="pose_4").scenes().values()
+    assert [(s.pose.depth, s.pose.tilt) for s in scenes] == [(5.0 - i, 2.0 * i) for i in range(5)]
+
+
+def test_colour_frames_are_rgb(recording, open_recording):
+    bgr = np.random.default_rng(8).integers(0, 256, (12, 10, 3), dtype=np.uint8)
+    for path in (recording / "frames_bw").iterdir():
+        cv2.imwrite(str(path), bgr)
+    sensor = open_recording(recording)
+    frame = sensor.press(next(iter(sensor.scenes().values())))
+    np.testing.assert_array_equal(frame.image, bgr[..., ::-1])
+    assert sensor.describe()["channels"] == 3
+
+
+def test_description_is_json_and_its_hash_covers_every_byte(recording, open_recording):
+    before = open_recording(recording).describe()
+    assert json.loads(json.dumps(before)) == before
+    assert str(recording.parent) not in json.dumps(before)
+    assert (before["count"], before["image"], before["folder"]) == (5, [12, 10], "plates")
+
+    digest = hashlib.sha256((recording / "targets.csv").read_bytes())
+    for name in [*(f"frame_{i}_0.png" for i in range(5)), "init_0.png"]:
+        data = (recording / "frames_bw" / name).read_bytes()
+        digest.update(len(data).to_bytes(8, "little") + data)
+    assert before["sha256"] == digest.hexdigest()
+
+
+@pytest.mark.parametrize("name", ["frame_4_0.png", "init_0.png"])
+def test_hash_changes_with_a_pixel(recording, open_recording, name):
+    before = open_recording(recording).describe()["sha256"]
+    path = str(recording / "frames_bw" / name)
+    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    image[0, 0] ^= 1
+    cv2.imwrite(path, image)
+    assert open_recording(recording).describe()["sha256"] != before
+
+
+@pytest.mark.parametrize(("name", "size"), [("331", [360, 360]), ("127", [256, 256])])
+def test_public_recordings(tac_vgnn, open_recording, name, size):
+    sensor = open_recording(tac_vgnn / name)
+    scenes = sensor.scenes()
+    assert len(scenes) == 5000
+    assert next(iter(scenes)) == "frame_0_0.png"
+    assert sensor.describe()["image"] == size
+    assert sensor.rest().image.shape == tuple(size)
+    poses = [scene.pose for scene in scenes.values()]
+    assert 1.0 <= min(p.depth for p in poses) <= max(p.depth for p in poses) <= 5.0
+    assert max(abs(p.tilt) for p in poses) <= 20.0
+    frames = list(sensor.press_many(list(scenes.values())[::500]))
+    assert [frame.timestamp for frame in frames] == list(range(0, 5000, 500))
+    assert {frame.image.shape for frame in frames} == {tuple(size)}

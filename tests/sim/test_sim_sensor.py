@@ -1,0 +1,230 @@
+"""The sensor as the benchmark sees it."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.geometry import true_contacts
+from tactibench.plugins.interfaces import KnowsBound, KnowsSurface
+from tactibench_sim import fem, hooks
+from tactibench_sim.sensor import FRAMES_PER_SECOND, TacTip127, TacTip331
+
+GRID = Grid.centred(64, 0.4)
+
+
+def sensor(seed=7, kind=TacTip127, **parameters):
+    return kind(SensorContext(np.random.SeedSequence(seed)), **parameters)
+
+
+def scenes(count, seed=0):
+    rng = np.random.default_rng(seed)
+    kinds = [Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 1.0, 2.0))]
+    out = [
+        Scene(
+            kinds[k % 3],
+            Pose(*rng.uniform(-3, 3, 2), rng.uniform(-180, 180), 0.0, rng.uniform(0.5, 5)),
+        )
+        for k in range(count - 1)
+    ]
+    return [*out, Scene(Indenter.plate(), Pose(yaw=40, tilt=8, depth=3))]
+
+
+def images(frames):
+    return np.stack([frame.image for frame in frames])
+
+
+@pytest.mark.parametrize("kind", [TacTip127, TacTip331])
+def test_grouping_of_presses_does_not_matter(kind):
+    several = scenes(70)
+    with sensor(kind=kind) as one, sensor(kind=kind) as many, sensor(kind=kind) as mixed:
+        single = [one.press(scene) for scene in several]
+        batch = list(many.press_many(several))
+        start = mixed.press_many(several[:40])
+        some = [next(start) for _ in range(5)]
+        some += [mixed.press(scene) for scene in several[5:20]]
+        some += list(mixed.press_many(iter(several[20:])))
+    assert (images(single) == images(batch)).all()
+    assert (images(single) == images(some)).all()
+    assert [f.timestamp for f in single] == [f.timestamp for f in batch]
+    assert all(frame.pose is scene.pose for frame, scene in zip(batch, several, strict=True))
+
+
+def test_same_seed_same_frames_other_seed_other_noise():
+    several = scenes(4)
+    first = images(sensor().press_many(several))
+    assert (images(sensor().press_many(several)) == first).all()
+    assert (images(sensor(8).press_many(several)) != first).mean() > 0.3
+    again = sensor()
+    list(again.press_many(several))
+    with again:
+        assert (images(again.press_many(several)) == first).all()
+
+
+def test_frame_format():
+    one = sensor()
+    frame = one.press(Scene(Indenter.single(), Pose(depth=2)))
+    rest = one.rest()
+    assert frame.image.shape == (128, 128)
+    assert frame.image.dtype == np.uint8
+    assert frame.rest is rest.image
+    assert not rest.image.flags.writeable
+    times = [one.press(Scene(Indenter.single(), Pose())).timestamp for _ in range(3)]
+    assert np.diff(times) == pytest.approx(1 / FRAMES_PER_SECOND)
+
+
+@pytest.mark.parametrize("indenter", [Indenter.single(), Indenter.dual(7.0), Indenter.plate()])
+def test_no_contact_is_bit_identical_to_rest(indenter):
+    one = sensor(noise=False)
+    assert (one.press(Scene(indenter, Pose(depth=0.0))).image == one.rest().image).all()
+    assert (one.surface(Scene(indenter, Pose(depth=0.0)), GRID) == 0).all()
+
+
+def test_a_press_changes_the_frame_where_it_is():
+    one = sensor(noise=False)
+    rest = one.rest().image.astype(float)
+    away = np.abs(one.press(Scene(Indenter.single(), Pose(x=5.0, depth=2.0))).image - rest)
+    assert away[:, 64:].sum() > 1.5 * away[:, :64].sum()
+    down = np.abs(one.press(Scene(Indenter.single(), Pose(y=5.0, depth=2.0))).image - rest)
+    assert down[64:].sum() > 1.5 * down[:64].sum()
+
+
+def test_frames_before_a_bad_scene_come_first():
+    good, bad = scenes(5), Scene(Indenter.single(), Pose(depth=-1.0))
+    seen, one = [], sensor()
+    with pytest.raises(UserError, match="depth is -1 mm"):
+        seen.extend(one.press_many([*good, bad, *good]))
+    assert len(seen) == 5
+    assert (images(seen) == images(sensor().press_many(good))).all()
+
+
+def test_press_many_takes_no_scenes():
+    assert list(sensor().press_many([])) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "named"),
+    [
+        (Scene(Indenter.single(2.0), Pose(depth=1)), "radius is 2 mm"),
+        (Scene(Indenter.single(), Pose(depth=6.6)), "tables end at 6.5 mm"),
+        (Scene(Indenter.single(), Pose(x=20.0, depth=1)), "beyond 55 deg"),
+    ],
+)
+def test_scenes_without_a_table_are_refused(scene, named):
+    for call in (sensor().press, sensor().bound, lambda s: sensor().surface(s, GRID)):
+        with pytest.raises(UserError, match=named) as caught:
+            call(scene)
+        assert str(caught.value).endswith(".")
+
+
+def test_describe_is_json_and_tells_sensors_apart():
+    one = sensor().describe()
+    assert json.loads(json.dumps(one)) == one
+    others = [
+        sensor(kind=TacTip331), sensor(tier="superpose"), sensor(size=64), sensor(noise=False),
+        sensor(pin_length=1.5), sensor(camera_distance=60.0), sensor(brightness=150.0),
+    ]  # fmt: skip
+    texts = {json.dumps(other.describe(), sort_keys=True) for other in others}
+    assert len(texts | {json.dumps(one, sort_keys=True)}) == 8
+    assert len(one["tables"]["sha256"]) == 64
+
+
+def test_surface_is_deepest_under_the_tip():
+    one, pose = sensor(), Pose(x=3.0, y=-2.0, depth=2.0)
+    surface = one.surface(Scene(Indenter.single(), pose), GRID)
+    row, column = np.unravel_index(surface.argmax(), surface.shape)
+    touch = 20 / 21  # the first touch lies nearer the apex than the tip's axis
+    assert GRID.xy(row, column) == pytest.approx([3.0 * touch, -2.0 * touch], abs=0.35)
+    assert surface.max() == pytest.approx(1.97, abs=0.05)
+    assert surface.min() < 0  # the bulge
+    wide = one.surface(Scene(Indenter.single(), pose), Grid.centred(64, 1.0))
+    assert wide[0, 0] == 0
+
+
+def test_protocols_are_met():
+    assert isinstance(sensor(), KnowsSurface)
+    assert isinstance(sensor(), KnowsBound)
+
+
+def test_bound_is_one_row_a_contact():
+    one = sensor()
+    several = scenes(6)
+    for scene in several:
+        limits = one.bound(scene)
+        assert limits.shape == (len(true_contacts(scene)), 3)
+        assert (limits > 0).all()
+        assert limits.max() < 0.1
+    assert one.bound(Scene(Indenter.single(), Pose())).shape == (0, 3)
+
+
+def test_bound_falls_with_the_noise():
+    scene = Scene(Indenter.single(), Pose(depth=1.5))
+    quiet = sensor(read_noise=1.0, full_well=1e9).bound(scene)
+    loud = sensor(read_noise=4.0, full_well=1e9).bound(scene)
+    ratio = np.sqrt((16 + 1 / 12) / (1 + 1 / 12))
+    assert loud / quiet == pytest.approx(np.full((1, 3), ratio), rel=1e-3)
+
+
+def test_bound_of_a_shadowed_tip_is_infinite():
+    scene = Scene(Indenter(3.0, ((0, 0, 4.0), (1.5, 0, 0.4)), "shadow"), Pose(depth=4.0))
+    assert len(true_contacts(scene)) == 2
+    limits = sensor().bound(scene)
+    assert np.isfinite(limits[0]).all()
+    assert np.isinf(limits[1]).all()
+
+
+def test_the_best_linear_estimate_reaches_the_bound():
+    """Weighted least squares on real noisy frames around a known pose: its spread is the bound."""
+    pose = Pose(1.3, -0.8, 0.0, 0.0, 1.7)
+    one, quiet = sensor(read_noise=3.0), sensor(noise=False)
+    one_scene = Scene(Indenter.single(), pose)
+    h = 0.05
+    columns = []
+    for step in (Pose(h, 0), Pose(0, h), Pose(depth=h)):
+        pair = [
+            Scene(
+                Indenter.single(),
+                Pose(pose.x + s * step.x, pose.y + s * step.y, 0, 0, pose.depth + s * step.depth),
+            )
+            for s in (1, -1)
+        ]
+        up, down = images(quiet.press_many(pair)).astype(float).reshape(2, -1)
+        columns.append((up - down) / (2 * h))
+    jacobian = np.stack(columns, axis=1)
+    clean = quiet.press(one_scene).image.astype(float).ravel()
+    weight = jacobian / one.noise.variance(clean)[:, None]
+    solve = np.linalg.solve(weight.T @ jacobian, weight.T)
+    seen = images(one.press_many([one_scene] * 400)).reshape(400, -1) - clean
+    spread = (seen @ solve.T).std(axis=0)
+    assert spread == pytest.approx(one.bound(one_scene)[0], rel=0.2)
+
+
+def test_the_specs_fit_the_class():
+    for spec in hooks.tactibench_sensors():
+        kind = spec.load()
+        built = kind(SensorContext(np.random.SeedSequence(0)), **spec.settings({}))
+        assert built.describe() == sensor(kind=kind).describe()
+        assert spec.name == built.describe()["sensor"]
+
+
+def test_hooks_are_light():
+    code = (
+        "import sys, tactibench_sim.hooks as h; h.tactibench_sensors(); h.tactibench_commands();"
+        "sys.exit(bool({'numpy', 'click', 'scipy'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_tabulate_without_ngsolve_says_how_to_get_it(tmp_path, monkeypatch):
+    (spec,) = hooks.tactibench_commands()
+    monkeypatch.setitem(sys.modules, "ngsolve", None)
+    with pytest.raises(UserError, match=r'pip install "tactibench\[fem\]"'):
+        fem.require_ngsolve()
+    from click.testing import CliRunner
+
+    result = CliRunner().invoke(spec.load(), ["tabulate", str(tmp_path / "dome.npz")])
+    assert isinstance(result.exception, UserError)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,134 @@
+"""BCa against scipy for unclustered data, and where it must decline."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from sklearn.metrics import f1_score, r2_score
+
+from tactibench.stats import weighted
+from tactibench.stats.bca import (
+    acceleration,
+    bca_interval,
+    bootstrap_values,
+    cluster_weights,
+    jackknife_values,
+)
+from tactibench.stats.clusters import cluster_sums
+
+RESAMPLES = 20_000
+
+
+def mean_of(y):
+    return weighted.ratio(y, np.ones(len(y)), np.arange(len(y)), len(y))
+
+
+@pytest.mark.parametrize("level", [0.8, 0.95])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_mean_of_skewed_values_against_scipy(seed, level):
+    # both draw (resamples, n) indices from the generator, so equal seeds give equal resamples
+    y = np.random.default_rng(seed).exponential(size=40)
+    found = bca_interval(mean_of(y), 40, rng=np.random.default_rng(1), level=level)
+    other = stats.bootstrap(
+        (y,), np.mean, method="BCa", n_resamples=2000, confidence_level=level, rng=1
+    )
+    assert found == pytest.approx(tuple(other.confidence_interval), rel=1e-9)
+
+
+def test_r2_against_scipy():
+    rng = np.random.default_rng(3)
+    y = rng.uniform(-6, 6, 60)
+    f = y + rng.normal(0, 2, 60)
+    statistic = weighted.r_squared(y, f, np.arange(60), 60)
+    found = bca_interval(statistic, 60, rng=rng, resamples=RESAMPLES, level=0.9)
+    other = stats.bootstrap(
+        (y, f), r2_score, paired=True, vectorized=False, method="BCa",
+        n_resamples=4000, confidence_level=0.9, rng=4,
+    )  # fmt: skip
+    assert found == pytest.approx(tuple(other.confidence_interval), abs=0.01)
+
+
+def test_whole_clusters_are_drawn():
+    rng = np.random.default_rng(5)
+    weights = cluster_weights(30, 500, rng)
+    assert (weights.sum(axis=1) == 30).all()
+    assert weights.mean(axis=0) == pytest.approx(np.ones(30), abs=0.2)
+    assert weights.var() == pytest.approx(29 / 30, rel=0.05)  # of a multinomial count
+
+
+def test_the_clustered_interval_is_wider_than_that_of_frames():
+    rng = np.random.default_rng(6)
+    press = np.repeat(np.arange(25), 20)
+    y = rng.normal(size=25)[press] + rng.normal(0, 0.3, 500)
+    clustered = weighted.ratio(y, np.ones(500), press, 25)
+    low, high = bca_interval(clustered, 25, rng=rng)
+    low_naive, high_naive = bca_interval(mean_of(y), 500, rng=rng)
+    assert (high - low) > 3 * (high_naive - low_naive)
+
+
+def test_blocks_do_not_change_the_jackknife(monkeypatch):
+    y = np.random.default_rng(7).normal(size=50)
+    whole = jackknife_values(mean_of(y), 50)
+    monkeypatch.setattr("tactibench.stats.bca.BLOCK", 160)
+    assert jackknife_values(mean_of(y), 50) == pytest.approx(whole)
+    assert whole == pytest.approx([np.delete(y, i).mean() for i in range(50)])
+    assert len(bootstrap_values(mean_of(y), 50, 101, np.random.default_rng(0))) == 101
+
+
+def test_acceleration_of_a_mean_is_a_sixth_of_its_standardised_skewness():
+    y = np.random.default_rng(8).exponential(size=500)
+    expected = stats.skew(y) / (6 * np.sqrt(500))
+    assert acceleration(jackknife_values(mean_of(y), 500)) == pytest.approx(expected)
+    assert acceleration(np.ones(5)) == 0
+
+
+def test_it_declines_what_it_cannot_support():
+    rng = np.random.default_rng(9)
+    assert bca_interval(mean_of(np.array([1.0])), 1, rng=rng) is None
+    assert bca_interval(mean_of(np.full(9, 2.0)), 9, rng=rng) is None
+    # two presses of equal target: half of the resamples have no variance to explain
+    two = weighted.r_squared([0.0, 1.0], [0.1, 0.8], np.arange(2), 2)
+    assert bca_interval(two, 2, rng=rng) is None
+    with pytest.raises(ValueError, match="statistic of a BCa interval is nan"):
+        bca_interval(lambda w: np.full(len(w), np.nan), 5, rng=rng)
+
+
+def test_an_extreme_statistic_keeps_finite_limits():
+    y = np.random.default_rng(10).exponential(size=15)
+    largest = weighted.quantile(y, 1.0, np.arange(15))
+    low, high = bca_interval(largest, 15, rng=np.random.default_rng(0))
+    assert y.min() <= low <= high <= y.max()
+
+
+@pytest.mark.parametrize("q", [0.1, 0.5, 0.9])
+def test_weighted_quantile_is_the_quantile_of_repeated_values(q):
+    rng = np.random.default_rng(11)
+    y, codes = rng.normal(size=40), np.repeat(np.arange(10), 4)
+    weights = rng.integers(0, 4, (6, 10)).astype(float)
+    repeated = [np.quantile(np.repeat(y, w[codes].astype(int)), q, method="inverted_cdf")
+                for w in weights]  # fmt: skip
+    assert weighted.quantile(y, q, codes)(weights) == pytest.approx(repeated)
+
+
+def test_weighted_r2_is_that_of_repeated_rows():
+    rng = np.random.default_rng(12)
+    y = rng.normal(50, 1, (40, 2))
+    f, codes = y + rng.normal(0, 0.3, (40, 2)), np.repeat(np.arange(10), 4)
+    weights = rng.integers(0, 4, (6, 10)).astype(float)
+    repeated = []
+    for w in weights:
+        times = w[codes].astype(int)
+        repeated.append(r2_score(np.repeat(y, times, 0), np.repeat(f, times, 0)))
+    assert weighted.r_squared(y, f, codes, 10)(weights) == pytest.approx(repeated)
+
+
+def test_f1_of_counts_is_that_of_labels():
+    rng = np.random.default_rng(13)
+    true, said = rng.random(200) < 0.4, rng.random(200) < 0.5
+    statistic = weighted.f1(true & said, true, said, np.arange(200) % 20, 20)
+    assert statistic(np.ones((1, 20)))[0] == pytest.approx(f1_score(true, said))
+
+
+def test_cluster_sums_of_columns():
+    values, codes = np.arange(12.0).reshape(6, 2), np.array([0, 1, 1, 3, 3, 3])
+    expected = [[0, 1], [6, 8], [0, 0], [24, 27]]
+    assert (cluster_sums(values, codes, 4) == expected).all()
