@@ -6,15 +6,15 @@ import torch
 from torch import nn
 
 _SIDE = 4
-"""Cells a side that the convolutions leave for the dense layers."""
+"""Fewest cells a side that the convolutions leave for the dense layers."""
 
 
 class CNNNetwork(nn.Module):
     """(B, 1, S, S) uint8 frames -> (B, outputs) normalised targets.
 
-    Blocks of 3x3 convolutions, batch normalisation, ReLU and 2x2 max pooling down to 4x4 cells
-    (the first block of one convolution, the others of two), then two dense layers, after the
-    networks of Lepora et al. for the TacTip.
+    A 5x5 convolution of stride 2, then blocks of 3x3 convolution, batch normalisation, ReLU and
+    2x2 max pooling with doubling channels until 4 to 7 cells a side are left, then two dense
+    layers: the shape of the regression networks that are usual for the TacTip.
     """
 
     mean: torch.Tensor
@@ -24,13 +24,11 @@ class CNNNetwork(nn.Module):
         super().__init__()
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
-        layers: list[nn.Module] = []
-        channels, side, block = 1, size, 0
+        layers = _convolution(1, width, kernel=5, stride=2)
+        channels, side, block = width, (size + 1) // 2, 1
         while side >= 2 * _SIDE:
             wide = width * 2 ** min(block, 3)
-            layers += _convolution(channels, wide)
-            layers += [*_convolution(wide, wide)] if block else []
-            layers.append(nn.MaxPool2d(2))
+            layers += [*_convolution(channels, wide), nn.MaxPool2d(2)]
             channels, side, block = wide, side // 2, block + 1
         self.features = nn.Sequential(*layers)
         self.head = nn.Sequential(
@@ -52,9 +50,9 @@ class CNNNetwork(nn.Module):
         return normal
 
 
-def _convolution(channels: int, width: int) -> list[nn.Module]:
+def _convolution(channels: int, width: int, kernel: int = 3, stride: int = 1) -> list[nn.Module]:
     return [
-        nn.Conv2d(channels, width, 3, padding=1, bias=False),
+        nn.Conv2d(channels, width, kernel, stride=stride, padding=kernel // 2, bias=False),
         nn.BatchNorm2d(width),
         nn.ReLU(inplace=True),
     ]

@@ -19,6 +19,8 @@ from tactibench.geometry import DOME_RADIUS_MM
 Array = npt.NDArray[np.float64]
 STEEPEST_DEG = 55.0
 """Beyond this polar angle a contact feels the clamped rim, which the tables do not know."""
+_SLACK = 0.01
+"""mm and deg that bounds may step beyond a limit to take differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
             known[id(indenter)] = np.array(indenter.offsets, dtype=np.float64)
         offsets[row, : len(indenter.offsets)] = known[id(indenter)]
     for wrong in np.flatnonzero(_refused(pose, radius)):
-        _refuse(scenes[wrong])
+        _refuse(scenes[int(wrong)])
     x, y, yaw, tilt, depth = pose.T
     plate = np.isinf(radius)
     cosine, sine = np.cos(np.radians(yaw))[:, None], np.sin(np.radians(yaw))[:, None]
@@ -85,12 +87,9 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
 
 
 def _refused(pose: Array, radius: Array) -> npt.NDArray[np.bool_]:
-    odd: npt.NDArray[np.bool_] = (
-        ~np.isfinite(pose).all(axis=1) | (pose[:, 4] < 0) | (pose[:, 4] >= DOME_RADIUS_MM)
-    )
-    odd |= np.isfinite(radius) & (pose[:, 3] != 0)
-    odd |= abs(pose[:, 3]) >= 90
-    return odd
+    depth, tilt = pose[:, 4], pose[:, 3]
+    wild = np.logical_not(np.isfinite(pose).all(axis=1)) | (depth < 0) | (depth >= DOME_RADIUS_MM)
+    return np.asarray(wild | (np.isfinite(radius) & (tilt != 0)) | (abs(tilt) >= 90), dtype=bool)
 
 
 def _refuse(scene: Scene) -> None:
@@ -120,12 +119,12 @@ def check_reach(n: Array, delta: Array, deepest: float) -> None:
     n: (S, K, 3), delta: (S, K).
     """
     touching = delta > 0
-    if (delta > deepest).any():
+    if (delta > deepest + _SLACK).any():
         raise UserError(
             f"a tip penetrates {delta.max():.2f} mm; the simulator's tables end at {deepest:g} mm, "
             "press less deep."
         )
-    low = math.cos(math.radians(STEEPEST_DEG))
+    low = math.cos(math.radians(STEEPEST_DEG + _SLACK))
     if (touching & (n[..., 2] < low)).any():
         steepest = math.degrees(math.acos(max(-1.0, float(n[..., 2][touching].min()))))
         raise UserError(

@@ -91,7 +91,8 @@ class Mechanics:
         u, q = self.displacement(loads, directions)
         angle = np.sqrt((q * q).sum(axis=-1, keepdims=True))
         normal = directions * np.cos(angle) + q * np.sinc(angle / np.pi)
-        return self.inner * directions + u - length * normal
+        tips: Array = self.inner * directions + u - length * normal
+        return tips
 
     def skin(self, loads: Loads, directions: Array) -> Array:
         """(S, P) inward displacement of the outer skin, mm."""

@@ -16,6 +16,7 @@ PARAMETERS = (
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
     Parameter("pin_radius", 0.5, "radius of the pins' white tips, mm", low=0.1, high=1.5),
     Parameter("camera_distance", 55.0, "from camera to apex, mm", low=45.0, high=200.0),
+    Parameter("table", "", "file made by `sim tabulate`; empty: the table that ships"),
     Parameter("focal", 1.0294, "focal length, frame sides", low=0.2, high=5.0),
 )
 

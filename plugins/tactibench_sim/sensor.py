@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from itertools import islice
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -13,7 +14,8 @@ import numpy.typing as npt
 
 from tactibench import Frame, Grid, Pose, Scene, SensorContext, UserError, __version__
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim import limit, table
+from tactibench_sim import limit
+from tactibench_sim import table as tables
 from tactibench_sim.contact import Tips, tips_of
 from tactibench_sim.field import Mechanics
 from tactibench_sim.noise import Noise, to_uint8
@@ -51,9 +53,10 @@ class SimulatedTacTip:
         pin_radius: float = Camera.pin_radius_mm,
         camera_distance: float = 55.0,
         focal: float = Camera.focal,
+        table: str = "",
     ) -> None:
         self._seed = context.seed
-        self._tables = table.shipped()
+        self._tables = tables.read(Path(table)) if table else tables.shipped()
         self.mechanics = Mechanics(self._tables, tier)
         self.camera = Camera(
             size, camera_distance - DOME_RADIUS_MM, focal, pin_radius, edge, background, brightness

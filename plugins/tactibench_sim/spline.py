@@ -53,7 +53,8 @@ class PolarTables:
         out += b * self._rate[row]
         out += c * self._value[row + 1]
         out += d * self._rate[row + 1]
-        return out.reshape(len(row), self._nodes, 2 * self._quantities)
+        shaped: Array = out.reshape(len(row), self._nodes, 2 * self._quantities)
+        return shaped
 
     def at_polar(self, tables: Array, polar: Array) -> Array:
         """(C, P, Q) of (C, P) polar angles, rad; zero beyond the last node (the clamped rim)."""

@@ -23,8 +23,10 @@ def tabulate(path: Path, dome: fem.Dome, told: Callable[[str], None] = lambda _:
 
     Raises UserError without NGSolve, fem.NotConvergedError where a run fails.
     """
-    delta: Array = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
-    polar: Array = np.radians(np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG)
+    depths = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
+    delta = np.asarray(depths, dtype=np.float64)
+    degrees = np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG
+    polar = np.asarray(np.radians(degrees), dtype=np.float64)
     arrays: dict[str, npt.NDArray[Any]] = {"delta": delta, "polar": polar}
     for shape, radius in table.SHAPES.items():
         told(shape)

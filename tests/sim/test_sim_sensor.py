@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import true_contacts
 from tactibench.plugins.interfaces import KnowsBound, KnowsSurface
-from tactibench_sim import fem, hooks
+from tactibench_sim import fem, hooks, table
 from tactibench_sim.sensor import FRAMES_PER_SECOND, TacTip127, TacTip331
 
 GRID = Grid.centred(64, 0.4)
@@ -158,6 +159,24 @@ def test_bound_is_one_row_a_contact():
         assert (limits > 0).all()
         assert limits.max() < 0.1
     assert one.bound(Scene(Indenter.single(), Pose())).shape == (0, 3)
+
+
+def test_bound_at_the_tables_end():
+    assert np.isfinite(sensor().bound(Scene(Indenter.single(), Pose(depth=6.5)))).all()
+
+
+def test_a_table_of_ones_own(tmp_path):
+    mine = tmp_path / "dome.npz"
+    with np.load(str(files("tactibench_sim").joinpath(table.FILE))) as archive:
+        arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
+    arrays["sphere3_w"] = arrays["sphere3_w"] * np.float32(0.5)
+    table.write(mine, arrays, table.shipped().parameters)
+    scene = Scene(Indenter.single(), Pose(depth=3))
+    one, other = sensor(), sensor(table=str(mine))
+    assert (one.press(scene).image != other.press(scene).image).any()
+    assert one.describe() != other.describe()
+    with pytest.raises(UserError, match="cannot be read"):
+        sensor(table=str(tmp_path / "missing.npz"))
 
 
 def test_bound_falls_with_the_noise():

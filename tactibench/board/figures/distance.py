@@ -44,7 +44,8 @@ def distance_errors(
     middle = (len(series) - 1) / 2
     ceiling = 0.0
     for k, (label, rows) in enumerate(series):
-        shift, look = (k - middle) * DODGE_MM, {"color": SERIES[k % 7], "marker": MARKERS[k % 7]}
+        shift = (k - middle) * DODGE_MM
+        look = {"color": SERIES[k % 7], "marker": MARKERS[k % 7]}
         share = by_distance(rows, "resolved")
         error = by_distance(rows, "distance_mae_mm")
         name = label if len(error) else f"{label}: no pair resolved"
@@ -101,7 +102,7 @@ def _rare(error: Any, share: Any) -> Any:
 
 
 def _line(
-    axes: Axes, table: Any, shift: float, look: dict[str, str], label: str, hollow: Any = None
+    axes: Axes, table: Any, shift: float, look: dict[str, Any], label: str, hollow: Any = None
 ) -> float:
     """Draw one series; return the top of its tallest bar."""
     x, value, low, high = table.T

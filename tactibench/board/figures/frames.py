@@ -73,7 +73,8 @@ def overlay(
 
 def _legend(truth: Contacts, predicted: Contacts) -> list[Line2D]:
     ring = Line2D([], [], linestyle="none", marker="o", markersize=11, markerfacecolor="none",
-                  color=BLACK, label=f"truth ({len(truth)}), ring: tip, number: depth in mm")  # fmt: skip
+                  color=BLACK, label=f"truth ({len(truth)}), ring: tip, number: depth in mm",
+                  )  # fmt: skip
     found = ", ".join(f"{depth:.1f}" for depth in predicted.depth)
     text = f"predicted ({len(predicted)})" + (f", depth {found} mm" if found else "")
     cross = Line2D([], [], linestyle="none", marker="x", markersize=8, markeredgewidth=1.8,

@@ -1,4 +1,4 @@
-"""Contacts drawn in millimetres: the truth as rings, predictions as marks, both with their depth."""
+"""Contacts drawn in millimetres: truth as rings, predictions as marks, both with their depth."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def rings(axes: Axes, truth: Contacts, colour: str = "white", *, contour: str = 
         axes.add_patch(Circle(tuple(xy), TIP_RADIUS_MM, fill=False, edgecolor=colour,
                               linewidth=1.5, path_effects=outline(contour)))  # fmt: skip
         place = xy + side * (TIP_RADIUS_MM + 1.2)
-        axes.text(*place, f"{depth:.1f}", color=colour, fontsize=8.5, ha="center", va="center",
+        axes.text(place[0], place[1], f"{depth:.1f}", color=colour, fontsize=8.5, ha="center", va="center",
                   path_effects=outline(contour))  # fmt: skip
 
 

@@ -33,7 +33,7 @@ def surfaces(
     bottom = min(float(np.min(predicted)), float(np.min(true)), 0.0)
     scale = Normalize(bottom, top)
     panels = [made.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
-    drawn = None
+    drawn: Any = None
     for axes, values, name in zip(panels, (predicted, true), names, strict=True):
         plot: Any = axes
         drawn = plot.plot_surface(x, y, values, cmap=HEAT, norm=scale, rstride=1, cstride=1,

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.board.figures.style import BLUE, GREEN, GREY, VERMILION, figure, headline, plain, save
+from tactibench.board.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILION,
+    figure,
+    headline,
+    plain,
+    save,
+)
 
 AXES = (("x", BLUE), ("y", VERMILION), ("z (depth)", GREEN))
 
