@@ -20,13 +20,13 @@ FloatArray = npt.NDArray[np.float64]
 
 def _column(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
     array = np.array(values, dtype=np.float64)
-    if array.size == 0:
-        array = array.reshape(shape)
     if array.shape != shape:
-        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+        if array.size:
+            raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+        array = array.reshape(shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} holds a value that is not finite")
-    array.setflags(write=False)
+    array.flags.writeable = False
     return array
 
 
@@ -47,20 +47,21 @@ class Contacts:
 
     def __post_init__(self) -> None:
         n = np.size(self.depth)
-        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
-        put("xy", _column(self.xy, (n, 2), "xy"))
-        put("depth", _column(self.depth, (n,), "depth"))
-        put("score", _column(self.score, (n,), "score"))
+        columns = {
+            "xy": _column(self.xy, (n, 2), "xy"),
+            "depth": _column(self.depth, (n,), "depth"),
+            "score": _column(self.score, (n,), "score"),
+        }
         if self.std is not None:
-            put("std", _column(self.std, (n, 3), "std"))
-        if n and (self.score.min() < 0 or self.score.max() > 1):
+            columns["std"] = _column(self.std, (n, 3), "std")
+        score = columns["score"]
+        if n and not (0 <= score.min() and score.max() <= 1):
             raise ValueError("score lies outside 0..1")
-        order = np.argsort(-self.score, kind="stable")
-        if (order != np.arange(n)).any():
-            for name in ("xy", "depth", "score", "std"):
-                value = getattr(self, name)
-                if value is not None:
-                    put(name, _column(value[order], value.shape, name))
+        if (score[1:] > score[:-1]).any():
+            order = np.argsort(-score, kind="stable")
+            columns = {name: _column(c[order], c.shape, name) for name, c in columns.items()}
+        for name, column in columns.items():
+            object.__setattr__(self, name, column)
 
     @classmethod
     def truth(cls, xy: npt.ArrayLike, depth: npt.ArrayLike) -> Contacts:
@@ -214,11 +215,10 @@ class Grid:
 
     def cells(self, xy: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Fractional (row, column) of (..., 2) mm. Nothing is rounded."""
-        points = np.asarray(xy, dtype=np.float64)
-        return (
-            (points[..., 1] - self.origin[1]) / self.pitch,
-            (points[..., 0] - self.origin[0]) / self.pitch,
-        )
+        points: FloatArray = np.asarray(xy, dtype=np.float64)
+        row = np.asarray((points[..., 1] - self.origin[1]) / self.pitch, dtype=np.float64)
+        column = np.asarray((points[..., 0] - self.origin[0]) / self.pitch, dtype=np.float64)
+        return row, column
 
     def __iter__(self) -> Iterator[Any]:  # a grid is not a sequence of cells
         raise TypeError("a Grid cannot be iterated; use axes()")

@@ -27,8 +27,11 @@ def tip_positions(scene: Scene) -> FloatArray:
 def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
     """(K,) travel of every tip past its own first touch, mm; zero or less: it does not touch.
 
-    Tips whose axis passes beside the dome (rho >= R_d + R) get minus infinity.
+    Tips whose axis passes beside the dome (rho >= R_d + R) get minus infinity. A plate has one
+    "tip", which is as deep as its pose.
     """
+    if scene.indenter.is_plate:
+        return np.array([scene.pose.depth])
     tips = tip_positions(scene)
     reach = dome_radius + scene.indenter.radius
     square = reach**2 - (tips[:, :2] ** 2).sum(axis=1)
@@ -37,7 +40,8 @@ def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
     touch[inside] = np.sqrt(square[inside]) + tips[inside, 2]
     if not inside.any():
         return touch
-    return scene.pose.depth - (touch.max() - touch)
+    depth: FloatArray = scene.pose.depth - (touch.max() - touch)
+    return depth
 
 
 def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:
@@ -65,7 +69,9 @@ def plate_pose(scene: Scene) -> PlatePose:
     return PlatePose(scene.pose.depth, scene.pose.tilt)
 
 
-def plate_from_contacts(contacts: Contacts, dome_radius: float = DOME_RADIUS_MM) -> PlatePose | None:
+def plate_from_contacts(
+    contacts: Contacts, dome_radius: float = DOME_RADIUS_MM
+) -> PlatePose | None:
     """Read a plate from the best contact: tilt = asin(x / dome_radius). None without a contact."""
     if not len(contacts):
         return None
@@ -74,9 +80,15 @@ def plate_from_contacts(contacts: Contacts, dome_radius: float = DOME_RADIUS_MM)
 
 
 def normal_penetration(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
-    """(K,) delta = R_d + R - |c - O| mm of every tip, for the tip depths of the scene."""
+    """(K,) delta = R_d + R - |c - O| mm of every tip, for the tip depths of the scene.
+
+    A plate's penetration along its normal is its depth.
+    """
+    if scene.indenter.is_plate:
+        return tip_depths(scene, dome_radius)
     tips = tip_positions(scene)
     reach = dome_radius + scene.indenter.radius
     rho_squared = (tips[:, :2] ** 2).sum(axis=1)
     height = np.sqrt(np.maximum(reach**2 - rho_squared, 0.0)) - tip_depths(scene, dome_radius)
-    return reach - np.sqrt(rho_squared + height**2)
+    penetration: FloatArray = reach - np.sqrt(rho_squared + height**2)
+    return penetration

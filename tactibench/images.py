@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
 
     out = np.empty((len(frames), size, size), dtype=np.uint8)
     for row, frame in zip(out, frames, strict=True):
-        image = frame.image
+        image: npt.NDArray[Any] = frame.image
         if image.ndim == 3:
             image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if image.shape != (size, size):

@@ -83,8 +83,7 @@ def _show_protocol(name: str) -> None:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
         click.echo(f"  draw      {draw.name}: {count:,} {draw.indenter} presses")
     for regime, extra in keys.regimes.items():
-        base = "the training share" if keys.split or keys.recorded else ""
-        click.echo(f"  regime    {regime}: {' + '.join([base, *extra])}")
+        click.echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
     click.echo(f"  tested on {', '.join(keys.test.sets)}; gate {keys.test.gate_mm} mm")
     click.echo(f"  metrics   {', '.join(keys.metrics.names)}")
     click.echo(f"  published {', '.join(keys.published.tables)}")

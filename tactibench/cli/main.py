@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Mapping, Sequence
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 import click
 
 from tactibench import __version__
+from tactibench.cli.failures import sentence
 from tactibench.errors import UserError, did_you_mean
+
+if TYPE_CHECKING:
+    from tactibench.plugins.specs import CommandSpec
 
 VERBS = {
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
@@ -18,9 +25,13 @@ VERBS = {
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
 }
 
+MISTAKE, INTERRUPTED = 2, 130
+
+_HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later
+
 
 class Verbs(click.Group):
-    """Built-in verbs, then those of plugins."""
+    """Built-in verbs, then those of plugins; a plugin cannot replace a built-in verb."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         return sorted({*VERBS, *_plugin_verbs()})
@@ -32,89 +43,82 @@ class Verbs(click.Group):
             return command
         verbs = _plugin_verbs()
         if name not in verbs:
-            known = self.list_commands(_ctx)
-            raise UserError(f"unknown command {name!r}; {did_you_mean(name, known)}")
-        loaded: click.Command = verbs[name].load()
+            raise UserError(f"unknown command {name!r}; {did_you_mean(name, {*VERBS, *verbs})}")
+        loaded = verbs[name].load()
+        if not isinstance(loaded, click.Command):
+            raise UserError(
+                f"command {name!r} cannot be used, because {verbs[name].target} is no click "
+                "command; mend or reinstall its plugin."
+            )
         return loaded
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        rows = {name: summary for name, (_, summary) in VERBS.items()}
-        rows |= {name: spec.summary for name, spec in _plugin_verbs().items()}
+        rows = {name: spec.summary for name, spec in _plugin_verbs().items()}
+        rows |= {name: summary for name, (_, summary) in VERBS.items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(rows.items()))
 
 
-def _plugin_verbs():  # type: ignore[no-untyped-def]
+def _plugin_verbs() -> Mapping[str, CommandSpec]:
     from tactibench.plugins.host import PluginHost
 
-    specs = PluginHost().commands.specs
-    return {name: spec for name, spec in specs.items() if name not in VERBS}
+    return PluginHost().commands.specs
 
 
-@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Verbs,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    invoke_without_command=True,
+)
 @click.version_option(__version__, prog_name="tactibench")
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error (after any verb, too).")
 @click.pass_context
-def main(ctx: click.Context, debug: bool) -> None:
+def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out by `call`
     """Benchmark soft optical tactile sensors: protocols, models, speed beside error.
 
     \b
     tactibench run exp2 --model unet      the main experiment, on a simulated TacTip
     tactibench list                       what is installed
     """
-    ctx.obj = {"debug": debug}
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
 
 
 def run() -> None:
-    """Entry point of the console script: errors of the user's making become one sentence."""
-    debug = "--debug" in sys.argv[1:]
-    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
-    sys.exit(call(arguments, debug=debug))
-
-
-def call(arguments: list[str], *, debug: bool = False) -> int:
-    """Run a command line and return its exit code: 0, 2 for a mistake, 130 when interrupted."""
+    """Entry point of the console script."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal without "±" is no reason to stop
     try:
-        result = main.main(args=arguments, prog_name="tactibench", standalone_mode=False)
-    except click.exceptions.Abort:
-        return _stopped()
-    except KeyboardInterrupt:
-        return _stopped()
-    except click.exceptions.NoArgsIsHelpError as error:
+        code = call(sys.argv[1:])
+    except BrokenPipeError:  # whoever read the output, `head` say, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    sys.exit(code)
+
+
+def call(arguments: Sequence[str]) -> int:
+    """Run a command line and return its exit code.
+
+    0; 1 where a verb says so; 2 after one sentence about a mistake; 130 when interrupted.
+    With ``--debug`` the exception of a mistake is raised instead.
+    """
+    debug = "--debug" in arguments
+    given = [argument for argument in arguments if argument != "--debug"]
+    try:
+        result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
+        sys.stdout.flush()
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        click.echo("tactibench: stopped; the same command continues where it was.", err=True)
+        return INTERRUPTED
+    except _HELP_SHOWN as error:
         click.echo(error.format_message())
         return 0
-    except click.ClickException as error:
-        return _failed(f"{error.format_message().rstrip('.')}.")
-    except UserError as error:
+    except BrokenPipeError:
+        raise
+    except (click.ClickException, UserError, OSError) as error:
         if debug:
             raise
-        return _failed(str(error))
-    except OSError as error:
-        if debug:
-            raise
-        return _failed(_about_files(error))
-    return int(result) if isinstance(result, int) else 0
-
-
-def _failed(sentence: str) -> int:
-    click.echo(f"tactibench: {sentence}", err=True)
-    return 2
-
-
-def _stopped() -> int:
-    click.echo("tactibench: stopped; the same command continues where it was.", err=True)
-    return 130
-
-
-def _about_files(error: OSError) -> str:
-    import errno
-
-    where = f" while writing {error.filename}" if error.filename else ""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return (
-            f"the disk is full{where}; free some space, or put the store elsewhere with --out and "
-            "the cache with TACTIBENCH_CACHE, then run the same command again."
-        )
-    what = error.strerror or str(error)
-    place = f" {error.filename}" if error.filename else ""
-    return f"the file system refused{place}: {what}; check the path and its permissions."
+        click.echo(f"tactibench: {sentence(error)}", err=True)
+        return MISTAKE
+    return result if isinstance(result, int) else 0

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from tactibench.cli.options import json_option, out_option
+
 
 @click.command()
 @click.argument("protocol")
@@ -21,14 +23,8 @@ import click
 @click.option("--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter.")
 @click.option("--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: proves the path only.")
 @click.option("--limit", type=click.IntRange(min=1), help="Score at most this many test presses.")
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the record here.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("runs"),
-    show_default=True,
-    help="The run store.",
-)
+@json_option
+@out_option
 @click.option("--fresh", is_flag=True, help="Predict, time and score again, even if stored.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 def run(
@@ -57,14 +53,13 @@ def run(
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
+    from tactibench.running.plan import make_plan, plan_lines
     from tactibench.running.request import RunRequest, read_parameters
 
     request = RunRequest(
         protocol, model, regime, sensor, encoder, data, seed, device,
         read_parameters(params), quick, limit,
     )  # fmt: skip
-    from tactibench.running.plan import make_plan, plan_lines
-
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
     stored = not fresh and (out / plan.name / RECORD).is_file()

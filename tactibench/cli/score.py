@@ -6,18 +6,15 @@ from pathlib import Path
 
 import click
 
+from tactibench.cli.options import json_option, out_option
+
 
 @click.command()
 @click.argument("run_name", metavar="RUN")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("runs"),
-    show_default=True,
-    help="The run store.",
-)
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the record here.")
-def score(run_name: str, out: Path, json_file: Path | None) -> None:
+@out_option
+@json_option
+@click.pass_context
+def score(ctx: click.Context, run_name: str, out: Path, json_file: Path | None) -> None:
     """Score the stored predictions of RUN (a name in the store, or a folder) again.
 
     Neither model nor sensor is used. Says whether the numbers equal the stored ones; exit code 1
@@ -38,5 +35,5 @@ def score(run_name: str, out: Path, json_file: Path | None) -> None:
     if changed:
         for line in changed[:20]:
             terminal.say(line)
-        raise SystemExit(1)
+        ctx.exit(1)
     terminal.say(f"scored again: all {len(record['metrics'])} rows are identical to the stored ones")

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import Distribution, EntryPoint, distributions
-from typing import Any, Generic, TypeVar
+from importlib.metadata import EntryPoint
+from typing import Generic, TypeVar
 
 import pluggy
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.plugins import hookspecs
-from tactibench.plugins.specs import CommandSpec, EncoderSpec, ModelSpec, SensorSpec
+from tactibench.plugins.discovery import Origin, installed
+from tactibench.plugins.specs import CommandSpec, EncoderSpec, ModelSpec, SensorSpec, in_one_line
 
 S = TypeVar("S", ModelSpec, SensorSpec, EncoderSpec, CommandSpec)
 
-
-@dataclass(frozen=True)
-class Origin:
-    """Which distribution a plugin came from."""
-
-    plugin: str
-    distribution: str
-    version: str
+HOOKS = tuple(name for name in vars(hookspecs) if name.startswith(f"{hookspecs.GROUP}_"))
 
 
 @dataclass(frozen=True)
@@ -50,9 +44,7 @@ class Catalogue(Generic[S]):
     def __getitem__(self, name: str) -> S:
         """Return the spec. Raises UserError with the close match for an unknown name."""
         if name in self.clashes:
-            owners = " and ".join(
-                f"{o.plugin!r} ({o.distribution} {o.version})" for o in self.clashes[name]
-            )
+            owners = " and ".join(str(origin) for origin in self.clashes[name])
             raise UserError(
                 f"{self.kind} {name!r} is offered by {owners}; uninstall one of them to use it."
             )
@@ -62,80 +54,104 @@ class Catalogue(Generic[S]):
 
 
 class PluginHost:
-    """Loads the entry points of group ``tactibench`` one by one under a guard."""
+    """Loads the entry points of group ``tactibench`` one by one under a guard.
 
-    def __init__(self, entry_points: Iterable[tuple[EntryPoint, Distribution | None]] | None = None):
+    Whatever a plugin raises becomes a Problem, SystemExit and other bare BaseExceptions included
+    (bindings to other languages raise such); only KeyboardInterrupt, which is the user's, passes.
+    """
+
+    def __init__(self, points: Iterable[tuple[EntryPoint, Origin]] | None = None) -> None:
         self._manager = pluggy.PluginManager(hookspecs.GROUP)
         self._manager.add_hookspecs(hookspecs)
         self._origins: dict[str, Origin] = {}
         self._problems: list[Problem] = []
-        found = installed_entry_points() if entry_points is None else entry_points
-        for point, distribution in sorted(found, key=lambda pair: pair[0].name):
-            self._load(point, distribution)
+        found = installed() if points is None else points
+        for point, origin in sorted(found, key=lambda pair: (pair[1].plugin, pair[1].distribution)):
+            self._load(point, origin)
 
-    def _load(self, point: EntryPoint, distribution: Distribution | None) -> None:
-        name, version = "unknown", "?"
-        if distribution is not None:
-            name, version = distribution.name or "unknown", distribution.version or "?"
-        origin = Origin(point.name, name, version)
-        try:
-            module = point.load()
-        except Exception as error:  # noqa: BLE001 - whatever a stranger's import raises is reported
-            self._note(origin, "load", error)
-            return
-        if point.name in self._origins:
-            message = f"the name is already taken by {self._origins[point.name].distribution}"
-            self._problems.append(Problem(origin, "duplicate", message))
+    def _load(self, point: EntryPoint, origin: Origin) -> None:
+        if origin.plugin in self._origins:
+            owner = self._origins[origin.plugin]
+            self._note(origin, "duplicate", f"plugin {owner} has this name already; rename one")
             return
         try:
-            self._manager.register(module, name=point.name)
-            self._manager.check_pending()
-        except Exception as error:  # noqa: BLE001 - likewise
-            if self._manager.has_plugin(point.name):
-                self._manager.unregister(name=point.name)
-            self._note(origin, "validate", error)
+            plugin = point.load()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - reported, see the class
+            self._note(origin, "load", in_one_line(error))
             return
-        self._origins[point.name] = origin
+        try:
+            mistake = self._register(plugin, origin.plugin)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - likewise
+            mistake = in_one_line(error)
+        if mistake is None:
+            self._origins[origin.plugin] = origin
+            return
+        if self._manager.has_plugin(origin.plugin):
+            self._manager.unregister(name=origin.plugin)
+        self._note(origin, "validate", mistake)
 
-    def _note(self, origin: Origin, step: str, error: BaseException) -> None:
-        first = str(error).strip().splitlines()
-        text = f"{type(error).__name__}: {first[0] if first else 'no message'}"
-        self._problems.append(Problem(origin, step, text))
+    def _register(self, plugin: object, name: str) -> str | None:
+        """Register a plugin and return what is wrong with its hooks, if anything."""
+        self._manager.register(plugin, name=name)
+        callers = self._manager.get_hookcallers(plugin) or []
+        hooks = [caller.name for caller in callers]
+        for hook in hooks:
+            if hook not in HOOKS:
+                return f"there is no hook {hook!r}; {did_you_mean(hook, HOOKS)}"
+        self._manager.check_pending()
+        unmarked = [hook for hook in HOOKS if hasattr(plugin, hook) and hook not in hooks]
+        if unmarked:
+            return f"{unmarked[0]} is not marked with @hookimpl"
+        return None if hooks else f"it has none of the hooks {', '.join(HOOKS)}"
+
+    def _note(self, origin: Origin, step: str, message: str) -> None:
+        self._problems.append(Problem(origin, step, message))
 
     def _declared(self, kind: str, hook: str, expected: type[S]) -> Catalogue[S]:
         caller: pluggy.HookCaller = getattr(self._manager.hook, hook)
         owners: dict[str, list[tuple[Origin, S]]] = {}
         for implementation in caller.get_hookimpls():
             origin = self._origins[implementation.plugin_name]
-            for spec in self._declarations(origin, implementation.function, expected):
+            for spec in self._asked(origin, implementation, hook, expected):
                 owners.setdefault(spec.name, []).append((origin, spec))
         specs, origins, clashes = {}, {}, {}
         for name, claims in sorted(owners.items()):
-            if len(claims) > 1:
-                clashes[name] = tuple(origin for origin, _ in claims)
-                for origin, _ in claims:
-                    message = f"{kind} {name!r} is offered by more than one plugin"
-                    self._problems.append(Problem(origin, "duplicate", message))
-            else:
+            if len(claims) == 1:
                 origins[name], specs[name] = claims[0]
+                continue
+            clashes[name] = tuple(origin for origin, _ in claims)
+            for origin in dict.fromkeys(clashes[name]):
+                others = [str(o) for o in dict.fromkeys(clashes[name]) if o != origin]
+                by = f"also by {' and '.join(others)}" if others else "twice"
+                self._note(origin, "duplicate", f"{kind} {name!r} is offered {by}")
         return Catalogue(kind, specs, origins, clashes)
 
-    def _declarations(
-        self, origin: Origin, declare: Callable[[], Any], expected: type[S]
+    def _asked(
+        self, origin: Origin, implementation: pluggy.HookImpl, hook: str, expected: type[S]
     ) -> list[S]:
+        """What one plugin declares. A hook that fails half way declares nothing."""
+        wanted = expected.__name__
         try:
-            declared = list(declare())
-        except Exception as error:  # noqa: BLE001 - a plugin may raise anything
-            self._note(origin, "declare", error)
+            answer = implementation.function()
+            if isinstance(answer, str) or not isinstance(answer, Iterable):
+                found = type(answer).__name__
+                self._note(origin, "declare", f"{hook} gave {found}, not a list of {wanted}")
+                return []
+            declared = list(answer)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - reported, see the class
+            self._note(origin, "declare", f"{hook} raised {in_one_line(error)}")
             return []
-        good = []
-        for spec in declared:
-            if isinstance(spec, expected) and isinstance(spec.name, str) and spec.name:
-                good.append(spec)
-            else:
-                message = f"declared {type(spec).__name__} where {expected.__name__} is expected"
-                self._problems.append(Problem(origin, "declare", message))
-        return good
+        wrong = {type(spec).__name__: None for spec in declared if not isinstance(spec, expected)}
+        if wrong:
+            message = f"{hook} gave {' and '.join(wrong)} where {wanted} is expected"
+            self._note(origin, "declare", message)
+        return [spec for spec in declared if isinstance(spec, expected)]
 
     @cached_property
     def models(self) -> Catalogue[ModelSpec]:
@@ -156,30 +172,10 @@ class PluginHost:
     @property
     def plugins(self) -> tuple[Origin, ...]:
         """Plugins that loaded, sorted by name."""
-        return tuple(sorted(self._origins.values(), key=lambda origin: origin.plugin))
+        return tuple(self._origins.values())
 
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Everything that went wrong, after asking every plugin for all it declares."""
         _ = self.models, self.sensors, self.encoders, self.commands
         return tuple(self._problems)
-
-
-def installed_entry_points() -> list[tuple[EntryPoint, Distribution | None]]:
-    """Entry points of the group, with their distributions; the first of equal names on the path.
-
-    ``importlib.metadata.entry_points`` drops the distribution of a point on old Pythons and reads
-    every distribution's metadata to remove duplicates; reading entry_points.txt alone is faster.
-    """
-    found: list[tuple[EntryPoint, Distribution | None]] = []
-    seen: set[str] = set()
-    for distribution in distributions():
-        points = [p for p in distribution.entry_points if p.group == hookspecs.GROUP]
-        if not points:
-            continue
-        name = distribution.name or "unknown"
-        if name in seen:
-            continue
-        seen.add(name)
-        found.extend((point, distribution) for point in points)
-    return found

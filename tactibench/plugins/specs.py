@@ -1,18 +1,26 @@
 """What a plugin declares: light, frozen descriptions that import nothing heavy.
 
 ``target`` names the class behind a spec as ``"package.module:Class"``; it is imported on use.
+A spec that cannot be right raises ValueError when it is made, so its author sees it at once.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from math import isfinite
 from typing import Any
 
 from tactibench.errors import UserError, did_you_mean
 
 Value = bool | int | float | str
+
+ANSWERS = ("contacts", "plate")
+ORIGINS = ("simulated", "real")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder names
+_TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,17 @@ class Parameter:
     high: float | None = None
     decode_only: bool = False
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.isidentifier():
+            raise ValueError(f"parameter {self.name!r} has no name that Python could take")
+        if not isinstance(self.default, Value):
+            kind = type(self.default).__name__
+            raise ValueError(f"parameter {self.name!r} has a default of type {kind}")
+        try:
+            self.check(self.default)
+        except UserError as error:
+            raise ValueError(f"the default of {error}") from None
+
     def parse(self, text: str) -> Value:
         """Read a value from the command line. Raises UserError when it is not allowed."""
         kind = type(self.default)
@@ -42,7 +61,7 @@ class Parameter:
         except (KeyError, ValueError):
             names = {bool: "true or false", int: "a whole number", float: "a number"}
             raise UserError(
-                f"parameter {self.name!r} is {text!r}, but must be {names.get(kind, 'a word')}."
+                f"parameter {self.name!r} is {text!r}, but must be {names[kind]}."
             ) from None
         return self.check(value)
 
@@ -51,8 +70,8 @@ class Parameter:
         if self.choices and value not in self.choices:
             allowed = ", ".join(str(choice) for choice in self.choices)
             raise UserError(f"parameter {self.name!r} is {value!r}; allowed: {allowed}.")
-        if isinstance(value, float) and value != value:
-            raise UserError(f"parameter {self.name!r} is not a number.")
+        if isinstance(value, float) and not isfinite(value):
+            raise UserError(f"parameter {self.name!r} is {value}; it must be a finite number.")
         if not isinstance(value, str):
             if self.low is not None and value < self.low:
                 raise UserError(f"parameter {self.name!r} is {value}; it must be >= {self.low}.")
@@ -68,10 +87,16 @@ class _Spec:
     summary: str
     parameters: tuple[Parameter, ...] = ()
 
+    def __post_init__(self) -> None:
+        _check_names(self.name, self.target)
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        names = [parameter.name for parameter in self.parameters]
+        if len(set(names)) < len(names):
+            raise ValueError(f"{self.name!r} has two parameters of the same name")
+
     def load(self) -> Any:
-        """Import and return the class behind this spec."""
-        module, _, attribute = self.target.partition(":")
-        return getattr(import_module(module), attribute)
+        """Import and return the class behind this spec. Raises UserError when that fails."""
+        return _imported(self.name, self.target)
 
     def settings(self, given: Mapping[str, str]) -> dict[str, Value]:
         """All parameters with their values: the given texts read, the others at their defaults.
@@ -102,6 +127,13 @@ class ModelSpec(_Spec):
     max_contacts: int | None = None
     uses_encoder: bool = False
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.answers, str) or not self.answers or set(self.answers) - set(ANSWERS):
+            raise ValueError(f"{self.name!r} has answers {self.answers!r}; a tuple of {ANSWERS}")
+        if self.max_contacts is not None and self.max_contacts < 1:
+            raise ValueError(f"{self.name!r} has max_contacts {self.max_contacts}; 1 or more")
+
 
 @dataclass(frozen=True)
 class SensorSpec(_Spec):
@@ -109,6 +141,11 @@ class SensorSpec(_Spec):
 
     origin: str = "simulated"
     needs_data: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.origin not in ORIGINS:
+            raise ValueError(f"{self.name!r} has origin {self.origin!r}; one of {ORIGINS}")
 
 
 @dataclass(frozen=True)
@@ -124,7 +161,36 @@ class CommandSpec:
     target: str
     summary: str
 
+    def __post_init__(self) -> None:
+        _check_names(self.name, self.target)
+
     def load(self) -> Any:
-        """Import and return the click command."""
-        module, _, attribute = self.target.partition(":")
+        """Import and return the click command. Raises UserError when that fails."""
+        return _imported(self.name, self.target)
+
+
+def _check_names(name: str, target: str) -> None:
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise ValueError(f"name {name!r} may hold letters, digits, '_' and '-' only")
+    if not isinstance(target, str) or not _TARGET.fullmatch(target):
+        raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")
+
+
+def _imported(name: str, target: str) -> Any:
+    module, _, attribute = target.partition(":")
+    try:
         return getattr(import_module(module), attribute)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise UserError(
+            f"{name!r} cannot be used, because {target} does not load ({in_one_line(error)}); "
+            "mend or reinstall its plugin."
+        ) from error
+
+
+def in_one_line(error: BaseException) -> str:
+    """Type and whole message of an exception, without line breaks, at most 300 characters."""
+    text = " ".join(str(error).split())
+    short = text if len(text) <= 300 else f"{text[:299]}…"
+    return f"{type(error).__name__}: {short}" if short else type(error).__name__

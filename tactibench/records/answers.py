@@ -32,28 +32,47 @@ def unpack_contacts(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Contacts, .
     for start, end in zip(ends - arrays["count"], ends, strict=True):
         part = slice(int(start), int(end))
         std = arrays["std"][part]
-        given = None if np.isnan(std).any() or not len(std) else std
-        out.append(Contacts(arrays["xy"][part], arrays["depth"][part], arrays["score"][part], given))
+        known = None if np.isnan(std).any() or not len(std) else std
+        xy, depth, score = (arrays[name][part] for name in ("xy", "depth", "score"))
+        out.append(Contacts(xy, depth, score, known))
     return tuple(out)
 
 
 def pack_plates(answers: Sequence[PlatePose | None]) -> Arrays:
-    """given (N,) bool, depth (N,), tilt (N,); zero where no answer was given."""
+    """given (N,) bool, depth and tilt (N,), std (N, 2); zero where no answer was given.
+
+    std is NaN where none was given.
+    """
+    stds = [a.std if a and a.std else (np.nan, np.nan) for a in answers]
     return {
         "given": np.array([a is not None for a in answers], dtype=bool),
         "plate_depth": np.array([a.depth if a else 0.0 for a in answers], dtype=np.float64),
         "plate_tilt": np.array([a.tilt if a else 0.0 for a in answers], dtype=np.float64),
+        "plate_std": np.array(stds, dtype=np.float64).reshape(len(answers), 2),
     }
 
 
 def unpack_plates(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[PlatePose | None, ...]:
     """The inverse of ``pack_plates``."""
-    rows = zip(arrays["given"], arrays["plate_depth"], arrays["plate_tilt"], strict=True)
-    return tuple(PlatePose(float(d), float(t)) if given else None for given, d, t in rows)
+    columns = ("given", "plate_depth", "plate_tilt", "plate_std")
+    out: list[PlatePose | None] = []
+    for given, depth, tilt, std in zip(*(arrays[name] for name in columns), strict=True):
+        known = None if np.isnan(std).any() else (float(std[0]), float(std[1]))
+        out.append(PlatePose(float(depth), float(tilt), known) if given else None)
+    return tuple(out)
 
 
 def pack(answers: Sequence[Answer | None], kind: str) -> Arrays:
-    """Pack answers of one kind, "contacts" or "plate"."""
+    """Pack answers of one kind, "contacts" or "plate". Raises TypeError for any other."""
     if kind == "plate":
-        return pack_plates([a if isinstance(a, PlatePose) else None for a in answers])
-    return pack_contacts([a if isinstance(a, Contacts) else Contacts.none() for a in answers])
+        plates = [a for a in answers if a is None or isinstance(a, PlatePose)]
+        _all(plates, answers, "PlatePose")
+        return pack_plates(plates)
+    contacts = [a for a in answers if isinstance(a, Contacts)]
+    _all(contacts, answers, "Contacts")
+    return pack_contacts(contacts)
+
+
+def _all(fitting: Sequence[Any], answers: Sequence[Any], kind: str) -> None:
+    if len(fitting) != len(answers):
+        raise TypeError(f"{len(answers) - len(fitting)} answers are no {kind}")

@@ -28,7 +28,7 @@ def atomic(path: Path) -> Iterator[IO[bytes]]:
             stream.flush()
             os.fsync(stream.fileno())
         Path(name).chmod(0o644)
-        os.replace(name, path)  # noqa: PTH105 - both are names
+        Path(name).replace(path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
@@ -47,7 +47,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(f"{path} does not exist.") from None
-    except (ValueError, OSError) as error:
+    except (ValueError, RecursionError, OSError) as error:
         raise UserError(f"{path} cannot be read as JSON: {error}.") from None
 
 
@@ -65,7 +65,8 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
     except FileNotFoundError:
         raise UserError(f"{path} does not exist.") from None
     except Exception as error:  # noqa: BLE001 - zip, zlib, header and value errors alike
-        raise UserError(f"{path} is damaged ({type(error).__name__}); delete it and run again.") from None
+        what = f"{path} is damaged ({type(error).__name__})"
+        raise UserError(f"{what}; delete it and run again.") from None
 
 
 def arrays_hash(arrays: Mapping[str, npt.NDArray[Any]]) -> str:

@@ -7,12 +7,10 @@ import json
 import subprocess
 from collections.abc import Iterable
 from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-
-CODE_SUFFIXES = {".py", ".npz", ".json", ".toml"}
-
 
 def canonical(value: Any) -> str:
     """One text for equal JSON values. Raises ValueError on NaN."""
@@ -30,17 +28,23 @@ def combined(parts: Iterable[str]) -> str:
 
 
 @lru_cache(maxsize=64)
-def code_hash(package: str) -> str:
+def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
     """sha256 over the source and data files of an import package or module.
 
-    A version number says what an author remembered to change; this says what changed.
+    A version number says what an author remembered to change; this says what changed. without:
+    folders directly inside the package that are left out. Raises ModuleNotFoundError.
     """
     spec = find_spec(package)
     if spec is None:
         raise ModuleNotFoundError(package)
     if spec.submodule_search_locations:
         roots = [Path(place) for place in spec.submodule_search_locations]
-        files = [(path.relative_to(root).as_posix(), path) for root in roots for path in _code(root)]
+        files = [
+            (path.relative_to(root).as_posix(), path)
+            for root in roots
+            for path in _code(root)
+            if path.relative_to(root).parts[0] not in without
+        ]
     else:
         files = [(Path(str(spec.origin)).name, Path(str(spec.origin)))]
     lines = [f"{name} {hashlib.sha256(p.read_bytes()).hexdigest()}" for name, p in sorted(files)]
@@ -48,11 +52,26 @@ def code_hash(package: str) -> str:
 
 
 def _code(root: Path) -> list[Path]:
-    return [
-        path
-        for path in root.rglob("*")
-        if path.suffix in CODE_SUFFIXES and "__pycache__" not in path.parts
-    ]
+    """Every file but byte code and hidden ones (an editor's or a system's)."""
+    files = []
+    for path in root.rglob("*"):
+        inside = path.relative_to(root).parts
+        if "__pycache__" in inside or any(part.startswith(".") for part in inside):
+            continue
+        if path.is_file():
+            files.append(path)
+    return files
+
+
+def installed_versions(*distributions: str) -> dict[str, str]:
+    """Version of every distribution, read without importing it."""
+    found = {}
+    for name in distributions:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
 
 
 def code_commit(folder: Path) -> str:

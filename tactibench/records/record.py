@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
 
 from tactibench.errors import UserError
 
 SCHEMA = 1
+SHARES = ("missed", "resolved", "catch_resolved", "coverage")
+"""Metrics that are shares of something and lie in 0..1."""
 
 
 class _Strict(BaseModel):
@@ -22,10 +24,10 @@ class Metric(_Strict):
     value: float | None
     low: float | None
     high: float | None
-    n: int
-    clusters: int
+    n: NonNegativeInt
+    clusters: NonNegativeInt
     unit: str
-    better: str
+    better: Literal["lower", "higher", "none"]
     censored: Literal["<", ">"] | None = None
 
 
@@ -58,6 +60,16 @@ class SensorId(PartId):
     origin: Literal["simulated", "real"]
 
 
+class Identity(BaseModel):
+    """Hashes of what was made, beside all that it was made from. stored: of every array file."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+    weights_hash: str
+    predictions_hash: str
+    stored: dict[str, str]
+
+
 class Record(_Strict):
     """What ``record.json`` holds."""
 
@@ -72,7 +84,7 @@ class Record(_Strict):
     seed: int
     partial: bool
     limits: dict[str, bool | int | None]
-    identity: dict[str, Any]
+    identity: Identity
     environment: dict[str, Any]
     metrics: list[Metric]
     speed: list[SpeedRow]
@@ -111,19 +123,24 @@ def checked(record: dict[str, Any], where: str) -> Record:
 def _broken(record: Record) -> Iterator[str]:
     """Sentences about what cannot be true of correct measurements."""
     slack = 1e-9
-    for axis in ("x", "y", "z"):
+    if record.identity.stored.get("predictions") != record.identity.predictions_hash:
+        yield "the stored predictions are not those of its identity"
+    for axis in ("x", "y", "z", "mean"):
         mae, rmse = record.value("mae_mm", axis), record.value("rmse_mm", axis)
         if mae is not None and rmse is not None and mae > rmse + slack:
             yield f"mae_mm {mae} of {axis} exceeds its rmse_mm {rmse}"
     for row in record.metrics:
-        if row.metric in ("missed", "resolved", "catch_resolved", "coverage"):
-            if row.value is not None and not -slack <= row.value <= 1 + slack:
-                yield f"{row.metric} of {row.group} is {row.value}, a share lies in 0..1"
+        value = row.value
+        if value is not None and row.metric in SHARES and not -slack <= value <= 1 + slack:
+            yield f"{row.metric} of {row.group} is {value}, a share lies in 0..1"
         if row.clusters > row.n:
             yield f"{row.metric} of {row.group} has more presses than values"
-        if row.value is not None and row.low is not None and row.high is not None:
-            if not row.low - slack <= row.value <= row.high + slack:
-                yield f"the interval of {row.metric} of {row.group} does not hold its value"
+        if value is not None and not _inside(value, row.low, row.high, slack):
+            yield f"the interval of {row.metric} of {row.group} does not hold its value"
     for speed in record.speed:
-        if not speed.p50_ms <= speed.p90_ms <= speed.p99_ms:
+        if not 0 <= speed.p50_ms <= speed.p90_ms <= speed.p99_ms:
             yield f"the latency quantiles of phase {speed.phase!r} are out of order"
+
+
+def _inside(value: float, low: float | None, high: float | None, slack: float) -> bool:
+    return (low is None or low - slack <= value) and (high is None or value <= high + slack)

@@ -10,8 +10,15 @@ from typing import Any
 
 import numpy.typing as npt
 
-from tactibench.errors import UserError
-from tactibench.records.files import arrays_hash, read_arrays, read_json, write_arrays, write_json
+from tactibench.errors import UserError, did_you_mean
+from tactibench.records.files import (
+    arrays_hash,
+    locked,
+    read_arrays,
+    read_json,
+    write_arrays,
+    write_json,
+)
 from tactibench.records.record import checked
 
 RECORD = "record.json"
@@ -33,7 +40,7 @@ class StoredRun:
         """One of PARTS, verified. Raises UserError when it is missing, damaged or changed."""
         path = self.folder / f"{part}.npz"
         arrays = read_arrays(path)
-        if arrays_hash(arrays) != self.record["identity"]["stored"][part]:
+        if arrays_hash(arrays) != self.record["identity"]["stored"].get(part):
             raise UserError(f"{path} is not what its record was made from; run the protocol again.")
         return arrays
 
@@ -41,19 +48,26 @@ class StoredRun:
 def write_run(store: Path, record: dict[str, Any], parts: Mapping[str, Arrays]) -> StoredRun:
     """Store a run whole: nothing is visible under its name before everything is written.
 
-    Raises UserError when the record breaks an invariant.
+    A run that has the name already is replaced. Raises UserError when the record breaks an
+    invariant.
     """
-    record["identity"]["stored"] = {name: arrays_hash(parts[name]) for name in PARTS}
+    stored = {name: arrays_hash(parts[name]) for name in PARTS}
+    record = {**record, "identity": {**record["identity"], "stored": stored}}
     checked(record, f"the record of {record['name']}")
     folder = store / record["name"]
     made = store / f".{record['name']}.made"
-    shutil.rmtree(made, ignore_errors=True)
-    made.mkdir(parents=True)
-    for name in PARTS:
-        write_arrays(made / f"{name}.npz", parts[name])
-    write_json(made / RECORD, record)
-    shutil.rmtree(folder, ignore_errors=True)
-    made.rename(folder)
+    with locked(store / f".{record['name']}.lock"):
+        shutil.rmtree(made, ignore_errors=True)
+        made.mkdir(parents=True)
+        try:
+            for name in PARTS:
+                write_arrays(made / f"{name}.npz", parts[name])
+            write_json(made / RECORD, record)
+            if folder.exists():
+                shutil.rmtree(folder)
+            made.rename(folder)
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
     return StoredRun(folder, record)
 
 
@@ -65,7 +79,7 @@ def open_run(store: Path, name: str) -> StoredRun:
         folder = store / name
     if not (folder / RECORD).is_file():
         known = [run.folder.name for run in stored_runs(store)]
-        near = _close(name, known)
+        near = did_you_mean(name, known) if known else "it holds no run yet."
         raise UserError(f"there is no run {name!r} in {store}; {near}")
     record = read_json(folder / RECORD)
     checked(record, str(folder / RECORD))
@@ -80,14 +94,6 @@ def stored_runs(store: Path) -> Iterator[StoredRun]:
         if folder.name.startswith(".") or not (folder / RECORD).is_file():
             continue
         try:
-            record = read_json(folder / RECORD)
-            checked(record, str(folder / RECORD))
+            yield open_run(store, folder.name)
         except UserError:
             continue
-        yield StoredRun(folder, record)
-
-
-def _close(name: str, known: list[str]) -> str:
-    from tactibench.errors import did_you_mean
-
-    return did_you_mean(name, known) if known else "it holds no run yet."

@@ -3,21 +3,41 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import torch
+
+_FLAGS = {"avx512_bf16", "amx_bf16", "bf16"}
+"""Names in /proc/cpuinfo of bf16 products: two on x86, the last on ARM."""
 
 
 def resolve_precision(precision: str, device: str) -> str:
     """Turn "auto" into "bf16" where the device has instructions for it, else into "float32".
 
-    On a CPU that is avx512_bf16 or AMX, as oneDNN reports it; emulated bf16 is slower than float32.
+    torch says that oneDNN supports bf16 also where it has to emulate it, which is slower than
+    float32; so the processor's own flags decide. Where they cannot be read: float32.
     """
     if precision != "auto":
         return precision
     if device == "cuda":
         return "bf16" if torch.cuda.is_bf16_supported() else "float32"
-    return "bf16" if torch.ops.mkldnn._is_mkldnn_bf16_supported() else "float32"
+    return "bf16" if _FLAGS & processor_flags() else "float32"
+
+
+@cache
+def processor_flags(path: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
+    """Instruction-set flags of the first processor; empty where there is no such file."""
+    try:
+        lines = path.read_text().splitlines()
+    except OSError:
+        return frozenset()
+    for line in lines:
+        name, _, flags = line.partition(":")
+        if name.strip() in ("flags", "Features"):
+            return frozenset(flags.split())
+    return frozenset()
 
 
 def autocast(precision: str, device: str) -> AbstractContextManager[Any]:

@@ -16,6 +16,7 @@ from tactibench.training import (
     state_hash,
 )
 from tactibench.training.container import DamagedFile, read_container, write_container
+from tactibench.training.precision import processor_flags
 
 
 def test_importing_the_package_does_not_import_torch():
@@ -148,3 +149,20 @@ def test_precision_is_taken_as_given_and_auto_is_one_of_both():
     for precision, dtype in (("float32", torch.float32), ("bf16", torch.bfloat16)):
         with autocast(precision, "cpu"):
             assert layer(torch.zeros(1, 2)).dtype == dtype
+
+
+@pytest.mark.parametrize(
+    ("flags", "chosen"),
+    [("fpu avx512f avx512_bf16", "bf16"), ("fpu amx_bf16", "bf16"), ("fpu avx512f", "float32")],
+)
+def test_auto_follows_the_processors_flags(monkeypatch, tmp_path, flags, chosen):
+    file = tmp_path / "cpuinfo"
+    file.write_text(f"processor : 0\nflags\t\t: {flags}\n\nprocessor : 1\nflags : other\n")
+    found = processor_flags(file)
+    assert found == set(flags.split())
+    monkeypatch.setattr("tactibench.training.precision.processor_flags", lambda: found)
+    assert resolve_precision("auto", "cpu") == chosen
+
+
+def test_a_machine_that_does_not_tell_its_flags_trains_in_float32(tmp_path):
+    assert processor_flags(tmp_path / "missing") == frozenset()

@@ -45,8 +45,7 @@ def rings(axes: Axes, truth: Contacts, colour: str = "white", *, contour: str = 
         axes.add_patch(Circle(tuple(xy), TIP_RADIUS_MM, fill=False, edgecolor=colour,
                               linewidth=1.5, path_effects=outline(contour)))  # fmt: skip
         place = xy + side * (TIP_RADIUS_MM + 1.2)
-        axes.text(place[0], place[1], f"{depth:.1f}", color=colour, fontsize=8.5, ha="center", va="center",
-                  path_effects=outline(contour))  # fmt: skip
+        _number(axes, place, depth, colour, contour)
 
 
 def tip_outline(middle: FloatArray) -> FloatArray:
@@ -65,9 +64,13 @@ def marks(
 
 def depths(axes: Axes, contacts: Contacts, colour: str, *, contour: str, dy: float = 1.9) -> None:
     """Write every contact's depth, mm, ``dy`` mm below its mark."""
-    for (x, y), depth in zip(contacts.xy, contacts.depth, strict=True):
-        axes.text(x, y + dy, f"{depth:.1f}", color=colour, fontsize=8.5, ha="center", va="center",
-                  path_effects=outline(contour))  # fmt: skip
+    for xy, depth in zip(contacts.xy, contacts.depth, strict=True):
+        _number(axes, np.add(xy, (0.0, dy)), depth, colour, contour)
+
+
+def _number(axes: Axes, place: FloatArray, depth: float, colour: str, contour: str) -> None:
+    axes.text(place[0], place[1], f"{depth:.1f}", color=colour, fontsize=8.5, ha="center",
+              va="center", clip_on=True, path_effects=outline(contour))  # fmt: skip
 
 
 def _sides(xy: Any) -> Any:

@@ -41,7 +41,7 @@ def surfaces(
         plot.set(title=name, xlabel="x, mm", ylabel="y, mm", zlabel="inward, mm",
                  zlim=(bottom, top * 1.02))  # fmt: skip
         plot.invert_yaxis()  # y grows towards the viewer, as it grows downwards in the frame
-        plot.view_init(elev=28, azim=-58)
+        plot.view_init(elev=48, azim=-76)
         plot.set_box_aspect((1, 1, 0.6), zoom=0.88)
         plot.tick_params(labelsize=8)
         plot.patch.set_visible(False)  # the right panel would cover the left one's z label

@@ -80,10 +80,11 @@ def print_others(console: Console, record: Record, blocks: Sequence[Block]) -> N
     last = None
     for row, value in zip(rows, values, strict=True):
         unit = {"share": ", %", "mm": ", mm", "deg": ", deg"}.get(row["unit"], "")
-        name = "" if row["metric"] == last else NAMES.get(row["metric"], row["metric"]) + unit
+        metric = str(row["metric"])
+        name = "" if metric == last else NAMES.get(metric, metric) + unit
         group = (row["group"],) if grouped else ()
         cells.append((name, *group, value, f"{row['n']:,}", f"{row['clusters']:,}"))
-        last = row["metric"]
+        last = metric
     console.print()
     print_grid(console, heads, cells, right=frozenset(COUNTS))
 

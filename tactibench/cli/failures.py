@@ -1,0 +1,35 @@
+"""Exceptions as the one sentence that a user reads."""
+
+from __future__ import annotations
+
+import errno
+
+import click
+
+from tactibench.errors import UserError
+
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+
+
+def sentence(error: click.ClickException | UserError | OSError) -> str:
+    """What went wrong and what to do, on one line that ends like a sentence."""
+    if isinstance(error, OSError):
+        text = _about_files(error)
+    elif isinstance(error, click.ClickException):
+        text = error.format_message()
+    else:
+        text = str(error)
+    text = " ".join(text.split())
+    return text if text.endswith((".", "?", ")")) else f"{text}."
+
+
+def _about_files(error: OSError) -> str:
+    place = f" {error.filename}" if error.filename else ""
+    if error.errno in _FULL:
+        where = f" while writing{place}" if place else ""
+        return (
+            f"the disk is full{where}; free some space, or put the store elsewhere with --out and "
+            "the cache with TACTIBENCH_CACHE, then run the same command again."
+        )
+    what = error.strerror or str(error) or type(error).__name__
+    return f"the file system refused{place}: {what}; check the path, its permissions and limits."
