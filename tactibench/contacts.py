@@ -203,8 +203,8 @@ class Grid:
         """x of every column (W,) and y of every row (H,), mm."""
         rows, columns = self.shape
         return (
-            self.origin[0] + self.pitch * np.arange(columns),
-            self.origin[1] + self.pitch * np.arange(rows),
+            np.asarray(self.origin[0] + self.pitch * np.arange(columns), dtype=np.float64),
+            np.asarray(self.origin[1] + self.pitch * np.arange(rows), dtype=np.float64),
         )
 
     def xy(self, row: npt.ArrayLike, column: npt.ArrayLike) -> FloatArray:

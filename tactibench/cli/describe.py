@@ -39,7 +39,7 @@ def describe(name: str) -> None:
 
 def _show_spec(kind: str, spec: Any, origin: Any) -> None:
     click.echo(f"{kind} {spec.name}: {spec.summary}")
-    click.echo(f"  from      plugin {origin.plugin} of {origin.distribution} {origin.version}")
+    click.echo(f"  from      plugin {origin}")
     click.echo(f"  class     {spec.target}")
     for field, label in (
         ("answers", "answers"),

@@ -20,6 +20,8 @@ def sentence(error: click.ClickException | UserError | OSError) -> str:
     else:
         text = str(error)
     text = " ".join(text.split())
+    if isinstance(error, click.UsageError) and error.ctx and not text.endswith(("?", ")")):
+        text = f"{text.rstrip('.')}; see `{error.ctx.command_path} --help`."
     return text if text.endswith((".", "?", ")")) else f"{text}."
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from tactibench.plugins.host import PluginHost
 
 KINDS = ("models", "sensors", "encoders", "protocols")
 
@@ -21,19 +24,23 @@ def listing(kind: str | None, as_json: bool) -> None:
     found = {name: _rows(host, name) for name in KINDS if kind in (None, name)}
     if as_json:
         click.echo(json.dumps(found, indent=1))
-        return
-    for name, rows in found.items():
-        width = max((len(row["name"]) for row in rows), default=0)
-        click.echo(f"{name}:")
-        for row in rows:
-            click.echo(f"  {row['name']:<{width}}  {row['summary']}")
+    else:
+        _print(found)
     count = len(host.problems)
     if count:
         plural = "s" if count > 1 else ""
         click.echo(f"{count} plugin problem{plural}: run `tactibench doctor`.", err=True)
 
 
-def _rows(host: Any, kind: str) -> list[dict[str, str]]:
+def _print(found: dict[str, list[dict[str, str]]]) -> None:
+    for name, rows in found.items():
+        width = max((len(row["name"]) for row in rows), default=0)
+        click.echo(f"{name}:")
+        for row in rows:
+            click.echo(f"  {row['name']:<{width}}  {row['summary']}")
+
+
+def _rows(host: PluginHost, kind: str) -> list[dict[str, str]]:
     if kind == "protocols":
         from tactibench.protocols.loader import protocol_titles
 
@@ -41,7 +48,7 @@ def _rows(host: Any, kind: str) -> list[dict[str, str]]:
             {"name": name, "summary": title, "version": str(version)}
             for name, (version, title) in protocol_titles().items()
         ]
-    catalogue = getattr(host, kind)
+    catalogue = {"models": host.models, "sensors": host.sensors, "encoders": host.encoders}[kind]
     return [
         {
             "name": spec.name,
