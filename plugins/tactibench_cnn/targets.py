@@ -66,4 +66,4 @@ def answers(values: Vector, answer: str) -> list[Answer]:
     """One contact with score 1, or one plate pose, per row."""
     if answer == "plate":
         return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]
-    return [Contacts([row[:2]], [row[2]], [1.0]) for row in values]
+    return [Contacts(row[np.newaxis, :2], row[2:], np.ones(1)) for row in values]

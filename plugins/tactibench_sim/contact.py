@@ -19,6 +19,8 @@ from tactibench.geometry import DOME_RADIUS_MM
 Array = npt.NDArray[np.float64]
 STEEPEST_DEG = 55.0
 """Beyond this polar angle a contact feels the clamped rim, which the tables do not know."""
+FARTHEST_MM = 100.0
+"""A pose farther from the axis is a mistake in units rather than a press beside the dome."""
 _SLACK = 0.01
 """mm and deg that bounds may step beyond a limit to take differences."""
 
@@ -89,6 +91,7 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
 def _refused(pose: Array, radius: Array) -> npt.NDArray[np.bool_]:
     depth, tilt = pose[:, 4], pose[:, 3]
     wild = np.logical_not(np.isfinite(pose).all(axis=1)) | (depth < 0) | (depth >= DOME_RADIUS_MM)
+    wild |= (abs(pose[:, :2]) > FARTHEST_MM).any(axis=1)
     return np.asarray(wild | (np.isfinite(radius) & (tilt != 0)) | (abs(tilt) >= 90), dtype=bool)
 
 
@@ -98,6 +101,11 @@ def _refuse(scene: Scene) -> None:
         value = getattr(pose, name)
         if not math.isfinite(value):
             raise UserError(f"the pose's {name} is {value}; a scene's pose must be finite.")
+    if max(abs(pose.x), abs(pose.y)) > FARTHEST_MM:
+        raise UserError(
+            f"the pose is at x {pose.x:g} mm, y {pose.y:g} mm; the dome is {DOME_RADIUS_MM:g} mm "
+            f"wide, a pose must be within {FARTHEST_MM:g} mm of its axis."
+        )
     if pose.depth < 0:
         raise UserError(f"the pose's depth is {pose.depth:g} mm; it must be 0 or more.")
     if pose.depth >= DOME_RADIUS_MM:

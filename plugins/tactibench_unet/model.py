@@ -127,6 +127,8 @@ class UNet:
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """Phases of the fast configuration: bf16 where the device computes it natively."""
         precision = resolve_precision("auto", self._context.device)
+        if precision not in self._folded:
+            self._folded[precision] = fold_batch_norm(self.network, precision)
         return [
             ("preprocess", lambda frames: image_tensor(frames, self.size)),
             ("forward", lambda images: self._forward(images, precision)),
@@ -171,8 +173,7 @@ class UNet:
 
     def _use(self, network: UNetNetwork) -> None:
         self.network = network.to(self._context.device)
-        folded = fold_batch_norm(self.network)
-        self._folded = folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._folded = {"float32": fold_batch_norm(self.network)}
 
     def _examples(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Examples:
         contacts = [self._scale.contacts(answer) for answer in truth]
@@ -183,7 +184,7 @@ class UNet:
     def _forward(self, images: torch.Tensor, precision: str) -> np.ndarray:
         device = self._context.device
         with autocast(precision, device):
-            logits = self._folded(images.to(device))
+            logits = self._folded[precision](images.to(device))
         return _probabilities(logits)
 
     def _decode(self, maps: np.ndarray) -> list[Answer | None]:

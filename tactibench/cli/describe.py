@@ -18,22 +18,16 @@ def describe(name: str) -> None:
 
     host = PluginHost()
     files = protocol_files()
+    known = [*files, *(spec.name for catalogue in host.parts for spec in catalogue)]
     shown = 0
-    for kind in ("models", "sensors", "encoders"):
-        catalogue = getattr(host, kind)
+    for catalogue in host.parts:
         if name in catalogue.specs or name in catalogue.clashes:
-            _show_spec(kind[:-1], catalogue[name], catalogue.origins[name])
+            _show_spec(catalogue.kind, catalogue[name], catalogue.origins[name])
             shown += 1
     if name in files or name.endswith(".toml"):
         _show_protocol(name)
         shown += 1
     if not shown:
-        known = [
-            *host.models.specs,
-            *host.sensors.specs,
-            *host.encoders.specs,
-            *files,
-        ]
         raise UserError(f"nothing is called {name!r}; {did_you_mean(name, known)}")
 
 

@@ -57,7 +57,11 @@ def _machine() -> Iterator[Finding]:
         yield False, "machine", f"torch does not load: {error}"
         found = fingerprint()
     gpu = ", ".join(found["gpu"]) or "none"
-    yield True, "machine", f"{found['cpu']}, {found['cores_logical']} cores, {found['memory_gib']} GiB"
+    yield (
+        True,
+        "machine",
+        f"{found['cpu']}, {found['cores_logical']} cores, {found['memory_gib']} GiB",
+    )
     yield True, "", f"GPU {gpu}; fingerprint {fingerprint_hash(found)}"
 
 
@@ -100,7 +104,7 @@ def _plugins(host: PluginHost) -> Iterator[Finding]:
 
 
 def _targets(host: PluginHost) -> Iterator[Finding]:
-    for catalogue in (host.models, host.sensors, host.encoders, host.commands):
+    for catalogue in (*host.parts, host.commands):
         for spec in catalogue:
             try:
                 loaded = spec.load()

@@ -48,7 +48,7 @@ def _rows(host: PluginHost, kind: str) -> list[dict[str, str]]:
             {"name": name, "summary": title, "version": str(version)}
             for name, (version, title) in protocol_titles().items()
         ]
-    catalogue = {"models": host.models, "sensors": host.sensors, "encoders": host.encoders}[kind]
+    catalogue = next(found for found in host.parts if f"{found.kind}s" == kind)
     return [
         {
             "name": spec.name,

@@ -92,8 +92,11 @@ def run() -> None:
     try:
         code = call(sys.argv[1:])
     except BrokenPipeError:  # whoever read the output, `head` say, has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
+    try:
+        sys.stdout.flush()
+    except OSError:  # it was reported; Python's own flush at exit would complain a second time
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 
 

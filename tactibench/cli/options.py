@@ -7,7 +7,9 @@ from pathlib import Path
 import click
 
 
-def _writable_place(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
+def _writable_place(
+    _ctx: click.Context, _option: click.Parameter, path: Path | None
+) -> Path | None:
     """Refuse before the work what could not be written after it."""
     if path is not None and not path.parent.is_dir():
         raise click.BadParameter(f"the folder {path.parent} is not there; make it first.")

@@ -16,12 +16,18 @@ from tactibench.cli.options import json_option, out_option
 @click.option("--sensor", help="Sensor that makes the frames; default: the protocol's.")
 @click.option("--encoder", help="Heatmap encoder, for models that use one.")
 @click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of training.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of training."
+)
 @click.option(
     "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
 )
-@click.option("--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter.")
-@click.option("--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: proves the path only.")
+@click.option(
+    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
+)
+@click.option(
+    "--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: only proves the path."
+)
 @click.option("--limit", type=click.IntRange(min=1), help="Score at most this many test presses.")
 @json_option
 @out_option

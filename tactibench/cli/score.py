@@ -36,4 +36,6 @@ def score(ctx: click.Context, run_name: str, out: Path, json_file: Path | None) 
         for line in changed[:20]:
             terminal.say(line)
         ctx.exit(1)
-    terminal.say(f"scored again: all {len(record['metrics'])} rows are identical to the stored ones")
+    terminal.say(
+        f"scored again: all {len(record['metrics'])} rows are identical to the stored ones"
+    )

@@ -30,10 +30,13 @@ class Presses:
 
     def truth(self, answer: str, dome_radius: float) -> list[Answer]:
         """What a model should answer, from the poses actually reached."""
-        reached = [
+        if answer == "plate":
+            return [plate_pose(scene) for scene in self.reached()]
+        return [true_contacts(scene, dome_radius) for scene in self.reached()]
+
+    def reached(self) -> list[Scene]:
+        """The scenes with the poses that the sensor says it reached."""
+        return [
             replace(scene, pose=frame.pose)
             for scene, frame in zip(self.scenes, self.frames, strict=True)
         ]
-        if answer == "plate":
-            return [plate_pose(scene) for scene in reached]
-        return [true_contacts(scene, dome_radius) for scene in reached]

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import pluggy
 
@@ -168,6 +168,11 @@ class PluginHost:
     @cached_property
     def commands(self) -> Catalogue[CommandSpec]:
         return self._declared("command", "tactibench_commands", CommandSpec)
+
+    @property
+    def parts(self) -> tuple[Catalogue[Any], ...]:
+        """What a run is made of: models, sensors, encoders."""
+        return self.models, self.sensors, self.encoders
 
     @property
     def plugins(self) -> tuple[Origin, ...]:

@@ -42,8 +42,9 @@ class Parameter:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise ValueError(f"parameter {self.name!r} has no name that Python could take")
-        if not isinstance(self.default, Value):
-            kind = type(self.default).__name__
+        default: object = self.default  # whatever an untyped plugin hands over
+        if not isinstance(default, Value):
+            kind = type(default).__name__
             raise ValueError(f"parameter {self.name!r} has a default of type {kind}")
         try:
             self.check(self.default)
@@ -129,8 +130,9 @@ class ModelSpec(_Spec):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.answers, str) or not self.answers or set(self.answers) - set(ANSWERS):
-            raise ValueError(f"{self.name!r} has answers {self.answers!r}; a tuple of {ANSWERS}")
+        answers: object = self.answers
+        if not isinstance(answers, tuple) or not answers or set(answers) - set(ANSWERS):
+            raise ValueError(f"{self.name!r} has answers {answers!r}; a tuple of {ANSWERS}")
         if self.max_contacts is not None and self.max_contacts < 1:
             raise ValueError(f"{self.name!r} has max_contacts {self.max_contacts}; 1 or more")
 
@@ -169,7 +171,7 @@ class CommandSpec:
         return _imported(self.name, self.target)
 
 
-def _check_names(name: str, target: str) -> None:
+def _check_names(name: object, target: object) -> None:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ValueError(f"name {name!r} may hold letters, digits, '_' and '-' only")
     if not isinstance(target, str) or not _TARGET.fullmatch(target):

@@ -7,8 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench.contacts import Indenter, Pose, Scene
+from tactibench.errors import UserError
 from tactibench.geometry import tip_depths, tip_positions
 from tactibench.protocols.schema import Draw, Protocol, Workspace
+
+PATIENCE = 10_000
+"""Candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""
 
 
 @dataclass(frozen=True)
@@ -20,23 +24,42 @@ class Drawn:
 
 
 def draw_scenes(protocol: Protocol, name: str) -> Drawn:
-    """All presses of one draw: the same for equal keys and data seed, on every machine."""
+    """All presses of one draw: the same for equal keys and data seed, on every machine.
+
+    Raises UserError when the workspace leaves (almost) no room for such a press.
+    """
     draw = protocol.draw(name)
-    rng = np.random.default_rng(np.random.SeedSequence(protocol.data_seed, spawn_key=(draw.stream,)))
+    seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(draw.stream,))
+    rng = np.random.default_rng(seed)
     scenes: list[Scene] = []
     rejected = 0
-    if draw.per_distance is not None:
-        wanted = [distance for distance in draw.distances_mm for _ in range(draw.per_distance)]
-    else:
-        wanted = [None] * (draw.count or 0)  # type: ignore[list-item]
-    for distance in wanted:
-        while True:
-            scene = _candidate(draw, protocol.workspace, rng, distance)
-            if fits(scene, protocol.workspace):
-                scenes.append(scene)
-                break
-            rejected += 1
+    for distance in _wanted_distances(draw):
+        scene, refused = _accepted(draw, protocol.workspace, rng, distance)
+        scenes.append(scene)
+        rejected += refused
     return Drawn(tuple(scenes), rejected)
+
+
+def _wanted_distances(draw: Draw) -> list[float | None]:
+    """Of every press: its distance, or None where the distance is drawn or there is none."""
+    if draw.per_distance is None:
+        return [None] * (draw.count or 0)
+    return [distance for distance in draw.distances_mm for _ in range(draw.per_distance)]
+
+
+def _accepted(
+    draw: Draw, workspace: Workspace, rng: np.random.Generator, distance: float | None
+) -> tuple[Scene, int]:
+    """The first candidate that fits, and how many did not."""
+    for refused in range(PATIENCE):
+        scene = _candidate(draw, workspace, rng, distance)
+        if fits(scene, workspace):
+            return scene, refused
+    at = "" if distance is None else f" at {distance} mm"
+    raise UserError(
+        f"draw {draw.name!r}: none of {PATIENCE:,} candidates{at} fitted the workspace; make the "
+        "workspace or the depth range larger, or the indenter smaller."
+    )
 
 
 def fits(scene: Scene, workspace: Workspace) -> bool:

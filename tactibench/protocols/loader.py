@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,23 +17,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LoadedProtocol:
-    """A validated protocol with its file and content hash."""
+    """A validated protocol with its file and content hash.
+
+    test_frames: names in the file of test frames that ships beside the protocol.
+    hash: sha256 of the file, as it would be with "\\n" at every line's end, and of test_frames.
+    """
 
     keys: Protocol
     path: Path
+    test_frames: tuple[str, ...]
     hash: str
 
     @property
     def label(self) -> str:
         return f"{self.keys.id}@{self.keys.version}"
-
-    def test_frame_names(self) -> tuple[str, ...]:
-        """Names in the file of test frames that ships beside the protocol."""
-        recorded = self.keys.recorded
-        if recorded is None or recorded.test_frames is None:
-            return ()
-        lines = (self.path.parent / recorded.test_frames).read_text(encoding="utf-8").splitlines()
-        return tuple(line.strip() for line in lines if line.strip() and line[0] != "#")
 
 
 def protocol_files() -> dict[str, Path]:
@@ -57,11 +53,11 @@ def load_protocol(name: str) -> LoadedProtocol:
     Raises UserError for an unknown name, an unreadable file, or a wrong or missing key.
     """
     files = protocol_files()
-    path = files.get(name)
-    if path is None:
-        path = Path(name)
-        if path.suffix != ".toml":
-            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
+    if name in files:
+        return read_protocol(files[name])
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
     return read_protocol(path)
 
 
@@ -69,60 +65,65 @@ def read_protocol(path: Path) -> LoadedProtocol:
     """Read and validate one file. Raises UserError."""
     from pydantic import ValidationError
 
+    from tactibench.protocols.mistakes import first_mistake
     from tactibench.protocols.schema import Protocol
 
+    raw = _bytes(path)
     try:
-        raw = path.read_bytes()
         tables = tomllib.loads(raw.decode("utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"protocol file {path} does not exist; check the path.") from None
-    except IsADirectoryError:
-        raise UserError(f"protocol file {path} is a folder; name the .toml file.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # TOML's and Unicode's errors are ValueErrors
         raise UserError(f"protocol file {path} is not valid TOML: {error}.") from None
     try:
         keys = Protocol.model_validate(tables)
     except ValidationError as error:
-        raise UserError(f"protocol file {path}: {_first_mistake(error.errors())}") from None
-    digest = hashlib.sha256(raw)
-    loaded = LoadedProtocol(keys, path, "")
-    for line in loaded.test_frame_names():
-        digest.update(line.encode() + b"\n")
-    return LoadedProtocol(keys, path, digest.hexdigest())
+        raise UserError(f"protocol file {path}: {first_mistake(error, Protocol)}") from None
+    names = _test_frames(path, keys)
+    digest = hashlib.sha256(raw.replace(b"\r\n", b"\n"))
+    for name in names:
+        digest.update(name.encode() + b"\n")
+    return LoadedProtocol(keys, path, names, digest.hexdigest())
 
 
-def _first_mistake(mistakes: Sequence[Any]) -> str:
-    from tactibench.protocols.schema import Protocol
+def check_metrics(protocol: LoadedProtocol) -> None:
+    """Refuse metrics that do not exist or do not fit the answers, before any work is done.
 
-    mistake = mistakes[0]
-    where = ".".join(str(part) for part in mistake["loc"])
-    more = f" ({len(mistakes) - 1} more mistakes follow.)" if len(mistakes) > 1 else ""
-    if mistake["type"] == "extra_forbidden":
-        known = _sibling_keys(Protocol, mistake["loc"][:-1])
-        hint = did_you_mean(str(mistake["loc"][-1]), known)
-        return f"unknown key {where!r}; {hint}{more}"
-    if mistake["type"] == "missing":
-        return f"the key {where!r} is missing; add it.{more}"
-    text = mistake["msg"].removeprefix("Value error, ")
-    at = f"key {where!r}: " if where else ""
-    return f"{at}{text}.{more}"
+    Apart from ``read_protocol`` because it imports what the metrics compute with.
+    Raises UserError with the close match.
+    """
+    from tactibench.metrics.registry import METRICS
+
+    keys = protocol.keys
+    kind = "plates" if keys.answer == "plate" else "contacts"
+    fitting = [name for name, spec in METRICS.items() if getattr(spec, kind) is not None]
+    for name in keys.metrics.names:
+        if name not in fitting:
+            raise UserError(
+                f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
+                f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
+            )
 
 
-def _sibling_keys(model: Any, where: Sequence[Any]) -> list[str]:
-    """Field names allowed at a place of the schema."""
-    import typing
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise UserError(f"protocol file {path} does not exist; check the path.") from None
+    except IsADirectoryError:
+        raise UserError(f"protocol file {path} is a folder; name the .toml file.") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"protocol file {path} cannot be read: {error}.") from None
 
-    from pydantic import BaseModel
 
-    for part in where:
-        if isinstance(part, int):
-            continue
-        names = {f.alias or n: f.annotation for n, f in model.model_fields.items()}
-        inside = names.get(str(part))
-        candidates = [inside, *typing.get_args(inside)]
-        model = next(
-            (c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None
-        )
-        if model is None:
-            return []
-    return [field.alias or name for name, field in model.model_fields.items()]
+def _test_frames(path: Path, keys: Protocol) -> tuple[str, ...]:
+    recorded: Any = keys.recorded
+    if recorded is None or recorded.test_frames is None:
+        return ()
+    listed = path.parent / recorded.test_frames
+    try:
+        lines = [line.strip() for line in listed.read_text(encoding="utf-8").splitlines()]
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"protocol file {path}: key 'recorded.test_frames' names {listed}, which cannot be "
+            f"read ({type(error).__name__}); put the list of names beside the protocol."
+        ) from None
+    return tuple(line for line in lines if line and not line.startswith("#"))

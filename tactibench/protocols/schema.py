@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
@@ -11,6 +12,11 @@ from tactibench.contacts import Grid
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
 Names = Annotated[tuple[Name, ...], Field(strict=False)]
 Share = Annotated[float, Field(gt=0, lt=1)]
+Presses = Annotated[int, Field(ge=1, le=1_000_000)]
+Seed = Annotated[int, Field(ge=0, lt=2**64)]
+
+RECORDED = "recorded"
+"""Name of the one set of presses that a recorded folder holds."""
 
 
 class _Strict(BaseModel):
@@ -32,6 +38,11 @@ class Workspace(_Strict):
         if self.half_width_mm >= self.dome_radius_mm:
             raise ValueError("half_width_mm must be smaller than dome_radius_mm")
         return self
+
+    @property
+    def diagonal_mm(self) -> float:
+        """Largest distance between two tips inside the workspace."""
+        return 2 * math.sqrt(2) * self.half_width_mm
 
 
 class GridKeys(_Strict):
@@ -57,9 +68,9 @@ class Draw(_Strict):
     name: Name
     indenter: Literal["single", "dual", "triple"]
     radius_mm: PositiveFloat
-    stream: PositiveInt
-    count: PositiveInt | None = None
-    per_distance: PositiveInt | None = None
+    stream: Annotated[int, Field(ge=1, lt=1_000_000)]
+    count: Presses | None = None
+    per_distance: Presses | None = None
     distances_mm: tuple[PositiveFloat, ...] = Field(default=(), strict=False)
     side_mm: PositiveFloat | None = None
     heights_mm: tuple[Annotated[float, Field(ge=0)], ...] = Field(default=(), strict=False)
@@ -71,19 +82,26 @@ class Draw(_Strict):
         dual, triple = self.indenter == "dual", self.indenter == "triple"
         if dual != bool(self.distances_mm):
             raise ValueError(f"draw {self.name!r}: distances_mm belongs to a dual indenter")
+        if len(set(self.distances_mm)) != len(self.distances_mm):
+            raise ValueError(f"draw {self.name!r}: distances_mm holds a distance twice")
         if self.per_distance is not None and not dual:
             raise ValueError(f"draw {self.name!r}: per_distance belongs to a dual indenter")
         if triple != bool(self.heights_mm) or triple != (self.side_mm is not None):
             raise ValueError(f"draw {self.name!r}: side_mm and heights_mm belong to a triple")
         return self
 
+    @property
+    def span_mm(self) -> float:
+        """Largest distance between two tips."""
+        return max((*self.distances_mm, self.side_mm or 0.0))
+
 
 class Split(_Strict):
     """How one draw is divided by press into training, validation and test presses."""
 
     draw: Name
-    test: PositiveInt
-    validation: PositiveInt
+    test: Presses
+    validation: Presses
 
 
 class Recorded(_Strict):
@@ -93,6 +111,12 @@ class Recorded(_Strict):
     test_frames_size: tuple[PositiveInt, PositiveInt] | None = Field(default=None, strict=False)
     test_share: Share
     validation_share: Share
+
+    @model_validator(mode="after")
+    def _together(self) -> Self:
+        if (self.test_frames is None) != (self.test_frames_size is None):
+            raise ValueError("test_frames and test_frames_size belong together")
+        return self
 
 
 class Test(_Strict):
@@ -124,7 +148,7 @@ class Protocol(_Strict):
     version: PositiveInt
     title: str
     answer: Literal["contacts", "plate"]
-    data_seed: Annotated[int, Field(ge=0)]
+    data_seed: Seed
     workspace: Workspace
     grid: GridKeys
     defaults: Defaults
@@ -141,24 +165,8 @@ class Protocol(_Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if (self.split is None) == (self.recorded is None):
-            raise ValueError("exactly one of [split] and [recorded] is needed")
-        names = [draw.name for draw in self.draws]
-        if len(set(names)) != len(names):
-            raise ValueError("two draws have the same name")
-        if len({draw.stream for draw in self.draws}) != len(names):
-            raise ValueError("two draws take the same stream: they would share presses")
-        known = {*names, *(["recorded"] if self.recorded else [])}
-        wanted = {*self.test.sets, *(d for draws in self.regimes.values() for d in draws)}
-        wanted |= {self.split.draw} if self.split else set()
-        wanted |= {self.test.catch} if self.test.catch else set()
-        if wanted - known:
-            raise ValueError(f"no draw is named {sorted(wanted - known)[0]!r}")
-        if self.split:
-            shared = {d for draws in self.regimes.values() for d in draws} & set(self.test.sets)
-            if shared:
-                raise ValueError(f"draw {sorted(shared)[0]!r} is both trained on and tested")
-            count = self.draw(self.split.draw).count or 0
-            if self.split.test + self.split.validation >= count:
-                raise ValueError("the split leaves no press to train on")
+        from tactibench.protocols.consistency import contradictions
+
+        for sentence in contradictions(self):
+            raise ValueError(sentence)
         return self

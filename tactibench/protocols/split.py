@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.errors import UserError
 from tactibench.protocols.schema import Recorded, Split
@@ -40,27 +41,33 @@ def split_recorded(
         index = {name: i for i, name in enumerate(names)}
         test = [index[name] for name in published]
         left = sorted(set(range(len(names))) - set(test))
-        order = np.array(left)[_permutation(len(left), data_seed)]
-        n = round(keys.validation_share * len(left))
-        parts = _parts(order, 0, n)
-        return Parts(parts.fit, parts.validation, tuple(sorted(test)))
+        order = np.array(left, dtype=np.int64)[_permutation(len(left), data_seed)]
+        parts = _parts(order, 0, round(keys.validation_share * len(left)))
+        return _trainable(Parts(parts.fit, parts.validation, tuple(sorted(test))), len(names))
     test_count = round(keys.test_share * len(names))
     validation = round(keys.validation_share * (len(names) - test_count))
-    if min(test_count, validation, len(names) - test_count - validation) < 1:
+    order = _permutation(len(names), data_seed)
+    return _trainable(_parts(order, test_count, validation), len(names))
+
+
+def _trainable(parts: Parts, count: int) -> Parts:
+    if not (parts.fit and parts.validation and parts.test):
         raise UserError(
-            f"the data folder holds {len(names)} presses, too few to train, validate and test; "
-            "record at least 12."
+            f"the data folder holds {count:,} presses, of which {len(parts.fit):,} would train, "
+            f"{len(parts.validation):,} validate and {len(parts.test):,} test a model; each part "
+            "needs at least one: record more presses."
         )
-    return _parts(_permutation(len(names), data_seed), test_count, validation)
+    return parts
 
 
-def _permutation(count: int, data_seed: int) -> np.ndarray:
+def _permutation(count: int, data_seed: int) -> npt.NDArray[np.int64]:
     seed = np.random.SeedSequence(data_seed, spawn_key=(SPLIT_STREAM,))
     return np.random.default_rng(seed).permutation(count)
 
 
-def _parts(order: np.ndarray, test: int, validation: int) -> Parts:
-    pick = lambda part: tuple(sorted(int(i) for i in part))  # noqa: E731
+def _parts(order: npt.NDArray[np.int64], test: int, validation: int) -> Parts:
     return Parts(
-        pick(order[test + validation :]), pick(order[test : test + validation]), pick(order[:test])
+        fit=tuple(sorted(order[test + validation :].tolist())),
+        validation=tuple(sorted(order[test : test + validation].tolist())),
+        test=tuple(sorted(order[:test].tolist())),
     )

@@ -94,6 +94,6 @@ def stored_runs(store: Path) -> Iterator[StoredRun]:
         if folder.name.startswith(".") or not (folder / RECORD).is_file():
             continue
         try:
-            yield open_run(store, folder.name)
+            yield open_run(store, str(folder))
         except UserError:
             continue

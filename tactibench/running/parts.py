@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from tactibench.errors import UserError
-from tactibench.plugins.host import Origin, PluginHost
+from tactibench.plugins.discovery import Origin
+from tactibench.plugins.host import Catalogue, PluginHost
 from tactibench.plugins.interfaces import Encoder, Model, ModelContext, Sensor, SensorContext
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import code_hash
 from tactibench.running.request import QUICK_EPOCHS, RunRequest
 
+SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec)
+
 
 @dataclass(frozen=True)
-class Part:
+class Part(Generic[SpecT]):
     """A spec with its parameters' values and the plugin it came from."""
 
-    spec: ModelSpec | SensorSpec | EncoderSpec
+    spec: SpecT
     values: Mapping[str, Value]
     origin: Origin
 
@@ -43,9 +46,9 @@ class Part:
 class Parts:
     """Model, sensor and encoder of a run."""
 
-    model: Part
-    sensor: Part
-    encoder: Part | None
+    model: Part[ModelSpec]
+    sensor: Part[SensorSpec]
+    encoder: Part[EncoderSpec] | None
     regime: str
 
     def build_sensor(self, context: SensorContext) -> Sensor:
@@ -99,18 +102,18 @@ def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHos
     regime = _regime(request, protocol, model)
     if not model.uses_encoder and (request.encoder or given.get("encoder")):
         raise UserError(f"model {model.name!r} uses no encoder; leave the encoder options out.")
-    encoder = host.encoders[request.encoder or keys.defaults.encoder] if model.uses_encoder else None
+    encoder = request.encoder or keys.defaults.encoder
     return Parts(
-        Part(model, model.settings(given.get("model", {})), host.models.origins[model.name]),
-        Part(sensor, sensor.settings(given.get("sensor", {})), host.sensors.origins[sensor.name]),
-        encoder
-        and Part(
-            encoder,
-            encoder.settings(given.get("encoder", {})),
-            host.encoders.origins[encoder.name],
-        ),
+        _part(host.models, model.name, given.get("model", {})),
+        _part(host.sensors, sensor.name, given.get("sensor", {})),
+        _part(host.encoders, encoder, given.get("encoder", {})) if model.uses_encoder else None,
         regime,
     )
+
+
+def _part(catalogue: Catalogue[SpecT], name: str, given: Mapping[str, str]) -> Part[SpecT]:
+    spec = catalogue[name]
+    return Part(spec, spec.settings(given), catalogue.origins[name])
 
 
 def _regime(request: RunRequest, protocol: LoadedProtocol, model: ModelSpec) -> str:
@@ -139,12 +142,14 @@ def data_folder(path: Path | None) -> Path | None:
 
 def plugin_versions(parts: Parts) -> dict[str, Any]:
     """Plugin -> distribution, version and source hash."""
-    used = [parts.model, parts.sensor, *([parts.encoder] if parts.encoder else [])]
+    found = {part.origin: part.code() for part in (parts.model, parts.sensor)}
+    if parts.encoder is not None:
+        found[parts.encoder.origin] = parts.encoder.code()
     return {
-        p.origin.plugin: {
-            "distribution": p.origin.distribution,
-            "version": p.origin.version,
-            "code": p.code()[:16],
+        origin.plugin: {
+            "distribution": origin.distribution,
+            "version": origin.version,
+            "code": code[:16],
         }
-        for p in used
+        for origin, code in found.items()
     }

@@ -7,16 +7,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import ModelContext
 from tactibench.protocols.loader import LoadedProtocol, load_protocol
-from tactibench.records.identity import code_hash, digest
-from tactibench.running.frames import FramePlan, plan_frames
+from tactibench.records.identity import code_hash, digest, installed_versions
+from tactibench.running.device import choose_device, machine
+from tactibench.running.frames import FramePlan, Wanted, plan_frames
 from tactibench.running.parts import Parts, data_folder, plugin_versions, resolve_parts
 from tactibench.running.request import RunRequest
 from tactibench.running.weights import WeightsPlan, plan_weights
-from tactibench.timing.fingerprint import fingerprint, fingerprint_hash
+from tactibench.timing.fingerprint import fingerprint_hash
+
+SHOWS_ONLY = frozenset({"_shipped", "board", "cli"})
+"""Folders of the core that cannot change a record: protocols have a hash of their own."""
 
 
 @dataclass(frozen=True)
@@ -33,19 +36,22 @@ class RunPlan:
     @cached_property
     def identity(self) -> dict[str, Any]:
         """Whatever could change the record; its digest names the run."""
-        parts = self.parts
+        encoder = self.parts.encoder
         return {
             "protocol": f"{self.protocol.label} {self.protocol.hash}",
             "weights": digest(self.weights.identity),
-            "encoder": None if parts.encoder is None else dict(parts.encoder.values),
+            "encoder": None
+            if encoder is None
+            else {"name": encoder.name, "parameters": dict(encoder.values)},
             "sensor": self.frames.sensor_identity,
             "test_frames": [wanted.key for wanted in self.frames.test],
             "seed": self.request.seed,
             "quick": self.request.quick,
             "limit": self.request.limit,
-            "code": code_hash("tactibench"),
-            "plugins": plugin_versions(parts),
-            "machine": fingerprint_hash(fingerprint(with_torch=True)),
+            "code": code_hash("tactibench", SHOWS_ONLY),
+            "plugins": plugin_versions(self.parts),
+            "versions": installed_versions("numpy", "scipy", "torch"),
+            "machine": fingerprint_hash(machine()),
         }
 
     @property
@@ -75,12 +81,10 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     parts = resolve_parts(request, protocol, host)
     frames = plan_frames(request, protocol, parts, cache)
     device = choose_device(request.device)
-    keys = protocol.keys
     weights = plan_weights(
-        request,
+        protocol.keys,
         parts,
-        answer=keys.answer,
-        grid=keys.grid.model_dump(),
+        seed=request.seed,
         training_key=frames.training_key(),
         device=device,
         cache=cache,
@@ -88,37 +92,33 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     return RunPlan(request, protocol, parts, device, frames, weights)
 
 
-def choose_device(asked: str) -> str:
-    """ "cpu" or "cuda". Raises UserError for a card that is not there."""
-    import torch
-
-    if asked == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    if asked == "cuda" and not torch.cuda.is_available():
-        raise UserError("--device cuda was asked for, but torch finds no GPU; use --device cpu.")
-    return asked
-
-
 def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
     """What will be generated, trained and taken from the cache, in plain words."""
     if stored:
         return [f"plan: {plan.name} is in the store and is shown as it is (--fresh runs it again)"]
-    made, cached = [], []
-    for wanted in plan.frames:
-        text = f"{len(wanted.scenes):,} {wanted.role} frames"
-        text += f" ({wanted.name})" if wanted.name != wanted.role else ""
-        if plan.parts.sensor.spec.needs_data:  # type: ignore[union-attr]
-            cached.append(f"read {text}")
-        elif wanted.cached:
-            cached.append(f"take {text} from the cache")
-        elif plan.weights.cached and wanted.role != "test":
-            continue
+    train = "take the trained weights from the cache"
+    if not plan.weights.cached:
+        frames = _frames(plan, (*plan.frames.fit, *plan.frames.validation))
+        again = " from where it stopped" if plan.weights.begun else ""
+        train = f"{frames}; train {plan.parts.model.label()} on {plan.device}{again}"
+    return [
+        f"plan: {plan.name}",
+        f"  train: {train}",
+        f"  test:  {_frames(plan, plan.frames.test)}; predict, time, score",
+    ]
+
+
+def _frames(plan: RunPlan, wanted: tuple[Wanted, ...]) -> str:
+    """``generate 3,600 (singles); take 400 (singles, validation) from the cache``."""
+    ways: dict[str, list[str]] = {}
+    sensor = plan.parts.sensor
+    for one in wanted:
+        what = f"{one.name}, validation" if one.role == "validation" else one.name
+        if sensor.spec.needs_data:
+            way = "read {} frames"
+        elif one.cached:
+            way = "take {} frames from the cache"
         else:
-            made.append(f"generate {text} on {plan.parts.sensor.label()}")
-    if plan.weights.cached:
-        cached = [line for line in cached if "test" in line]
-        cached.append("take the trained weights from the cache")
-    else:
-        resumes = " (continuing)" if any(plan.weights.checkpoints.glob("*")) else ""
-        made.append(f"train {plan.parts.model.label()} on {plan.device}{resumes}")
-    return ["plan: " + "; ".join([*made, *cached]) + "; predict, time, score"]
+            way = f"generate {{}} frames on {sensor.label()}"
+        ways.setdefault(way, []).append(f"{len(one.scenes):,} ({what})")
+    return "; ".join(way.format(" and ".join(sets)) for way, sets in ways.items())

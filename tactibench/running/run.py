@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from tactibench import __version__
 from tactibench.contacts import Answer, Frame
 from tactibench.datasets.known import true_bounds, true_surfaces
 from tactibench.datasets.presses import Presses
 from tactibench.plugins.interfaces import Progress, SensorContext
+from tactibench.protocols.loader import check_metrics
 from tactibench.records.answers import pack
-from tactibench.records.files import arrays_hash
-from tactibench.records.identity import code_commit
-from tactibench.records.record import SCHEMA
 from tactibench.records.store import Arrays, StoredRun, write_run
-from tactibench.running.frames import Wanted
+from tactibench.running.frames import Wanted, spread
+from tactibench.running.make_record import make_record
 from tactibench.running.plan import RunPlan
 from tactibench.running.predictions import predict_all, predicted_maps
 from tactibench.running.scoring import score_arrays
-from tactibench.running.speed import Speed, measure_speed
-from tactibench.running.weights import Trained, trained_weights
-from tactibench.timing.fingerprint import fingerprint, fingerprint_hash
+from tactibench.running.speed import measure_speed
+from tactibench.running.weights import Examples, trained_weights
 
 EXAMPLES = 24
 """Test frames kept with a run, so that pictures need no sensor."""
 QUICK_CALLS, CALLS = 60, 300
+
+
+Known = TypeVar("Known")
 
 
 class Reporter(Protocol):
@@ -50,80 +48,87 @@ class TestData:
     __test__ = False  # not a test case, whatever its name
 
     presses: tuple[Presses, ...]
-    frames: tuple[Frame, ...]
-    truth: tuple[Answer, ...]
-    names: tuple[str, ...]
     groups: tuple[str, ...]
+    truth: tuple[Answer, ...]
+
+    @property
+    def frames(self) -> list[Frame]:
+        return [frame for presses in self.presses for frame in presses.frames]
+
+    @property
+    def names(self) -> list[str]:
+        return [name for presses in self.presses for name in presses.names]
 
 
 def execute(plan: RunPlan, store: Path, reporter: Reporter) -> StoredRun:
-    """Carry a plan out and store the run. Interrupted work is continued by the same call."""
+    """Carry a plan out and store the run. Interrupted work is continued by the same call.
+
+    Raises UserError before any work for metrics that do not exist or do not fit.
+    """
+    keys = plan.protocol.keys
+    check_metrics(plan.protocol)
     model = plan.parts.build_model(plan.context())
     with reporter.training() as progress:
-        trained = trained_weights(plan.weights, model, lambda role: _examples(plan, role, reporter), progress)
+        trained = trained_weights(
+            plan.weights, model, lambda role: _examples(plan, role, reporter), progress
+        )
     test = _test_data(plan, reporter)
-    keys = plan.protocol.keys
-    with reporter.task("predict", len(test.frames)) as advance:
-        answers = predict_all(
-            model, test.frames, keys.answer, plan.parts.model.spec.max_contacts, advance  # type: ignore[union-attr]
-        )  # fmt: skip
-    wants_surface = "surface_rmse_mm" in keys.metrics.names
-    shape = (keys.grid.cells, keys.grid.cells)
+    frames = test.frames
+    with reporter.task("predict", len(frames)) as advance:
+        most = plan.parts.model.spec.max_contacts
+        answers = predict_all(model, frames, keys.answer, most, advance)
     maps: Arrays = {}
-    heat = predicted_maps(model, test.frames, shape) if keys.answer == "contacts" else None
-    if heat is not None:
-        maps["maps"] = heat
+    if keys.answer == "contacts":
+        heat = predicted_maps(model, frames, keys.grid.grid().shape)
+        if heat is not None:
+            maps["maps"] = heat
     truth: Arrays = {
         **pack(test.truth, keys.answer),
         "press": np.array(test.names),
         "group": np.array(test.groups),
     }
-    if not plan.parts.sensor.spec.needs_data:  # type: ignore[union-attr]
-        _add_known(plan, test, reporter, truth, maps, surface=wants_surface and heat is not None)
+    if not plan.parts.sensor.spec.needs_data:
+        _add_known(plan, test, reporter, truth, maps)
     with reporter.task("time", 1) as advance:
         calls = QUICK_CALLS if plan.request.quick else CALLS
-        speed = measure_speed(model, test.frames, answers, calls)
+        speed = measure_speed(model, frames, answers, calls)
         advance(1)
     predicted = pack(answers, keys.answer)
     metrics = score_arrays(keys, truth, predicted, maps)
+    record = make_record(
+        plan, trained, speed, metrics, predicted, data=[presses.hash for presses in test.presses]
+    )
     parts = {
         "truth": truth,
         "predictions": predicted,
         "maps": maps,
         "times": speed.raw,
-        "examples": _pictures(test),
+        "examples": _pictures(frames),
     }
-    record = _record(plan, trained, speed, metrics, test, parts)
     return write_run(store, record, parts)
 
 
-def _examples(
-    plan: RunPlan, role: str, reporter: Reporter
-) -> tuple[Sequence[Frame], Sequence[Answer]]:
+def _examples(plan: RunPlan, role: str, reporter: Reporter) -> Examples:
+    keys = plan.protocol.keys
     frames: list[Frame] = []
     truth: list[Answer] = []
-    wanted = plan.frames.fit if role == "fit" else plan.frames.validation
-    for one in wanted:
-        presses = _open(one, reporter)
+    for wanted in plan.frames.fit if role == "fit" else plan.frames.validation:
+        presses = _open(wanted, reporter)
         frames += presses.frames
-        truth += presses.truth(plan.protocol.keys.answer, plan.protocol.keys.workspace.dome_radius_mm)
+        truth += presses.truth(keys.answer, keys.workspace.dome_radius_mm)
     return frames, truth
 
 
 def _test_data(plan: RunPlan, reporter: Reporter) -> TestData:
     keys = plan.protocol.keys
-    opened = tuple(_open(one, reporter) for one in plan.frames.test)
-    return TestData(
-        opened,
-        tuple(frame for presses in opened for frame in presses.frames),
-        tuple(
-            answer
-            for presses in opened
-            for answer in presses.truth(keys.answer, keys.workspace.dome_radius_mm)
-        ),
-        tuple(name for presses in opened for name in presses.names),
-        tuple(group for one in plan.frames.test for group in one.groups),
-    )
+    opened = tuple(_open(wanted, reporter) for wanted in plan.frames.test)
+    truth = [
+        answer
+        for presses in opened
+        for answer in presses.truth(keys.answer, keys.workspace.dome_radius_mm)
+    ]
+    groups = tuple(group for wanted in plan.frames.test for group in wanted.groups)
+    return TestData(opened, groups, tuple(truth))
 
 
 def _open(wanted: Wanted, reporter: Reporter) -> Presses:
@@ -133,142 +138,53 @@ def _open(wanted: Wanted, reporter: Reporter) -> Presses:
 
 
 def _add_known(
-    plan: RunPlan,
-    test: TestData,
-    reporter: Reporter,
-    truth: Arrays,
-    maps: Arrays,
-    *,
-    surface: bool,
+    plan: RunPlan, test: TestData, reporter: Reporter, truth: Arrays, maps: Arrays
 ) -> None:
-    """What only a simulator can add: true surfaces and Cramer-Rao bounds."""
+    """What only a simulator can add: true surfaces beside heatmaps, and Cramer-Rao bounds."""
     keys = plan.protocol.keys
     with plan.parts.build_sensor(SensorContext(np.random.SeedSequence(keys.data_seed))) as sensor:
-        if surface:
-            with reporter.task("true surfaces", len(test.presses)) as advance:
-                known = []
-                for presses in test.presses:
-                    known.append(true_surfaces(sensor, presses, keys.grid.grid()))
-                    advance(1)
-            if all(one is not None for one in known):
-                maps["surface"] = np.concatenate([one for one in known if one is not None])
+        if "surface_rmse_mm" in keys.metrics.names and "maps" in maps:
+            grid = keys.grid.grid()
+            surfaces = _each(
+                reporter,
+                "true surfaces",
+                test.presses,
+                lambda presses: true_surfaces(sensor, presses, grid),
+            )
+            if surfaces is not None:
+                maps["surface"] = np.concatenate(surfaces)
         if "rmse_over_bound" in keys.metrics.names:
-            with reporter.task("Cramer-Rao bounds", len(test.presses)) as advance:
-                bounds = []
-                for presses in test.presses:
-                    bounds.append(true_bounds(sensor, presses))
-                    advance(1)
-            if all(one is not None for one in bounds):
-                truth["bound"] = np.concatenate([b for one in bounds if one for b in one])
+            bounds = _each(
+                reporter,
+                "Cramer-Rao bounds",
+                test.presses,
+                lambda presses: true_bounds(sensor, presses),
+            )
+            if bounds is not None:
+                truth["bound"] = np.concatenate([bound for one in bounds for bound in one])
 
 
-def _pictures(test: TestData) -> Arrays:
-    count = len(test.frames)
-    index = np.unique((np.arange(min(EXAMPLES, count)) + 0.5) * count / min(EXAMPLES, count))
-    rows = index.astype(np.int64)
-    return {"index": rows, "images": np.stack([test.frames[i].image for i in rows])}
+def _each(
+    reporter: Reporter,
+    title: str,
+    sets: Sequence[Presses],
+    known: Callable[[Presses], Known | None],
+) -> list[Known] | None:
+    """What is known of every set, or None when it is not known of one."""
+    found = []
+    with reporter.task(title, len(sets)) as advance:
+        for presses in sets:
+            one = known(presses)
+            if one is None:
+                return None
+            found.append(one)
+            advance(1)
+    return found
 
 
-def _record(
-    plan: RunPlan,
-    trained: Trained,
-    speed: Speed,
-    metrics: list[dict[str, Any]],
-    test: TestData,
-    parts: dict[str, Arrays],
-) -> dict[str, Any]:
-    protocol, request = plan.protocol, plan.request
-    environment = environment_facts()
-    report = trained.report
-    identity = {
-        **plan.identity,
-        "commit": code_commit(Path(__file__).resolve().parents[2]),
-        "data": [presses.hash for presses in test.presses],
-        "weights_hash": trained.hash,
-        "predictions_hash": arrays_hash(parts["predictions"]),
-    }
-    record: dict[str, Any] = {
-        "schema": SCHEMA,
-        "name": plan.name,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "protocol": {
-            "id": protocol.keys.id,
-            "version": protocol.keys.version,
-            "hash": protocol.hash,
-            "title": protocol.keys.title,
-        },
-        "model": {"name": plan.parts.model.name, "parameters": dict(plan.parts.model.values)},
-        "regime": plan.parts.regime,
-        "encoder": None
-        if plan.parts.encoder is None
-        else {
-            "name": plan.parts.encoder.name,
-            "parameters": dict(plan.parts.encoder.values),
-        },
-        "sensor": {
-            "name": plan.parts.sensor.name,
-            "origin": plan.parts.sensor.spec.origin,  # type: ignore[union-attr]
-            "parameters": dict(plan.parts.sensor.values),
-        },
-        "seed": request.seed,
-        "partial": request.partial,
-        "limits": {"quick": request.quick, "limit": request.limit},
-        "identity": identity,
-        "environment": environment,
-        "metrics": metrics,
-        "speed": speed.rows,
-        "timed": speed.timed,
-        "training": {
-            "epochs": report["epochs"],
-            "seconds": report["seconds"],
-            "presses": plan.frames.count("fit"),
-            "reused": trained.reused,
-            "history": report["history"],
-            "notes": report["notes"],
-        },
-        "data": {
-            "train": plan.frames.count("fit"),
-            "validation": plan.frames.count("validation"),
-            "test": len(test.frames),
-            "rejected": plan.frames.rejected,
-        },
-        "signature": signature(plan, trained, environment["fingerprint"]),
-    }
-    return record
-
-
-def signature(plan: RunPlan, trained: Trained, machine: str) -> str:
-    """One line that makes the numbers above it reproducible."""
-    fields = {
-        "protocol": f"{plan.protocol.label}+{plan.protocol.hash[:8]}",
-        "model": plan.parts.model.label(),
-        "regime": plan.parts.regime,
-        "encoder": plan.parts.encoder.label() if plan.parts.encoder else "none",
-        "sensor": plan.parts.sensor.label(),
-        "seed": plan.request.seed,
-        "weights": trained.hash[:8],
-        "partial": "yes" if plan.request.partial else "no",
-        "machine": machine,
-        "version": __version__,
-    }
-    return "|".join(f"{name}:{value}" for name, value in fields.items())
-
-
-def environment_facts() -> dict[str, Any]:
-    """The machine and the versions that a reader needs to judge or repeat a run."""
-    from importlib.metadata import version
-
-    found = fingerprint(with_torch=True)
-    packages = ("numpy", "scipy", "torch", "opencv-contrib-python-headless", "tactibench")
-    versions = {}
-    for package in packages:
-        try:
-            versions[package] = version(package)
-        except ModuleNotFoundError:
-            versions[package] = "not installed"
+def _pictures(frames: Sequence[Frame]) -> Arrays:
+    rows = spread(range(len(frames)), EXAMPLES)
     return {
-        **found,
-        "fingerprint": fingerprint_hash(found),
-        "threads": int(os.environ.get("OMP_NUM_THREADS", found["cores_logical"] or 1)),
-        "versions": versions,
+        "index": np.array(rows, dtype=np.int64),
+        "images": np.stack([frames[row].image for row in rows]),
     }

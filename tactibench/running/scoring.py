@@ -17,7 +17,9 @@ SCORING_STREAM = 1_000_000
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
-def score_arrays(keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays) -> list[dict[str, Any]]:
+def score_arrays(
+    keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays
+) -> list[dict[str, Any]]:
     """Rows of ``record["metrics"]``. truth also holds ``press`` and ``group`` of every frame."""
     from tactibench.metrics.score import score
     from tactibench.metrics.trials import PlateTrials, Trials

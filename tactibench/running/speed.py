@@ -10,12 +10,14 @@ import numpy as np
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.plugins.interfaces import Model, StagedModel
+from tactibench.running.device import machine
+from tactibench.running.frames import spread
 from tactibench.running.predictions import blinded
-from tactibench.timing.fingerprint import fingerprint
 from tactibench.timing.latency import LatencySample, time_single, torch_threads
 from tactibench.timing.rows import speed_rows
 
-CHECKED_FRAMES = 200
+TIMED_FRAMES = 200
+"""Test frames that calls take in turn, spread over all: groups follow each other in a test."""
 BUDGET_S = 12.0
 """Seconds that timing may take for one thread count; a slower model gives fewer calls."""
 
@@ -41,8 +43,9 @@ def measure_speed(
 ) -> Speed:
     """Time frame -> answer at batch 1 with one thread and with all."""
     stages = model_stages(model)
-    seen = [blinded(frame) for frame in frames[:CHECKED_FRAMES]]
-    cores = int(fingerprint()["cores_logical"] or 1)
+    rows_timed = spread(range(len(frames)), TIMED_FRAMES)
+    seen = [blinded(frames[row]) for row in rows_timed]
+    cores = int(machine()["cores_logical"] or 1)
     rows: list[dict[str, Any]] = []
     raw: dict[str, np.ndarray] = {}
     for threads in sorted({1, cores}):
@@ -52,7 +55,7 @@ def measure_speed(
             )
         rows += speed_rows(sample, "single")
         raw[f"single_{threads}_threads_ms"] = np.asarray(sample.raw_ms)
-    return Speed(rows, raw, _difference(stages, seen, answers))
+    return Speed(rows, raw, _difference(stages, seen, [answers[row] for row in rows_timed]))
 
 
 def _difference(
@@ -62,7 +65,7 @@ def _difference(
 ) -> dict[str, Any]:
     """How far the timed configuration's answers lie from the scored float32 ones."""
     apart, changed = [], 0
-    for frame, scored in zip(frames, answers, strict=False):
+    for frame, scored in zip(frames, answers, strict=True):
         value: Any = [frame]
         for _, stage in stages:
             value = stage(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -11,16 +12,31 @@ from typing import Any
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
+from tactibench.errors import UserError
 from tactibench.plugins.interfaces import FitReport, Model, Progress
+from tactibench.protocols.schema import Protocol
 from tactibench.records.files import file_hash, locked, read_json, write_json
-from tactibench.records.identity import code_hash, combined, digest
+from tactibench.records.identity import (
+    canonical,
+    code_hash,
+    combined,
+    digest,
+    installed_versions,
+)
 from tactibench.running.parts import Parts
-from tactibench.running.request import RunRequest
 
 TRAINING_STREAM = 1
 MANIFEST = "manifest.json"
-SHARED_CODE = ("tactibench.training", "tactibench.contacts", "tactibench.geometry", "tactibench.images")
+SHARED_CODE = (
+    "tactibench.contacts",
+    "tactibench.datasets.presses",
+    "tactibench.geometry",
+    "tactibench.images",
+    "tactibench.training",
+)
 """Core modules whose source changes what a model learns."""
+
+Examples = tuple[Sequence[Frame], Sequence[Answer]]
 
 
 @dataclass(frozen=True)
@@ -33,7 +49,13 @@ class WeightsPlan:
 
     @property
     def cached(self) -> bool:
+        """Whether the weights are there (they are verified when they are loaded)."""
         return (self.folder / MANIFEST).is_file()
+
+    @property
+    def begun(self) -> bool:
+        """Whether an interrupted training can be continued."""
+        return self.checkpoints.is_dir() and any(self.checkpoints.iterdir())
 
 
 @dataclass(frozen=True)
@@ -46,37 +68,26 @@ class Trained:
 
 
 def plan_weights(
-    request: RunRequest,
-    parts: Parts,
-    *,
-    answer: str,
-    grid: dict[str, Any],
-    training_key: str,
-    device: str,
-    cache: Path,
+    keys: Protocol, parts: Parts, *, seed: int, training_key: str, device: str, cache: Path
 ) -> WeightsPlan:
     """Everything that determines the weights; equal identities share one training."""
-    import torch
-
+    encoder = parts.encoder
     identity = {
         "model": parts.model.name,
         "parameters": dict(parts.model.values),
         "code": combined([parts.model.code(), *(code_hash(name) for name in SHARED_CODE)]),
         "encoder": None
-        if parts.encoder is None
-        else {
-            "name": parts.encoder.name,
-            "parameters": parts.encode_values,
-            "code": parts.encoder.code(),
-        },
-        "answer": answer,
-        "grid": grid,
+        if encoder is None
+        else {"name": encoder.name, "parameters": parts.encode_values, "code": encoder.code()},
+        "answer": keys.answer,
+        "grid": keys.grid.model_dump(),
+        "dome_radius_mm": keys.workspace.dome_radius_mm,
+        "max_depth_mm": keys.workspace.depth_max_mm,
         "regime": parts.regime,
         "frames": training_key,
-        "seed": request.seed,
+        "seed": seed,
         "device": device,
-        "torch": torch.__version__,
-        "numpy": np.__version__,
+        "versions": installed_versions("torch", "numpy"),
     }
     key = digest(identity)[:24]
     return WeightsPlan(identity, cache / "weights" / key, cache / "training" / key)
@@ -85,38 +96,44 @@ def plan_weights(
 def trained_weights(
     plan: WeightsPlan,
     model: Model,
-    examples: Callable[[str], tuple[Sequence[Frame], Sequence[Answer]]],
+    examples: Callable[[str], Examples],
     progress: Progress,
 ) -> Trained:
     """Load the weights into ``model``, training it first when they are not there.
 
     examples: "fit" or "validation" -> frames and truth, asked for only when training is needed.
+    The model that predicts is always the one that was read from the disk.
     """
     with locked(plan.folder.with_name(plan.folder.name + ".lock")):
         manifest = _intact(plan)
+        reused = manifest is not None
         if manifest is None:
             manifest = _train(plan, model, examples, progress)
-            return Trained(manifest["hash"], manifest["report"], False)
-    model.load(plan.folder)
-    return Trained(manifest["hash"], manifest["report"], True)
+        shutil.rmtree(plan.checkpoints, ignore_errors=True)
+        model.load(plan.folder)
+    return Trained(manifest["hash"], manifest["report"], reused)
 
 
 def _intact(plan: WeightsPlan) -> dict[str, Any] | None:
-    """The manifest, when every file is what it was when it was written."""
-    if not plan.cached:
+    """The manifest, when it and every file are what they were when they were written."""
+    try:
+        manifest: dict[str, Any] = read_json(plan.folder / MANIFEST)
+        files = manifest["files"]
+        whole = (
+            canonical(manifest["identity"]) == canonical(plan.identity)
+            and manifest["hash"] == _hash(files)
+            and "report" in manifest
+            and all(file_hash(plan.folder / name) == value for name, value in files.items())
+        )
+    except (UserError, OSError, KeyError, TypeError, AttributeError, ValueError):
         return None
-    manifest: dict[str, Any] = read_json(plan.folder / MANIFEST)
-    for name, value in manifest["files"].items():
-        path = plan.folder / name
-        if not path.is_file() or file_hash(path) != value:
-            return None
-    return manifest if manifest["identity"] == plan.identity else None
+    return manifest if whole else None
 
 
 def _train(
     plan: WeightsPlan,
     model: Model,
-    examples: Callable[[str], tuple[Sequence[Frame], Sequence[Answer]]],
+    examples: Callable[[str], Examples],
     progress: Progress,
 ) -> dict[str, Any]:
     frames, truth = examples("fit")
@@ -141,11 +158,28 @@ def _train(
     manifest = {
         "identity": plan.identity,
         "files": files,
-        "hash": combined([f"{name} {value}" for name, value in files.items()]),
-        "report": asdict(report),
+        "hash": _hash(files),
+        "report": _plain(report, plan.identity["model"]),
     }
     write_json(made / MANIFEST, manifest)
-    shutil.rmtree(plan.folder, ignore_errors=True)
+    if plan.folder.exists():  # damaged
+        shutil.rmtree(plan.folder)
     made.rename(plan.folder)
-    shutil.rmtree(plan.checkpoints, ignore_errors=True)
     return manifest
+
+
+def _hash(files: dict[str, str]) -> str:
+    return combined([f"{name} {value}" for name, value in sorted(files.items())])
+
+
+def _plain(report: FitReport, model: str) -> dict[str, Any]:
+    """The report as JSON values, numpy's numbers as Python's."""
+    try:
+        text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())
+    except (ValueError, TypeError, AttributeError) as error:
+        raise UserError(
+            f"model {model!r} reported a training that cannot be recorded ({error}): its loss was "
+            "not finite, or a note is no number or text; train with other parameters or mend it."
+        ) from None
+    plain: dict[str, Any] = json.loads(text)
+    return plain

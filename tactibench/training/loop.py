@@ -24,12 +24,15 @@ from tactibench.training.examples import Examples
 from tactibench.training.precision import autocast, resolve_precision
 from tactibench.training.recipe import Recipe
 from tactibench.training.seeds import Seeds, seeded
+from tactibench.training.statistics import freeze_statistics, measure_statistics
 
 Loss = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 ErrorMm = Callable[[torch.Tensor, npt.NDArray[np.int64]], float | None]
 
 _DECODED = 200
 """Validation frames that are decoded for the error in mm after each epoch."""
+_MEASURED = 1024
+"""Training frames over which the statistics of batch normalisation are measured."""
 _EVALUATION_BATCH = 50
 
 
@@ -131,6 +134,12 @@ def _epoch(
     batches = torch.split(order, recipe.batch)
     total = 0.0
     with seeded(seeds.of_epoch(epoch), place.device):
+        if recipe.is_frozen(epoch):
+            if not recipe.is_frozen(epoch - 1):
+                few = batches[: -(-_MEASURED // recipe.batch)]
+                images_of = (training.take(index, place.device)[0] for index in few)
+                measure_statistics(network, images_of, place.outputs)
+            freeze_statistics(network)
         for number, index in enumerate(batches):
             for group in optimiser.param_groups:
                 group["lr"] = recipe.rate(

@@ -18,6 +18,8 @@ class Recipe:
     precision: of the training arithmetic, "float32", "bf16" or "auto": bf16 where the machine
     computes it natively.
     channels_last: memory layout of the convolutions.
+    frozen: share of the epochs, at the end, in which batch normalisation keeps the statistics that
+    prediction will use (see ``statistics``).
 
     Raises ValueError for values with which no training is possible.
     """
@@ -32,6 +34,7 @@ class Recipe:
     patience: int | None = None
     precision: str = "auto"
     channels_last: bool = True
+    frozen: float = 0.0
 
     def __post_init__(self) -> None:
         if self.epochs < 1 or self.batch < 1:
@@ -40,6 +43,8 @@ class Recipe:
             raise ValueError("learning_rate must be positive and weight_decay not negative")
         if self.precision not in ("auto", "float32", "bf16"):
             raise ValueError(f"precision {self.precision!r} is none of auto, float32, bf16")
+        if not 0 <= self.frozen <= 1:
+            raise ValueError("frozen is a share of the epochs, between 0 and 1")
         if not 0 < self.warmup < 1:
             raise ValueError("warmup is a share of the steps, between 0 and 1")
 
@@ -56,6 +61,10 @@ class Recipe:
         if step < top:
             return _cosine(start, peak, step / top)
         return _cosine(peak, end, (step - top) / max(1.0, steps - 1 - top))
+
+    def is_frozen(self, epoch: int) -> bool:
+        """Whether statistics are frozen in an epoch, counted from 0."""
+        return epoch >= self.epochs - int(self.frozen * self.epochs)
 
     def with_choices(self, epochs: int = 0, precision: str = "recipe") -> Recipe:
         """This recipe with what a user set: 0 and "recipe" leave the recipe's own value."""
@@ -81,7 +90,9 @@ RECIPES = {
         precision="float32",
         channels_last=False,
     ),
-    "default": Recipe(epochs=14, batch=16, learning_rate=3e-3, weight_decay=1e-2),
+    "default": Recipe(
+        epochs=12, batch=16, learning_rate=4e-3, warmup=0.2, weight_decay=1e-2, frozen=0.1
+    ),
 }
 """paper: TactiVerse, table of hyperparameters (the patience is not given there).
 

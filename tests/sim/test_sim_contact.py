@@ -75,6 +75,7 @@ def test_a_tip_beside_the_dome_is_none():
         (Indenter.single(), Pose(depth=math.nan), "depth is nan"),
         (Indenter.single(), Pose(depth=-0.1), "depth is -0.1 mm"),
         (Indenter.single(), Pose(depth=45.0), "depth is 45 mm"),
+        (Indenter.single(), Pose(x=1e200, depth=1), "within 100 mm"),
         (Indenter.dual(7.0), Pose(tilt=5.0, depth=1), "tilt is 5 deg"),
         (Indenter.plate(), Pose(tilt=95.0, depth=1), "tilt is 95 deg"),
     ],

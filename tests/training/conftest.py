@@ -72,7 +72,14 @@ def make_examples():
 
 @pytest.fixture
 def recipe():
-    return Recipe(epochs=4, batch=8, learning_rate=1e-2, weight_decay=1e-2, precision="float32")
+    return Recipe(
+        epochs=4,
+        batch=8,
+        learning_rate=1e-2,
+        weight_decay=1e-2,
+        precision="float32",
+        frozen=0.25,
+    )
 
 
 @pytest.fixture

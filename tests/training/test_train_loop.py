@@ -47,6 +47,17 @@ def test_bf16_learns_like_float32(run, recipe):
     assert losses[1] == pytest.approx(losses[0], rel=0.05)
 
 
+def test_frozen_epochs_keep_the_statistics(run, recipe):
+    """In two of four epochs of four batches; they are measured over four, the weights move."""
+    recipe = replace(recipe, frozen=0.5)
+    assert [recipe.is_frozen(epoch) for epoch in range(4)] == [False, False, True, True]
+    frozen, _ = run(recipe=recipe)
+    free, _ = run(recipe=replace(recipe, frozen=0.0))
+    assert int(frozen.features[1].num_batches_tracked) == 4
+    assert int(free.features[1].num_batches_tracked) == 16
+    assert not torch.equal(frozen.head[1].weight, free.head[1].weight)
+
+
 def test_progress_is_told_every_step_and_epoch(run, recipe, recorder):
     progress = recorder()
     _, report = run(progress=progress)
@@ -142,7 +153,14 @@ def test_one_cycle_has_a_rate_for_the_shortest_training(steps):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"epochs": 0}, {"batch": 0}, {"learning_rate": 0.0}, {"warmup": 1.0}, {"precision": "half"}],
+    [
+        {"epochs": 0},
+        {"batch": 0},
+        {"learning_rate": 0.0},
+        {"warmup": 1.0},
+        {"frozen": 1.1},
+        {"precision": "half"},
+    ],
 )
 def test_an_impossible_recipe_is_refused(wrong):
     with pytest.raises(ValueError):  # noqa: PT011

@@ -128,6 +128,16 @@ def test_a_folded_network_answers_as_before():
     assert state_hash(network) == before
 
 
+def test_a_copy_stored_in_bf16_answers_like_autocast():
+    network = nn.Sequential(
+        nn.Conv2d(1, 3, 3), nn.BatchNorm2d(3), nn.ReLU(), nn.Flatten(), nn.Linear(147, 2)
+    )
+    images = torch.rand(4, 1, 9, 9)
+    with torch.inference_mode(), autocast("bf16", "cpu"):
+        expected = fold_batch_norm(network)(images)
+        assert torch.equal(fold_batch_norm(network, "bf16")(images), expected)
+
+
 def test_parameters_are_counted():
     assert count_parameters(nn.Linear(3, 2)) == 8
 

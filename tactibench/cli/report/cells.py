@@ -50,7 +50,7 @@ def aligned(column: Sequence[str]) -> list[str]:
 
 
 def span(values: Iterable[int]) -> str:
-    """"1,000" or "998 to 1,000"."""
+    """ "1,000" or "998 to 1,000"."""
     known = list(values)
     low, high = min(known, default=0), max(known, default=0)
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"

@@ -1,0 +1,179 @@
+"""The command as a process: help, imports, exit codes, interruption."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tactibench
+from tactibench.cli.main import VERBS
+
+HEAVY = (
+    "numpy",
+    "torch",
+    "cv2",
+    "pydantic",
+    "rich",
+    "scipy",
+    "pandas",
+    "matplotlib",
+    "platformdirs",
+)
+UNET = ("run", "exp1", "--model", "unet", "--quick", "--device", "cpu")
+SMALL = ("--param", "model.width=8", "--param", "model.size=64", "--param", "model.epochs=900")
+
+
+BUFFERED = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "tactibench", *arguments]
+
+
+def ran(*arguments: str, **keys: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=120, **keys)
+
+
+@pytest.fixture
+def surroundings(tmp_path: Path) -> dict[str, Any]:
+    """A folder and a cache for a process."""
+    path = os.pathsep.join(str(Path(p).resolve()) for p in sys.path if Path(p).is_dir())
+    threads = {"OMP_NUM_THREADS": "1"}
+    cache = {"TACTIBENCH_CACHE": str(tmp_path / "cache")}
+    return {"cwd": tmp_path, "env": {**os.environ, **threads, **cache, "PYTHONPATH": path}}
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["list", "--json"], ["--version"], []])
+def test_light_commands_import_nothing_heavy(arguments: list[str]) -> None:
+    code = (
+        "import sys\nfrom tactibench.cli.main import call\n"
+        f"code = call({arguments!r})\n"
+        f"print('loaded:', *[name for name in {HEAVY!r} if name in sys.modules])\nsys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].strip() == "loaded:"
+
+
+def test_the_command_alone_prints_its_help(cli: Any) -> None:
+    code, out, err = cli()
+    assert (code, err) == (0, "")
+    assert out == cli("--help")[1] == cli("-h")[1]
+    for verb in (*VERBS, "sim"):
+        assert f"\n  {verb} " in out
+
+
+@pytest.mark.parametrize("verb", [*VERBS, "sim"])
+def test_every_verb_explains_itself(cli: Any, verb: str) -> None:
+    code, out, _ = cli(verb, "--help")
+    assert code == 0
+    assert out.startswith(f"Usage: tactibench {verb} ")
+
+
+def test_a_group_of_a_plugin_alone_prints_its_help(cli: Any) -> None:
+    code, out, err = cli("sim")
+    assert (code, err) == (0, "")
+    assert out.startswith("Usage: tactibench sim ")
+
+
+def test_version(cli: Any) -> None:
+    assert cli("--version") == (0, f"tactibench, version {tactibench.__version__}\n", "")
+
+
+def test_python_m_is_the_command() -> None:
+    done = ran("runn")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "tactibench: unknown command 'runn'; did you mean 'run'?\n"
+
+
+def test_debug_shows_the_traceback() -> None:
+    done = ran("--debug", "runn")
+    assert done.returncode == 1
+    assert "Traceback" in done.stderr
+    assert "UserError: unknown command 'runn'" in done.stderr
+
+
+def test_a_reader_that_has_gone_is_no_mistake() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        command("list"), stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60, env=BUFFERED
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_under_stdout() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            command("list"),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            env=BUFFERED,
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith("tactibench: the disk is full")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_write_that_fails_half_way(surroundings: dict[str, Any]) -> None:
+    """A real failing write: files may not grow beyond 200 kB."""
+    done = ran(
+        *("run", "exp1", "--model", "mean", "--quick", "--device", "cpu"),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000)),
+        **surroundings,
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("tactibench: the file system refused")
+    assert "File too large" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list(surroundings["cwd"].rglob("record.json"))
+    assert_whole(surroundings["cwd"])
+
+
+def assert_whole(folder: Path) -> None:
+    """No temporary file was left behind."""
+    hidden = [path for path in folder.rglob(".*") if path.is_file() and path.name != ".probe"]
+    assert hidden == []
+
+
+def test_an_interrupt_during_training_is_one_sentence_and_leaves_a_resumable_run(
+    surroundings: dict[str, Any],
+) -> None:
+    folder = surroundings["cwd"]
+    process = subprocess.Popen(
+        command(*UNET, *SMALL),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **surroundings,
+    )
+    try:
+        deadline = time.monotonic() + 100
+        checkpoints = folder / "cache" / "training"
+        while not any(p.name[0] != "." for p in checkpoints.glob("*/*")) and process.poll() is None:
+            assert time.monotonic() < deadline, "training wrote no checkpoint"
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, err
+    assert err.strip() == "tactibench: stopped; the same command continues where it was."
+    assert out.startswith("plan: ")
+    assert_whole(folder)
+    assert not (folder / "runs").exists()
+    assert not list((folder / "cache" / "weights").glob("*/"))
+    again = ran(*UNET, *SMALL, "--dry-run", **surroundings)
+    assert "from where it stopped" in again.stdout

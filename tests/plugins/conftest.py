@@ -1,0 +1,82 @@
+"""Fake distributions: a ``.dist-info`` folder and a module on a path of their own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from tactibench.plugins.host import Problem
+
+HEADER = "from tactibench import *\n"
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder on the path of this process; its modules are forgotten afterwards."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+    before = set(sys.modules)
+    yield folder
+    for name in set(sys.modules) - before:
+        if str(folder) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def install(site: Path) -> Callable[..., Path]:
+    """Install one plugin: a distribution of its own with one module ``<plugin>_hooks``."""
+
+    def installed(
+        plugin: str, source: str, *, distribution: str | None = None, target: str | None = None
+    ) -> Path:
+        name = distribution or f"dist-{plugin}"
+        module = name.replace("-", "_") + "_hooks"
+        (site / f"{module}.py").write_text(HEADER + dedent(source), encoding="utf-8")
+        info = site / f"{name.replace('-', '_')}-1.2.dist-info"
+        info.mkdir(exist_ok=True)
+        (info / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n\nName: not this\n", "utf-8"
+        )
+        with (info / "entry_points.txt").open("a", encoding="utf-8") as file:
+            file.write(f"[tactibench]\n{plugin} = {target or module}\n")
+        return info
+
+    return installed
+
+
+@pytest.fixture
+def only() -> Callable[..., Problem]:
+    """The one problem of a plugin."""
+
+    def one(problems: tuple[Problem, ...], plugin: str) -> Problem:
+        (problem,) = [found for found in problems if found.origin.plugin == plugin]
+        return problem
+
+    return one
+
+
+@pytest.fixture
+def tactibench(site: Path, tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The command in a process of its own that sees the fake distributions."""
+
+    def ran(*arguments: str) -> subprocess.CompletedProcess[str]:
+        path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+        environment = {
+            **os.environ, "PYTHONPATH": path, "TACTIBENCH_CACHE": str(tmp_path / "cache")
+        }  # fmt: skip
+        return subprocess.run(
+            [sys.executable, "-m", "tactibench", *arguments],
+            capture_output=True,
+            text=True,
+            env=environment,
+            timeout=120,
+        )
+
+    return ran

@@ -1,0 +1,227 @@
+"""The plugin host with real, mostly broken, distributions: each is named, the others work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tactibench import UserError
+from tactibench.plugins import hookspecs
+from tactibench.plugins.discovery import Origin, installed
+from tactibench.plugins.host import HOOKS, PluginHost
+
+GOOD = """
+@hookimpl
+def tactibench_models():
+    yield ModelSpec("good", "heavy_module:Model", "answers well")
+
+@hookimpl
+def tactibench_sensors():
+    return [SensorSpec("good-sensor", "heavy_module:Sensor", "feels well")]
+
+@hookimpl
+def tactibench_encoders():
+    return (EncoderSpec("good-encoder", "heavy_module:Encoder", "maps well"),)
+
+@hookimpl
+def tactibench_commands():
+    return {CommandSpec("good-verb", "heavy_module:verb", "does well")}
+"""
+
+
+def model(name: str, **keys: Any) -> str:
+    more = "".join(f", {key}={value!r}" for key, value in keys.items())
+    return f"""
+@hookimpl
+def tactibench_models():
+    return [ModelSpec({name!r}, "heavy_module:Model", "a model"{more})]
+"""
+
+
+def test_a_good_plugin_is_found_through_every_hook(install: Any) -> None:
+    install("good", GOOD)
+    host = PluginHost()
+    found = [host.models, host.sensors, host.encoders, host.commands]
+    names = ["good", "good-sensor", "good-encoder", "good-verb"]
+    assert len(names) == len(HOOKS), "a hook is not tested here"
+    for catalogue, name in zip(found, names, strict=True):
+        assert catalogue[name].name == name
+        assert catalogue.origins[name] == Origin("good", "dist-good", "1.2")
+        assert list(catalogue.specs) == sorted(catalogue.specs)
+    assert not host.problems
+    assert {"mean", "nearest", "cnn", "unet"} <= set(host.models.specs)
+
+
+def test_every_hook_that_is_specified_is_known_to_the_host() -> None:
+    assert set(HOOKS) == {name for name in dir(hookspecs) if name.startswith("tactibench_")}
+
+
+@pytest.mark.parametrize(
+    ("source", "step", "reason"),
+    [
+        ("import a_module_nobody_has", "load", "ModuleNotFoundError: No module named 'a_module_no"),
+        ("1 / 0", "load", "ZeroDivisionError: division by zero"),
+        ("raise SystemExit(3)", "load", "SystemExit: 3"),
+        ("class Panic(BaseException): ...\nraise Panic('in Rust')", "load", "Panic: in Rust"),
+        ("def broken(:", "load", "SyntaxError: invalid syntax"),
+        ("raise ValueError('one\\n\\n  two')", "load", "ValueError: one two"),
+        (
+            "@hookimpl\ndef tactibench_model(): return []",
+            "validate",
+            "there is no hook 'tactibench_model'; did you mean 'tactibench_models'?",
+        ),
+        (model("lost").replace("@hookimpl", ""), "validate", "tactibench_models is not marked"),
+        ("x = 1", "validate", "it has none of the hooks tactibench_models, tactibench_sensors"),
+        (
+            "@hookimpl\ndef tactibench_models(grid): return []",
+            "validate",
+            "Argument(s) {'grid'} are declared in the hookimpl but can not be found",
+        ),
+        ("@hookimpl\ndef tactibench_models(): 1 / 0", "declare", "raised ZeroDivisionError"),
+        ("@hookimpl\ndef tactibench_models(): raise SystemExit", "declare", "raised SystemExit"),
+        (
+            "@hookimpl\ndef tactibench_models():\n"
+            "    yield ModelSpec('half', 'm:C', '')\n    raise OSError('half way')",
+            "declare",
+            "tactibench_models raised OSError: half way",
+        ),
+        ("@hookimpl\ndef tactibench_models(): pass", "declare", "gave NoneType, not a list of Mod"),
+        ("@hookimpl\ndef tactibench_models(): return 'mean'", "declare", "gave str, not a list"),
+        (
+            "@hookimpl\ndef tactibench_models(): return ModelSpec('x', 'm:C', '')",
+            "declare",
+            "gave ModelSpec, not a list of ModelSpec",
+        ),
+        (
+            "@hookimpl\ndef tactibench_models(): return [EncoderSpec('x', 'm:C', ''), 7, 8]",
+            "declare",
+            "gave EncoderSpec and int where ModelSpec is expected",
+        ),
+        (model("a/b"), "declare", "name 'a/b' may hold letters"),
+        (model("a", answers="contacts"), "declare", "'a' has answers 'contacts'; a tuple of"),
+    ],
+)
+def test_a_broken_plugin_is_named_with_its_reason_and_the_others_work(
+    install: Any, only: Any, source: str, step: str, reason: str
+) -> None:
+    install("aaa", source)
+    install("zzz", model("healthy"))
+    host = PluginHost()
+    problem = only(host.problems, "aaa")
+    assert problem.step == step
+    assert reason in problem.message
+    assert "\n" not in problem.message
+    assert problem.origin == Origin("aaa", "dist-aaa", "1.2")
+    assert {"healthy", "mean", "unet"} <= set(host.models.specs)
+    assert len(host.problems) == 1
+    assert not {"half", "x", "lost"} & set(host.models.specs)
+
+
+def test_a_mixture_keeps_the_right_specs(install: Any, only: Any) -> None:
+    install("mixed", model("kept").replace("return [", "return [None, "))
+    host = PluginHost()
+    assert "kept" in host.models.specs
+    assert "gave NoneType where" in only(host.problems, "mixed").message
+
+
+@pytest.mark.parametrize("where", ["raise KeyboardInterrupt", "@hookimpl\ndef tactibench_models(): "
+                                   "raise KeyboardInterrupt"])  # fmt: skip
+def test_an_interrupt_passes(install: Any, where: str) -> None:
+    install("slow", where)
+    with pytest.raises(KeyboardInterrupt):
+        _ = PluginHost().problems
+
+
+def test_a_plugin_with_a_bad_hook_leaves_nothing_of_its_good_ones(install: Any) -> None:
+    install("torn", model("torn") + "\n@hookimpl\ndef tactibench_sensor(): return []")
+    assert "torn" not in PluginHost().models.specs
+
+
+def test_two_plugins_that_offer_a_name_are_both_named_and_neither_wins(install: Any) -> None:
+    install("one", model("twin"))
+    install("two", model("twin"))
+    install("third", model("triplet"))
+    host = PluginHost()
+    assert "twin" not in host.models.specs
+    assert "triplet" in host.models.specs
+    messages = {problem.origin.plugin: problem.message for problem in host.problems}
+    assert messages == {
+        "one": "model 'twin' is offered also by 'two' (dist-two 1.2)",
+        "two": "model 'twin' is offered also by 'one' (dist-one 1.2)",
+    }
+    with pytest.raises(UserError, match=r"'one' \(dist-one 1.2\) and 'two' \(dist-two 1.2\)"):
+        _ = host.models["twin"]
+
+
+def test_a_plugin_that_offers_a_name_twice(install: Any, only: Any) -> None:
+    install("echo", model("ditto").replace("return [", "return 2 * ["))
+    host = PluginHost()
+    assert only(host.problems, "echo").message == "model 'ditto' is offered twice"
+
+
+def test_two_distributions_with_a_plugin_of_the_same_name(install: Any, only: Any) -> None:
+    install("same", model("first"), distribution="alpha")
+    install("same", model("second") + "raise AssertionError('not even imported')",
+            distribution="beta")  # fmt: skip
+    host = PluginHost()
+    problem = only(host.problems, "same")
+    assert (problem.step, problem.origin.distribution) == ("duplicate", "beta")
+    assert "'same' (alpha 1.2)" in problem.message
+    assert "first" in host.models.specs
+    assert "second" not in host.models.specs
+
+
+def test_unknown_names_get_the_close_match(install: Any) -> None:
+    host = PluginHost()
+    with pytest.raises(UserError, match=r"^unknown model 'unett'; did you mean 'unet'\?$"):
+        _ = host.models["unett"]
+    with pytest.raises(UserError, match=r"^unknown encoder 'zzz'; known: .*hertz.*\.$"):
+        _ = host.encoders["zzz"]
+
+
+def test_damaged_metadata_of_strangers_is_no_concern_of_ours(install: Any, site: Any) -> None:
+    install("good", GOOD)
+    for name, text in {
+        "torn": b"[console_scripts]\nno equals sign here\n",
+        "binary": b"\xff\xfe[tactibench]\xff",
+        "empty": b"",
+    }.items():
+        info = site / f"{name}-0.dist-info"
+        info.mkdir()
+        (info / "entry_points.txt").write_bytes(text)
+    host = PluginHost()
+    assert "good" in host.models.specs
+    assert not host.problems
+
+
+def test_a_distribution_without_metadata_still_has_its_plugin(install: Any) -> None:
+    (install("bare", model("naked")) / "METADATA").unlink()
+    host = PluginHost()
+    assert host.models.origins["naked"] == Origin("bare", "unknown", "?")
+    assert not host.problems
+
+
+def test_of_equal_distributions_the_first_on_the_path_counts(
+    install: Any, site: Any, monkeypatch: Any
+) -> None:
+    info = install("good", GOOD)
+    later = site.parent / "later"
+    copy = later / info.name
+    copy.mkdir(parents=True)
+    for name in ("METADATA", "entry_points.txt"):
+        (copy / name).write_text((info / name).read_text().replace("1.2", "0.1"))
+    monkeypatch.syspath_prepend(str(later))
+    monkeypatch.syspath_prepend(str(site))
+    found = [origin for _, origin in installed() if origin.plugin == "good"]
+    assert found == [Origin("good", "dist-good", "1.2")]
+
+
+def test_comments_and_other_groups_in_entry_points(install: Any) -> None:
+    info = install("good", GOOD)
+    with (info / "entry_points.txt").open("a") as file:
+        file.write("# tea = pot\n\n[gui]\nother = nothing\n")
+    points = [point for point, origin in installed() if origin.distribution == "dist-good"]
+    assert [(p.name, p.value, p.group) for p in points] == [
+        ("good", "dist_good_hooks", "tactibench")
+    ]

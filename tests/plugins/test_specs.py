@@ -1,0 +1,112 @@
+"""Specs and parameters: what may be declared and what may be set."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench import CommandSpec, EncoderSpec, ModelSpec, Parameter, SensorSpec, UserError
+
+WIDTH = Parameter("width", 16, "channels", low=1, high=64)
+RATE = Parameter("rate", 0.5, "a rate")
+NOISE = Parameter("noise", True, "noise on or off")
+WORD = Parameter("recipe", "default", "recipe", choices=("default", "paper"))
+
+
+@given(st.integers(1, 64))
+def test_whole_numbers_in_range_are_read(value: int) -> None:
+    assert WIDTH.parse(str(value)) == value
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_are_read_exactly(value: float) -> None:
+    assert RATE.parse(repr(value)) == value
+
+
+@given(st.integers().filter(lambda n: not 1 <= n <= 64))
+def test_whole_numbers_out_of_range_are_refused(value: int) -> None:
+    with pytest.raises(UserError, match=r"'width' is -?\d+; it must be [<>]= (1|64)\.$"):
+        WIDTH.parse(str(value))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "text", "sentence"),
+    [
+        (WIDTH, "wide", "parameter 'width' is 'wide', but must be a whole number."),
+        (WIDTH, "3.5", "parameter 'width' is '3.5', but must be a whole number."),
+        (WIDTH, "", "parameter 'width' is '', but must be a whole number."),
+        (RATE, "much", "parameter 'rate' is 'much', but must be a number."),
+        (RATE, "nan", "parameter 'rate' is nan; it must be a finite number."),
+        (RATE, "-inf", "parameter 'rate' is -inf; it must be a finite number."),
+        (NOISE, "maybe", "parameter 'noise' is 'maybe', but must be true or false."),
+        (WORD, "papper", "parameter 'recipe' is 'papper'; allowed: default, paper."),
+    ],
+)
+def test_values_that_are_not_allowed(parameter: Parameter, text: str, sentence: str) -> None:
+    with pytest.raises(UserError) as caught:
+        parameter.parse(text)
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(("text", "value"), [("true", True), ("FALSE", False), ("0", False)])
+def test_truth_values(text: str, value: bool) -> None:
+    assert NOISE.parse(text) is value
+
+
+def test_settings_fill_in_defaults_and_refuse_strangers() -> None:
+    spec = EncoderSpec("e", "m:C", "", (WIDTH, WORD))
+    assert spec.settings({"width": "8"}) == {"width": 8, "recipe": "default"}
+    with pytest.raises(UserError, match=r"'e' has no parameter 'widht'; did you mean 'width'\?"):
+        spec.settings({"widht": "8"})
+    with pytest.raises(UserError, match=r"'bare' has no parameter 'x'; known: none\."):
+        EncoderSpec("bare", "m:C", "").settings({"x": "1"})
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: Parameter("a b", 1, ""), "no name that Python could take"),
+        (lambda: Parameter("a", None, ""), "default of type NoneType"),  # type: ignore[arg-type]
+        (lambda: Parameter("a", 9, "", high=8), "the default of parameter 'a' is 9"),
+        (lambda: Parameter("a", "x", "", choices=("y",)), "allowed: y"),
+        (lambda: Parameter("a", math.nan, ""), "finite"),
+        (lambda: ModelSpec("", "m:C", ""), "may hold letters"),
+        (lambda: SensorSpec("../up", "m:C", ""), "may hold letters"),
+        (lambda: ModelSpec("m", "package.module.Class", ""), "package.module:Class"),
+        (lambda: CommandSpec("c", ":f", ""), "package.module:Class"),
+        (lambda: EncoderSpec("e", "m:C", "", (WIDTH, WIDTH)), "two parameters of the same name"),
+        (lambda: ModelSpec("m", "m:C", "", answers=("contact",)), "answers"),
+        (lambda: ModelSpec("m", "m:C", "", answers=()), "answers"),
+        (lambda: ModelSpec("m", "m:C", "", max_contacts=0), "max_contacts"),
+        (lambda: SensorSpec("s", "m:C", "", origin="imagined"), "origin"),
+    ],
+)
+def test_a_spec_that_cannot_be_right_is_refused_when_it_is_made(make: Any, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        make()
+
+
+def test_a_list_of_parameters_becomes_a_tuple() -> None:
+    spec = EncoderSpec("e", "m:C", "", [WIDTH])  # type: ignore[arg-type]
+    assert spec.parameters == (WIDTH,)
+
+
+def test_load_imports_the_target() -> None:
+    assert EncoderSpec("e", "collections:OrderedDict", "").load().__name__ == "OrderedDict"
+
+
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [("no_such_module_x:C", "ModuleNotFoundError"), ("math:nothing", "AttributeError")],
+)
+def test_a_target_that_does_not_load_is_one_sentence(target: str, reason: str) -> None:
+    for spec in (EncoderSpec("e", target, ""), CommandSpec("e", target, "")):
+        with pytest.raises(UserError) as caught:
+            spec.load()
+        assert str(caught.value).startswith(f"'e' cannot be used, because {target} does not load (")
+        assert reason in str(caught.value)
+        assert caught.value.__cause__ is not None

@@ -1,0 +1,156 @@
+"""Drawn presses: inside the workspace, as many as asked for, the same everywhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tactibench import Scene, UserError
+from tactibench.geometry import true_contacts
+from tactibench.protocols.draws import PATIENCE, Drawn, draw_scenes, fits
+from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.schema import Protocol
+
+EXPERIMENTS = {name: load_protocol(name).keys for name in ("exp1", "exp2", "exp3")}
+DRAWS = {(name, draw.name) for name, keys in EXPERIMENTS.items() for draw in keys.draws}
+DRAWN = {(name, draw): draw_scenes(EXPERIMENTS[name], draw) for name, draw in sorted(DRAWS)}
+
+
+def tips(scene: Scene) -> np.ndarray:
+    """(K, 2) by complex rotation: another way than the code under test."""
+    turn = np.exp(1j * math.radians(scene.pose.yaw))
+    z = [complex(dx, dy) * turn for dx, dy, _ in scene.indenter.offsets]
+    return np.array([[p.real + scene.pose.x, p.imag + scene.pose.y] for p in z])
+
+
+@pytest.mark.parametrize(("name", "draw"), sorted(DRAWS))
+def test_every_tip_touches_inside_the_ranges(name: str, draw: str) -> None:
+    keys, drawn = EXPERIMENTS[name], DRAWN[name, draw]
+    count = {"singles": 5000, "pairs": 1200, "catch": 120}.get(draw, 1000)
+    assert len(drawn.scenes) == count
+    for scene in drawn.scenes:
+        truth = true_contacts(scene, keys.workspace.dome_radius_mm)
+        assert len(truth) == {"single": 1, "dual": 2, "triple": 3}[scene.indenter.name]
+        assert np.abs(tips(scene)).max() <= 6.4 + 1e-9
+        np.testing.assert_allclose(np.sort(truth.xy, 0), np.sort(tips(scene), 0), atol=1e-9)
+        assert truth.depth.min() >= 0.5 - 1e-8
+        assert truth.depth.max() <= 6.0 + 1e-8
+        assert truth.depth.max() == pytest.approx(scene.pose.depth)
+
+
+def test_hundred_pairs_at_every_distance() -> None:
+    scenes = DRAWN["exp2", "pairs"].scenes
+    apart = [round(float(np.linalg.norm(np.diff(tips(s), axis=0))), 6) for s in scenes]
+    steps = {6.5 + 0.5 * i: 100 for i in range(12)}
+    assert {d: apart.count(d) for d in set(apart)} == steps
+
+
+def test_triples_are_equilateral_with_heights_in_half_millimetres() -> None:
+    heights = set()
+    for scene in DRAWN["exp3", "triples"].scenes:
+        xy = tips(scene)
+        sides = [np.linalg.norm(xy[i] - xy[i - 1]) for i in range(3)]
+        assert sides == pytest.approx([8.0] * 3)
+        heights |= {dz for _, _, dz in scene.indenter.offsets}
+    assert heights == {0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0}
+
+
+def uniform_p(values: list[float], low: float, high: float) -> float:
+    return float(stats.kstest(values, "uniform", args=(low, high - low)).pvalue)
+
+
+def test_single_presses_and_yaw_are_uniform() -> None:
+    poses = [scene.pose for scene in DRAWN["exp1", "singles"].scenes]
+    assert DRAWN["exp1", "singles"].rejected == 0
+    assert uniform_p([p.x for p in poses], -6.4, 6.4) > 0.01
+    assert uniform_p([p.y for p in poses], -6.4, 6.4) > 0.01
+    assert uniform_p([p.depth for p in poses], 0.5, 6.0) > 0.01
+    # A square workspace favours its diagonals, so only the quarter turn is uniform for wide pairs;
+    # the quarters of narrow ones are alike by symmetry.
+    yaws = [s.pose.yaw for s in DRAWN["exp2", "pairs"].scenes]
+    quarters = [sum(q <= yaw / 90 < q + 1 for yaw in yaws) for q in range(4)]
+    assert sum(quarters) == len(yaws)
+    assert stats.chisquare(quarters).pvalue > 0.01
+
+
+def test_candidates_have_a_uniform_yaw_before_any_is_refused() -> None:
+    keys = EXPERIMENTS["exp2"]
+    wide = keys.workspace.model_copy(update={"half_width_mm": 15.0, "depth_min_mm": 1e-6})
+    narrow = keys.draw("pairs").model_copy(
+        update={"distances_mm": (1e-6,), "per_distance": None, "count": 2000}
+    )
+    loose = keys.model_copy(update={"workspace": wide, "draws": (narrow,)})
+    drawn = draw_scenes(loose, "pairs")
+    assert uniform_p([s.pose.yaw for s in drawn.scenes], 0, 360) > 0.01
+
+
+def test_the_same_draw_is_the_same_whatever_else_is_drawn() -> None:
+    keys = EXPERIMENTS["exp2"]
+    assert draw_scenes(keys, "catch") == DRAWN["exp2", "catch"]
+    alone = keys.model_copy(update={"draws": (keys.draw("catch"),)})
+    assert draw_scenes(alone, "catch") == DRAWN["exp2", "catch"]
+    for name in ("exp2", "exp3"):
+        for shared in ("singles", "duals-train", "triples-train"):
+            assert DRAWN[name, shared] == DRAWN["exp1", shared]
+
+
+def test_streams_and_seeds_give_other_presses() -> None:
+    keys = EXPERIMENTS["exp2"]
+    other = keys.draw("catch").model_copy(update={"stream": 99})
+    changed = keys.model_copy(update={"draws": (other,)})
+    reseeded = keys.model_copy(update={"data_seed": keys.data_seed + 1})
+    mine = {s.pose for s in DRAWN["exp2", "catch"].scenes}
+    for drawn in (draw_scenes(changed, "catch"), draw_scenes(reseeded, "catch")):
+        assert not mine & {s.pose for s in drawn.scenes}
+    every = [scene for one in DRAWN if one[0] == "exp2" for scene in DRAWN[one].scenes]
+    assert len({scene.pose for scene in every}) == len(every)
+
+
+def recounted(keys: Protocol, name: str) -> Drawn:
+    """Draw again, candidate by candidate, and count by hand those that do not fit."""
+    draw = keys.draw(name)
+    rng = np.random.default_rng(np.random.SeedSequence(keys.data_seed, spawn_key=(draw.stream,)))
+    accepted, rejected = [], 0
+    from tactibench import Indenter, Pose
+
+    while len(accepted) < 100:
+        x, y = rng.uniform(-6.4, 6.4, 2)
+        depth, yaw = rng.uniform(0.5, 6.0), rng.uniform(0, 360)
+        scene = Scene(Indenter.dual(draw.distances_mm[0]), Pose(x, y, yaw, 0.0, depth))
+        truth = true_contacts(scene)
+        inside = np.abs(tips(scene)).max() <= 6.4
+        if inside and len(truth) == 2 and truth.depth.min() >= 0.5:
+            accepted.append(scene)
+        else:
+            rejected += 1
+    return Drawn(tuple(accepted), rejected)
+
+
+def test_refused_candidates_are_counted() -> None:
+    keys = EXPERIMENTS["exp2"]
+    first = keys.draw("pairs").model_copy(update={"distances_mm": (12.0,)})
+    only = keys.model_copy(update={"draws": (first,)})
+    drawn = draw_scenes(only, "pairs")
+    by_hand = recounted(only, "pairs")
+    assert drawn.rejected == by_hand.rejected > 100
+    assert [s.pose for s in drawn.scenes] == [s.pose for s in by_hand.scenes]
+
+
+def test_a_workspace_without_room_ends_in_a_sentence() -> None:
+    keys = EXPERIMENTS["exp2"]
+    tight = keys.workspace.model_copy(update={"depth_min_mm": 5.9999})
+    hopeless = keys.model_copy(update={"workspace": tight})
+    with pytest.raises(UserError, match=f"'pairs': none of {PATIENCE:,} candidates at 12.0 mm"):
+        draw_scenes(hopeless, "pairs")
+
+
+def test_a_depth_on_the_border_is_not_refused_for_rounding() -> None:
+    keys = EXPERIMENTS["exp2"]
+    from dataclasses import replace
+
+    for scene in DRAWN["exp2", "pairs"].scenes[:50]:
+        at_most = replace(scene, pose=replace(scene.pose, depth=6.0))
+        assert fits(at_most, keys.workspace)

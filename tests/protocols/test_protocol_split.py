@@ -1,0 +1,115 @@
+"""Splits: every press in one part, the published test frames exactly."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactibench import SensorContext, UserError
+from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.schema import Recorded, Split
+from tactibench.protocols.split import Parts, split_presses, split_recorded
+from tactibench.running.frames_recorded import published_split
+
+SHARED = Path(__file__).parents[3] / "shared/data/tac-vgnn"
+REAL = Path(os.environ.get("TACTIBENCH_TACVGNN", SHARED))
+SHARES = Recorded(test_share=0.2, validation_share=0.1)
+
+
+def assert_partition(parts: Parts, count: int) -> None:
+    every = [*parts.fit, *parts.validation, *parts.test]
+    assert sorted(every) == list(range(count))
+    for part in (parts.fit, parts.validation, parts.test):
+        assert list(part) == sorted(part)
+        assert all(type(i) is int for i in part)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 40), st.integers(0, 2**63))
+def test_drawn_presses_are_divided_completely(
+    fit: int, validation: int, test: int, seed: int
+) -> None:
+    split = Split(draw="singles", test=test, validation=validation)
+    parts = split_presses(fit + validation + test, split, seed)
+    assert_partition(parts, fit + validation + test)
+    assert (len(parts.fit), len(parts.validation), len(parts.test)) == (fit, validation, test)
+    assert split_presses(fit + validation + test, split, seed) == parts
+
+
+def test_the_split_is_seeded_and_mixes() -> None:
+    split = Split(draw="singles", test=1000, validation=400)
+    parts = split_presses(5000, split, 1)
+    assert split_presses(5000, split, 2) != parts
+    # 1,000 of 5,000 drawn without looking: mean index 2499.5, standard error 41.
+    assert abs(np.mean(parts.test) - 2499.5) < 4 * 41
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 200), st.integers(0, 2**63))
+def test_recorded_presses_are_divided_completely_or_refused(count: int, seed: int) -> None:
+    names = [f"frame_{i}" for i in range(count)]
+    test = round(0.2 * count)
+    validation = round(0.1 * (count - test))
+    if min(test, validation, count - test - validation) < 1:
+        with pytest.raises(UserError, match="record more presses"):
+            split_recorded(names, SHARES, seed, None)
+        return
+    parts = split_recorded(names, SHARES, seed, None)
+    assert_partition(parts, count)
+    assert (len(parts.test), len(parts.validation)) == (test, validation)
+
+
+@given(st.data())
+def test_published_test_frames_are_taken_as_they_are(data: st.DataObject) -> None:
+    names = [f"frame_{i}" for i in range(40)]
+    published = data.draw(st.lists(st.sampled_from(names), min_size=1, max_size=20, unique=True))
+    parts = split_recorded(names, SHARES, 7, published)
+    assert_partition(parts, 40)
+    assert {names[i] for i in parts.test} == set(published)
+
+
+def test_a_folder_of_hardly_more_than_the_published_frames_is_refused() -> None:
+    names = [f"frame_{i}" for i in range(12)]
+    with pytest.raises(UserError, match="would train"):
+        split_recorded(names, SHARES, 0, names[:11])
+
+
+def test_the_published_split_needs_every_name_and_the_size() -> None:
+    surface = load_protocol("surface")
+    listed = list(surface.test_frames)
+    names = [*listed, "another.png"]
+    assert published_split(surface, names, [360, 360]) == surface.test_frames
+    assert published_split(surface, names, [180, 360]) is None
+    assert published_split(surface, names, None) is None
+    assert published_split(surface, names[1:], [360, 360]) is None
+    assert published_split(surface, listed, [360, 360]) is None  # nothing to train on
+    assert published_split(load_protocol("exp1"), names, [360, 360]) is None
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the Tac-VGNN recordings are not here")
+@pytest.mark.parametrize(("folder", "is_published"), [("331", True), ("127", False)])
+def test_the_real_folders(folder: str, is_published: bool) -> None:
+    from tactibench_recorded.sensor import RecordedSensor
+
+    surface = load_protocol("surface")
+    sensor = RecordedSensor(SensorContext(np.random.SeedSequence(0), REAL / folder))
+    names = list(sensor.scenes())
+    published = published_split(surface, names, sensor.describe()["image"])
+    assert (published is not None) == is_published
+    keys = surface.keys
+    assert keys.recorded is not None
+    parts = split_recorded(names, keys.recorded, keys.data_seed, published)
+    assert_partition(parts, len(names))
+    assert parts == split_recorded(names, keys.recorded, keys.data_seed, published)
+    tested = {names[i] for i in parts.test}
+    if is_published:
+        assert len(tested) == 1210
+        assert tested == set(surface.test_frames)
+    else:
+        assert len(tested) == round(0.2 * len(names))
+        assert parts != split_recorded(names, keys.recorded, keys.data_seed + 1, None)

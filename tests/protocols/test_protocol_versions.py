@@ -1,0 +1,67 @@
+"""A protocol file never changes without a new version."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.shipped import shipped_folder
+
+CHANGELOG = (shipped_folder("protocols") / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def entries(text: str) -> dict[str, tuple[str, str]]:
+    """``id@version`` -> hash and what follows it."""
+    parts = re.split(r"^## (\S+@\d+)$", text, flags=re.MULTILINE)
+    found = {}
+    for label, body in zip(parts[1::2], parts[2::2], strict=True):
+        assert label not in found, f"{label} is listed twice"
+        match = re.match(r"\s*hash `([0-9a-f]{64})`\n(.*)", body, flags=re.DOTALL)
+        assert match, f"{label} has no hash"
+        found[label] = (match[1], match[2])
+    return found
+
+
+@pytest.mark.parametrize("name", protocol_files())
+def test_the_hash_of_this_version_is_listed(name: str) -> None:
+    protocol = read_protocol(protocol_files()[name])
+    listed = entries(CHANGELOG)
+    assert protocol.label in listed, f"add an entry for {protocol.label}, hash {protocol.hash}"
+    assert listed[protocol.label][0] == protocol.hash, (
+        f"{name}.toml changed: raise its version and add an entry with hash {protocol.hash}"
+    )
+    assert re.search(r"^- \S", listed[protocol.label][1], flags=re.MULTILINE)
+
+
+def test_every_entry_is_of_a_protocol_and_none_of_a_later_version() -> None:
+    now = {name: read_protocol(path).keys.version for name, path in protocol_files().items()}
+    for label in entries(CHANGELOG):
+        name, _, version = label.partition("@")
+        assert int(version) <= now[name]
+
+
+def copied(name: str, folder: Path) -> Path:
+    for path in shipped_folder("protocols").iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    return folder / f"{name}.toml"
+
+
+def test_the_hash_sees_comments_and_test_frames_but_not_line_ends(tmp_path: Path) -> None:
+    path = copied("surface", tmp_path)
+    before = read_protocol(path).hash
+    assert before == read_protocol(protocol_files()["surface"]).hash
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(b"\n", b"\r\n"))
+    assert read_protocol(path).hash == before
+    path.write_bytes(raw + b"# more\n")
+    assert read_protocol(path).hash != before
+    path.write_bytes(raw)
+    frames = tmp_path / "surface_test_frames.txt"
+    lines = frames.read_text(encoding="utf-8").splitlines()
+    frames.write_text("\n".join(lines[:-1]) + "\n", encoding="utf-8")
+    assert read_protocol(path).hash != before
+    frames.write_text("  # another comment\r\n" + "\r\n".join(lines), encoding="utf-8")
+    assert read_protocol(path).hash == before

@@ -1,0 +1,75 @@
+"""What cannot be true of correct measurements is refused."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from tactibench import UserError
+from tactibench.records.record import checked
+
+
+def test_a_good_record_is_read(record: dict[str, Any]) -> None:
+    valid = checked(json.loads(json.dumps(record)), "it")
+    assert valid.value("mae_mm", "x") == 0.5
+    assert valid.value("r2", "all") is None
+    assert valid.value("nothing", "x") is None
+
+
+@pytest.mark.parametrize("schema", [0, 2, "1", None])
+def test_another_schema(record: dict[str, Any], schema: Any) -> None:
+    with pytest.raises(UserError, match=r"here has record schema .*reads schema 1"):
+        checked({**record, "schema": schema}, "here")
+
+
+@pytest.mark.parametrize("value", [None, [], "text", 3])
+def test_no_record_at_all(value: Any) -> None:
+    with pytest.raises(UserError, match="record schema"):
+        checked(value, "here")
+
+
+def test_every_key_is_needed_and_no_other_allowed(record: dict[str, Any]) -> None:
+    for key in record:
+        if key == "schema":
+            continue
+        without = {name: value for name, value in record.items() if name != key}
+        with pytest.raises(UserError, match=f"'{key}'"):
+            checked(without, "here")
+    with pytest.raises(UserError, match="'more'"):
+        checked({**record, "more": 1}, "here")
+
+
+BROKEN: dict[str, tuple[str, Any, str]] = {
+    "mae over rmse": ("metrics.1.value", 0.4, "exceeds its rmse_mm"),
+    "share over one": ("metrics.2.value", 1.2, "a share lies in 0..1"),
+    "share below zero": ("metrics.2.value", -0.1, "a share lies in 0..1"),
+    "more presses than values": ("metrics.0.clusters", 10, "more presses than values"),
+    "interval above": ("metrics.0.low", 0.55, "does not hold its value"),
+    "interval below": ("metrics.0.high", 0.45, "does not hold its value"),
+    "one-sided": ("metrics.0", None, "does not hold its value"),
+    "quantiles": ("speed.0.p90_ms", 0.5, "out of order"),
+    "negative time": ("speed.0.p50_ms", -1.0, "out of order"),
+    "other predictions": ("identity.predictions_hash", "x", "stored predictions"),
+    "nan": ("metrics.0.value", float("nan"), "metrics.0.value"),
+    "direction": ("metrics.0.better", "less", "metrics.0.better"),
+    "negative count": ("metrics.0.n", -1, "metrics.0.n"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_invariants(record: dict[str, Any], name: str) -> None:
+    checked(record, "here")
+    where, value, said = BROKEN[name]
+    if value is None:
+        value = {**record["metrics"][0], "low": 0.6, "high": None}
+    *path, last = [int(part) if part.isdigit() else part for part in where.split(".")]
+    table: Any = record
+    for part in path:
+        table = table[part]
+    table[last] = value
+    with pytest.raises(UserError, match=said) as raised:
+        checked(record, "here")
+    assert str(raised.value).startswith("here is no valid record")
+    assert "\n" not in str(raised.value)

@@ -1,0 +1,115 @@
+"""A run in miniature: small protocols, a tiny sensor and model behind a hand-built host."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tactibench import ModelSpec, Parameter, SensorSpec
+from tactibench.plugins.discovery import Origin
+from tactibench.plugins.host import Catalogue
+from tactibench.protocols.loader import protocol_files
+from tactibench.records.store import StoredRun
+from tactibench.running.plan import RunPlan, make_plan
+from tactibench.running.request import RunRequest
+from tactibench.running.run import execute
+
+ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
+NUMBERS = {"count = 5000": "count = 60", "count = 1000": "count = 20", "count = 120": "count = 4",
+           "test = 1000": "test = 20", "validation = 400": "validation = 10",
+           "per_distance = 100": "per_distance = 2"}  # fmt: skip
+
+
+def catalogue(kind: str, *specs: Any) -> Catalogue[Any]:
+    names = {spec.name: spec for spec in specs}
+    return Catalogue(kind, names, dict.fromkeys(names, ORIGIN), {})
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The fake plugin's module, with fresh counters."""
+    monkeypatch.syspath_prepend(Path(__file__).parent / "fake")
+    from tiny_tactile import parts
+
+    monkeypatch.setattr(parts.TinySensor, "pressed", 0)
+    for name, value in {"fits": [], "shown": [], "fail_in_fit": False, "behave": "well"}.items():
+        monkeypatch.setattr(parts.TinyModel, name, value)
+    return parts
+
+
+@pytest.fixture
+def host(tiny: Any) -> Any:
+    parameters = (
+        Parameter("epochs", 3, "passes", low=1),
+        Parameter("width", 8, "has no effect", low=1),
+    )
+    offset = Parameter("offset", 0.0, "of the frames, grey levels")
+    target = "tiny_tactile.parts:TinyModel"
+    return SimpleNamespace(
+        models=catalogue(
+            "model",
+            ModelSpec("tiny", target, "reads all tips", parameters),
+            ModelSpec("tiny-one", target, "declares one", parameters, max_contacts=1),
+            ModelSpec("tiny-plate", target, "plates", parameters, answers=("plate",)),
+        ),
+        sensors=catalogue(
+            "sensor",
+            SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny", (offset,)),
+            SensorSpec("recorded", "tiny_tactile.parts:TinySensor", "tiny", needs_data=True),
+        ),
+        encoders=catalogue("encoder"),
+    )
+
+
+@pytest.fixture
+def mini(tmp_path: Path) -> Callable[[str], str]:
+    """exp1, exp2 and exp3 with few presses, as paths."""
+    folder = tmp_path / "protocols"
+    folder.mkdir()
+    for name in ("exp1", "exp2", "exp3"):
+        text = protocol_files()[name].read_text(encoding="utf-8")
+        for long, short in NUMBERS.items():
+            text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    return lambda name: str(folder / f"{name}.toml")
+
+
+class Silent:
+    """A reporter that remembers the titles of its tasks."""
+
+    def __init__(self) -> None:
+        self.titles: list[str] = []
+
+    @contextmanager
+    def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
+        self.titles.append(title)
+        yield lambda _: None
+
+    @contextmanager
+    def training(self) -> Iterator[Any]:
+        yield SimpleNamespace(start=lambda *_: None, step=lambda *_: None, epoch=lambda *_: None)
+
+
+@pytest.fixture
+def planned(host: Any, mini: Callable[[str], str], tmp_path: Path) -> Callable[..., RunPlan]:
+    def plan(
+        protocol: str = "exp1", model: str = "tiny", cache: str = "cache", **more: Any
+    ) -> RunPlan:
+        path = protocol if protocol.endswith(".toml") else mini(protocol)
+        return make_plan(RunRequest(path, model, **more), host, tmp_path / cache)
+
+    return plan
+
+
+@pytest.fixture
+def run(planned: Callable[..., RunPlan], tmp_path: Path) -> Callable[..., StoredRun]:
+    def execute_it(*names: str, store: str = "runs", **more: Any) -> StoredRun:
+        return execute(planned(*names, **more), tmp_path / store, Silent())
+
+    return execute_it

@@ -1,0 +1,158 @@
+"""Who may import whom, read from the source."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import tactibench
+
+ROOT = Path(__file__).resolve().parents[1]
+CORE = ROOT / "tactibench"
+PLUGINS = sorted(path for path in (ROOT / "plugins").iterdir() if (path / "__init__.py").is_file())
+PLUGIN_NAMES = {path.name for path in PLUGINS}
+PUBLIC_MODULES = ("tactibench.geometry", "tactibench.training")
+HEAVY = {"torch", "cv2"}
+LONGEST, MEDIAN = 350, 90
+
+Import = tuple[str, tuple[str, ...]]
+"""Module, and the names taken from it; () for a plain ``import module``."""
+
+
+def imports(path: Path, *, at_import_time: bool = False) -> Iterator[Import]:
+    """Absolute imports of a file; ``at_import_time``: without functions and TYPE_CHECKING."""
+    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, ()) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative imports hide who imports whom"
+            yield str(node.module), tuple(alias.name for alias in node.names)
+        elif at_import_time and isinstance(
+            node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+        ):
+            continue
+        elif at_import_time and isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            waiting.extend(node.orelse)
+            continue
+        waiting.extend(ast.iter_child_nodes(node))
+
+
+def sources(*folders: Path) -> list[Path]:
+    return sorted(path for folder in folders for path in folder.rglob("*.py"))
+
+
+def named(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def test_the_reader_of_imports_sees_what_it_should(tmp_path: Path) -> None:
+    file = tmp_path / "example.py"
+    file.write_text(
+        "import a.b, c\nfrom d import e, f\nif TYPE_CHECKING:\n    import g\nelse:\n    import h\n"
+        "def x():\n    import i\nclass Y:\n    import j\ntry:\n    import k\nfinally:\n    pass\n"
+    )
+    assert {m for m, _ in imports(file)} == {"a.b", "c", "d", *"ghijk"}
+    assert {m for m, _ in imports(file, at_import_time=True)} == {"a.b", "c", "d", *"hjk"}
+    assert ("d", ("e", "f")) in set(imports(file))
+
+
+@pytest.mark.parametrize("path", sources(*PLUGINS), ids=named)
+def test_a_plugin_imports_public_names_only_and_no_other_plugin(path: Path) -> None:
+    own = path.relative_to(ROOT / "plugins").parts[0]
+    for module, names in imports(path):
+        package = module.partition(".")[0]
+        if package in PLUGIN_NAMES:
+            assert package == own, f"{module} is another plugin"
+        if package != "tactibench":
+            continue
+        if module in PUBLIC_MODULES:
+            public = importlib.import_module(module)
+            known = getattr(public, "__all__", None) or [n for n in dir(public) if n[0] != "_"]
+        else:
+            assert module == "tactibench", f"{module} is not public"
+            known = [*tactibench.__all__, *(m.partition(".")[2] for m in PUBLIC_MODULES)]
+        assert not set(names) - set(known), f"{module} does not offer {set(names) - set(known)}"
+
+
+@pytest.mark.parametrize("path", sources(CORE), ids=named)
+def test_the_core_imports_no_plugin_and_nothing_heavy_at_import_time(path: Path) -> None:
+    everywhere = {module.partition(".")[0] for module, _ in imports(path)}
+    assert not everywhere & PLUGIN_NAMES
+    inner_training = path.parent == CORE / "training" and path.name != "__init__.py"
+    if not inner_training:
+        at_once = {module.partition(".")[0] for module, _ in imports(path, at_import_time=True)}
+        assert not at_once & HEAVY
+
+
+@pytest.mark.parametrize("path", [plugin / "hooks.py" for plugin in PLUGINS], ids=named)
+def test_hooks_are_light(path: Path) -> None:
+    allowed = {"__future__", "tactibench", "collections", "typing"}
+    assert {module.partition(".")[0] for module, _ in imports(path)} <= allowed
+
+
+@pytest.mark.parametrize("path", [plugin / "__init__.py" for plugin in PLUGINS], ids=named)
+def test_a_plugin_package_holds_one_docstring_and_nothing_else(path: Path) -> None:
+    (only,) = ast.parse(path.read_text(encoding="utf-8")).body
+    assert isinstance(only, ast.Expr)
+    assert isinstance(only.value, ast.Constant)
+
+
+def test_every_plugin_package_is_declared_and_packed() -> None:
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    targets = project["project"]["entry-points"]["tactibench"].values()
+    assert sorted(targets) == [f"{name}.hooks" for name in sorted(PLUGIN_NAMES)]
+    packed = project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    assert sorted(packed) == sorted(["tactibench", *(f"plugins/{n}" for n in PLUGIN_NAMES)])
+
+
+def test_all_is_exactly_what_is_public_and_resolves() -> None:
+    assert sorted(tactibench.__all__) == list(dir(tactibench))
+    assert len(set(tactibench.__all__)) == len(tactibench.__all__)
+    for name in tactibench.__all__:
+        value = getattr(tactibench, name)
+        home = getattr(value, "__module__", "tactibench")
+        assert home is None or home.partition(".")[0] in {"tactibench", "pluggy", "types"}
+    with pytest.raises(AttributeError, match="no attribute 'PluginHost'"):
+        _ = tactibench.PluginHost  # type: ignore[attr-defined]
+
+
+def test_what_a_type_checker_sees_is_what_python_gives() -> None:
+    tree = ast.parse((CORE / "__init__.py").read_text(encoding="utf-8"))
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    seen = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == {name: f"tactibench.{home}" for name, home in tactibench._HOME.items()}
+    assert {*seen, "__version__"} == set(tactibench.__all__)
+
+
+def test_files_are_small() -> None:
+    lines = {named(p): len(p.read_text("utf-8").splitlines()) for p in sources(CORE, *PLUGINS)}
+    assert {name: n for name, n in lines.items() if n > LONGEST} == {}
+    assert statistics.median(lines.values()) < MEDIAN
+
+
+def test_importing_tactibench_and_its_subpackages_loads_nothing_heavy() -> None:
+    packages = [
+        "tactibench",
+        *(f"tactibench.{p.parent.name}" for p in CORE.glob("*/__init__.py") if p.parent != CORE),
+    ]
+    code = f"import sys, {', '.join(packages)}; print(*sorted({HEAVY!r} & set(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == ""
