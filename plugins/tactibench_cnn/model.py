@@ -114,8 +114,14 @@ class CNN:
         found: list[Answer] = []
         for start in range(0, len(frames), _BATCH):
             images = image_tensor(frames[start : start + _BATCH], self.size)
-            found += self._decode(self._forward(images, "float32"))
+            found += self._answers(self._forward(images, "float32"))
         return found
+
+    @property
+    def timed_as(self) -> str:
+        """The configuration of ``stages``."""
+        precision = resolve_precision("auto", self._context.device)
+        return f"{precision}, batch 1, normalisation folded, channels_last"
 
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """Phases of the fast configuration: bf16 where the device computes it natively."""
@@ -125,7 +131,7 @@ class CNN:
         return [
             ("preprocess", lambda frames: image_tensor(frames, self.size)),
             ("forward", lambda images: self._forward(images, precision)),
-            ("decode", self._decode),
+            ("decode", self._answers),
         ]
 
     def fast_predict(self, frames: Sequence[Frame]) -> list[Answer]:
@@ -191,7 +197,7 @@ class CNN:
         out: np.ndarray = normal.float().cpu().numpy()
         return out
 
-    def _decode(self, normal: np.ndarray) -> list[Answer]:
+    def _answers(self, normal: np.ndarray) -> list[Answer]:
         return answers(self._normalisation.invert(normal), self._context.answer)
 
 

@@ -112,7 +112,7 @@ class UNet:
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
         """Contacts of every frame, or its plate pose (None where the map shows no contact)."""
-        return self._decode(self.maps(frames))
+        return self.read_maps(self.maps(frames))
 
     @torch.inference_mode()
     def maps(self, frames: Sequence[Frame]) -> np.ndarray:
@@ -124,6 +124,12 @@ class UNet:
             out[start : start + _BATCH] = self._forward(images, "float32")
         return out
 
+    @property
+    def timed_as(self) -> str:
+        """The configuration of ``stages``."""
+        precision = resolve_precision("auto", self._context.device)
+        return f"{precision}, batch 1, normalisation folded, channels_last"
+
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """Phases of the fast configuration: bf16 where the device computes it natively."""
         precision = resolve_precision("auto", self._context.device)
@@ -132,7 +138,7 @@ class UNet:
         return [
             ("preprocess", lambda frames: image_tensor(frames, self.size)),
             ("forward", lambda images: self._forward(images, precision)),
-            ("decode", self._decode),
+            ("decode", self.read_maps),
         ]
 
     def fast_predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
@@ -187,7 +193,8 @@ class UNet:
             logits = self._folded[precision](images.to(device))
         return _probabilities(logits)
 
-    def _decode(self, maps: np.ndarray) -> list[Answer | None]:
+    def read_maps(self, maps: np.ndarray) -> list[Answer | None]:
+        """Answers that (N, C, H, W) maps stand for."""
         contacts = self._encoder.decode_batch(maps, self._context.grid)
         if self._context.answer == "plate":
             return [self._scale.plate(found) for found in contacts]

@@ -104,8 +104,8 @@ class Model(Protocol):
         """Learn from labelled frames. Must give the same weights for the same rng state."""
         ...
 
-    def predict(self, frames: Sequence[Frame]) -> Sequence[Answer]:
-        """Answer every frame; float32 arithmetic."""
+    def predict(self, frames: Sequence[Frame]) -> Sequence[Answer | None]:
+        """Answer every frame in float32 arithmetic; None: no plate pose could be read."""
         ...
 
     def save(self, directory: Path) -> None:
@@ -119,10 +119,18 @@ class Model(Protocol):
 
 @runtime_checkable
 class MapsModel(Protocol):
-    """Optional: a model that can show the maps behind its contacts."""
+    """Optional: a model that can show the maps behind its contacts.
+
+    ``read_maps(maps(frames))`` must be ``predict(frames)``: a run then asks for the maps of every
+    frame and reads them, so that the network runs once.
+    """
 
     def maps(self, frames: Sequence[Frame]) -> Maps:
         """Return (N, C, H, W) float32 maps in 0..1."""
+        ...
+
+    def read_maps(self, maps: Maps) -> Sequence[Answer | None]:
+        """Return the answers that (N, C, H, W) maps stand for."""
         ...
 
 
@@ -132,6 +140,7 @@ class StagedModel(Protocol):
 
     stages: name -> callable, applied in order to a list of frames; their composition is
     ``predict`` in the fast configuration (which may use lower precision than ``predict``).
+    An attribute ``timed_as`` may name that configuration, such as "bf16, channels_last".
     """
 
     def stages(self) -> Sequence[tuple[str, Any]]: ...

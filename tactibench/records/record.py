@@ -95,9 +95,7 @@ class Record(_Strict):
 
     def value(self, metric: str, group: str) -> float | None:
         """A metric's value, None when it is n/a or not there."""
-        return next(
-            (m.value for m in self.metrics if (m.metric, m.group) == (metric, group)), None
-        )
+        return next((m.value for m in self.metrics if (m.metric, m.group) == (metric, group)), None)
 
 
 def checked(record: dict[str, Any], where: str) -> Record:

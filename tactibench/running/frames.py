@@ -90,8 +90,6 @@ def scored_limit(request: RunRequest) -> int | None:
     return min(limits, default=None)
 
 
-
-
 def spread(rows: Sequence[Row], count: int | None) -> tuple[Row, ...]:
     """At most ``count`` rows, evenly spread over all."""
     if count is None or count >= len(rows):

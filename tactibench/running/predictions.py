@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import MapsModel, Model
 
-MAPS_BATCH = 32
+HeatMaps = npt.NDArray[np.float16]
 
 
 def predict_all(
@@ -19,20 +20,31 @@ def predict_all(
     frames: Sequence[Frame],
     answer: str,
     max_contacts: int | None,
+    shape: tuple[int, int],
     advance: Callable[[int], None],
-) -> list[Answer | None]:
-    """Answers at batch 1 in float32, in order. The model is given blinded frames.
+) -> tuple[list[Answer | None], HeatMaps | None]:
+    """Answers at batch 1 in float32, in order, and (N, H, W) first heatmaps where there are any.
+
+    The model is given blinded frames; ``shape`` is that of its maps.
 
     Raises UserError when the model answers something else than it declared.
     """
     answers: list[Answer | None] = []
-    for frame in frames:
-        found = model.predict([blinded(frame)])
+    with_maps = isinstance(model, MapsModel) and answer == "contacts"
+    heat = np.empty((len(frames), *shape), dtype=np.float16) if with_maps else None
+    for row, frame in enumerate(frames):
+        seen = [blinded(frame)]
+        if isinstance(model, MapsModel) and heat is not None:
+            maps = np.asarray(model.maps(seen))
+            heat[row] = _checked_maps(maps, shape)[0, 0]
+            found = model.read_maps(maps)
+        else:
+            found = model.predict(seen)
         if len(found) != 1:
             raise UserError(f"the model gave {len(found)} answers for one frame; it must give one.")
         answers.append(_checked(found[0], answer, max_contacts))
         advance(1)
-    return answers
+    return answers, heat
 
 
 def blinded(frame: Frame) -> Frame:
@@ -62,25 +74,12 @@ def _checked(found: Answer | None, answer: str, max_contacts: int | None) -> Ans
     return found
 
 
-def predicted_maps(
-    model: Model, frames: Sequence[Frame], shape: tuple[int, int]
-) -> npt.NDArray[np.float16] | None:
-    """(N, H, W) float16 first heatmap of every frame; None for a model without maps.
-
-    Raises UserError for maps of another shape and for values that are not finite.
-    """
-    if not isinstance(model, MapsModel):
-        return None
-    out = np.empty((len(frames), *shape), dtype=np.float16)
-    for start in range(0, len(frames), MAPS_BATCH):
-        batch = [blinded(frame) for frame in frames[start : start + MAPS_BATCH]]
-        maps = np.asarray(model.maps(batch))
-        if maps.ndim != 4 or (len(maps), *maps.shape[2:]) != (len(batch), *shape):
-            raise UserError(
-                f"the model gave maps of shape {maps.shape} for {len(batch)} frames; they must "
-                f"have the shape ({len(batch)}, channels, {shape[0]}, {shape[1]})."
-            )
-        out[start : start + MAPS_BATCH] = maps[:, 0]
-    if not np.isfinite(out).all():
+def _checked_maps(maps: npt.NDArray[Any], shape: tuple[int, int]) -> npt.NDArray[Any]:
+    if maps.ndim != 4 or (len(maps), *maps.shape[2:]) != (1, *shape):
+        raise UserError(
+            f"the model gave maps of shape {maps.shape} for one frame; they must have the shape "
+            f"(1, channels, {shape[0]}, {shape[1]})."
+        )
+    if not np.isfinite(maps).all():
         raise UserError("the model gave a map with a value that is not finite; mend the model.")
-    return out
+    return maps

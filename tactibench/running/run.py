@@ -20,7 +20,7 @@ from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.running.frames import Wanted, spread
 from tactibench.running.make_record import make_record
 from tactibench.running.plan import RunPlan
-from tactibench.running.predictions import predict_all, predicted_maps
+from tactibench.running.predictions import predict_all
 from tactibench.running.scoring import score_arrays
 from tactibench.running.speed import measure_speed
 from tactibench.running.weights import Examples, trained_weights
@@ -28,6 +28,8 @@ from tactibench.running.weights import Examples, trained_weights
 EXAMPLES = 24
 """Test frames kept with a run, so that pictures need no sensor."""
 QUICK_CALLS, CALLS = 60, 300
+QUICK_BUDGET_S = 3.0
+"""Seconds a thread count of --quick: a neighbour on the other core must not eat its minute."""
 
 
 Known = TypeVar("Known")
@@ -76,12 +78,9 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter) -> StoredRun:
     frames = test.frames
     with reporter.task("predict", len(frames)) as advance:
         most = plan.parts.model.spec.max_contacts
-        answers = predict_all(model, frames, keys.answer, most, advance)
-    maps: Arrays = {}
-    if keys.answer == "contacts":
-        heat = predicted_maps(model, frames, keys.grid.grid().shape)
-        if heat is not None:
-            maps["maps"] = heat
+        shape = keys.grid.grid().shape
+        answers, heat = predict_all(model, frames, keys.answer, most, shape, advance)
+    maps: Arrays = {} if heat is None else {"maps": heat}
     truth: Arrays = {
         **pack(test.truth, keys.answer),
         "press": np.array(test.names),
@@ -90,8 +89,10 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter) -> StoredRun:
     if not plan.parts.sensor.spec.needs_data:
         _add_known(plan, test, reporter, truth, maps)
     with reporter.task("time", 1) as advance:
-        calls = QUICK_CALLS if plan.request.quick else CALLS
-        speed = measure_speed(model, frames, answers, calls)
+        if plan.request.quick:
+            speed = measure_speed(model, frames, answers, QUICK_CALLS, QUICK_BUDGET_S)
+        else:
+            speed = measure_speed(model, frames, answers, CALLS)
         advance(1)
     predicted = pack(answers, keys.answer)
     metrics = score_arrays(keys, truth, predicted, maps)

@@ -39,7 +39,11 @@ def model_stages(model: Model) -> list[tuple[str, Callable[[Any], Any]]]:
 
 
 def measure_speed(
-    model: Model, frames: Sequence[Frame], answers: Sequence[Answer | None], calls: int
+    model: Model,
+    frames: Sequence[Frame],
+    answers: Sequence[Answer | None],
+    calls: int,
+    budget_s: float = BUDGET_S,
 ) -> Speed:
     """Time frame -> answer at batch 1 with one thread and with all."""
     stages = model_stages(model)
@@ -51,14 +55,15 @@ def measure_speed(
     for threads in sorted({1, cores}):
         with torch_threads(threads):
             sample: LatencySample = time_single(
-                stages, seen, threads=threads, calls=calls, budget_s=BUDGET_S
+                stages, seen, threads=threads, calls=calls, budget_s=budget_s
             )
         rows += speed_rows(sample, "single")
         raw[f"single_{threads}_threads_ms"] = np.asarray(sample.raw_ms)
-    return Speed(rows, raw, _difference(stages, seen, [answers[row] for row in rows_timed]))
+    return Speed(rows, raw, _timed(model, stages, seen, [answers[row] for row in rows_timed]))
 
 
-def _difference(
+def _timed(
+    model: Model,
     stages: Sequence[tuple[str, Callable[[Any], Any]]],
     frames: Sequence[Frame],
     answers: Sequence[Answer | None],
@@ -75,7 +80,7 @@ def _difference(
         else:
             apart += distance
     return {
-        "configuration": "as timed, " + ", ".join(name for name, _ in stages),
+        "configuration": str(getattr(model, "timed_as", "as the model predicts")),
         "difference_mm": float(np.median(apart)) if apart else None,
         "frames": len(frames),
         "frames_with_another_count": changed,

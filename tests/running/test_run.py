@@ -184,9 +184,7 @@ def test_damaged_weights_are_trained_again(run: Run, tiny: Any, planned: Any, da
         ("diverge", "its loss was not finite"),
     ],
 )
-def test_models_that_misbehave(
-    run: Run, tiny: Any, tmp_path: Path, behave: str, said: str
-) -> None:
+def test_models_that_misbehave(run: Run, tiny: Any, tmp_path: Path, behave: str, said: str) -> None:
     tiny.TinyModel.behave = behave
     with pytest.raises(UserError, match=said):
         run("exp1")
