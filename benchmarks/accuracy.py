@@ -3,9 +3,9 @@
     python benchmarks/accuracy.py                       exp1, exp2, exp3 on the simulated sensor
     python benchmarks/accuracy.py --data path/to/331    and `surface` on real frames
 
-Takes about 25 minutes on 2 cores with an empty cache; trained weights are taken from it. Prints a row
-per figure with its 95 % interval, and whether exp2 trained on several contacts is better
-than trained on single ones by a paired interval over presses. Exit code 1 when a target is missed.
+Takes about 25 minutes on 2 cores with an empty cache; trained weights are taken from it. Prints a
+row per figure with its 95 % interval, and whether exp2 trained on several contacts is better than
+trained on single ones by a paired interval over presses. Exit code 1 when a target is missed.
 """
 
 from __future__ import annotations

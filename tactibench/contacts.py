@@ -55,7 +55,7 @@ class Contacts:
         if self.std is not None:
             columns["std"] = _column(self.std, (n, 3), "std")
         score = columns["score"]
-        if n and not (0 <= score.min() and score.max() <= 1):
+        if n and not (score.min() >= 0 and score.max() <= 1):
             raise ValueError("score lies outside 0..1")
         if (score[1:] > score[:-1]).any():
             order = np.argsort(-score, kind="stable")

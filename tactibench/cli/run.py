@@ -56,6 +56,7 @@ def run(
     """
     from tactibench.cli.output import Terminal, show_run
     from tactibench.plugins.host import PluginHost
+    from tactibench.protocols.loader import check_metrics
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
@@ -69,6 +70,8 @@ def run(
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
     stored = not fresh and (out / plan.name / RECORD).is_file()
+    if not stored:
+        check_metrics(plan.protocol)
     for line in plan_lines(plan, stored):
         terminal.say(line)
     if dry_run:

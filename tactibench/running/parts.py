@@ -32,8 +32,12 @@ class Part(Generic[SpecT]):
         return self.spec.name
 
     def code(self) -> str:
-        """Hash of the source of the package behind the spec."""
-        return code_hash(self.spec.target.partition(":")[0].partition(".")[0])
+        """Hash of the source of the package behind the spec. Raises UserError without one."""
+        try:
+            return code_hash(self.spec.target.partition(":")[0].partition(".")[0])
+        except ModuleNotFoundError:
+            self.spec.load()  # says in one sentence what does not load
+            raise
 
     def label(self) -> str:
         """Name with the parameters that differ from their defaults."""
