@@ -81,7 +81,7 @@ def run(
     else:
         from tactibench.running.run import execute
 
-        finished = execute(plan, out, terminal)
+        finished = execute(plan, out, terminal, fresh=fresh)
     show_run(terminal, finished, out)
     if json_file is not None:
         write_json(json_file, finished.record)

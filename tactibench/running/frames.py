@@ -38,13 +38,18 @@ class Wanted:
 
 @dataclass(frozen=True)
 class FramePlan:
-    """The frames of a run. rejected: candidates that geometry refused in the test draws."""
+    """The frames of a run.
+
+    rejected: candidates that geometry refused in the test draws. published: whether the test
+    frames are those of a publication, so that its numbers may be compared frame for frame.
+    """
 
     fit: tuple[Wanted, ...]
     validation: tuple[Wanted, ...]
     test: tuple[Wanted, ...]
     rejected: int
     sensor_identity: dict[str, Any]
+    published: bool = False
 
     def __iter__(self) -> Iterator[Wanted]:
         return iter((*self.fit, *self.validation, *self.test))

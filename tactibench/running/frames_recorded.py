@@ -67,6 +67,7 @@ def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Parts)
         (want("test", spread(split.test, scored_limit(request))),),
         0,
         identity,
+        published is not None and not request.partial,
     )
 
 

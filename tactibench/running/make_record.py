@@ -78,6 +78,7 @@ def make_record(
             "validation": plan.frames.count("validation"),
             "test": plan.frames.count("test"),
             "rejected": plan.frames.rejected,
+            "published_frames": plan.frames.published,
         },
         "signature": signature(plan, trained, environment["fingerprint"]),
     }

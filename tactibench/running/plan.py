@@ -62,6 +62,11 @@ class RunPlan:
             parts.append("quick")
         return "-".join([*parts, f"s{self.request.seed}", digest(self.identity)[:8]])
 
+    @property
+    def answers_file(self) -> Path:
+        """Where the model's answers to the test frames are kept in the cache."""
+        return self.weights.folder.parents[1] / "answers" / f"{digest(self.identity)[:24]}.npz"
+
     def context(self) -> ModelContext:
         keys = self.protocol.keys
         return ModelContext(

@@ -17,6 +17,7 @@ from tactibench.plugins.interfaces import Progress, SensorContext
 from tactibench.protocols.loader import check_metrics
 from tactibench.records.answers import pack
 from tactibench.records.store import Arrays, StoredRun, write_run
+from tactibench.running.answered import answered
 from tactibench.running.frames import Wanted, spread
 from tactibench.running.make_record import make_record
 from tactibench.running.plan import RunPlan
@@ -62,8 +63,10 @@ class TestData:
         return [name for presses in self.presses for name in presses.names]
 
 
-def execute(plan: RunPlan, store: Path, reporter: Reporter) -> StoredRun:
+def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = False) -> StoredRun:
     """Carry a plan out and store the run. Interrupted work is continued by the same call.
+
+    fresh: ask the model again, even if its answers to these frames are kept.
 
     Raises UserError before any work for metrics that do not exist or do not fit.
     """
@@ -77,10 +80,16 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter) -> StoredRun:
     test = _test_data(plan, reporter)
     frames = test.frames
     with reporter.task("predict", len(frames)) as advance:
-        most = plan.parts.model.spec.max_contacts
-        shape = keys.grid.grid().shape
-        answers, heat = predict_all(model, frames, keys.answer, most, shape, advance)
-    maps: Arrays = {} if heat is None else {"maps": heat}
+        most, shape = plan.parts.model.spec.max_contacts, keys.grid.grid().shape
+        found = answered(
+            plan.answers_file,
+            trained.hash,
+            keys.answer,
+            lambda: predict_all(model, frames, keys.answer, most, shape, advance),
+            fresh=fresh,
+        )
+    answers, predicted = found.answers(keys.answer), found.predicted
+    maps: Arrays = {} if found.heat is None else {"maps": found.heat}
     truth: Arrays = {
         **pack(test.truth, keys.answer),
         "press": np.array(test.names),
@@ -94,7 +103,6 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter) -> StoredRun:
         else:
             speed = measure_speed(model, frames, answers, CALLS)
         advance(1)
-    predicted = pack(answers, keys.answer)
     metrics = score_arrays(keys, truth, predicted, maps)
     record = make_record(
         plan, trained, speed, metrics, predicted, data=[presses.hash for presses in test.presses]

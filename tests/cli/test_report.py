@@ -207,7 +207,13 @@ def record(protocol: str, **changes: Any) -> dict[str, Any]:
         "speed": speed,
         "timed": {"configuration": "bfloat16, channels_last, batch 1", "difference_mm": 0.0012},
         "training": {"epochs": 20, "seconds": 241.3, "presses": 3600},
-        "data": {"train": 3600, "validation": 400, "test": 1320, "rejected": 0 if real else 2417},
+        "data": {
+            "train": 3600,
+            "validation": 400,
+            "test": 1320,
+            "rejected": 0 if real else 2417,
+            "published_frames": real,
+        },
         "signature": f"tactibench 0.1.0|{protocol}@1#0123456789ab|unet#77aa|hertz|tactip-127|"
         "seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
         "path": f"/home/someone/experiments/tactile/runs/{protocol}-unet-single-1f00/record.json",
@@ -287,6 +293,13 @@ def test_a_simulated_run_is_never_called_comparable() -> None:
     assert "Comparable: Frame for frame" in render(shown)
     shown["sensor"]["origin"] = "simulated"
     assert "Not comparable (simulated here): Frame for frame" in render(shown)
+
+
+def test_other_test_frames_are_never_called_comparable() -> None:
+    shown = record("surface")
+    shown["data"]["published_frames"] = False
+    assert "Comparable: Frame for frame" not in render(shown)
+    assert "not tested on the published test frames" in " ".join(render(shown).split())
 
 
 def test_a_model_that_resolves_nothing_shows_na_and_its_misses() -> None:

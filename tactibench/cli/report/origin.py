@@ -39,8 +39,14 @@ def comparability(record: Record, published: Sequence[PublishedTable]) -> Iterab
     simulated = record["sensor"]["origin"] == "simulated"
     rows = [row for table in published for row in rows_for(record["protocol"]["id"], table)]
     reasons: dict[str, None] = {}
+    published_frames = record["data"].get("published_frames", False)
     for row in rows:
-        word = "Not comparable (simulated here)" if simulated else words[row.comparable]
+        word = words[row.comparable]
+        if simulated:
+            word = "Not comparable (simulated here)"
+        elif row.comparable == "yes" and not published_frames:
+            reasons["Not comparable: this run was not tested on the published test frames."] = None
+            continue
         reasons[f"{word}: {row.note}"] = None
     return reasons
 
