@@ -1,0 +1,54 @@
+"""Each protocol draws its own pictures beside the record, of runs that answered the same frames."""
+
+from __future__ import annotations
+
+import pytest
+
+from tactibench.board.run_pictures import draw_pictures, label
+from tactibench.cli.main import call
+from tactibench.records.store import stored_runs
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACTIBENCH_CACHE", str(folder / "cache"))
+        for protocol in ("exp1", "exp2", "exp3"):
+            for model in ("mean", "nearest"):
+                options = ["--quick", "--out", str(folder / "runs")]
+                assert call(["run", protocol, "--model", model, *options]) == 0
+    return folder / "runs"
+
+
+@pytest.mark.parametrize(
+    ("protocol", "own"), [("exp1", "errors.png"), ("exp2", "distance.png"), ("exp3", "triple.png")]
+)
+def test_a_run_leaves_its_pictures(store, protocol, own):
+    for run in stored_runs(store):
+        drawn = {path.name for path in run.folder.glob("*.png")}
+        if run.record["protocol"]["id"] == protocol:
+            assert drawn == {"frame.png", own}  # the baselines have no heatmap to show as relief
+            assert all((run.folder / name).read_bytes().startswith(PNG) for name in drawn)
+
+
+def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypatch):
+    runs = list(stored_runs(store))
+    pairs = [run for run in runs if run.record["protocol"]["id"] == "exp2"]
+    seen: list[str] = []
+
+    def record_series(_path, series, **_more):
+        seen.extend(name for name, _ in series)
+
+    monkeypatch.setattr("tactibench.board.figures.distance_errors", record_series)
+    others = [run for run in runs if run.folder != pairs[0].folder]
+    draw_pictures(pairs[0], others)
+    assert seen == sorted(label(run.record) for run in pairs)
+
+
+def test_a_run_of_another_protocol_version_draws_nothing(store):
+    run = next(stored_runs(store))
+    run.record["protocol"]["hash"] = "0" * 64
+    assert draw_pictures(run, []) == []
