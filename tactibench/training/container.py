@@ -16,6 +16,9 @@ from safetensors.torch import save
 from tactibench.training.network import tensor_bytes
 
 
+_ENTRY = "tactibench"
+
+
 class DamagedFile(Exception):  # noqa: N818
     """A container that cannot be read or whose digest does not fit; the text says why."""
 
@@ -24,7 +27,8 @@ def write_container(path: Path, tensors: Mapping[str, torch.Tensor], header: Any
     """Write atomically: a temporary name, fsync, rename. Raises OSError as the disk does."""
     text = json.dumps(header, sort_keys=True)
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    metadata = {"header": text, "digest": _digest(plain, text)}
+    # One entry: safetensors writes several in an order that changes from call to call.
+    metadata = {_ENTRY: json.dumps({"digest": _digest(plain, text), "header": text})}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:
@@ -44,11 +48,12 @@ def read_container(path: Path) -> tuple[dict[str, torch.Tensor], Any]:
         with safetensors.safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        text = metadata["header"]
+        entry = json.loads(metadata[_ENTRY])
+        text, stated = entry["header"], entry["digest"]
         header = json.loads(text)
-    except (safetensors.SafetensorError, KeyError, ValueError, OSError) as error:
+    except (safetensors.SafetensorError, KeyError, TypeError, ValueError, OSError) as error:
         raise DamagedFile(f"it cannot be read ({error})") from error
-    if _digest(tensors, text) != metadata.get("digest"):
+    if _digest(tensors, text) != stated:
         raise DamagedFile("its digest does not fit its content")
     return tensors, header
 

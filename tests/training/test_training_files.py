@@ -36,6 +36,16 @@ def test_all_is_exactly_what_is_public():
         public.nothing  # noqa: B018
 
 
+def test_equal_tensors_and_headers_make_equal_bytes(tmp_path):
+    """Two entries of metadata come in random order: ten files would differ with p > 0.99."""
+    tensors = {name: torch.full((3,), float(ord(name))) for name in "dacb"}
+    written = set()
+    for _ in range(10):
+        write_container(tmp_path / "file", tensors, {"model": "unet", "extra": {"b": 1, "a": 2}})
+        written.add((tmp_path / "file").read_bytes())
+    assert len(written) == 1
+
+
 def test_a_container_returns_tensors_and_header(tmp_path):
     tensors = {"a": torch.arange(6.0).reshape(2, 3).t(), "b/c": torch.tensor(3, dtype=torch.int64)}
     write_container(tmp_path / "file", tensors, {"n": [1, None, 0.1]})
