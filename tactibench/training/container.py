@@ -15,7 +15,6 @@ from safetensors.torch import save
 
 from tactibench.training.network import tensor_bytes
 
-
 _ENTRY = "tactibench"
 
 
