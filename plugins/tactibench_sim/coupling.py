@@ -37,9 +37,13 @@ def couple(skin: PolarTables, table: Index, n: Array, delta: Array) -> tuple[Arr
     near = delta > -REACH_MM
     rows = np.flatnonzero((near.sum(axis=1) > 1) & (delta > 0).any(axis=1))
     if len(rows):
-        amplitude[rows], shape[rows] = _couple(
-            skin, table[rows], n[rows], np.where(near[rows], delta[rows], -REACH_MM), near[rows]
-        )
+        # In one order, the deepest first: where tips coincide the iteration would remember theirs.
+        order = np.lexsort((*np.moveaxis(n[rows], -1, 0), -delta[rows]), axis=-1)
+        deep, close = (np.take_along_axis(a[rows], order, axis=1) for a in (delta, near))
+        directions = np.take_along_axis(n[rows], order[..., None], axis=1)
+        loads = _couple(skin, table[rows], directions, np.where(close, deep, -REACH_MM), close)
+        back = np.argsort(order, axis=-1)
+        amplitude[rows], shape[rows] = (np.take_along_axis(a, back, axis=1) for a in loads)
     return amplitude, shape
 
 

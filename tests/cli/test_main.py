@@ -157,6 +157,8 @@ def test_an_interrupt_during_training_is_one_sentence_and_leaves_a_resumable_run
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        # A shell that runs the tests in the background has them ignore SIGINT.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         **surroundings,
     )
     try:
@@ -169,6 +171,7 @@ def test_an_interrupt_during_training_is_one_sentence_and_leaves_a_resumable_run
         out, err = process.communicate(timeout=60)
     finally:
         process.kill()
+        process.communicate()
     assert process.returncode == 130, err
     assert err.strip() == "tactibench: stopped; the same command continues where it was."
     assert out.startswith("plan: ")
