@@ -1,4 +1,7 @@
-"""What a run prints: complete, readable at 80 columns, and honest about where numbers are from."""
+"""What a run prints: complete, readable at 80 columns, and honest about where numbers are from.
+
+One long file: every test renders the same synthetic records, which are built here.
+"""
 
 from __future__ import annotations
 
@@ -216,7 +219,7 @@ def record(protocol: str, **changes: Any) -> dict[str, Any]:
         },
         "signature": f"tactibench 0.1.0|{protocol}@1#0123456789ab|unet#77aa|hertz|tactip-127|"
         "seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
-        "path": f"/home/someone/experiments/tactile/runs/{protocol}-unet-single-1f00/record.json",
+        "path": f"experiments/of/a/long/name/tactile/runs/{protocol}-unet-single-1f00/record.json",
     }
     made.update(changes)
     return made
