@@ -27,11 +27,12 @@ def store(tmp_path_factory):
     ("protocol", "own"), [("exp1", "errors.png"), ("exp2", "distance.png"), ("exp3", "triple.png")]
 )
 def test_a_run_leaves_its_pictures(store, protocol, own):
-    for run in stored_runs(store):
+    runs = [run for run in stored_runs(store) if run.record["protocol"]["id"] == protocol]
+    assert len(runs) == 2
+    for run in runs:
         drawn = {path.name for path in run.folder.glob("*.png")}
-        if run.record["protocol"]["id"] == protocol:
-            assert drawn == {"frame.png", own}  # the baselines have no heatmap to show as relief
-            assert all((run.folder / name).read_bytes().startswith(PNG) for name in drawn)
+        assert drawn == {"frame.png", own}  # the baselines have no heatmap to show as relief
+        assert all((run.folder / name).read_bytes().startswith(PNG) for name in drawn)
 
 
 def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypatch):
