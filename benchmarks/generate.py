@@ -1,10 +1,17 @@
-"""How fast the simulated TacTip makes frames, stage by stage, on one core.
+"""How fast the simulated TacTip makes frames, stage by stage, on one core and on several.
 
-    PYTHONPATH=.:plugins python benchmarks/generate.py
+    PYTHONPATH=.:plugins python -P benchmarks/generate.py [--threads 2]
 
-Prints the median of several rounds for both pin patterns, single and dual presses at 128 x 128:
-scenes to loads and pin tips (field), tips to grey levels (render), noise to uint8 (noise), and
-``press_many`` as a whole. The last line is the figure that matters: seconds for 5,000 presses.
+(-P: numba would take ``coverage.py`` of this folder for the package of that name.)
+
+Medians of several rounds, and in brackets the fastest, for both pin patterns, single and dual
+presses at 128 and 256 px:
+
+* field: scenes to pin tips; render: pin tips to frames with noise (us a frame, one thread);
+* render /s and whole /s: frames a second on one thread and on all: rendering alone, and from
+  scenes with ``press_many``; gain: how many times one thread;
+* cpu us: processor time of a frame on all threads (fastest round). It hardly depends on what else
+  the machine does: N free cores make N / cpu frames a second.
 """
 
 from __future__ import annotations
@@ -18,12 +25,25 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench_sim.contact import tips_of
-from tactibench_sim.sensor import BATCH, SimulatedTacTip, TacTip127, TacTip331
+from tactibench_sim.ahead import in_order
+from tactibench_sim.noise import streams
+from tactibench_sim.rendered import BATCH
+from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
+
+SEED = np.random.SeedSequence(0)
+
+
+class Seconds(NamedTuple):
+    """Of one frame."""
+
+    median: float
+    best: float
+    cpu: float
 
 
 def scenes(kind: str, count: int) -> list[Scene]:
@@ -41,56 +61,72 @@ def scenes(kind: str, count: int) -> list[Scene]:
     ]
 
 
-def median_seconds(work: Callable[[], object], rounds: int) -> float:
+def timed(work: Callable[[], object], rounds: int, frames: int) -> Seconds:
     work()
-    times = []
+    times, processor = [], []
     for _ in range(rounds):
-        start = time.perf_counter()
+        start, before = time.perf_counter(), time.process_time()
         work()
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
+        times.append((time.perf_counter() - start) / frames)
+        processor.append((time.process_time() - before) / frames)
+    return Seconds(statistics.median(times), min(times), min(processor))
 
 
-def stages(sensor: SimulatedTacTip, several: list[Scene]) -> dict[str, Callable[[], object]]:
+def consumed(frames: object) -> int:
+    return sum(1 for _ in frames)  # type: ignore[attr-defined]
+
+
+def stages(
+    kind: type[SimulatedTacTip], size: int, several: list[Scene], threads: int
+) -> dict[str, Callable[[], object]]:
+    sensor = kind(SensorContext(SEED), size=size, threads=1)
+    wide = kind(SensorContext(SEED), size=size, threads=threads)
     batches = [several[k : k + BATCH] for k in range(0, len(several), BATCH)]
-    mechanics, camera = sensor.mechanics, sensor.camera
+    points = [sensor.points(batch) for batch in batches]
+    states = [streams(SEED, k * BATCH, len(batch)) for k, batch in enumerate(batches)]
 
-    def field(batch: list[Scene]) -> np.ndarray:
-        return mechanics.pin_tips(
-            mechanics.loads(tips_of(batch)), sensor.directions, sensor.pin_length
-        )
+    def render(k: int) -> np.ndarray:
+        return sensor.renderer.frames(points[k], states[k])
 
-    tips = [field(batch) for batch in batches]
-    clean = [camera.render(tip).astype(np.float32) for tip in tips]
-    seed = np.random.SeedSequence(0)
     return {
-        "field": lambda: [field(batch) for batch in batches],
-        "render": lambda: [camera.render(tip).astype(np.float32) for tip in tips],
-        "noise": lambda: [sensor.noise.expose(i, seed, k) for b in clean for k, i in enumerate(b)],
-        "total": lambda: sum(1 for _ in sensor.press_many(several)),
+        "field": lambda: [sensor.points(batch) for batch in batches],
+        "render": lambda: consumed(in_order(render, range(len(batches)), 1)),
+        "render N": lambda: consumed(in_order(render, range(len(batches)), threads)),
+        "whole": lambda: consumed(sensor.press_many(several)),
+        "whole N": lambda: consumed(wide.press_many(several)),
     }
+
+
+def rates(one: Seconds, several: Seconds) -> str:
+    return (
+        f"{1 / one.median:9.0f} [{1 / one.best:6.0f}]{1 / several.median:9.0f} "
+        f"[{1 / several.best:6.0f}] x{one.best / several.best:4.2f}{1e6 * several.cpu:7.0f}"
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=1024, help="presses a round")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[128, 256])
     asked = parser.parse_args()
-    print(f"{'sensor':12}{'scene':8}" + "".join(f"{s + ' us':>11}" for s in ("field", "render",
-          "noise", "total")) + f"{'frames/s':>11}{'5,000 in s':>12}")  # fmt: skip
+    head = f"{'1 thread':>9}{'best':>9}{asked.threads:>9} threads, gain  cpu us"
+    print(f"{'sensor':11}{'scene':7}{'px':>4}{'field us':>9}{'render us':>10}  render /s:{head}"
+          f"  whole /s:{head}")  # fmt: skip
     for kind in (TacTip127, TacTip331):
-        sensor = kind(SensorContext(np.random.SeedSequence(0)))
         for name in ("single", "dual"):
-            work = stages(sensor, scenes(name, asked.count))
-            each = {s: median_seconds(w, asked.rounds) / asked.count for s, w in work.items()}
-            row = "".join(f"{1e6 * seconds:11.0f}" for seconds in each.values())
-            print(
-                f"tactip-{kind.pins:<5}{name:8}{row}{1 / each['total']:11.0f}"
-                f"{5000 * each['total']:12.2f}"
-            )
-    limited = scenes("single", 200)
-    sensor = TacTip127(SensorContext(np.random.SeedSequence(0)))
-    seconds = median_seconds(lambda: [sensor.bound(s) for s in limited], asked.rounds) / 200
+            for size in asked.sizes:
+                several = scenes(name, asked.count)
+                work = stages(kind, size, several, asked.threads)
+                each = {s: timed(w, asked.rounds, asked.count) for s, w in work.items()}
+                print(f"{kind.preset.name:11}{name:7}{size:4}"
+                      f"{1e6 * each['field'].median:9.0f}{1e6 * each['render'].median:10.0f}"
+                      f"{'':12}{rates(each['render'], each['render N'])}"
+                      f"{'':12}{rates(each['whole'], each['whole N'])}", flush=True)  # fmt: skip
+    several = scenes("single", 200)
+    sensor = TacTip127(SensorContext(SEED))
+    seconds = timed(lambda: [sensor.bound(s) for s in several], 3, 200).median
     print(f"bound, tactip-127, single: {1e3 * seconds:.2f} ms a scene")
 
 

@@ -112,6 +112,8 @@ class Indenter:
             raise ValueError(f"an indenter's radius is {self.radius} mm, it must be positive")
         if not self.offsets:
             raise ValueError("an indenter needs at least one tip")
+        if not all(math.isfinite(value) for offset in self.offsets for value in offset):
+            raise ValueError(f"an indenter's offsets {self.offsets} are not finite")
 
     @property
     def is_plate(self) -> bool:

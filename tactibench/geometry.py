@@ -1,18 +1,33 @@
-"""Closed-form contact geometry of spherical tips and plates on a spherical dome.
+"""Closed-form contact geometry of spherical tips and plates on a spherical dome or a flat pad.
 
 With R_d the dome's radius, R the tip's and rho the distance of the tip's axis from the dome's, a
-tip first touches when its centre is at height sqrt((R_d + R)^2 - rho^2) above the dome's centre.
+tip first touches when its centre is at height sqrt((R_d + R)^2 - rho^2) above the dome's centre. A
+flat pad is a dome of infinite radius: every tip touches on its own axis, at its own height.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from tactibench.contacts import Contacts, FloatArray, PlatePose, Scene
+from tactibench.errors import UserError
 
 DOME_RADIUS_MM = 20.0
+
+
+@runtime_checkable
+class HasShape(Protocol):
+    """Optional: a sensor that is not pressed on a dome of the protocol's radius.
+
+    dome_radius_mm: of the touched surface, inf for a flat one. deepest_mm: how deep a tip may be
+    pressed, inf where nothing but the protocol limits it.
+    """
+
+    dome_radius_mm: float
+    deepest_mm: float
 
 
 def tip_positions(scene: Scene) -> FloatArray:
@@ -32,22 +47,30 @@ def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
     """
     if scene.indenter.is_plate:
         return np.array([scene.pose.depth])
-    tips = tip_positions(scene)
-    reach = dome_radius + scene.indenter.radius
-    square = reach**2 - (tips[:, :2] ** 2).sum(axis=1)
-    touch = np.full(len(tips), -np.inf)
-    inside = square > 0
-    touch[inside] = np.sqrt(square[inside]) + tips[inside, 2]
-    if not inside.any():
+    touch = _first_touch(scene, dome_radius)
+    if not np.isfinite(touch).any():
         return touch
     depth: FloatArray = scene.pose.depth - (touch.max() - touch)
     return depth
+
+
+def _first_touch(scene: Scene, dome_radius: float) -> FloatArray:
+    """(K,) height of the indenter at which every tip first touches, up to a common constant, mm."""
+    tips = tip_positions(scene)
+    if math.isinf(dome_radius):
+        return tips[:, 2]
+    square = (dome_radius + scene.indenter.radius) ** 2 - (tips[:, :2] ** 2).sum(axis=1)
+    touch = np.full(len(tips), -np.inf)
+    inside = square > 0
+    touch[inside] = np.sqrt(square[inside]) + tips[inside, 2]
+    return touch
 
 
 def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:
     """The contacts of a scene of spherical tips; a tip that never touches is none.
 
     A plate touches at ``dome_radius * sin(tilt)`` along its tilt axis with the depth of the pose.
+    Raises UserError for a plate on a flat pad, which it touches everywhere.
     """
     if scene.indenter.is_plate:
         xy = plate_contact_xy(scene, dome_radius)
@@ -58,7 +81,11 @@ def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts
 
 
 def plate_contact_xy(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> tuple[float, float]:
-    """(x, y) mm at which a tilted plate meets the dome: dome_radius * sin(tilt) along the yaw."""
+    """(x, y) mm at which a tilted plate meets the dome: dome_radius * sin(tilt) along the yaw.
+
+    Raises UserError for a flat pad.
+    """
+    _refuse_flat(dome_radius)
     offset = dome_radius * math.sin(math.radians(scene.pose.tilt))
     yaw = math.radians(scene.pose.yaw)
     return offset * math.cos(yaw), offset * math.sin(yaw)
@@ -72,7 +99,11 @@ def plate_pose(scene: Scene) -> PlatePose:
 def plate_from_contacts(
     contacts: Contacts, dome_radius: float = DOME_RADIUS_MM
 ) -> PlatePose | None:
-    """Read a plate from the best contact: tilt = asin(x / dome_radius). None without a contact."""
+    """Read a plate from the best contact: tilt = asin(x / dome_radius). None without a contact.
+
+    Raises UserError for a flat pad.
+    """
+    _refuse_flat(dome_radius)
     if not len(contacts):
         return None
     sine = float(np.clip(contacts.xy[0, 0] / dome_radius, -1.0, 1.0))
@@ -82,9 +113,9 @@ def plate_from_contacts(
 def normal_penetration(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
     """(K,) delta = R_d + R - |c - O| mm of every tip, for the tip depths of the scene.
 
-    A plate's penetration along its normal is its depth.
+    A plate's penetration along its normal is its depth, and so is that of a tip on a flat pad.
     """
-    if scene.indenter.is_plate:
+    if scene.indenter.is_plate or math.isinf(dome_radius):
         return tip_depths(scene, dome_radius)
     tips = tip_positions(scene)
     reach = dome_radius + scene.indenter.radius
@@ -92,3 +123,11 @@ def normal_penetration(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Flo
     height = np.sqrt(np.maximum(reach**2 - rho_squared, 0.0)) - tip_depths(scene, dome_radius)
     penetration: FloatArray = reach - np.sqrt(rho_squared + height**2)
     return penetration
+
+
+def _refuse_flat(dome_radius: float) -> None:
+    if math.isinf(dome_radius):
+        raise UserError(
+            "a plate touches a flat pad everywhere and has no point of contact there; press "
+            "spherical tips, or take a sensor with a dome."
+        )

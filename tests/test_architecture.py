@@ -18,9 +18,11 @@ ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "tactibench"
 PLUGINS = sorted(path for path in (ROOT / "plugins").iterdir() if (path / "__init__.py").is_file())
 PLUGIN_NAMES = {path.name for path in PLUGINS}
-PUBLIC_MODULES = ("tactibench.geometry", "tactibench.training")
+PUBLIC_MODULES = ("tactibench.geometry", "tactibench.markers", "tactibench.training")
 HEAVY = {"torch", "cv2"}
 LONGEST, MEDIAN = 350, 90
+ONE_CACHE = "plugins/tactibench_sim/dome_kernels.py"
+"""Numba's cache on disk follows changes of one file only, so what is compiled stays together."""
 
 Import = tuple[str, tuple[str, ...]]
 """Module, and the names taken from it; () for a plain ``import module``."""
@@ -142,7 +144,7 @@ def test_what_a_type_checker_sees_is_what_python_gives() -> None:
 
 def test_files_are_small() -> None:
     lines = {named(p): len(p.read_text("utf-8").splitlines()) for p in sources(CORE, *PLUGINS)}
-    assert {name: n for name, n in lines.items() if n > LONGEST} == {}
+    assert {name: n for name, n in lines.items() if n > LONGEST} == {ONE_CACHE: lines[ONE_CACHE]}
     assert statistics.median(lines.values()) < MEDIAN
 
 

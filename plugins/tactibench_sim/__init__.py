@@ -1,1 +1,1 @@
-"""Simulated TacTip: a finite-element skin-on-gel dome, pins as levers and a pinhole camera."""
+"""Simulated TacTip: a finite-element skin-on-gel dome, pins as levers, a camera in a window."""

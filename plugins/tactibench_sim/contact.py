@@ -127,6 +127,8 @@ def check_reach(n: Array, delta: Array, deepest: float) -> None:
     n: (S, K, 3), delta: (S, K).
     """
     touching = delta > 0
+    if np.isnan(n).any() or np.isnan(delta).any():
+        raise UserError("a tip's place or depth is not a number; give x, y and depth in mm.")
     if (delta > deepest + _SLACK).any():
         raise UserError(
             f"a tip penetrates {delta.max():.2f} mm; the simulator's tables end at {deepest:g} mm, "

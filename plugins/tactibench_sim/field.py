@@ -1,4 +1,4 @@
-"""Where the pin tips go: single-contact fields, rotated to each contact and added up."""
+"""Where the pin tips go: the fields of a press, from tables."""
 
 from __future__ import annotations
 
@@ -8,21 +8,46 @@ import numpy as np
 
 from tactibench import UserError
 from tactibench_sim.contact import Tips, check_reach
-from tactibench_sim.coupling import couple, superpose
-from tactibench_sim.spline import Array, Index, PolarTables
-from tactibench_sim.table import Tables
+from tactibench_sim.corrected import Corrections
+from tactibench_sim.coupling import superpose
+from tactibench_sim.dome_kernels import (
+    Around,
+    Array,
+    Index,
+    Meridians,
+    Pairs,
+    couple,
+    displace,
+)
+from tactibench_sim.meridian import meridians
+from tactibench_sim.table import Table, Tables
 
 TIERS = ("coupled", "superpose")
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Amplitudes a and shape depths s (S, K) at directions n (S, K, 3); table: (S,) index."""
+    """Amplitudes a and shape depths s (S, K) of contacts at directions n (S, K, 3).
+
+    delta: (S, K) penetrations, mm. table: (S,) index of the indenter. strength: (S, K, K) of the
+    pairs' corrections, 0: none.
+    """
 
     n: Array
+    delta: Array
     amplitude: Array
     shape: Array
     table: Index
+    strength: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What one surface of the dome does: its single-contact fields and their corrections."""
+
+    singles: Meridians
+    around: Around
+    pairs: Pairs
 
 
 class Mechanics:
@@ -31,60 +56,48 @@ class Mechanics:
     def __init__(self, tables: Tables, tier: str) -> None:
         if tier not in TIERS:
             raise UserError(f"the tier is {tier!r}; allowed: {', '.join(TIERS)}.")
+        self.tier = tier
         self.radii = tuple(sorted(tables.by_radius))
         ordered = [tables.by_radius[radius] for radius in self.radii]
-        grid = ordered[0].delta, ordered[0].polar
         self.deepest = ordered[0].deepest
         self.inner = float(tables.parameters["dome"]["outer"] - tables.parameters["dome"]["skin"])
-        self.tier = tier
-        sine = np.sin(grid[1])
-        self._base = PolarTables(
-            *grid,
-            [
-                [t.fields["w"], _over(t.fields["t"], sine), _over(t.fields["omega"], sine)]
-                for t in ordered
-            ],
-        )
-        self._skin = PolarTables(*grid, [[t.fields["w_outer"]] for t in ordered])
+        self.base = _surface(ordered, ("w", "t", "omega"), tables.corrections, "base")
+        self.outer = _surface(ordered, ("w_outer", "t_outer"), tables.corrections, "skin")
 
     def loads(self, tips: Tips) -> Loads:
         """Who carries how much. Raises UserError for tips that the tables do not reach."""
+        n, delta, table = self.touching(tips)
+        if self.tier == "superpose":
+            amplitude, shape = superpose(delta)
+            strength = np.zeros((*delta.shape, delta.shape[1]))
+        else:
+            amplitude, shape, strength = couple(
+                self.outer.singles, self.outer.pairs, table, n, delta
+            )
+        return Loads(n, delta, amplitude, shape, table, strength)
+
+    def touching(self, tips: Tips) -> tuple[Array, Array, Index]:
+        """n, delta and table of ``Loads``. Raises UserError as ``loads``."""
         table = np.searchsorted(self.radii, tips.radius).clip(max=len(self.radii) - 1)
         known = np.array(self.radii)[table] == tips.radius
         if not known.all():
             there = ", ".join("plate" if np.isinf(r) else f"{r:g} mm" for r in self.radii)
+            wanted = f"{tips.radius[~known][0]:g}"
             raise UserError(
-                f"the indenter's radius is {tips.radius[~known][0]:g} mm; "
-                f"the simulator has tables for: {there}."
+                f"the indenter's radius is {wanted} mm; the simulator has tables for: {there}. "
+                f"Make one with `tactibench sim tabulate OUT --radius {wanted}`, then give "
+                "`--param sensor.table=OUT`."
             )
         n, delta = tips.directions()
         check_reach(n, delta, self.deepest)
-        if self.tier == "superpose":
-            return Loads(n, *superpose(delta), table)
-        return Loads(n, *couple(self._skin, table, n, delta), table)
+        return n, delta, table
 
     def displacement(self, loads: Loads, directions: Array) -> tuple[Array, Array]:
         """Displacement u of pin bases, mm, and turn q of their normals, rad; both (S, P, 3).
 
         directions: (P, 3) unit vectors from the dome's centre. The normal b turns by |q| towards q.
         """
-        count = len(loads.table), len(directions), 3
-        u, q = np.zeros(count), np.zeros(count)
-        for k in range(loads.amplitude.shape[1]):
-            rows = np.flatnonzero(loads.amplitude[:, k])
-            if not len(rows):
-                continue
-            n = loads.n[rows, k]
-            meridian = self._base.at_depth(
-                loads.table[rows], loads.shape[rows, k], loads.amplitude[rows, k]
-            )
-            cosine = _dot(n, directions)
-            w, t, omega = np.moveaxis(self._base.at_polar(meridian, np.arccos(cosine)), -1, 0)
-            # b cos - n is the tangent away from the contact times sin, which t and omega lack
-            away = directions * cosine[..., None] - n[:, None, :]
-            u[rows] += t[..., None] * away - w[..., None] * directions
-            q[rows] += omega[..., None] * away
-        return u, q
+        return self._displace(self.base, loads, directions)
 
     def pin_tips(self, loads: Loads, directions: Array, length: float) -> Array:
         """(S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
@@ -96,22 +109,46 @@ class Mechanics:
 
     def skin(self, loads: Loads, directions: Array) -> Array:
         """(S, P) inward displacement of the outer skin, mm."""
-        out = np.zeros((len(loads.table), len(directions)))
-        for k in range(loads.amplitude.shape[1]):
-            rows = np.flatnonzero(loads.amplitude[:, k])
-            meridian = self._skin.at_depth(
-                loads.table[rows], loads.shape[rows, k], loads.amplitude[rows, k]
-            )
-            polar = np.arccos(_dot(loads.n[rows, k], directions))
-            out[rows] += self._skin.at_polar(meridian, polar)[..., 0]
-        return out
+        inward: Array = -(self.outer_displacement(loads, directions) * directions).sum(axis=-1)
+        return inward
+
+    def outer_displacement(self, loads: Loads, directions: Array) -> Array:
+        """(S, P, 3) displacement of the outer skin, mm."""
+        return self._displace(self.outer, loads, directions)[0]
+
+    def _displace(self, of: Surface, loads: Loads, directions: Array) -> tuple[Array, Array]:
+        field: tuple[Array, Array] = displace(
+            loads.n,
+            loads.delta,
+            loads.amplitude,
+            loads.shape,
+            loads.table,
+            loads.strength,
+            of.singles,
+            of.around,
+            of.pairs,
+            np.ascontiguousarray(directions),
+        )
+        return field
 
 
-def _dot(n: Array, b: Array) -> Array:
-    """(C, P) cosines. Written out: a matrix product may round differently in other batch sizes."""
-    product = n[:, None, 0] * b[:, 0] + n[:, None, 1] * b[:, 1] + n[:, None, 2] * b[:, 2]
-    cosine: Array = np.clip(product, -1.0, 1.0)
-    return cosine
+def _surface(
+    ordered: list[Table], names: tuple[str, ...], corrections: Corrections, where: str
+) -> Surface:
+    depth, polar = ordered[0].delta, ordered[0].polar
+    inward, *tangential = names
+    sine = np.sin(polar)
+    values = [
+        [one.fields[inward], *(_over(one.fields[name], sine) for name in tangential)]
+        for one in ordered
+    ]
+    values = [[*each, *[np.zeros_like(each[0])] * (3 - len(each))] for each in values]
+    radii = [one.radius for one in ordered]
+    return Surface(
+        meridians(depth, polar, values),
+        corrections.around(where, radii),
+        corrections.pairs(where, radii),
+    )
 
 
 def _over(field: Array, sine: Array) -> Array:

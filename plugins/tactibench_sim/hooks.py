@@ -1,38 +1,124 @@
-"""What the simulated TacTip offers: two sensors and the command `sim`."""
+"""What the simulator offers: two TacTips, a planar sensor and the command `sim`."""
 
 from __future__ import annotations
 
 from tactibench import CommandSpec, Parameter, SensorSpec, hookimpl
 
-PARAMETERS = (
-    Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose")),
+OPTICAL = (
     Parameter("size", 128, "frame side, px", low=32, high=1024),
+    Parameter(
+        "output",
+        "grey",
+        "frame format; bw: thresholded as real sets are",
+        choices=("grey", "rgb", "bw"),
+    ),
     Parameter("noise", True, "camera noise on or off"),
     Parameter("read_noise", 1.5, "read noise, grey levels rms", low=0.0, high=50.0),
-    Parameter("full_well", 10000.0, "electrons at grey level 255 (shot noise)", low=100.0),
+    Parameter("full_well", 1e4, "electrons at grey level 255 (shot noise)", low=100.0, high=1e12),
     Parameter("brightness", 208.0, "grey level of the pin tips", low=1.0, high=255.0),
     Parameter("background", 16.0, "grey level of the gel", low=0.0, high=254.0),
     Parameter("edge", 1.0, "half-width of a pin's soft edge, px", low=0.5, high=10.0),
-    Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
-    Parameter("pin_radius", 0.5, "radius of the pins' white tips, mm", low=0.1, high=1.5),
-    Parameter("camera_distance", 55.0, "from camera to apex, mm", low=45.0, high=200.0),
+    Parameter("blur", 0.0, "sigma of a further Gaussian blur, px", low=0.0, high=20.0),
+    Parameter("vignetting", 0.3, "share of the natural fall-off cos^4", low=0.0, high=1.0),
+    Parameter("pin_radius", 0.4, "radius of the pins' white tips, mm", low=0.1, high=1.5),
+    Parameter("pin_loss", 0.0, "share of pins without a white tip", low=0.0, high=0.9),
+    Parameter("camera_distance", 55.0, "from camera to apex, mm", low=10.0, high=200.0),
+    Parameter(
+        "lens",
+        "pinhole",
+        "projection: r = f tan a or (fisheye) r = f a",
+        choices=("pinhole", "fisheye"),
+    ),
+    Parameter("focal", 0.956, "focal length, frame sides", low=0.2, high=5.0),
+    Parameter("principal_x", 0.0, "axis right of the frame's middle, sides", low=-0.3, high=0.3),
+    Parameter("principal_y", 0.0, "axis below the frame's middle, sides", low=-0.3, high=0.3),
+    Parameter(
+        "roll", 0.0, "turn of the camera about its axis, x towards y, deg", low=-180.0, high=180.0
+    ),
+    Parameter("gel_length", 20.0, "from the apex to the window, mm", low=1.0, high=100.0),
+    Parameter(
+        "gel_index", 1.41, "refractive index of the gel; 1: no refraction", low=1.0, high=2.0
+    ),
+    Parameter("window_thickness", 2.0, "thickness of the acrylic window, mm", low=0.0, high=20.0),
+    Parameter("window_index", 1.49, "refractive index of the window", low=1.0, high=2.0),
+    Parameter(
+        "glare", 0.0, "light of the LEDs' reflections, 0: none, 1: as the tips", low=0.0, high=1.0
+    ),
+    Parameter("leds", 6, "how many LEDs reflect", low=0, high=64),
+    Parameter("glare_start", -5.0, "azimuth of the first LED, deg", low=-180.0, high=180.0),
+    Parameter("glare_radius", 0.47, "radius of the reflections' circle, sides", low=0.05, high=1.0),
+    Parameter("glare_width", 0.017, "greatest thickness of a reflection, sides", low=0.0, high=0.2),
+    Parameter("glare_arc", 27.0, "length of a reflection, deg", low=1.0, high=360.0),
+    Parameter("red", 0.92, "red share of white light (output rgb)", low=0.05, high=1.0),
+    Parameter("green", 0.98, "green share of white light (output rgb)", low=0.05, high=1.0),
+    Parameter("blue", 1.0, "blue share of white light (output rgb)", low=0.05, high=1.0),
+    Parameter("threshold_side", 61 / 360, "block of the threshold (bw), sides", low=0.02, high=1.0),
+    Parameter("threshold", 5.0, "grey levels above the block (output bw)", low=0.0, high=100.0),
+)
+"""Of every camera; the defaults are those of ``optics.Optics``, which says where they come from."""
+
+
+def optical(**own: float) -> tuple[Parameter, ...]:
+    """OPTICAL with some defaults of a sensor's own."""
+    return tuple(
+        Parameter(p.name, own.get(p.name, p.default), p.help, p.choices, p.low, p.high)
+        for p in OPTICAL
+    )
+
+
+DOME = (
+    Parameter(
+        "tier",
+        "coupled",
+        "how scenes become fields, see `sim validate`; auto: the cheapest that is good enough",
+        choices=("auto", "coupled", "fem", "green", "superpose"),
+    ),
+    Parameter("tolerance", 0.1, "error bound asked of tier auto, mm", low=0.001, high=10.0),
+    Parameter("allow_fem", False, "let tier auto run finite elements (a minute a scene)"),
     Parameter("table", "", "file made by `sim tabulate`; empty: the table that ships"),
-    Parameter("focal", 1.0294, "focal length, frame sides", low=0.2, high=5.0),
+    Parameter(
+        "instance",
+        0,
+        "0: nominal; N: another individual (stiffness ratio, skin, pins, camera)",
+        low=0,
+        high=10**9,
+    ),
+    Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
+)
+
+PLANAR = (
+    Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose")),
+    Parameter("table", "", "file made by `sim tabulate --planar`; empty: the one that ships"),
+    Parameter("instance", 0, "0: nominal; N: another individual", low=0, high=10**9),
 )
 
 
 @hookimpl
 def tactibench_sensors() -> tuple[SensorSpec, ...]:
-    return tuple(
+    optics = {
+        127: optical(pin_radius=0.36),
+        331: optical(pin_radius=0.47, glare_width=0.014, glare_arc=80.0),
+    }
+    domes = (
         SensorSpec(
             name=f"tactip-{pins}",
             target=f"tactibench_sim.sensor:TacTip{pins}",
-            summary=f"simulated TacTip, {pins} pins, finite-element fields, pinhole camera",
-            parameters=PARAMETERS,
+            summary=f"simulated TacTip, {pins} pins, finite-element fields, camera behind a window",
+            parameters=(*DOME, *own),
             origin="simulated",
         )
-        for pins in (127, 331)
+        for pins, own in optics.items()
     )
+    flat = optical(pin_radius=0.3, camera_distance=30.0, focal=1.15)
+    planar = SensorSpec(
+        name="planar-grid",
+        target="tactibench_sim.planar.sensor:PlanarGrid",
+        summary="simulated flat gel pad, 14 x 14 markers, finite-element fields, camera below",
+        # The pad's thickness, which gel_length is elsewhere, belongs to its table.
+        parameters=(*PLANAR, *(p for p in flat if p.name != "gel_length")),
+        origin="simulated",
+    )
+    return (*domes, planar)
 
 
 @hookimpl

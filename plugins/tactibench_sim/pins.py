@@ -1,53 +1,78 @@
 """Where the pins stand on the inner skin: directions from the dome's centre at rest.
 
 Both layouts are read from the undeformed frame ``init_0.png`` of a real sensor of the public
-Tac-VGNN data (Fan et al., ICRA 2023), assuming the reference camera of ``optics.Camera``: pins of
-2 mm whose tips lie 17 mm from the dome's centre, seen from 35 mm below it with a focal length of
-1.0294 frame sides. Rotation, offset and aspect of those frames are left out.
+Tac-VGNN data (Fan et al., ICRA 2023): radii in the frame, turned into polar angles with the
+reference optics (the defaults of ``Optics``) and pins of 2 mm, whose tips lie 17 mm from the dome's
+centre. Seen by those optics, the pins at rest are therefore where the real ones are. Rotation,
+offset and aspect of the real frames are left out.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.geometry import DOME_RADIUS_MM
+from tactibench_sim.lens import project
+from tactibench_sim.optics import Optics
+
 Array = npt.NDArray[np.float64]
 
-_RING_POLAR_DEG = (5.37, 10.86, 16.36, 22.05, 28.06, 34.34, 41.23, 48.67, 56.70, 64.95)
-"""Ring radii 11.4 ... 135.3 px of the 331-pin frame (360 px), as polar angles."""
+RINGS = tuple(r / 360 for r in (0.0, 11.4, 23.0, 34.6, 46.6, 59.3, 72.5, 86.9, 102.3, 118.8, 135.3))
+"""Radii of centre pin and rings in the 331-pin frame (360 px), frame sides."""
 
-_HEX_POLAR_DEG = (7.56961, 0.0290806, 0.00176995)
-"""Polar angle = c1 p + c3 p^3 + c5 p^5 at p pitches from the centre pin of the 127-pin frame;
-rms residual 0.6 px of 256."""
+HEXAGON = (4.42724e-2, 2.01837e-4, 8.98403e-6)
+"""Radius = c1 p + c3 p^3 + c5 p^5, frame sides, at p pitches from the centre pin of the 127-pin
+frame; least squares with offset, rotation and aspect free, rms residual 0.6 px of 256."""
+
+TIP_RADIUS_MM = 17.0
+_STEEPEST = np.radians(80.0)
 
 
 def layout(pins: int) -> Array:
     """(P, 3) unit vectors, centre pin first, rings outwards. pins: 127 or 331."""
-    polar, azimuth = {127: _hexagon, 331: _rings}[pins]()
+    radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
+    seen, place = np.unique(radius, return_inverse=True)
+    polar = polar_angles(seen)[place]
     sine = np.sin(polar)
     return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=1)
 
 
+def polar_angles(radius: Array) -> Array:
+    """(N,) rad of tips that the reference optics see ``radius`` frame sides off the axis."""
+    low, high = np.zeros(len(radius)), np.full(len(radius), _STEEPEST)
+    for _ in range(60):  # bisection: seen radii grow with the polar angle
+        middle = (low + high) / 2
+        inside = _seen(middle) < radius
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return np.where(radius > 0, high, 0.0)
+
+
+def _seen(polar: Array) -> Array:
+    optics = Optics(size=1)
+    points = TIP_RADIUS_MM * np.stack([np.sin(polar), 0 * polar, np.cos(polar)], axis=1)
+    x, _, _ = project(optics, points, optics.camera_distance_mm - DOME_RADIUS_MM)
+    return x
+
+
 def _rings() -> tuple[Array, Array]:
     """Rings of 6 k pins, evenly spaced, one pin of each on the x axis."""
-    polar, azimuth = [0.0], [0.0]
-    for k, angle in enumerate(_RING_POLAR_DEG, start=1):
-        polar += [math.radians(angle)] * (6 * k)
-        azimuth += [2 * math.pi * j / (6 * k) for j in range(6 * k)]
-    return np.array(polar), np.array(azimuth)
+    radius, azimuth = [0.0], [0.0]
+    for k, ring in enumerate(RINGS[1:], start=1):
+        radius += [ring] * (6 * k)
+        azimuth += [2 * np.pi * j / (6 * k) for j in range(6 * k)]
+    return np.array(radius), np.array(azimuth)
 
 
 def _hexagon(rings: int = 6) -> tuple[Array, Array]:
-    """A hexagonal array with two corners on the y axis, bent onto the dome."""
+    """A hexagonal array with two corners on the y axis."""
     cells = [
         (q, r) for q in range(-rings, rings + 1) for r in range(-rings, rings + 1)
         if abs(q + r) <= rings
     ]  # fmt: skip
     cells.sort(key=lambda cell: max(abs(cell[0]), abs(cell[1]), abs(cell[0] + cell[1])))
     q, r = np.array(cells, dtype=np.float64).T
-    x, y = math.sqrt(3) / 2 * r, q + r / 2
-    pitch = np.hypot(x, y)
-    c1, c3, c5 = _HEX_POLAR_DEG
-    return np.radians(c1 * pitch + c3 * pitch**3 + c5 * pitch**5), np.arctan2(y, x)
+    x, y = np.sqrt(3) / 2 * r, q + r / 2
+    pitch = np.sqrt(q * q + q * r + r * r)  # the same for all six, to the last bit
+    c1, c3, c5 = HEXAGON
+    return c1 * pitch + c3 * pitch**3 + c5 * pitch**5, np.arctan2(y, x)

@@ -2,115 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Frame, Grid, Pose, Scene, SensorContext, UserError, __version__
+from tactibench import Grid, Scene, SensorContext, __version__
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim import limit
+from tactibench_sim import domes
 from tactibench_sim import table as tables
+from tactibench_sim.auto import DEFAULT_TOLERANCE_MM, AutoMechanics
 from tactibench_sim.contact import Tips, tips_of
-from tactibench_sim.field import Mechanics
-from tactibench_sim.noise import Noise, to_uint8
-from tactibench_sim.optics import Camera
+from tactibench_sim.instances import lost_pins, perturbed
+from tactibench_sim.limit import covariance, deviations
+from tactibench_sim.noise import Noise
+from tactibench_sim.nuisance import NUISANCES
+from tactibench_sim.parameters import optics_from
 from tactibench_sim.pins import layout
+from tactibench_sim.presets import TACTIP_127, TACTIP_331, Preset
+from tactibench_sim.render import Renderer
+from tactibench_sim.rendered import FRAMES_PER_SECOND, RenderedSensor
+from tactibench_sim.tiers import mechanics_for
 
 Array = npt.NDArray[np.float64]
-BATCH = 64
-FRAMES_PER_SECOND = 30.0
-"""Nominal rate behind the timestamps; a simulated sensor has no clock."""
 
 
-class SimulatedTacTip:
-    """A skin-on-gel dome with pins; single-contact fields from finite elements.
+class SimulatedTacTip(RenderedSensor):
+    """A skin-on-gel dome with pins; single-contact fields from finite elements."""
 
-    Frames depend on the scene, the parameters and, for their noise, on the seed and the number of
-    presses since the sensor was opened; not on how presses are grouped.
-    """
-
-    pins = 0
+    preset: Preset
+    nuisances = NUISANCES
 
     def __init__(
         self,
         context: SensorContext,
         *,
         tier: str = "coupled",
-        size: int = 128,
-        noise: bool = True,
-        read_noise: float = Noise.read,
-        full_well: float = Noise.full_well,
-        brightness: float = Camera.brightness,
-        background: float = Camera.background,
-        edge: float = Camera.edge_px,
-        pin_length: float = 2.0,
-        pin_radius: float = Camera.pin_radius_mm,
-        camera_distance: float = 55.0,
-        focal: float = Camera.focal,
+        tolerance: float = DEFAULT_TOLERANCE_MM,
+        allow_fem: bool = False,
         table: str = "",
+        instance: int = 0,
+        pin_length: float | None = None,
+        threads: int | None = None,
+        **optical: Any,
     ) -> None:
-        self._seed = context.seed
-        self._tables = tables.read(Path(table)) if table else tables.shipped()
-        self.mechanics = Mechanics(self._tables, tier)
-        self.camera = Camera(
-            size, camera_distance - DOME_RADIUS_MM, focal, pin_radius, edge, background, brightness
+        """optical: parameters of ``parameters.optics_from``; what is missing is the preset's."""
+        self._tables = (
+            tables.read(Path(table)) if table else domes.of_instance(tables.shipped(), instance)
         )
-        self.noise = Noise(noise, read_noise, full_well)
-        self.pin_length = pin_length
-        self.directions = layout(self.pins)
-        untouched = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, np.inf))
-        self._rest = to_uint8(self.clean(untouched)[0].astype(np.float32))
-        self._rest.setflags(write=False)
-        self._count = 0
+        self.mechanics = mechanics_for(tier, self._tables, tolerance, allow_fem)
+        length = self.preset.pin_length_mm if pin_length is None else pin_length
+        nominal = optics_from(self.preset.optics, optical)
+        self.instance = instance
+        self.optics, self.pin_length = perturbed(nominal, length, instance)
+        self.lost = lost_pins(self.preset.pins, self.optics.pin_loss, instance)
+        self.directions = layout(self.preset.pins)[~self.lost]
+        renderer = Renderer(self.optics, self.optics.camera_distance_mm - DOME_RADIUS_MM)
+        super().__init__(context, renderer, self.tips(_UNTOUCHED)[0], threads)
 
-    def __enter__(self) -> Self:
-        self._count = 0
-        return self
+    @property
+    def noise(self) -> Noise:
+        return self.optics.noise
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing is held open."""
+    def tips(self, tips: Tips) -> Array:
+        """(S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
+        loads = self.mechanics.loads(tips)
+        tips: Array = self.mechanics.pin_tips(loads, self.directions, self.pin_length)
+        return tips
+
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        return self.tips(tips_of(scenes))
 
     def clean(self, tips: Tips) -> Array:
         """(S, size, size) grey levels without noise. Raises UserError as ``press``."""
-        loads = self.mechanics.loads(tips)
-        return self.camera.render(self.mechanics.pin_tips(loads, self.directions, self.pin_length))
-
-    def rest(self) -> Frame:
-        """The undeformed sensor, without noise."""
-        return Frame(self._rest, self._count / FRAMES_PER_SECOND, Pose(), self._rest)
-
-    def press(self, scene: Scene) -> Frame:
-        """Press once. Raises UserError for a scene the tables do not cover."""
-        return self._expose(scene, self.clean(tips_of([scene]))[0].astype(np.float32))
-
-    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        """Press in order; batches are computed ahead, their noise when a frame is taken."""
-        source = iter(scenes)
-        while batch := list(islice(source, BATCH)):
-            try:
-                images = self.clean(tips_of(batch)).astype(np.float32)
-            except UserError:  # hand out what precedes the bad scene, then name it
-                for scene in batch:
-                    yield self.press(scene)
-                raise
-            for scene, image in zip(batch, images, strict=True):
-                yield self._expose(scene, image)
-
-    def _expose(self, scene: Scene, clean: npt.NDArray[np.float32]) -> Frame:
-        image = self.noise.expose(clean, self._seed, self._count)
-        self._count += 1
-        return Frame(image, self._count / FRAMES_PER_SECOND, scene.pose, self._rest)
+        return self.renderer.clean(self.tips(tips))
 
     def surface(self, scene: Scene, grid: Grid) -> Array:
         """(H, W) inward displacement of the outer skin, mm; zero beside the dome."""
@@ -123,33 +91,51 @@ class SimulatedTacTip:
         out[above] = self.mechanics.skin(self.mechanics.loads(tips_of([scene])), directions)[0]
         return out.reshape(grid.shape)
 
+    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
+        """(3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
+
+        Of the grey frame that models see; of output "bw" it holds, but cannot be reached.
+        """
+        return covariance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
+
     def bound(self, scene: Scene) -> Array:
         """(K, 3) Cramer-Rao standard deviations of x, y, depth of every true contact, mm."""
-        return limit.bound(tips_of([scene]), self.clean, self.noise.variance)
+        return deviations(self.covariance(scene))
+
+    def account(self, scenes: Sequence[Scene]) -> dict[str, int]:
+        """Scenes by the tier that tier ``auto`` takes for them; empty for the other tiers."""
+        if not isinstance(self.mechanics, AutoMechanics) or not scenes:
+            return {}
+        return self.mechanics.taken(tips_of(scenes))
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines the frames, but the seed."""
         return {
-            "sensor": f"tactip-{self.pins}",
+            "sensor": self.preset.name,
             "plugin": f"tactibench_sim {__version__}",
             "tier": self.mechanics.tier,
-            "pins": self.pins,
+            **({"tolerance_mm": self.mechanics.tolerance} if self.mechanics.tier == "auto" else {}),
+            "instance": self.instance,
+            "pins": self.preset.pins,
+            "lost_pins": np.flatnonzero(self.lost).tolist(),
             "pin_length_mm": self.pin_length,
-            "camera": asdict(self.camera),
-            "noise": asdict(self.noise),
+            "optics": asdict(self.optics),
             "dome_radius_mm": DOME_RADIUS_MM,
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
         }
 
 
+_UNTOUCHED = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, np.inf))
+
+
 class TacTip127(SimulatedTacTip):
     """127 pins, hexagonal."""
 
-    pins = 127
+    preset = TACTIP_127
 
 
 class TacTip331(SimulatedTacTip):
     """331 pins in ten rings."""
 
-    pins = 331
+    preset = TACTIP_331

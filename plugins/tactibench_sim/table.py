@@ -24,11 +24,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import UserError
+from tactibench_sim.corrected import Corrections
 
 FILE = "dome.npz"
 QUANTITIES = ("w", "t", "omega", "w_outer", "t_outer", "force")
-SHAPES = {"sphere3": 3.0, "plate": math.inf}
-"""Indenters in the file and their radii, mm."""
+RADII = (3.0, math.inf)
+"""Indenters of the file that ships, mm; inf: a plate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +52,17 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """Everything in a table file. parameters: what the finite-element run was given."""
+    """Everything in a table file. parameters: what the finite-element runs were given."""
 
     parameters: dict[str, Any]
     digest: str
     by_radius: Mapping[float, Table]
+    corrections: Corrections
+
+
+def shape_of(radius: float) -> str:
+    """Name of an indenter in the file, to six digits: sphere3, sphere2.5, plate."""
+    return "plate" if math.isinf(radius) else f"sphere{radius:g}"
 
 
 def digest_of(arrays: Mapping[str, npt.NDArray[Any]], parameters: str) -> str:
@@ -99,10 +106,14 @@ def read(path: Path) -> Tables:
     delta = content["delta"].astype(np.float64)
     polar = content["polar"].astype(np.float64)
     by_radius = {}
-    for shape, radius in SHAPES.items():
+    shapes = sorted(name.removesuffix("_force") for name in content if name.endswith("_force"))
+    for shape in shapes:
+        radius = math.inf if shape == "plate" else float(shape.removeprefix("sphere"))
         fields = {q: content[f"{shape}_{q}"].astype(np.float64) for q in QUANTITIES}
         by_radius[radius] = Table(radius, delta, polar, fields)
-    return Tables(json.loads(text), told, by_radius)
+    parameters = json.loads(text)
+    corrections = Corrections.found(content, parameters.get("corrections"))
+    return Tables(parameters, told, by_radius, corrections)
 
 
 @cache

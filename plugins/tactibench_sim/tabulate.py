@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,22 +18,37 @@ DEEPEST_MM, STEP_MM = 6.5, 0.125
 POLAR_STEP_DEG = 0.5
 
 
-def tabulate(path: Path, dome: fem.Dome, told: Callable[[str], None] = lambda _: None) -> str:
-    """Press sphere and plate, write the file at ``path`` and return its digest.
+def tabulate(
+    path: Path,
+    dome: fem.Dome,
+    radii: Sequence[float] = table.RADII,
+    told: Callable[[str], None] = lambda _: None,
+    runs: Path | None = None,
+) -> str:
+    """Press spheres of ``radii`` mm (inf: a plate), write the file and return its digest.
 
-    Raises UserError without NGSolve, fem.NotConvergedError where a run fails.
+    runs: a folder for three-dimensional runs (see ``snapshots``), those that are missing there are
+    made, which takes an hour; from them the file gets corrections for contacts off the apex and for
+    pairs. None: a file without corrections.
+
+    Nothing is written unless every run converged. Raises UserError without NGSolve,
+    fem.NotConvergedError where a run fails.
     """
     depths = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
     delta = np.asarray(depths, dtype=np.float64)
     degrees = np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG
     polar = np.asarray(np.radians(degrees), dtype=np.float64)
     arrays: dict[str, npt.NDArray[Any]] = {"delta": delta, "polar": polar}
-    for shape, radius in table.SHAPES.items():
+    for shape, radius in {table.shape_of(radius): radius for radius in radii}.items():
         told(shape)
         for quantity, values in columns(dome, radius, delta, polar).items():
             arrays[f"{shape}_{quantity}"] = values.astype(np.float32)
     ngsolve = fem.require_ngsolve()
     parameters = {"dome": asdict(dome), "solver": f"ngsolve {ngsolve.__version__}"}
+    if runs is not None:
+        from tactibench_sim.snapshots import corrected
+
+        arrays, parameters = corrected(arrays, parameters, dome, runs, told)
     return table.write(path, arrays, parameters)
 
 

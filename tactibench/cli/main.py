@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 VERBS = {
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
+    "limit": ("tactibench.cli.limit:limit", "the smallest errors that a sensor's noise allows"),
     "list": ("tactibench.cli.listing:listing", "list models, sensors, encoders and protocols"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),

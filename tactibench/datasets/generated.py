@@ -6,6 +6,7 @@ however often its making was interrupted.
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
@@ -46,6 +47,7 @@ class FrameRequest:
 
     build: opens the sensor with a seed. identity: of sensor, parameters and code, as JSON.
     scenes, names: of every press. seed: root seed and spawn key of the sensor's randomness.
+    dome_radius: of the sensor's surface, mm, inf where it is flat; None: the protocol's.
     """
 
     name: str
@@ -54,10 +56,16 @@ class FrameRequest:
     scenes: tuple[Scene, ...]
     names: tuple[str, ...]
     seed: tuple[int, ...]
+    dome_radius: float | None = None
 
     @cached_property
     def key(self) -> str:
-        """Identity of the frames: the same key, the same frames."""
+        """Identity of the frames and of their truth: the same key, the same frames and truth."""
+        surface: dict[str, Any] = {}
+        if self.dome_radius is not None:  # said only where it is not the protocol's
+            # An infinite radius has no meaning in JSON.
+            flat = math.isinf(self.dome_radius)
+            surface["surface"] = "flat" if flat else self.dome_radius
         return digest(
             {
                 "sensor": self.identity,
@@ -65,6 +73,7 @@ class FrameRequest:
                 "seed": self.seed,
                 "chunk": CHUNK,
                 "numpy": np.__version__,
+                **surface,
             }
         )
 
@@ -103,7 +112,9 @@ def open_frames(
         for i, (image, pose) in enumerate(zip(images, poses.tolist(), strict=True))
     ]
     content = combined([*(manifest[part] for part in PARTS), manifest["key"]])
-    return Presses(request.name, request.scenes, frames, request.names, content, folder)
+    return Presses(
+        request.name, request.scenes, frames, request.names, content, folder, request.dome_radius
+    )
 
 
 def _plain(scene: Scene) -> tuple[Any, ...]:

@@ -92,16 +92,22 @@ def r2(trials: Trials, rng: np.random.Generator) -> Rows:
 
 
 def rmse_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """sqrt(sum e^2 / sum b^2), b the Cramer-Rao standard deviation; 1 is the limit."""
+    """sqrt(sum e^2 / sum b^2), b the Cramer-Rao standard deviation; 1 is the limit.
+
+    Frames without a bound (b is infinite, the contact is not in the frame) are left out of both
+    sums: one of them would hide all others.
+    """
     true, predicted, trial = top_answers(trials)
     if trials.bound is None:
         yield from ((axis, Estimate.nothing()) for axis in AXES)
         return
     bound = np.array([trials.bound[i][0] for i in trial]).reshape(-1, 3)
     for column, axis in enumerate(AXES):
-        squares = (predicted - true)[:, column] ** 2
+        has = np.isfinite(bound[:, column])
+        squares = (predicted - true)[has, column] ** 2
+        press = trials.press[trial[has]]
         ratio = ratio_interval(
-            squares, bound[:, column] ** 2, trials.press[trial], level=trials.level, floor=0.0
+            squares, bound[has, column] ** 2, press, level=trials.level, floor=0.0
         )
         yield axis, root(ratio)
 
@@ -134,5 +140,5 @@ SPECS = (
     mean_metric("rmse_pooled_mm", "mm", "lower", "sqrt(mean of (p - t)^2 over frames and axes)",
                 axis_mean_squares, rms_interval, lambda t: {"all": members(t, "all")}),
     MetricSpec("rmse_over_bound", "", "lower", "sqrt(sum (p - t)^2 / sum b^2) per axis, b the "
-               "Cramer-Rao standard deviation of each frame", rmse_over_bound),
+               "Cramer-Rao standard deviation of each frame that has one", rmse_over_bound),
 )  # fmt: skip

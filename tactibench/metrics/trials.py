@@ -25,9 +25,10 @@ class Trials:
     name per frame ("all"; "dual", "triple"; a true distance such as "6.5"; "catch").
     maps: (N, H, W) predicted heatmaps, 1 standing for ``max_depth``. surface: (N, H, W) true
     inward displacement of the skin, mm. bound: per frame (K, 3) Cramer-Rao standard deviations of
-    x, y and depth, mm. gate: mm, inf for none. level: of the intervals.
+    x, y and depth, mm; inf for a contact that the frame does not show. gate: mm, inf for none.
+    level: of the intervals.
 
-    Raises ValueError on lengths or shapes that do not fit and on values that are not finite.
+    Raises ValueError on lengths or shapes that do not fit and on other values that are not finite.
     """
 
     truth: tuple[Contacts, ...]
@@ -61,7 +62,8 @@ class Trials:
         if self.bound is not None:
             _lengths(n, bound=self.bound)
             for truth, bound in zip(self.truth, self.bound, strict=True):
-                if finite(bound, "bound").shape != (len(truth), 3) or not (bound > 0).all():
+                known = finite(np.where(np.isposinf(bound), 1.0, bound), "bound")
+                if known.shape != (len(truth), 3) or not (known > 0).all():
                     raise ValueError("a bound is not one positive (x, y, depth) per true contact")
 
     def __len__(self) -> int:

@@ -211,5 +211,35 @@ class KnowsBound(Protocol):
     """Optional: a sensor that knows the Cramer-Rao bound of its frames (simulators)."""
 
     def bound(self, scene: Scene) -> FloatArray:
-        """(K, 3) smallest possible standard deviation of x, y and depth of every contact, mm."""
+        """(K, 3) smallest possible standard deviation of x, y and depth of every contact, mm.
+
+        Rows in the order of ``true_contacts``; inf where the frame says nothing."""
         ...
+
+
+@runtime_checkable
+class KnowsCovariance(KnowsBound, Protocol):
+    """Optional: one that knows how the bounds hang together, and what unknown optics add to them.
+
+    nuisances: names of what may be unknown of the camera, such as "brightness". ``bound`` is the
+    root of the covariance's diagonal without any of them.
+    """
+
+    nuisances: tuple[str, ...]
+
+    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> FloatArray:
+        """(3 K, 3 K) smallest possible covariance of x, y and depth of every contact, mm^2.
+
+        Contacts in the order of ``true_contacts``, x, y, depth of the first in front. Of a
+        parameter about which the frame says nothing the variance is inf, the covariances are 0.
+        Raises UserError for a scene it cannot press or a nuisance it does not know."""
+        ...
+
+
+@runtime_checkable
+class KeepsAccount(Protocol):
+    """Optional: a sensor that makes scenes in more than one way and says how many in which.
+
+    What it says goes into the record; an empty dict: there is nothing to say."""
+
+    def account(self, scenes: Sequence[Scene]) -> dict[str, int]: ...

@@ -11,6 +11,7 @@ from tactibench.contacts import Scene
 from tactibench.datasets.generated import FrameRequest, folder_of, is_cached, open_frames
 from tactibench.plugins.interfaces import SensorContext
 from tactibench.protocols.draws import Drawn, draw_scenes
+from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import Protocol, Split
 from tactibench.protocols.split import split_presses
 from tactibench.running.frames import FramePlan, Wanted, scored_limit, sensor_identity, spread
@@ -29,7 +30,9 @@ def drawn_frames(
 ) -> FramePlan:
     """Draw the presses and divide them; frames are keyed, not made."""
     extra = keys.regimes[parts.regime]
-    draws = {name: draw_scenes(keys, name) for name in {split.draw, *extra, *keys.test.sets}}
+    sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0)))
+    pressed = pressable(keys, sensor)
+    draws = {name: draw_scenes(pressed, name) for name in {split.draw, *extra, *keys.test.sets}}
     whole: Rows = {name: range(len(drawn.scenes)) for name, drawn in draws.items()}
     divided = split_presses(len(whole[split.draw]), split, keys.data_seed)
 
@@ -44,8 +47,8 @@ def drawn_frames(
     }
     test = _thinned(test, scored_limit(request))
 
-    sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0)))
     identity = sensor_identity(parts, sensor.describe())
+    radius = pressed.workspace.dome_radius_mm
 
     def want(role: str, name: str, rows: Sequence[int], part: int) -> Wanted:
         stream = keys.draw(name).stream
@@ -56,6 +59,7 @@ def drawn_frames(
             tuple(draws[name].scenes[row] for row in rows),
             tuple(f"{name}-{row}" for row in rows),
             (keys.data_seed, stream, part if name == split.draw else WHOLE),
+            None if radius == keys.workspace.dome_radius_mm else radius,
         )
         key = frames.key
         folder = folder_of(cache, key)

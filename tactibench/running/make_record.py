@@ -25,8 +25,13 @@ def make_record(
     predicted: Arrays,
     *,
     data: list[str],
+    account: dict[str, dict[str, int]],
 ) -> dict[str, Any]:
-    """JSON values for ``write_run``. predicted: as packed. data: hashes of the test frames."""
+    """JSON values for ``write_run``.
+
+    predicted: as packed. data: hashes of the test frames. account: by role, how the sensor made
+    its scenes (see ``KeepsAccount``).
+    """
     protocol, request, parts = plan.protocol, plan.request, plan.parts
     environment = environment_facts()
     report = trained.report
@@ -50,6 +55,7 @@ def make_record(
             "name": parts.sensor.name,
             "origin": parts.sensor.spec.origin,
             "parameters": dict(parts.sensor.values),
+            **({"account": account} if account else {}),
         },
         "seed": request.seed,
         "partial": request.partial,

@@ -13,7 +13,7 @@ import numpy as np
 from tactibench.contacts import Answer, Frame
 from tactibench.datasets.known import true_bounds, true_surfaces
 from tactibench.datasets.presses import Presses
-from tactibench.plugins.interfaces import Progress, SensorContext
+from tactibench.plugins.interfaces import KeepsAccount, Progress, SensorContext
 from tactibench.protocols.loader import check_metrics
 from tactibench.records.answers import pack
 from tactibench.records.store import Arrays, StoredRun, write_run
@@ -105,7 +105,13 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         advance(1)
     metrics = score_arrays(keys, truth, predicted, maps)
     record = make_record(
-        plan, trained, speed, metrics, predicted, data=[presses.hash for presses in test.presses]
+        plan,
+        trained,
+        speed,
+        metrics,
+        predicted,
+        data=[presses.hash for presses in test.presses],
+        account=_account(plan),
     )
     parts = {
         "truth": truth,
@@ -171,6 +177,24 @@ def _add_known(
             )
             if bounds is not None:
                 truth["bound"] = np.concatenate([bound for one in bounds for bound in one])
+
+
+def _account(plan: RunPlan) -> dict[str, dict[str, int]]:
+    """Of every role, how the sensor made its scenes; empty where it has nothing to say."""
+    if plan.parts.sensor.spec.needs_data:
+        return {}
+    seed = np.random.SeedSequence(plan.protocol.keys.data_seed)
+    sensor = plan.parts.build_sensor(SensorContext(seed))
+    if not isinstance(sensor, KeepsAccount):
+        return {}
+    frames = plan.frames
+    found = {
+        role: sensor.account([scene for wanted in sets for scene in wanted.scenes])
+        for role, sets in (
+            ("fit", frames.fit), ("validation", frames.validation), ("test", frames.test)
+        )
+    }  # fmt: skip
+    return {role: counts for role, counts in found.items() if counts}
 
 
 def _each(

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from tactibench import UserError
 from tactibench_sim.contact import Tips
+from tactibench_sim.dome_kernels import at_depth, at_polar, depression
 from tactibench_sim.field import Mechanics
+from tactibench_sim.meridian import meridians
 from tactibench_sim.pins import layout
-from tactibench_sim.spline import PolarTables
 from tactibench_sim.table import shipped
 
 DOME = Mechanics(shipped(), "coupled")
@@ -87,20 +88,16 @@ def test_smooth_in_pose():
 def test_look_up_is_the_tensor_spline():
     """scipy's bicubic spline on the same nodes, away from the ends where conditions differ."""
     one = shipped().by_radius[3.0]
-    tables = PolarTables(one.delta, one.polar, [[one.fields["w_outer"]]])
+    table = meridians(one.delta, one.polar, [[one.fields["w_outer"]]])
     spline = RectBivariateSpline(one.delta, one.polar, one.fields["w_outer"])
-    depth, polar = np.array([1.23, 4.5, 6.01]), np.radians(np.linspace(5, 80, 40))
-    got = tables.at_polar(
-        tables.at_depth(np.zeros(3, dtype=int), depth, np.ones(3)), np.tile(polar, (3, 1))
-    )
-    assert got[..., 0] == pytest.approx(spline(depth, polar), abs=1e-5)
-    assert np.interp(2.0, one.delta, one.fields["w_outer"][:, 7]) == pytest.approx(
-        tables.at_polar(
-            tables.at_depth(np.zeros(1, dtype=int), np.array([2.0]), np.ones(1)),
-            one.polar[None, 7:8],
-        )[0, 0, 0],
-        abs=1e-12,
-    )
+    polar = np.radians(np.linspace(5, 80, 40))
+    row = np.empty(table.value.shape[2:])
+    for depth in (1.23, 4.5, 6.01):
+        at_depth(table, 0, depth, 1.0, row)
+        one_by_one = [depression(table, 0, depth, angle) for angle in polar]
+        by_row = [at_polar(row, table.polar_step, angle, 0) for angle in polar]
+        assert one_by_one == pytest.approx(spline(depth, polar)[0], abs=1e-5)
+        assert by_row == pytest.approx(one_by_one, abs=1e-12)
 
 
 def test_beyond_the_rim_nothing_moves():
@@ -111,5 +108,5 @@ def test_beyond_the_rim_nothing_moves():
 def test_unknown_radius_and_tier():
     with pytest.raises(UserError, match=r"radius is 4 mm.*3 mm, plate"):
         loads([(0.0, 0.0, 1.0)], radius=4.0)
-    with pytest.raises(UserError, match="tier is 'green'"):
-        Mechanics(shipped(), "green")
+    with pytest.raises(UserError, match="tier is 'fast'"):
+        Mechanics(shipped(), "fast")

@@ -8,11 +8,12 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
+from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError, gray_frames
 from tactibench.geometry import true_contacts
-from tactibench.plugins.interfaces import KnowsBound, KnowsSurface
+from tactibench.plugins.interfaces import KnowsBound, KnowsCovariance, KnowsSurface
 from tactibench_sim import fem, hooks, table
-from tactibench_sim.sensor import FRAMES_PER_SECOND, TacTip127, TacTip331
+from tactibench_sim.rendered import BATCH, FRAMES_PER_SECOND
+from tactibench_sim.sensor import TacTip127, TacTip331
 
 GRID = Grid.centred(64, 0.4)
 
@@ -93,13 +94,106 @@ def test_a_press_changes_the_frame_where_it_is():
     assert down[64:].sum() > 1.5 * down[:64].sum()
 
 
-def test_frames_before_a_bad_scene_come_first():
-    good, bad = scenes(5), Scene(Indenter.single(), Pose(depth=-1.0))
-    seen, one = [], sensor()
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_threads_do_not_matter(threads):
+    several = scenes(200)
+    one = sensor(threads=threads)
+    assert (images(one.press_many(several)) == images(map(sensor().press, several))).all()
+    assert one.press(several[0]).timestamp == pytest.approx(201 / FRAMES_PER_SECOND)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_consumer_that_stops_has_pressed_what_it_took(threads):
+    several = scenes(400)
+    asked = 0
+
+    def source():
+        nonlocal asked
+        for scene in several:
+            asked += 1
+            yield scene
+
+    one, plain = sensor(threads=threads), sensor()
+    running = one.press_many(source())
+    first = [next(running) for _ in range(3)]
+    assert asked <= (threads + 1) * BATCH
+    running.close()
+    frames = [*first, one.press(several[3])]
+    assert (images(frames) == images(map(plain.press, several[:4]))).all()
+    assert frames[-1].timestamp == pytest.approx(4 / FRAMES_PER_SECOND)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_presses_in_between_take_their_number(threads):
+    several = scenes(12)
+    one, plain = sensor(threads=threads), sensor()
+    running = one.press_many(several[:9])
+    order = [next(running), next(running), one.press(several[9]), *running, one.press(several[10])]
+    told = [0, 1, 9, *range(2, 9), 10]
+    assert (images(order) == images([plain.press(several[k]) for k in told])).all()
+
+
+def test_a_kept_frame_does_not_keep_its_batch():
+    frame = next(sensor().press_many(scenes(64)))
+    assert frame.image.base is None
+    assert frame.image.flags.owndata
+
+
+@pytest.mark.parametrize("output", ["grey", "rgb", "bw"])
+def test_outputs_of_a_sensor(output):
+    one = sensor(output=output, glare=1.0, size=64)
+    frames = list(one.press_many(scenes(3)))
+    shape = (64, 64, 3) if output == "rgb" else (64, 64)
+    assert all(frame.image.shape == one.rest().image.shape == shape for frame in frames)
+    assert gray_frames(frames, 64).shape == (3, 64, 64)
+    if output == "bw":
+        assert set(np.unique(images(frames))) == {0, 255}
+    limits = one.bound(scenes(3)[0])
+    assert np.isfinite(limits).all()
+    assert (one.bound(scenes(3)[0]) > 0).all()
+    quiet = sensor(output=output, noise=False)
+    touched = quiet.press(Scene(Indenter.single(), Pose(depth=0.0)))
+    assert (touched.image == quiet.rest().image).all()
+
+
+def test_an_individual_differs_in_every_run_alike():
+    scene = scenes(1)[0]
+    frames = [sensor(seed, instance=5).press(scene).image for seed in (1, 1, 2)]
+    assert (frames[0] == frames[1]).all()
+    rest = [sensor(seed, instance=n).rest().image for seed, n in ((1, 5), (2, 5), (1, 6), (1, 0))]
+    assert (rest[0] == rest[1]).all()
+    assert (rest[0] != rest[2]).any()
+    assert (rest[0] != rest[3]).any()
+    assert (rest[3] == sensor().rest().image).all()
+
+
+def test_lost_pins_are_not_seen():
+    whole, lossy = sensor(noise=False), sensor(noise=False, pin_loss=0.2)
+    assert len(lossy.directions) == 127 - 25
+    assert len(lossy.describe()["lost_pins"]) == 25
+    missing = whole.rest().image.astype(int) - lossy.rest().image
+    assert missing.min() >= 0
+    assert missing.max() > 100
+
+
+def test_wrong_optics_are_refused():
+    with pytest.raises(UserError, match="until air is left"):
+        sensor(camera_distance=20.0)
+    with pytest.raises(UserError, match="not in the gel"):
+        sensor(gel_length=10.0)
+    with pytest.raises(TypeError, match="no parameter nonsense"):
+        sensor(nonsense=1)
+
+
+@pytest.mark.parametrize(("threads", "place"), [(1, 5), (2, 5), (2, 64), (2, 70), (3, 150)])
+def test_frames_before_a_bad_scene_come_first(threads, place):
+    good, bad = scenes(place), Scene(Indenter.single(), Pose(depth=-1.0))
+    seen, one = [], sensor(threads=threads)
     with pytest.raises(UserError, match="depth is -1 mm"):
         seen.extend(one.press_many([*good, bad, *good]))
-    assert len(seen) == 5
+    assert len(seen) == place
     assert (images(seen) == images(sensor().press_many(good))).all()
+    assert one.press(good[0]).timestamp == pytest.approx((place + 1) / FRAMES_PER_SECOND)
 
 
 def test_press_many_takes_no_scenes():
@@ -127,9 +221,11 @@ def test_describe_is_json_and_tells_sensors_apart():
     others = [
         sensor(kind=TacTip331), sensor(tier="superpose"), sensor(size=64), sensor(noise=False),
         sensor(pin_length=1.5), sensor(camera_distance=60.0), sensor(brightness=150.0),
+        sensor(instance=1), sensor(instance=2), sensor(pin_loss=0.1), sensor(output="bw"),
     ]  # fmt: skip
     texts = {json.dumps(other.describe(), sort_keys=True) for other in others}
-    assert len(texts | {json.dumps(one, sort_keys=True)}) == 8
+    assert len(texts | {json.dumps(one, sort_keys=True)}) == 12
+    assert sensor(threads=3).describe() == one
     assert len(one["tables"]["sha256"]) == 64
 
 
@@ -148,6 +244,7 @@ def test_surface_is_deepest_under_the_tip():
 def test_protocols_are_met():
     assert isinstance(sensor(), KnowsSurface)
     assert isinstance(sensor(), KnowsBound)
+    assert isinstance(sensor(), KnowsCovariance)
 
 
 def test_bound_is_one_row_a_contact():
@@ -214,7 +311,7 @@ def test_the_best_linear_estimate_reaches_the_bound():
         columns.append((up - down) / (2 * h))
     jacobian = np.stack(columns, axis=1)
     clean = quiet.press(one_scene).image.astype(float).ravel()
-    weight = jacobian / one.noise.variance(clean)[:, None]
+    weight = jacobian / one.renderer.variance(clean)[:, None]
     solve = np.linalg.solve(weight.T @ jacobian, weight.T)
     seen = images(one.press_many([one_scene] * 400)).reshape(400, -1) - clean
     spread = (seen @ solve.T).std(axis=0)
@@ -232,7 +329,7 @@ def test_the_specs_fit_the_class():
 def test_hooks_are_light():
     code = (
         "import sys, tactibench_sim.hooks as h; h.tactibench_sensors(); h.tactibench_commands();"
-        "sys.exit(bool({'numpy', 'click', 'scipy'} & set(sys.modules)))"
+        "sys.exit(bool({'numpy', 'numba', 'click', 'scipy'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

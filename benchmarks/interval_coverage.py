@@ -1,6 +1,7 @@
 """How often a 95 % interval holds the true mean when the frames of one press resemble each other.
 
-    python benchmarks/coverage.py [--errors normal|gamma] [--frames 50] [--runs 1000] [--seed 0]
+    python benchmarks/interval_coverage.py [--errors normal|gamma] [--frames 50] [--runs 1000]
+                                           [--seed 0]
 
 Prints, for within-press correlations 0, 0.05 and 0.3 and for 10, 30 and 100 presses, the coverage
 of the interval that takes frames for independent, of the clustered t interval, and of the BCa and

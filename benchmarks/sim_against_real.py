@@ -1,0 +1,106 @@
+"""What each physical effect does for the simulator's likeness to real plate presses.
+
+    python benchmarks/sim_against_real.py DIR [--fit 200] [--seed 0] [--without]
+
+DIR: model_surface2d of a Tac-VGNN set. Effects are added one after the other, each time with all
+unknowns so far fitted again on the same presses; then (--without) each is taken out of the whole.
+Columns: number of fitted unknowns; median over the held-out presses of ||sim - real|| / ||real||,
+from the labels alone and where the frame decides whether the plate dragged the skin; mean distance
+of simulated and real pins, px, likewise. Minutes on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tactibench_sim.real.errors import held
+from tactibench_sim.real.fit import ALL, fit, rig, start
+from tactibench_sim.real.presses import Presses, read
+from tactibench_sim.real.unknowns import Unknowns
+
+LABEL = ("depth_offset_mm", "yaw_deg")
+PIVOT = ("pivot_mm", "pivot_side_mm", "tilt_offset_deg")
+PLACE = ("focal_px", "air_mm", "centre_x", "centre_y")
+DRAG = ("drag_per_mm",)
+REST = ("drag_per_deg", "drag_offset_mm", "drag_per_depth", "drag_per_tilt")
+
+
+def line(
+    name: str, first: Presses, others: Presses, begin: Unknowns, free: tuple[str, ...], steps: int,
+    kind: str = "50_stick", lens: str = "fisheye", index: float = 1.41, *, states: bool = True,
+) -> Unknowns:  # fmt: skip
+    began = time.perf_counter()
+    x, _ = fit(first, rig(first, kind, lens, index), begin, free, states=states, steps=steps)
+    what = rig(others, kind, lens, index)
+    cells = ""
+    for known in (False, True):
+        result = held(others, what, x, state_known=known)
+        apart = np.nanmean(np.linalg.norm(result.sim - result.real, axis=-1))
+        cells += f" {np.median(result.relative):7.3f} {apart:6.2f}"
+    print(f"{name:46s} {len(free):3d}{cells} {time.perf_counter() - began:6.0f} s", flush=True)
+    return x
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--fit", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--without", action="store_true")
+    parser.add_argument("--steps", type=int, default=15)
+    given = parser.parse_args()
+    presses = read(given.folder, 1.0, given.fit + 50)
+    order = np.random.default_rng(given.seed).permutation(len(presses))
+    two = presses.take(order[: given.fit]), presses.take(order[given.fit :])
+    print(f"{len(two[0])} fitted, {len(two[1])} held out")
+    print(f"{'':46s}   n    labels alone    state known")
+    begin, steps = start(two[0]), given.steps
+    still = dict.fromkeys((*DRAG, *REST), 0.0)
+    if given.without:
+        whole = line("whole", *two, begin, ALL, 30)
+        for name, gone in (("drag", (*DRAG, *REST)), ("turn, offsets", REST), ("pivot", PIVOT)):
+            zero = replace(whole, **dict.fromkeys(gone, 0.0))
+            if gone is PIVOT:
+                zero = replace(zero, pivot_mm=20.0)
+            line(f"without {name}", *two, zero, tuple(n for n in ALL if n not in gone), steps)
+        line("frictionless press", *two, whole, ALL, steps, "50_none")
+        line("without refraction", *two, replace(whole, gel_mm=20.0, pin_length_mm=0.0),
+             tuple(n for n in ALL if n != "gel_mm"), steps, index=1.0)  # fmt: skip
+        other = replace(whole, air_mm=10.0, gel_mm=15.0, focal_px=95.0)
+        line("pinhole with refraction", *two, other, ALL, steps, lens="pinhole")
+        for length in (0.0, 1.0, 2.0):
+            line(f"pin length {length:g} mm", *two, replace(whole, pin_length_mm=length),
+                 tuple(n for n in ALL if n != "pin_length_mm"), steps)  # fmt: skip
+        for kind in ("10_stick", "300_stick"):
+            line(f"dome {kind}", *two, whole, ALL, steps, kind)
+        line("fitted as if every press was dragged", *two, whole, ALL, steps, states=False)
+        return
+    pinhole = {"kind": "50_none", "lens": "pinhole", "index": 1.0}
+    bare = replace(begin, air_mm=35.0, gel_mm=20.0, focal_px=370.6, pin_length_mm=1.5, **still)
+    bare = replace(bare, pivot_mm=0.0)
+    free = (*LABEL, "pin_length_mm")
+    x = line("bare pinhole 55 mm off, three scalars", *two, bare, free, steps, **pinhole)
+    free = (*free, *PIVOT)
+    x = replace(x, pivot_mm=15.0)
+    x = line("+ pivot, tilt offset", *two, x, free, steps, **pinhole)
+    free = (*free, *PLACE)
+    x = replace(x, air_mm=5.0, focal_px=180.0)
+    x = line("+ camera's place and focal length", *two, x, free, steps, **pinhole)
+    x = replace(x, air_mm=2.0, focal_px=140.0, pin_length_mm=0.0)
+    x = line("+ fisheye", *two, x, free, steps, "50_none", "fisheye", 1.0)
+    free = (*free, "gel_mm")
+    x = replace(x, air_mm=begin.air_mm, gel_mm=begin.gel_mm, focal_px=begin.focal_px)
+    x = line("+ refraction", *two, replace(x, pin_length_mm=0.5), free, steps, "50_none")
+    x = line("+ sticking press", *two, x, free, steps)
+    free = (*free, *DRAG)
+    x = line("+ drag by the labelled move", *two, replace(x, drag_per_mm=-0.5), free, steps)
+    line("+ turn, drag by depth and tilt", *two, x, (*free, *REST), steps)
+
+
+if __name__ == "__main__":
+    main()

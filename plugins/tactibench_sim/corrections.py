@@ -1,0 +1,152 @@
+"""From finite-element runs to the modes and amounts of corrections (see ``patch``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import map_coordinates
+
+Array = npt.NDArray[np.float64]
+FOUR = 4
+"""Modes come in fours, because ``dome_kernels.blend`` takes four at a time."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Nodes of a patch: a = start.. (``along`` of them), b = 0.. (``across``), in steps, chords.
+
+    Corrections fade to 0 over the last ``fade`` steps, but at the start only if ``closed``.
+    """
+
+    start: float
+    along: int
+    across: int
+    step: float
+    fade: int
+    closed: bool
+
+    @property
+    def a(self) -> Array:
+        return np.asarray(self.start + np.arange(self.along) * self.step, dtype=np.float64)
+
+    @property
+    def b(self) -> Array:
+        return np.asarray(np.arange(self.across) * self.step, dtype=np.float64)
+
+    def window(self) -> Array:
+        """(A, B) 1 inside, falling smoothly to 0 at the border."""
+        a, b = np.arange(self.along), np.arange(self.across)
+        inside = self.along - 1 - a
+        if self.closed:
+            inside = np.minimum(a, inside)
+        left = np.minimum(inside[:, None], (self.across - 1 - b)[None, :])
+        x = np.clip(left / self.fade, 0.0, 1.0)
+        return np.asarray(x * x * (3 - 2 * x), dtype=np.float64)
+
+    def places(self) -> tuple[Array, Array]:
+        """(A, B) azimuthal-equidistant a and b of the nodes, deg."""
+        a, b = np.meshgrid(self.a, self.b, indexing="ij")
+        chord = np.minimum(np.hypot(a, b), 2.0)
+        half = np.arcsin(chord / 2)
+        stretch = np.degrees(2 * half / np.maximum(chord, 1e-300))
+        stretch = np.where(chord > 0, stretch, np.degrees(1.0))
+        return a * stretch, b * stretch
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Where finite elements are asked: a = start..reach, b = 0..across in steps, deg.
+
+    Azimuthal-equidistant coordinates around a middle direction.
+    """
+
+    start: float
+    reach: float
+    across: float
+    step: float
+
+    @property
+    def a(self) -> Array:
+        count = round((self.reach - self.start) / self.step) + 1
+        return np.asarray(self.start + np.arange(count) * self.step, dtype=np.float64)
+
+    @property
+    def b(self) -> Array:
+        return np.arange(round(self.across / self.step) + 1) * self.step
+
+    def directions(self) -> Array:
+        """(A, B, 3) unit vectors, by components along e, f, m."""
+        a, b = np.meshgrid(np.radians(self.a), np.radians(self.b), indexing="ij")
+        r = np.hypot(a, b)
+        stretch = np.sinc(r / np.pi)
+        return np.stack([a * stretch, b * stretch, np.cos(r)], axis=-1)
+
+    def normals(self, positions: Array) -> Array:
+        """(..., A, B, 3) outward normals of a displaced surface, mirror-symmetric about b = 0."""
+        mirrored = positions[..., :0:-1, :] * [1.0, -1.0, 1.0]
+        whole = np.concatenate([mirrored, positions], axis=-2)
+        both = np.concatenate([-self.b[:0:-1], self.b])
+        along = CubicSpline(self.a, whole, axis=-3)(self.a, 1)
+        across = CubicSpline(both, whole, axis=-2)(both, 1)
+        normal = np.cross(along, across)[..., len(self.b) - 1 :, :]
+        out: Array = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return out
+
+
+def turn(directions: Array, normals: Array) -> Array:
+    """The rotation vector field q: the normal b has turned by |q| towards q, rad."""
+    up = (directions * normals).sum(axis=-1, keepdims=True)
+    side = normals - up * directions
+    sine = np.linalg.norm(side, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, up)
+    out: Array = side * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)
+    return out
+
+
+def modes_of(snapshots: Array, tolerance: float, most: int) -> tuple[Array, Array]:
+    """(amounts (N, R), modes (R, ...)) of snapshots (N, ...): their leading singular vectors.
+
+    tolerance: root mean square of what is left out, of every snapshot, in the snapshots' unit.
+    most: modes, a multiple of FOUR, no more than there are snapshots.
+    """
+    flat = snapshots.reshape(len(snapshots), -1)
+    left, values, right = np.linalg.svd(flat, full_matrices=False)
+    rank = FOUR
+    while rank < min(most, len(values)):
+        rest = (left[:, rank:] * values[rank:]) @ right[rank:]
+        if np.sqrt((rest**2).mean(axis=1)).max() <= tolerance:
+            break
+        rank += FOUR
+    amounts = left[:, :rank] * values[:rank]
+    return amounts, right[:rank].reshape(rank, *snapshots.shape[1:])
+
+
+def gathered(values: Array, chart: Chart, cells: Cells) -> Array:
+    """Fields (..., A, B, C) of a chart at the nodes of cells, faded out at their border.
+
+    C is three or more vectors along e, f, m: the second component of each is odd in b.
+    """
+    odd = np.where(np.arange(values.shape[-1]) % 3 == 1, -1.0, 1.0)
+    whole = np.concatenate([values[..., :0:-1, :] * odd, values], axis=-2)
+    a, b = cells.places()
+    place = (a - chart.start) / chart.step, b / chart.step + len(chart.b) - 1
+    flat = np.moveaxis(whole, -1, -3).reshape(-1, *whole.shape[-3:-1])
+    found = np.stack([map_coordinates(one, place, order=3, mode="nearest") for one in flat])
+    found = found.reshape(*values.shape[:-3], values.shape[-1], *a.shape) * cells.window()
+    return np.moveaxis(found, -3, -1)
+
+
+def six(chart: Chart, radius: float, displacement: Array) -> Array:
+    """(..., A, B, 6) displacement u (..., A, B, 3) and turn of the normal of a sphere."""
+    directions = chart.directions()
+    normals = chart.normals(radius * directions + displacement)
+    return np.concatenate([displacement, turn(directions, normals)], axis=-1)
+
+
+def resampled(nodes: Array, values: Array, axis: int, count: int, step: float) -> Array:
+    """Values at 0, step, 2 step, ... by the cubic spline through values at nodes."""
+    out: Array = CubicSpline(nodes, values, axis=axis)(np.arange(count) * step)
+    return out

@@ -1,0 +1,151 @@
+"""Tier ``fem``: every scene by its own three-dimensional finite-element run, tens of seconds each.
+
+It needs no tables but their dome's dimensions: tips of any radius, contacts near the rim and scenes
+of many tips are computed as they are. A sphere is the end of a rod along z.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import UserError
+from tactibench_sim import fem
+from tactibench_sim.contact import Tips
+from tactibench_sim.corrections import turn
+from tactibench_sim.dome_kernels import REACH_MM
+from tactibench_sim.fem.spatial import Fineness, SpatialPress
+from tactibench_sim.fem.spatial_contact import Tip
+from tactibench_sim.fem.spatial_field import SpatialField
+from tactibench_sim.table import Tables
+
+Array = npt.NDArray[np.float64]
+Sampled = Callable[[SpatialField, Array], Array]
+STEEPEST_DEG = 70.0
+"""Beyond it a tip would press on the clamped rim itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class FemLoads:
+    """The solved scenes. fields: one a scene, None: nothing touches. azimuth: (S,) rad by which
+    each was turned about z so that its tips stand on the x axis, where they can."""
+
+    fields: tuple[SpatialField | None, ...]
+    azimuth: Array
+
+
+class FemMechanics:
+    """The dome of ``tables`` by finite elements, one run a scene; methods as ``field.Mechanics``.
+
+    Raises UserError without NGSolve.
+    """
+
+    tier = "fem"
+
+    def __init__(self, tables: Tables, fineness: Fineness | None = None) -> None:
+        fem.require_ngsolve()
+        self.dome = fem.Dome(**tables.parameters["dome"])
+        self.inner = self.dome.inner
+        self.fineness = fineness
+
+    def loads(self, tips: Tips) -> FemLoads:
+        """Run every scene. Raises UserError where a run does not converge or is out of reach."""
+        n, delta = tips.directions()
+        self._check(n, delta)
+        solved = [self._run(tips, delta[row], row) for row in range(len(tips))]
+        return FemLoads(tuple(one for one, _ in solved), np.array([turned for _, turned in solved]))
+
+    def displacement(self, loads: FemLoads, directions: Array) -> tuple[Array, Array]:
+        """Displacement u of pin bases, mm, and turn q of their normals, rad; both (S, P, 3)."""
+        u = self._sample(loads, directions, SpatialField.inner, 0 * directions)
+        normals = self._sample(loads, directions, SpatialField.inner_normals, directions)
+        q = turn(directions, normals)
+        q[[field is None for field in loads.fields]] = 0.0  # exactly
+        return u, q
+
+    def pin_tips(self, loads: FemLoads, directions: Array, length: float) -> Array:
+        """(S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
+        u = self._sample(loads, directions, SpatialField.inner, 0 * directions)
+        normals = self._sample(loads, directions, SpatialField.inner_normals, directions)
+        tips: Array = self.inner * directions + u - length * normals
+        return tips
+
+    def outer_displacement(self, loads: FemLoads, directions: Array) -> Array:
+        """(S, P, 3) displacement of the outer skin, mm."""
+        return self._sample(loads, directions, SpatialField.outer, 0 * directions)
+
+    def skin(self, loads: FemLoads, directions: Array) -> Array:
+        """(S, P) inward displacement of the outer skin, mm."""
+        inward: Array = -(self.outer_displacement(loads, directions) * directions).sum(axis=-1)
+        return inward
+
+    def _sample(self, loads: FemLoads, directions: Array, what: Sampled, rest: Array) -> Array:
+        """(S, P, 3) of a method of SpatialField; ``rest`` (P, 3) where nothing touches."""
+        out = np.empty((len(loads.fields), *directions.shape))
+        for row, (field, azimuth) in enumerate(zip(loads.fields, loads.azimuth, strict=True)):
+            about = _about_z(azimuth)
+            out[row] = rest if field is None else what(field, directions @ about) @ about.T
+        return out
+
+    def _check(self, n: Array, delta: Array) -> None:
+        touching = delta > 0
+        if not touching.any():
+            return
+        steepest = math.degrees(math.acos(min(max(float(n[..., 2][touching].min()), -1.0), 1.0)))
+        if steepest > STEEPEST_DEG:
+            raise UserError(
+                f"a tip touches {steepest:.1f} deg from the apex; finite elements are run up to "
+                f"{STEEPEST_DEG:g} deg: press nearer to the apex."
+            )
+        if delta.max() > self.dome.outer / 2:
+            raise UserError(
+                f"a tip penetrates {delta.max():.2f} mm; finite elements are run down to half the "
+                f"dome's radius, {self.dome.outer / 2:g} mm: press less deep."
+            )
+
+    def _run(self, tips: Tips, delta: Array, row: int) -> tuple[SpatialField | None, float]:
+        """The field of one scene, turned by the azimuth that is returned."""
+        if not (delta > 0).any():
+            return None, 0.0
+        near = np.flatnonzero(delta > -REACH_MM)
+        xy, depth, radius = tips.xy[row, near], tips.depth[row, near], float(tips.radius[row])
+        far = xy[np.argmax((xy**2).sum(axis=1))]
+        azimuth = math.atan2(far[1], far[0])
+        along, across = (xy @ _about_z(azimuth)[:2, :2]).T
+        mirror = bool((abs(across) < 1e-9).all())
+        if mirror:
+            xy = np.stack([along, 0 * along], axis=1)
+        else:
+            azimuth = 0.0
+        depths = depth[None]
+        try:
+            press = SpatialPress(
+                self.dome,
+                [self._tip(x, y, radius) for x, y in xy],
+                depths,
+                mirror=mirror,
+                fineness=self.fineness,
+            )
+            press.move(depths[0])
+        except fem.NotConvergedError:
+            raise UserError(
+                f"the finite-element run of scene {row} did not converge on the way to "
+                f"{depth.max():g} mm; press less deep or take another tier."
+            ) from None
+        return press.field(), azimuth
+
+    def _tip(self, x: float, y: float, radius: float) -> Tip:
+        if math.isfinite(radius):
+            return Tip.downwards(self.dome, x, y, radius)
+        height = math.sqrt(self.dome.outer**2 - x * x - y * y)
+        return Tip.along_axis(self.dome, np.array([x, y, height]) / self.dome.outer, radius)
+
+
+def _about_z(azimuth: float) -> Array:
+    """(3, 3) whose product from the left of row vectors turns them by -azimuth."""
+    c, s = math.cos(azimuth), math.sin(azimuth)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,108 @@
+"""Fit the unknowns to some presses: the same numbers for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from tactibench_sim.real.plates import plate
+from tactibench_sim.real.presses import Presses
+from tactibench_sim.real.simulate import Rig, displacements
+from tactibench_sim.real.unknowns import Unknowns
+
+Array = npt.NDArray[np.float64]
+
+ALL = tuple(field.name for field in fields(Unknowns))
+STEP = {
+    "depth_offset_mm": 0.5, "pivot_mm": 5.0, "pivot_side_mm": 1.0, "tilt_offset_deg": 2.0,
+    "yaw_deg": 1.0, "pin_length_mm": 0.3, "air_mm": 1.0, "gel_mm": 2.0, "focal_px": 10.0,
+    "centre_x": 2.0, "centre_y": 2.0, "drag_per_mm": 0.2, "drag_per_deg": 0.01,
+    "drag_offset_mm": 0.1, "drag_per_depth": 0.02, "drag_per_tilt": 0.1,
+}  # fmt: skip
+"""What counts as a comparable change of each unknown."""
+BOUNDS = {"air_mm": (0.05, 100.0), "gel_mm": (10.0, 60.0), "focal_px": (20.0, 2000.0)}
+EVERY = 3
+"""One pin in so many is fitted; all are reported."""
+_SOFT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The unknowns, the dome's name (``plates.kinds``), and the mean relative error reached."""
+
+    unknowns: Unknowns
+    kind: str
+    loss: float
+
+
+def rig(presses: Presses, kind: str, lens: str = "fisheye", gel_index: float = 1.41) -> Rig:
+    """What the simulation of these presses needs besides the unknowns."""
+    return Rig(plate(kind), presses.rest, presses.side, lens, gel_index)
+
+
+def start(presses: Presses) -> Unknowns:
+    """Where the fit begins: the axis through the middle of the pins, lengths in px by the frame."""
+    x, y = presses.rest.mean(axis=0)
+    begin = Unknowns(centre_x=float(x), centre_y=float(y))
+    return replace(begin, focal_px=begin.focal_px * presses.side / 360)
+
+
+def fit(
+    presses: Presses,
+    what: Rig,
+    begin: Unknowns,
+    free: Sequence[str] = ALL,
+    *,
+    states: bool = True,
+    steps: int = 30,
+) -> tuple[Unknowns, float]:
+    """(unknowns, mean relative error): least sum over presses of ||sim - real|| / ||real||.
+
+    Norms, not squares: one press that is told wrong weighs no more than any other. With ``states``
+    each press counts as dragged or as not dragged, whichever fits it better.
+    """
+    fewer = replace(what, rest=what.rest[::EVERY])
+    real = presses.moved[:, ::EVERY]
+    weight = 1 / np.sqrt(np.nansum(real**2, axis=(1, 2)))
+    origin = np.array([getattr(begin, name) for name in free])
+    step = np.array([STEP[name] for name in free])
+    limits = np.array([BOUNDS.get(name, (-np.inf, np.inf)) for name in free])
+
+    def residuals(vector: Array) -> Array:
+        x = _with(begin, free, origin + step * vector)
+        best: Array | None = None
+        for dragged in (1.0, 0.0) if states else (1.0,):
+            sim = displacements(fewer, x, presses.labels, np.full(len(presses), dragged))
+            off = np.nan_to_num((sim - real) * weight[:, None, None]).reshape(len(real), -1)
+            if best is None:
+                best = off
+            else:
+                better = (off**2).sum(axis=1) < (best**2).sum(axis=1)
+                best = np.where(better[:, None], off, best)
+        assert best is not None  # noqa: S101 - there is a state
+        error = np.sqrt((best**2).sum(axis=1) + _SOFT**2)
+        return np.asarray((best / np.sqrt(error)[:, None]).ravel(), dtype=np.float64)
+
+    low, high = ((limits - origin[:, None]) / step[:, None]).T
+    found = least_squares(residuals, np.zeros(len(free)), bounds=(low, high), max_nfev=steps)
+    return _with(begin, free, origin + step * found.x), float(2 * found.cost / len(presses))
+
+
+def fit_best(presses: Presses, kinds: Sequence[str], steps: int = 30) -> Fitted:
+    """The fit of all unknowns on the dome of ``kinds`` that fits best."""
+    begin, best = start(presses), None
+    for kind in kinds:
+        unknowns, loss = fit(presses, rig(presses, kind), begin, steps=steps)
+        begin = unknowns
+        if best is None or loss < best.loss:
+            best = Fitted(unknowns, kind, loss)
+    assert best is not None  # noqa: S101 - kinds is not empty
+    return best
+
+
+def _with(begin: Unknowns, names: Sequence[str], values: Array) -> Unknowns:
+    return replace(begin, **dict(zip(names, map(float, values), strict=True)))

@@ -1,0 +1,74 @@
+"""The command `tactibench sim render`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tactibench_sim.scene_text import HELP
+
+if TYPE_CHECKING:
+    from tactibench import SensorSpec
+
+
+@click.command(
+    help=f"Draw one press: the frame, the markers' displacement, the skin.\n\nSCENE: {HELP}"
+)
+@click.argument("scene")
+@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path),
+              metavar="PNG", help="The picture.")  # fmt: skip
+@click.option("--sensor", "name", default="tactip-127", show_default=True, help="Preset.")
+@click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE",
+              help="Set a parameter of the sensor, such as its tier.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise.")
+def render(scene: str, out: Path, name: str, params: tuple[str, ...], seed: int) -> None:
+    from tactibench import UserError
+    from tactibench_sim.scene_text import read_scene
+
+    asked = read_scene(scene)
+    if out.suffix.lower() != ".png":
+        raise UserError(f"the picture is a PNG file, --out names {out.name}; call it "
+                        f"{out.stem}.png.")  # fmt: skip
+    if not out.parent.is_dir():
+        raise UserError(f"the folder {out.parent} of --out is not there; make it first.")
+    specs = {spec.name: spec for spec in _specs()}
+    if name not in specs:
+        raise UserError(f"unknown simulated sensor {name!r}; known: {', '.join(specs)}.")
+    settings = specs[name].settings(_given(params))
+
+    import numpy as np
+
+    from tactibench import SensorContext
+    from tactibench_sim.picture import draw
+
+    sensor = specs[name].load()(SensorContext(np.random.SeedSequence(seed)), **settings)
+    changed = ", ".join(f"{key} {value}" for key, value in _given(params).items())
+    draw(out, sensor, asked, scene, ", ".join(filter(None, (f"simulated sensor {name}", changed))))
+    click.echo(f"picture: {out}")
+
+
+def _specs() -> tuple[SensorSpec, ...]:
+    from tactibench_sim.hooks import tactibench_sensors
+
+    return tactibench_sensors()
+
+
+def _given(params: tuple[str, ...]) -> dict[str, str]:
+    """``("sensor.tier=superpose",)`` -> ``{"tier": "superpose"}``. Raises UserError."""
+    from tactibench import UserError
+
+    found: dict[str, str] = {}
+    for text in params:
+        name, equals, value = text.partition("=")
+        key = name.removeprefix("sensor.")
+        if not equals or not key or "." in key:
+            raise UserError(
+                f"--param {text!r} is not understood; write sensor.NAME=VALUE, for example "
+                "--param sensor.tier=superpose."
+            )
+        if key in found:
+            raise UserError(f"--param sensor.{key} is given twice; give it once.")
+        found[key] = value
+    return found

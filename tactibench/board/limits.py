@@ -1,0 +1,151 @@
+"""Cramer-Rao bounds of a sensor over a workspace: how well a contact can be located at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import FloatArray, Grid, Indenter, Pose, Scene
+from tactibench.errors import UserError
+from tactibench.geometry import tip_positions
+from tactibench.plugins.interfaces import KnowsCovariance
+
+AXES = ("x", "y", "depth")
+SEPARATION = "separation"
+
+
+@dataclass(frozen=True)
+class LimitRequest:
+    """Presses of one indenter at every cell of a grid and every depth, mm; yaw in degrees."""
+
+    indenter: Indenter
+    grid: Grid
+    depths: tuple[float, ...]
+    yaw: float = 0.0
+    nuisances: tuple[str, ...] = ()
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """x, y, depth, and the distance of the tips where there are two."""
+        return (*AXES, SEPARATION) if len(self.indenter.offsets) == 2 else AXES
+
+    @property
+    def presses(self) -> int:
+        return len(self.depths) * self.grid.shape[0] * self.grid.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class LimitMaps:
+    """Smallest standard deviations, mm, on the grid of a request.
+
+    values: (depths, quantities, rows, columns); inf: the frame says nothing, or a tip does not
+    touch; nan: the sensor refuses the press. refusal: the sensor's first sentence about it.
+    """
+
+    request: LimitRequest
+    values: FloatArray
+    refusal: str = ""
+
+
+def map_limits(
+    sensor: KnowsCovariance, request: LimitRequest, advance: Callable[[int], None]
+) -> LimitMaps:
+    """Ask the sensor for the bound of every press. Raises UserError when it refuses them all."""
+    grid = request.grid
+    x, y = grid.axes()
+    values = np.full((len(request.depths), len(request.quantities), *grid.shape), np.nan)
+    refusals: list[str] = []
+    for d, depth in enumerate(request.depths):
+        for i, j in np.ndindex(*grid.shape):
+            pose = Pose(float(x[j]), float(y[i]), request.yaw, 0.0, depth)
+            try:
+                values[d, :, i, j] = limits_of(
+                    sensor, Scene(request.indenter, pose), request.nuisances
+                )
+            except UserError as error:
+                refusals.append(str(error))
+            advance(1)
+    if len(refusals) == request.presses:
+        raise UserError(refusals[0])
+    return LimitMaps(request, values, refusals[0] if refusals else "")
+
+
+def limits_of(sensor: KnowsCovariance, scene: Scene, nuisances: Sequence[str]) -> list[float]:
+    """x, y, depth of the worst contact, mm, and the separation's where the indenter has two tips.
+
+    All inf when a tip does not touch: nothing in the frame is about it.
+    """
+    tips = len(scene.indenter.offsets)
+    covariance = sensor.covariance(scene, nuisances)
+    if len(covariance) < 3 * tips:
+        return [np.inf] * (3 + (tips == 2))
+    worst = np.sqrt(np.diag(covariance)).reshape(tips, 3).max(axis=0)
+    if tips != 2:
+        return [*worst]
+    first, second = tip_positions(scene)[:, :2]
+    return [*worst, separation_limit(covariance, first - second)]
+
+
+def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
+    """Standard deviation of |p1 - p2|, mm, from the (6, 6) covariance of two contacts.
+
+    apart: (2,) p1 - p2, mm. With u its direction, var |p1 - p2| = g C g for g = (u, 0, -u, 0);
+    inf where a coordinate along u has no bound.
+    """
+    u = apart / np.linalg.norm(apart)
+    g = np.array([*u, 0.0, *-u, 0.0])
+    asked = np.abs(g) > 1e-12
+    if np.isinf(np.diag(covariance)[asked]).any():
+        return float("inf")
+    part = covariance[np.ix_(asked, asked)]
+    return float(np.sqrt(max(g[asked] @ part @ g[asked], 0.0)))
+
+
+def summary(maps: LimitMaps) -> list[dict[str, Any]]:
+    """One line per depth and quantity: middle of the workspace, median, 90 %, worst, counts.
+
+    Quantiles are over the n presses that have a bound; unbounded and refused count the others.
+    worst_at: (x, y) mm of the largest bound.
+    """
+    lines = []
+    grid = maps.request.grid
+    middle = grid.shape[0] // 2, grid.shape[1] // 2
+    for d, depth in enumerate(maps.request.depths):
+        for q, quantity in enumerate(maps.request.quantities):
+            layer = maps.values[d, q]
+            bounded = np.where(np.isfinite(layer), layer, -np.inf)
+            n = int(np.isfinite(layer).sum())
+            line = {"depth": depth, "quantity": quantity, "middle": float(layer[middle]), "n": n,
+                    "unbounded": int(np.isinf(layer).sum()),
+                    "refused": int(np.isnan(layer).sum())}  # fmt: skip
+            if n:
+                half, most = np.quantile(layer[np.isfinite(layer)], [0.5, 0.9])
+                place = np.unravel_index(int(bounded.argmax()), layer.shape)
+                at = tuple(round(float(c), 6) for c in grid.xy(*place))
+                line |= {"median": float(half), "p90": float(most), "worst": float(layer[place]),
+                         "worst_at": at}  # fmt: skip
+            lines.append(line)
+    return lines
+
+
+def rows_of(maps: LimitMaps) -> list[dict[str, Any]]:
+    """Tidy rows for JSON: metric, group, value (None: no bound), unit, n; shares of the presses."""
+    rows: list[dict[str, Any]] = []
+    for line in summary(maps):
+        group = f"depth {line['depth']:g} mm"
+        metric = f"bound_{line['quantity']}"
+        for statistic in ("middle", "median", "p90", "worst"):
+            value = line.get(statistic, np.nan)
+            finite = float(value) if np.isfinite(value) else None
+            rows.append({"metric": f"{metric}_mm", "group": f"{group}, {statistic}",
+                         "value": finite, "unit": "mm", "n": line["n"]})  # fmt: skip
+        total = line["n"] + line["unbounded"] + line["refused"]
+        rows += [
+            {"metric": f"{metric}_{state}", "group": group, "value": line[state] / total,
+             "unit": "share", "n": total}
+            for state in ("unbounded", "refused")
+        ]  # fmt: skip
+    return rows

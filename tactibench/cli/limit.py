@@ -1,0 +1,211 @@
+"""``tactibench limit``: the smallest errors that a sensor's noise allows."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactibench.cli.options import json_option
+from tactibench.errors import UserError, did_you_mean
+
+if TYPE_CHECKING:
+    from tactibench.plugins.interfaces import KnowsCovariance
+    from tactibench.plugins.specs import SensorSpec, Value
+
+MOST_CELLS = 101
+"""Along one side of the map: a finer one takes minutes and shows nothing more."""
+SPACING_MM = 7.0
+
+
+def _numbers(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
+    """ "1,3,6" -> (1.0, 3.0, 6.0)."""
+    try:
+        found = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is no list of numbers such as 1,3,6.") from None
+    if not all(number > 0 and math.isfinite(number) for number in found):
+        raise click.BadParameter(f"{text!r} holds a number that is not above 0.")
+    return found
+
+
+@click.command()
+@click.option("--sensor", "sensor_name", default="tactip-127", show_default=True, help="Preset.")
+@click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE", help="Set one.")
+@click.option("--scene", type=click.Choice(["single", "dual"]), default="single", show_default=True)
+@click.option("--depth", "depths", callback=_numbers, metavar="MM,...", default="1,3,6",
+              show_default=True, help="Depths of the press, mm.")  # fmt: skip
+@click.option("--spacing", type=click.FloatRange(0.1, 40), help="Of the two tips, mm; default 7.")
+@click.option("--yaw", type=click.FloatRange(-360, 360), help="Of the two tips, deg; default 0.")
+@click.option("--range", "reach", type=click.FloatRange(0, 20), default=6.4, show_default=True,
+              help="Half side of the workspace, mm.")  # fmt: skip
+@click.option("--step", type=click.FloatRange(0.05, 20), default=0.8, show_default=True,
+              help="Between the presses, mm.")  # fmt: skip
+@click.option("--nuisance", "nuisances", default="", metavar="NAME,...",
+              help="Unknown properties of the camera, or all.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MAP.png",
+              help="Draw the map.")  # fmt: skip
+@json_option
+def limit(
+    sensor_name: str,
+    params: tuple[str, ...],
+    scene: str,
+    depths: tuple[float, ...],
+    spacing: float | None,
+    yaw: float | None,
+    reach: float,
+    step: float,
+    nuisances: str,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Show the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
+
+    No unbiased estimator has a smaller standard deviation on these frames: x, y and depth of all
+    contacts are unknown together, and so is every --nuisance. The separation is that of two tips in
+    the plane.
+
+    \b
+    tactibench limit --scene dual --spacing 6.5 --out map.png
+    tactibench limit --param sensor.size=256 --nuisance brightness,background,shift,roll
+    """
+    from tactibench.board.limits import map_limits, rows_of
+    from tactibench.cli.output import Terminal
+    from tactibench.cli.report.limits import print_limits
+    from tactibench.contacts import Indenter
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.files import write_json
+
+    if scene == "single" and (spacing is not None or yaw is not None):
+        raise UserError("--spacing and --yaw belong to two tips; add --scene dual.")
+    if out is not None:
+        _check_picture(out)
+    spec = PluginHost().sensors[sensor_name]
+    values = _settings(spec, params)
+    sensor = _sensor(spec, values)
+    indenter = Indenter.single() if scene == "single" else Indenter.dual(spacing or SPACING_MM)
+    request = _request(indenter, reach, step, depths, yaw or 0.0, _known(sensor, nuisances))
+    terminal = Terminal()
+    with terminal.task("Cramer-Rao bounds", request.presses) as advance:
+        maps = map_limits(sensor, request, advance)
+    subject = f"{spec.origin} sensor {_label(spec, values)}, {_words(request)}"
+    print_limits(terminal.out, maps, subject)
+    if out is not None:
+        from tactibench.board.figures.limits import limit_maps
+
+        limit_maps(out, maps, title="Cramer-Rao bound: smallest standard deviation",
+                   measured_on=subject)  # fmt: skip
+        terminal.say(f"picture: {out}")
+    if json_file is not None:
+        sensor_keys = {"name": spec.name, "origin": spec.origin, "parameters": dict(values)}
+        described: Any = sensor
+        write_json(json_file, {"sensor": {**sensor_keys, "description": described.describe()},
+                               **_json(request), "metrics": rows_of(maps),
+                               "maps_mm": _cells(maps)})  # fmt: skip
+
+
+def _check_picture(out: Path) -> None:
+    if out.suffix.lower() != ".png":
+        raise UserError(f"the map is a PNG file, --out names {out.name}; call it {out.stem}.png.")
+    if not out.parent.is_dir():
+        raise UserError(f"the folder {out.parent} of --out is not there; make it first.")
+
+
+def _settings(spec: SensorSpec, params: tuple[str, ...]) -> dict[str, Value]:
+    from tactibench.running.request import read_parameters
+
+    given = read_parameters(params)
+    for kind in set(given) - {"sensor"}:
+        raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
+    return spec.settings(given.get("sensor", {}))
+
+
+def _sensor(spec: SensorSpec, values: dict[str, Value]) -> KnowsCovariance:
+    """Build the sensor. Raises UserError for one that knows no bound."""
+    import numpy as np
+
+    from tactibench.plugins.interfaces import KnowsCovariance, SensorContext
+
+    build = spec.load()
+    if not spec.needs_data and hasattr(build, "covariance"):
+        sensor = build(SensorContext(np.random.SeedSequence(0)), **values)
+        if isinstance(sensor, KnowsCovariance):
+            return sensor
+    raise UserError(
+        f"sensor {spec.name!r} does not know what limits its frames; take a simulated sensor, "
+        "for example tactip-127."
+    )
+
+
+def _known(sensor: KnowsCovariance, text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if names == ("all",):
+        return tuple(sensor.nuisances)
+    for name in names:
+        if name not in sensor.nuisances:
+            raise UserError(f"unknown nuisance {name!r}; {did_you_mean(name, sensor.nuisances)}")
+    return names
+
+
+def _request(indenter: Any, reach: float, step: float, depths: tuple[float, ...], yaw: float,
+             nuisances: tuple[str, ...]) -> Any:  # fmt: skip
+    from tactibench.board.limits import LimitRequest
+    from tactibench.contacts import Grid
+
+    half = math.floor(reach / step + 1e-9)
+    cells = 2 * half + 1  # a press at the apex, and whole steps from there
+    if cells > MOST_CELLS:
+        raise UserError(
+            f"--step {step:g} mm makes {cells} presses along +-{reach:g} mm; at most {MOST_CELLS} "
+            "are taken, so take larger steps or a smaller --range."
+        )
+    return LimitRequest(indenter, Grid.centred(cells, step), depths, yaw, nuisances)
+
+
+def _label(spec: SensorSpec, values: dict[str, Value]) -> str:
+    defaults = {p.name: p.default for p in spec.parameters}
+    other = [f"{name}={value}" for name, value in values.items() if value != defaults[name]]
+    return f"{spec.name}({','.join(other)})" if other else spec.name
+
+
+def _words(request: Any) -> str:
+    edge = abs(request.grid.origin[0])
+    tips = request.indenter.name
+    if tips == "dual":
+        spacing = request.indenter.offsets[1][0] - request.indenter.offsets[0][0]
+        tips += f" {spacing:g} mm apart, yaw {request.yaw:g} deg"
+    names = request.nuisances
+    unknown = " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:]))) or "nothing"
+    return (
+        f"{tips}, x, y within ±{edge:g} mm by {request.grid.pitch:g} mm; unknown besides "
+        f"the contacts: {unknown}"
+    )
+
+
+def _json(request: Any) -> dict[str, Any]:
+    x, y = request.grid.axes()
+    return {
+        "scene": {"indenter": request.indenter.name, "radius_mm": request.indenter.radius,
+                  "offsets_mm": request.indenter.offsets, "yaw_deg": request.yaw},
+        "workspace": {"x_mm": [round(v, 9) for v in x.tolist()],
+                      "y_mm": [round(v, 9) for v in y.tolist()],
+                      "depth_mm": list(request.depths)},
+        "nuisances": list(request.nuisances),
+    }  # fmt: skip
+
+
+def _cells(maps: Any) -> dict[str, Any]:
+    """quantity -> [depth][row][column], mm; "inf" without a bound, null for a refused press."""
+    import numpy as np
+
+    def cell(value: float) -> float | str | None:
+        return "inf" if np.isinf(value) else None if np.isnan(value) else value
+
+    return {
+        quantity: [
+            [[cell(v) for v in row] for row in layer] for layer in maps.values[:, q].tolist()
+        ]
+        for q, quantity in enumerate(maps.request.quantities)
+    }

@@ -1,0 +1,104 @@
+"""``tactibench limit`` on the sensors that ship."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+SMALL = ("--range", "1.6", "--step", "1.6", "--depth", "2")
+
+
+def test_the_table_the_map_and_the_file(cli: Any, tmp_path: Path) -> None:
+    code, out, err = cli("limit", *SMALL, "--scene", "dual", "--spacing", "6.5",
+                         "--out", "map.png", "--json", "limit.json")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "simulated sensor tactip-127, dual 6.5 mm apart" in out
+    for quantity in ("x", "y", "depth", "separation"):
+        assert any(line.split()[:2][-1:] == [quantity] or quantity in line.split()
+                   for line in out.splitlines())  # fmt: skip
+    assert "picture: map.png" in out
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    found = json.loads((tmp_path / "limit.json").read_text(encoding="utf-8"))
+    assert found["sensor"]["name"] == "tactip-127"
+    assert found["sensor"]["origin"] == "simulated"
+    assert found["workspace"]["x_mm"] == [-1.6, 0.0, 1.6]
+    assert np.shape(found["maps_mm"]["separation"]) == (1, 3, 3)
+    rows = {(row["metric"], row["group"]): row for row in found["metrics"]}
+    middle = rows["bound_separation_mm", "depth 2 mm, middle"]
+    assert middle["unit"] == "mm"
+    assert middle["value"] == found["maps_mm"]["separation"][0][1][1]
+    assert 5e-4 < middle["value"] < 2e-2  # some micrometres; a score below is the simulator's
+
+
+def middle(cli: Any, tmp_path: Path, *options: str) -> dict[str, float]:
+    code, _, err = cli("limit", "--range", "0", "--depth", "2", "--json", "one.json", *options)
+    assert (code, err) == (0, "")
+    found = json.loads((tmp_path / "one.json").read_text(encoding="utf-8"))
+    return {quantity: layer[0][0][0] for quantity, layer in found["maps_mm"].items()}
+
+
+def test_nuisances_and_parameters_change_the_bound(cli: Any, tmp_path: Path) -> None:
+    usual = middle(cli, tmp_path)
+    assert list(usual) == ["x", "y", "depth"]
+    some = middle(cli, tmp_path, "--nuisance", "shift, brightness")
+    every = middle(cli, tmp_path, "--nuisance", "all")
+    noisy = middle(cli, tmp_path, "--param", "sensor.read_noise=6")
+    for quantity, value in usual.items():
+        assert value <= some[quantity] * (1 + 1e-9)
+        assert some[quantity] <= every[quantity] * (1 + 1e-9)
+        assert noisy[quantity] > 2 * value
+    assert every["depth"] > usual["depth"] * 1.01
+    other = middle(cli, tmp_path, "--sensor", "tactip-331")
+    assert other != usual
+
+
+def test_presses_outside_are_empty_cells_and_a_sentence(cli: Any, tmp_path: Path) -> None:
+    code, out, err = cli("limit", "--range", "20", "--step", "20", "--depth", "1", "--out",
+                         "m.png", "--json", "m.json")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "are refused: a tip touches" in out
+    cells = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["maps_mm"]["x"][0]
+    assert cells[0][0] == "inf"  # beside the dome
+    assert cells[0][1] is None  # beyond 55 deg
+    assert cells[1][1] > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--sensor", "tactip-128"), "did you mean 'tactip-127'?"),
+        (("--sensor", "recorded"), "does not know what limits its frames"),
+        (("--nuisance", "brigthness"), "did you mean 'brightness'?"),
+        (("--nuisance", "smell"), "unknown nuisance 'smell'"),
+        (("--param", "model.width=3"), "only the sensor has parameters here"),
+        (("--param", "sensor.siez=64"), "did you mean 'size'?"),
+        (("--spacing", "7"), "add --scene dual"),
+        (("--yaw", "7"), "add --scene dual"),
+        (("--depth", "1;3"), "no list of numbers such as 1,3,6"),
+        (("--depth", "0"), "not above 0"),
+        (("--depth", "nan"), "not above 0"),
+        (("--depth", "9"), "tables end"),
+        (("--step", "0.05"), "at most 101"),
+        (("--out", "map.pdf"), "call it map.png"),
+        (("--out", "no/map.png"), "the folder no of --out is not there"),
+        (("--scene", "triple"), "'single', 'dual'"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(refused: Any, options: tuple[str, ...], named: str) -> None:
+    assert named in refused("limit", *options)
+
+
+def test_help_is_light() -> None:
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from tactibench.cli.limit import limit;"
+        "print(*sorted({'numpy', 'torch', 'matplotlib', 'rich'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

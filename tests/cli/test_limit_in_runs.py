@@ -1,0 +1,71 @@
+"""Error over bound in a run: on every axis, and not spoilt by a contact without a bound."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench.contacts import Contacts
+from tactibench.metrics.score import score
+from tactibench.metrics.trials import Trials
+
+
+def trials(bound: Any) -> Trials:
+    """Errors drawn from the bound where there is one, of 1 mm elsewhere."""
+    rng = np.random.default_rng(5)
+    spread = np.where(np.isinf(bound), 1.0, bound)
+    truth = np.tile([1.0, 2.0, 3.0], (len(bound), 1))
+    guess = truth + rng.normal(size=bound.shape) * spread
+    as_contact = lambda p: Contacts(p[None, :2], p[2:], [1.0])  # noqa: E731
+    n = len(bound)
+    return Trials(tuple(map(as_contact, truth)), tuple(map(as_contact, guess)), np.arange(n),
+                  ("all",) * n, bound=tuple(row[None] for row in bound))  # fmt: skip
+
+
+def ratios(bound: Any) -> dict[str, Any]:
+    rows = score(["rmse_over_bound"], trials(bound), rng=np.random.default_rng(0))
+    return {row.group: row for row in rows}
+
+
+def test_a_contact_without_a_bound_is_left_out_of_both_sums() -> None:
+    bound = np.full((4000, 3), 0.01)
+    whole = ratios(bound)
+    bound[:100] = np.inf
+    bound[100:150, 1] = np.inf
+    some = ratios(bound)
+    for axis, n in zip("xyz", (3900, 3850, 3900), strict=True):
+        assert whole[axis].n == 4000
+        assert some[axis].n == n
+        assert some[axis].value == pytest.approx(1.0, abs=0.05)
+        assert some[axis].low < 1.0 < some[axis].high
+
+
+def test_without_any_bound_there_is_no_ratio() -> None:
+    for row in ratios(np.full((5, 3), np.inf)).values():
+        assert (row.value, row.n) == (None, 0)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, -np.inf, 0.0, -1.0])
+def test_other_values_are_refused(wrong: float) -> None:
+    bound = np.full((3, 3), 0.01)
+    bound[1, 2] = wrong
+    with pytest.raises(ValueError, match=r"not finite|positive"):
+        trials(bound)
+
+
+@pytest.mark.slow
+def test_a_run_prints_the_ratio_of_every_axis(cli: Any, tmp_path: Path) -> None:
+    code, out, _ = cli("run", "exp1", "--model", "mean", "--quick", "--device", "cpu", "--json",
+                       "run.json")  # fmt: skip
+    assert code == 0
+    start = out.index("RMSE / Cramer-Rao bound")
+    lines = out[start:].splitlines()[:3]
+    assert [line.removeprefix("RMSE / Cramer-Rao bound").split()[0] for line in lines] == [*"xyz"]
+    record = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    rows = [row for row in record["metrics"] if row["metric"] == "rmse_over_bound"]
+    assert [row["group"] for row in rows] == [*"xyz"]
+    assert all(row["value"] > 50 for row in rows)  # the mean of all presses knows nothing

@@ -1,0 +1,172 @@
+"""Bounds over a workspace, from a sensor whose bounds have a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench.board.limits import (
+    LimitRequest,
+    limits_of,
+    map_limits,
+    rows_of,
+    separation_limit,
+    summary,
+)
+from tactibench.cli.report.limits import micrometres, print_limits
+from tactibench.contacts import Grid, Indenter, Pose, Scene
+from tactibench.errors import UserError
+from tactibench.geometry import true_contacts
+from tactibench.plugins.interfaces import KnowsBound, KnowsCovariance
+
+GRID = Grid.centred(5, 2.0)
+
+
+class Formula:
+    """sd of x 1 um + 1 um a mm of |x|, of y 2 um, of depth 3 um; x > 3 mm is refused."""
+
+    nuisances = ("light",)
+
+    def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Any:
+        if scene.pose.x > 3:
+            raise UserError("too far to the right.")
+        xy = true_contacts(scene).xy
+        light = 4.0 if "light" in nuisances else 1.0
+        columns = [1 + np.abs(xy[:, 0]), np.full(len(xy), 2.0), np.full(len(xy), 3.0)]
+        return np.diag(light * (1e-3 * np.stack(columns, axis=1).ravel()) ** 2)
+
+    def bound(self, scene: Scene) -> Any:
+        return np.sqrt(np.diag(self.covariance(scene))).reshape(-1, 3)
+
+
+def asked(indenter: Indenter, depths: tuple[float, ...] = (2.0,), **more: Any) -> LimitRequest:
+    return LimitRequest(indenter, GRID, depths, **more)
+
+
+def test_the_protocols_are_told_apart() -> None:
+    class OnlyBound:
+        def bound(self, scene: Scene) -> None: ...
+
+    assert isinstance(Formula(), KnowsCovariance)
+    assert isinstance(Formula(), KnowsBound)
+    assert isinstance(OnlyBound(), KnowsBound)
+    assert not isinstance(OnlyBound(), KnowsCovariance)
+
+
+def test_a_map_holds_every_press_and_leaves_refused_cells_empty() -> None:
+    seen: list[int] = []
+    maps = map_limits(Formula(), asked(Indenter.single(), (1.0, 2.0)), seen.append)
+    assert sum(seen) == maps.request.presses == 50
+    assert maps.values.shape == (2, 3, 5, 5)
+    assert maps.refusal == "too far to the right."
+    assert np.isnan(maps.values[..., 4]).all()
+    x = np.array([-4.0, -2.0, 0.0, 2.0])
+    assert maps.values[1, 0, :, :4] == pytest.approx(np.tile(1e-3 * (1 + np.abs(x)), (5, 1)))
+    line = summary(maps)[0]
+    assert (line["n"], line["refused"], line["unbounded"]) == (20, 5, 0)
+    assert line["middle"] == pytest.approx(1e-3)
+    assert line["median"] == pytest.approx(3e-3)
+    assert line["worst"] == pytest.approx(5e-3)
+    assert line["worst_at"][0] == -4.0
+
+
+def test_a_sensor_that_refuses_everything_is_heard() -> None:
+    far = LimitRequest(Indenter.single(), Grid((3, 3), (4.0, 0.0), 1.0), (1.0,))
+    with pytest.raises(UserError, match="too far"):
+        map_limits(Formula(), far, lambda _: None)
+
+
+def test_nuisances_are_handed_on() -> None:
+    usual, unknown = (
+        map_limits(Formula(), asked(Indenter.single(), nuisances=names), lambda _: None).values
+        for names in ((), ("light",))
+    )
+    np.testing.assert_allclose(unknown, 2 * usual)
+
+
+def test_two_tips_have_the_worse_of_both_and_a_separation() -> None:
+    x, y, depth, apart = limits_of(Formula(), Scene(Indenter.dual(4.0), Pose(x=1, depth=2)), ())
+    assert (x, y, depth) == pytest.approx((4e-3, 2e-3, 3e-3))
+    assert apart == pytest.approx(1e-3 * np.hypot(4, 2))  # along x; sd 1 + |3| and 1 + |-1|
+    across = limits_of(Formula(), Scene(Indenter.dual(4.0), Pose(x=1, yaw=90, depth=2)), ())[3]
+    assert across == pytest.approx(1e-3 * np.hypot(2, 2))
+
+
+def test_a_tip_that_does_not_touch_leaves_no_bound() -> None:
+    scene = Scene(Indenter(3.0, ((-3, 0, 0), (3, 0, -5)), "uneven"), Pose(depth=1))
+    assert limits_of(Formula(), scene, ()) == [np.inf] * 4
+    maps = map_limits(Formula(), asked(Indenter.dual(12.0), (0.3,)), lambda _: None)
+    line = summary(maps)[0]
+    assert line["unbounded"] > 0
+    assert line["n"] + line["unbounded"] + line["refused"] == 25
+    rows = {(row["metric"], row["group"]): row for row in rows_of(maps)}
+    share = rows["bound_separation_unbounded", "depth 0.3 mm"]
+    assert share["value"] == pytest.approx(line["unbounded"] / 25)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 2 * np.pi))
+def test_the_separation_is_that_of_drawn_contacts(seed: int, angle: float) -> None:
+    """Delta method against 40,000 draws of both contacts, 2 um around places 7 mm apart."""
+    rng = np.random.default_rng(seed)
+    root = 2e-3 * rng.normal(size=(6, 6))
+    apart = 7 * np.array([np.cos(angle), np.sin(angle)])
+    draws = rng.normal(size=(40_000, 6)) @ root.T
+    distance = np.linalg.norm(apart + draws[:, :2] - draws[:, 3:5], axis=1)
+    assert separation_limit(root @ root.T, apart) == pytest.approx(distance.std(), rel=0.04)
+
+
+def test_a_separation_needs_both_places_along_it() -> None:
+    covariance = np.diag([1.0, np.inf, 1.0, 1.0, 1.0, np.inf])
+    assert separation_limit(covariance, np.array([3.0, 0.0])) == pytest.approx(np.sqrt(2))
+    assert separation_limit(covariance, np.array([0.0, 3.0])) == np.inf
+
+
+def test_rows_are_finite_or_none() -> None:
+    rows = rows_of(map_limits(Formula(), asked(Indenter.dual(12.0), (0.2,)), lambda _: None))
+    for row in rows:
+        assert row["value"] is None or np.isfinite(row["value"])
+        assert row["unit"] in {"mm", "share"}
+    names = [row["metric"] for row in rows]
+    assert names.count("bound_separation_mm") == 4
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.000834, "0.834"), (0.0129, "12.9"), (1.48, "1,480"), (0.00999999, "10.0"),
+        (float("inf"), "inf"), (float("nan"), "n/a"), (None, "n/a"), (2.5e-6, "0.00250"),
+    ],
+)  # fmt: skip
+def test_micrometres_have_three_digits(value: float | None, text: str) -> None:
+    assert micrometres(value) == text
+
+
+def test_the_table_names_what_is_left_out() -> None:
+    import io
+
+    from rich.console import Console
+
+    stream = io.StringIO()
+    maps = map_limits(Formula(), asked(Indenter.dual(9.0), (0.4,)), lambda _: None)
+    print_limits(Console(file=stream, width=80), maps, "simulated sensor formula")
+    text = stream.getvalue()
+    assert "simulated sensor formula" in text
+    assert "of the worse of the two tips" in text
+    assert "are refused: too far to the right." in text
+    assert "have no bound" in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_the_map_shows_empty_and_unbounded_cells(tmp_path: Path) -> None:
+    from tactibench.board.figures.limits import limit_maps
+
+    for indenter in (Indenter.dual(9.0), Indenter.dual(30.0)):  # some and all without a bound
+        maps = map_limits(Formula(), asked(indenter, (0.4,)), lambda _: None)
+        limit_maps(tmp_path / "map.png", maps, title="t", measured_on="simulated " * 30)
+        assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")

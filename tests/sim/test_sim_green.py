@@ -1,0 +1,199 @@
+"""Tier green: complementarity, symmetry, limits, and the finite-element table of one contact."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
+
+from tactibench import UserError
+from tactibench_sim.contact import Tips
+from tactibench_sim.green import kernel as kernels
+from tactibench_sim.green.complementarity import solve
+from tactibench_sim.green.mechanics import GreenMechanics
+from tactibench_sim.pins import layout
+from tactibench_sim.table import shipped
+
+DOME = GreenMechanics(kernels.shipped())
+PINS = layout(127)
+POLAR = np.radians(np.arange(2, 70, 1.0))
+MERIDIAN = np.stack([np.sin(POLAR), 0 * POLAR, np.cos(POLAR)], axis=1)
+
+
+def loads(contacts, radius=3.0):
+    array = np.array([contacts], dtype=float)
+    return DOME.loads(Tips(array[..., :2], array[..., 2], np.array([radius])))
+
+
+def moved(contacts, directions=PINS, radius=3.0):
+    return DOME.displacement(loads(contacts, radius), directions)[0][0]
+
+
+depths = st.floats(0.05, 4)
+contacts = st.lists(
+    st.tuples(st.floats(-6, 6), st.floats(-6, 6), depths), min_size=1, max_size=3
+).filter(lambda c: all(math.dist(a[:2], b[:2]) > 2 for i, a in enumerate(c) for b in c[:i]))
+few = settings(max_examples=8, deadline=None)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
+def test_complementarity(seed, count):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(count, count))
+    a, d = root @ root.T + 0.1 * np.eye(count), rng.normal(size=count)
+    force, fine = solve(a, d, rng.random(count) < 0.5)
+    gap = a @ force - d
+    assert fine
+    assert force.min() >= 0
+    assert gap.min() > -1e-9
+    assert abs(force * gap).max() < 1e-8
+    lower = np.linalg.cholesky(a)  # independent: the same problem as least squares
+    assert force == pytest.approx(nnls(lower.T, np.linalg.solve(lower, d))[0], abs=1e-7)
+
+
+def test_complementarity_refuses_what_is_not_positive():
+    assert not solve(-np.eye(2), np.ones(2), np.ones(2, dtype=bool))[1]
+
+
+@few
+@given(contacts, st.floats(-math.pi, math.pi))
+def test_turning_the_scene_turns_the_field(scene, angle):
+    turn = Rotation.from_euler("z", angle).as_matrix()
+    xy = np.array(scene)[:, :2] @ turn[:2, :2].T
+    turned = [(x, y, d) for (x, y), (_, _, d) in zip(xy, scene, strict=True)]
+    assert moved(turned, PINS @ turn.T) == pytest.approx(moved(scene) @ turn.T, abs=1e-9)
+
+
+@few
+@given(contacts)
+def test_mirroring_the_scene_mirrors_the_field(scene):
+    flip = np.array([-1.0, 1.0, 1.0])
+    mirrored = [(-x, y, d) for x, y, d in scene]
+    assert moved(mirrored, PINS * flip) == pytest.approx(moved(scene) * flip, abs=1e-9)
+
+
+@few
+@given(contacts)
+def test_the_order_of_tips_does_not_matter(scene):
+    assert moved(scene[::-1]) == pytest.approx(moved(scene), abs=1e-12)
+
+
+@pytest.mark.parametrize("radius", [3.0, math.inf])
+def test_no_contact_moves_nothing(radius):
+    assert (moved([(1.0, 2.0, 0.0)], radius=radius) == 0).all()
+    assert (moved([(1.0, 2.0, -np.inf), (0.0, 0.0, -0.1)]) == 0).all()
+
+
+def test_the_first_touch_is_continuous():
+    for depth in (1e-2, 1e-4, 1e-8):
+        assert abs(moved([(3.0, -2.0, depth)])).max() < 2 * depth
+        both = moved([(-4.0, 0.0, 2.0), (4.0, 0.0, depth)])
+        assert abs(both - moved([(-4.0, 0.0, 2.0)])).max() < 4 * depth + 1e-9
+
+
+def test_coincident_tips_are_one():
+    one = moved([(1.0, 2.0, 2.0)])
+    assert moved([(1.0, 2.0, 2.0)] * 2) == pytest.approx(one, abs=1e-6)
+    assert moved([(1.0, 2.0, 2.0), (1.0, 2.0, 1.2)]) == pytest.approx(one, abs=1e-6)
+
+
+def test_a_tip_in_the_dimple_of_another_carries_nothing():
+    pressing = loads([(0.0, 0.0, 3.0), (2.0, 0.0, 0.3)])[0]
+    assert pressing.force[1] == 0
+    assert moved([(0.0, 0.0, 3.0), (2.0, 0.0, 0.3)]) == pytest.approx(
+        moved([(0.0, 0.0, 3.0)]), abs=1e-9
+    )
+
+
+def test_far_tips_superpose():
+    pair = [(-12.0, 0.0, 0.5), (12.0, 0.0, 0.5)]
+    assert moved(pair) == pytest.approx(sum(moved([p]) for p in pair), abs=0.01)
+
+
+@pytest.mark.parametrize("radius", [1.0, 3.0, math.inf])
+def test_force_grows_with_depth(radius):
+    force = DOME.shape(radius).force
+    assert (np.diff(force) > 0).all()
+
+
+def test_pair_force_grows_with_depth():
+    force = [loads([(-3.0, 0.0, d), (3.0, 1.0, d)])[0].force.sum() for d in np.arange(0.2, 4, 0.2)]
+    assert (np.diff(force) > 0).all()
+
+
+@pytest.mark.parametrize(("depth", "most"), [(0.5, 0.01), (1.0, 0.02), (2.0, 0.05)])
+def test_one_sphere_agrees_with_the_finite_elements(depth, most):
+    table = shipped().by_radius[3.0]
+    u = moved([(0.0, 0.0, depth)], MERIDIAN)
+    inward = -(u * MERIDIAN).sum(axis=1)
+    row = table.fields["w"][round(depth / table.delta[1])]
+    expected = np.interp(POLAR, table.polar, row)
+    assert abs(inward - expected).max() < most
+    force = loads([(0.0, 0.0, depth)])[0].force[0]
+    told = table.fields["force"][round(depth / table.delta[1])]
+    assert force == pytest.approx(told, rel=0.04)
+
+
+def test_tables_replace_single_contacts():
+    table = shipped()
+    dome = GreenMechanics(kernels.shipped(), table)
+    tips = Tips(np.zeros((1, 1, 2)), np.full((1, 1), 2.0), np.array([3.0]))
+    u = dome.displacement(dome.loads(tips), MERIDIAN)[0][0]
+    row = table.by_radius[3.0].fields["w"][16]
+    expected = np.interp(POLAR, table.by_radius[3.0].polar, row)
+    assert -(u * MERIDIAN).sum(axis=1) == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_derivative_is_that_of_the_displacement():
+    pressing = loads([(-3.0, 1.0, 2.0), (3.0, 0.0, 1.5)])
+    _, slope = DOME.displacement(pressing, PINS)
+    rng, step = np.random.default_rng(0), 1e-5
+    tangent = np.cross(PINS, rng.normal(size=PINS.shape))
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    ends = [
+        DOME.displacement(pressing, PINS * math.cos(s) + tangent * math.sin(s))[0][0]
+        for s in (-step, step)
+    ]
+    numeric = (ends[1] - ends[0]) / (2 * step)
+    assert np.einsum("pij,pj->pi", slope[0], tangent) == pytest.approx(numeric, abs=2e-4)
+
+
+def test_normals_of_the_undeformed_dome_and_under_a_tip():
+    rest, pressed = loads([(0.0, 0.0, 0.0)]), loads([(0.0, 0.0, 1.0)])
+    assert DOME.normals(rest, PINS)[1][0] == pytest.approx(PINS, abs=1e-14)
+    _, normal = DOME.normals(pressed, MERIDIAN)
+    turn = np.arcsin((normal[0] * np.stack([np.cos(POLAR), 0 * POLAR, -np.sin(POLAR)], 1)).sum(1))
+    table = shipped().by_radius[3.0]
+    expected = np.interp(POLAR, table.polar, table.fields["omega"][8])
+    # tables turn towards the contact's outside with omega = (w' + t) / r, w inwards
+    assert turn == pytest.approx(expected, abs=0.03)
+
+
+def test_skin_follows_the_indenter():
+    n = np.array([[0.0, 0.0, 1.0]])
+    for depth in (0.5, 1.0, 3.0):
+        assert DOME.skin(loads([(0.0, 0.0, depth)]), n)[0, 0] == pytest.approx(depth, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("contact", "radius", "words"),
+    [
+        ((0.0, 0.0, 7.0), 3.0, "penetrates 7.00 mm"),
+        ((19.0, 0.0, 0.5), 3.0, "deg from the apex"),
+        ((0.0, 0.0, 1.0), 0.5, "radius is 0.5 mm"),
+        ((0.0, 0.0, 1.0), math.nan, "not a number"),
+    ],
+)
+def test_refused(contact, radius, words):
+    with pytest.raises(UserError, match=words):
+        loads([contact], radius)
+
+
+def test_a_damaged_kernel_is_refused(tmp_path):
+    (tmp_path / "k.npz").write_bytes(b"nothing")
+    with pytest.raises(UserError, match="cannot be read"):
+        kernels.read(tmp_path / "k.npz")

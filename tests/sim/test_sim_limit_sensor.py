@@ -1,0 +1,148 @@
+"""Cramer-Rao bounds of the simulated TacTip: symmetric, stable, and reached by least squares."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene, SensorContext
+from tactibench_sim import limit
+from tactibench_sim.contact import Tips, tips_of
+from tactibench_sim.nuisance import NUISANCES
+from tactibench_sim.sensor import TacTip127
+
+SCENES = {
+    "single": Scene(Indenter.single(), Pose(1.3, -0.8, depth=1.7)),
+    "shallow": Scene(Indenter.single(), Pose(-2.1, 0.4, depth=0.05)),
+    "deep": Scene(Indenter.single(), Pose(0.2, 3.0, depth=6.0)),
+    "dual": Scene(Indenter.dual(7.0), Pose(0.6, -0.4, 25.0, depth=2.0)),
+    "triple": Scene(Indenter.triple((0.0, 0.5, 1.0)), Pose(0.3, 0.2, 70.0, depth=3.0)),
+    "plate": Scene(Indenter.plate(), Pose(yaw=30, tilt=8, depth=2.0)),
+}
+
+
+@functools.cache
+def sensor(**parameters):
+    return TacTip127(SensorContext(np.random.SeedSequence(3)), **parameters)
+
+
+def covariance(scene, nuisances=(), step=limit.STEP_MM, **parameters):
+    one = sensor(**parameters)
+    tips = scene if isinstance(scene, Tips) else tips_of([scene])
+    return limit.covariance(tips, one.clean, one.renderer.variance, nuisances, step)
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("nuisances", [(), NUISANCES])
+def test_the_step_does_not_matter_over_a_decade(name, nuisances):
+    reference = limit.deviations(covariance(SCENES[name], nuisances))
+    for step in (0.001, 0.002, 0.005, 0.01):
+        found = limit.deviations(covariance(SCENES[name], nuisances, step))
+        assert found == pytest.approx(reference, rel=1e-3)
+
+
+def turned(scene, degrees):
+    pose = scene.pose
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    place = c * pose.x - s * pose.y, s * pose.x + c * pose.y
+    return Scene(scene.indenter, Pose(*place, pose.yaw + degrees, pose.tilt, pose.depth))
+
+
+@pytest.mark.parametrize(("degrees", "within"), [(180, 1e-6), (60, 0.02), (120, 0.02)])
+@pytest.mark.parametrize("name", ["single", "dual"])
+def test_a_turned_press_has_the_turned_covariance(name, degrees, within):
+    """The pins turn onto themselves by 60 deg, pixels by 90: exact by 180, else up to sampling."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    count = len(SCENES[name].indenter.offsets)
+    turns = np.kron(np.eye(count), turn)
+    expected = turns @ covariance(SCENES[name], size=256) @ turns.T
+    found = covariance(turned(SCENES[name], degrees), size=256)
+    scale = np.sqrt(np.diag(expected))
+    unit = np.outer(scale, scale)
+    assert np.abs(found / unit - expected / unit).max() < within
+
+
+def test_a_mirrored_press_has_the_mirrored_covariance():
+    scene = SCENES["single"]
+    mirrored = Scene(scene.indenter, Pose(-scene.pose.x, scene.pose.y, depth=scene.pose.depth))
+    flip = np.diag([-1.0, 1.0, 1.0])
+    assert covariance(mirrored) == pytest.approx(flip @ covariance(scene) @ flip, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_nuisances_never_lower_a_bound(name):
+    least = last = limit.deviations(covariance(SCENES[name]))
+    for k in range(len(NUISANCES)):
+        found = limit.deviations(covariance(SCENES[name], NUISANCES[: k + 1]))
+        assert (found >= last * (1 - 1e-9)).all()
+        last = found
+    assert (last > least).all()
+    assert (last < 3 * least).all()  # the pins around the contact tell where the camera is
+
+
+def test_more_light_and_more_pixels_lower_the_bound():
+    usual = limit.deviations(covariance(SCENES["dual"]))
+    fine = limit.deviations(covariance(SCENES["dual"], size=256))
+    bright = limit.deviations(covariance(SCENES["dual"], brightness=250.0))
+    assert (fine < 0.8 * usual).all()
+    assert (bright < usual).all()
+
+
+def test_tips_that_do_not_touch_do_not_count():
+    alone = tips_of([SCENES["single"]])
+    beside = Tips(
+        np.concatenate([alone.xy, [[[9.0, 0.0]]]], axis=1),
+        np.concatenate([alone.depth, [[-0.3]]], axis=1),
+        alone.radius,
+    )
+    assert covariance(beside) == pytest.approx(covariance(alone), rel=1e-9)
+
+
+def gauss_newton(one, frames, start, radius, rounds):
+    """(N, 3 K) least-squares estimates from (N, H W) frames with the simulator itself."""
+    guess = np.tile(start, (len(frames), 1))
+    for _ in range(rounds):
+        image, slopes = linear(one, guess, radius)
+        weight = slopes / np.asarray(one.renderer.variance(image))[:, None]
+        left = weight @ slopes.transpose(0, 2, 1)
+        right = weight @ (frames - image)[..., None]
+        guess = guess + np.linalg.solve(left, right)[..., 0]
+    return guess
+
+
+def linear(one, values, radius, h=0.005):
+    """(N, H W) frames of (N, 3 K) contacts and (N, 3 K, H W) their slopes, forward differences."""
+    n, unknown = values.shape
+    moved = values[:, None] + np.vstack([np.zeros(unknown), h * np.eye(unknown)])
+    parts = moved.reshape(n * (unknown + 1), -1, 3)
+    images = one.clean(Tips(parts[..., :2], parts[..., 2], np.full(len(parts), radius)))
+    images = images.reshape(n, unknown + 1, -1)
+    return images[:, 0], (images[:, 1:] - images[:, :1]) / h
+
+
+@pytest.mark.parametrize(("name", "count"), [("single", 500), ("dual", 500)])
+def test_least_squares_reaches_the_bound(name, count):
+    """Gauss-Newton on noisy 8-bit frames, from 0.05 mm beside the truth: its spread is the bound.
+
+    The spread of 500 estimates is known to 3.2 %.
+    """
+    one, scene = sensor(size=64), SCENES[name]
+    tips = tips_of([scene])
+    with one:
+        frames = [f.image for f in one.press_many([scene] * count)]
+    frames = np.stack(frames).reshape(count, -1).astype(float)
+    truth = np.concatenate([tips.xy[0], tips.depth[0][:, None]], axis=1).ravel()
+    blocks = np.array_split(frames, 10)
+    found = np.concatenate(
+        [gauss_newton(one, block, truth + 0.05, tips.radius[0], rounds=4) for block in blocks]
+    )
+    expected = covariance(scene, size=64)
+    sd = np.sqrt(np.diag(expected))
+    assert found.std(axis=0, ddof=1) == pytest.approx(sd, rel=0.10)
+    assert np.abs(found.mean(axis=0) - truth).max() < 5 * sd.max() / np.sqrt(count)
+    if name == "dual":
+        separation = np.linalg.norm(found[:, :2] - found[:, 3:5], axis=1)
+        apart = truth[:2] - truth[3:5]
+        g = np.array([*apart, 0, *-apart, 0]) / np.linalg.norm(apart)
+        assert separation.std(ddof=1) == pytest.approx(np.sqrt(g @ expected @ g), rel=0.10)

@@ -1,0 +1,142 @@
+"""Noise: the stream against numpy's, the normal values, what ``variance`` states."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from tactibench_sim import kernels
+from tactibench_sim.noise import Noise, normal_table, streams
+from tactibench_sim.optics import Optics
+from tactibench_sim.render import Renderer
+
+SEED = np.random.SeedSequence(3)
+NOTHING = np.empty((1, 0))
+words = st.integers(0, 2**64 - 1)
+
+
+def exposed(grey, press=0, noise=Noise(), seed=SEED):  # noqa: B008 frozen
+    """uint8 of a float32 array."""
+    state = streams(seed, press, 1)[0]
+    kernels.sfc64(state, np.empty(12, np.uint64))
+    out = np.empty(grey.size, np.uint8)
+    kernels.expose(
+        grey.ravel().astype(np.float32), state, noise.shot, noise.read, normal_table(), out
+    )
+    return out.reshape(grey.shape)
+
+
+@given(words, words, words, words, st.integers(1, 300))
+def test_the_stream_is_numpys_sfc64(a, b, c, counter, count):
+    state = np.array([a, b, c, counter], dtype=np.uint64)
+    theirs = np.random.SFC64(0)
+    theirs.state = {**theirs.state, "state": {"state": state.copy()}}
+    ours = np.empty(count, np.uint64)
+    kernels.sfc64(state, ours)
+    assert (ours == theirs.random_raw(count)).all()
+    assert (state == theirs.state["state"]["state"]).all()
+
+
+def test_the_table_is_a_standard_normal():
+    table = normal_table().astype(float)
+    assert table.mean() == pytest.approx(0, abs=1e-9)
+    assert table.var() == pytest.approx(1, abs=1e-7)
+    assert stats.kurtosis(table) == pytest.approx(0, abs=0.002)
+    assert (np.diff(table) > 0).all()
+    assert 4.2 < table.max() == -table.min() < 4.5
+    far = np.array([1.0, 2.0, 3.0, 4.0])
+    beyond = (table[None] > far[:, None]).mean(axis=1)
+    assert beyond == pytest.approx(stats.norm.sf(far), rel=0.002, abs=0.5 / 65_536)
+
+
+def test_pixels_take_the_stream_in_order():
+    """Four pixels a word, from its low bits; against the formula in numpy."""
+    grey = np.linspace(20, 220, 2061, dtype=np.float32)
+    noise = Noise(read=2.0, full_well=5000.0)
+    theirs = np.random.SFC64(0)
+    theirs.state = {**theirs.state, "state": {"state": streams(SEED, 5, 1)[0]}}
+    word = theirs.random_raw(12 + 516)[12:]
+    index = (word[:, None] >> np.array([0, 16, 32, 48], np.uint64)) & np.uint64(0xFFFF)
+    z = normal_table()[index.ravel()[:2061].astype(int)]
+    told = grey + z * np.sqrt(np.float32(4) + np.float32(noise.shot) * grey)
+    seen = exposed(grey, 5, noise)
+    assert abs(seen - told).max() <= 0.5 + 1e-3
+
+
+@pytest.mark.parametrize(
+    "noise", [Noise(), Noise(read=0.7, full_well=1e9), Noise(read=4.0, full_well=2000.0)]
+)
+@pytest.mark.parametrize("level", [40.0, 90.37, 200.5])
+def test_noise_has_the_variance_that_is_stated(noise, level):
+    frames = [exposed(np.full((128, 128), level), k, noise).astype(float) for k in range(32)]
+    seen = np.stack(frames) - level
+    count = seen.size
+    told = float(noise.variance(np.array([level]))[0])
+    assert seen.mean() == pytest.approx(0, abs=4 * np.sqrt(told / count))
+    assert seen.var() == pytest.approx(told, rel=4.5 * np.sqrt(2 / count) + 2e-3)
+    if noise.read > 1:
+        assert stats.kurtosis(seen, axis=None) == pytest.approx(0, abs=0.02)
+        beyond = (abs(seen) > 3 * np.sqrt(told)).mean()
+        assert beyond == pytest.approx(2 * stats.norm.sf(3), rel=0.35)  # whole grey levels
+
+
+def test_neighbours_presses_and_seeds_are_independent():
+    noise, level = Noise(read=6.0, full_well=1e9), 100.0
+    seen = np.stack([exposed(np.full((128, 128), level), k, noise) for k in range(24)]) - level
+    seen = (seen - seen.mean()) / seen.std()
+    limit = 4.5 / np.sqrt(seen.size)
+    for lag in (1, 2, 3, 4, 5, 127, 128, 129, 1024):
+        flat = seen.reshape(24, -1)
+        assert abs((flat[:, lag:] * flat[:, :-lag]).mean()) < limit * 1.05
+        square = flat**2 - 1
+        assert abs((square[:, lag:] * square[:, :-lag]).mean()) < 2.1 * limit
+    table = np.corrcoef(seen.reshape(24, -1)) - np.eye(24)
+    assert abs(table).max() < 4.5 / 128
+    assert abs(seen.mean(axis=0)).max() < 5.2 / np.sqrt(24)  # no pixel has a habit
+    other = exposed(np.full((128, 128), level), 0, noise, np.random.SeedSequence(4)) - level
+    assert abs(np.corrcoef(other.ravel(), seen[0].ravel())[0, 1]) < 4.5 / 128
+
+
+@given(st.integers(0, 2**40), st.integers(0, 2**40), st.integers(0, 5))
+def test_every_press_has_a_stream_of_its_own(a, b, key):
+    seed = np.random.SeedSequence(5, spawn_key=(1, key))
+    one, other = (streams(seed, press, 1)[0] for press in (a, b))
+    assert (one == other).all() == (a == b)
+    assert (streams(seed, a, 3)[2] == streams(seed, a + 2, 1)[0]).all()
+    assert (seed.generate_state(1) == np.random.SeedSequence(5, spawn_key=(1, key)).generate_state(
+        1)).all()  # fmt: skip
+
+
+def test_seeds_that_were_spawned_differ():
+    seeds = [SEED, np.random.SeedSequence(3, spawn_key=(0,)), np.random.SeedSequence(4)]
+    assert len({streams(seed, 0, 1).tobytes() for seed in seeds}) == 3
+
+
+def test_without_noise_frames_are_rounded_and_its_variance_is_rounding():
+    grey = np.array([0.0, 0.4, 0.6, 100.0, 254.7, 300.0, -3.0], dtype=np.float32)
+    camera = Renderer(Optics(size=32, noise=Noise(on=False)))
+    assert (camera.exposed(NOTHING, NOTHING, NOTHING, streams(SEED, 0, 1)) == camera.exposed(
+        NOTHING, NOTHING, NOTHING)).all()  # fmt: skip
+    out = np.empty(7, np.uint8)
+    kernels.expose(grey, np.zeros(4, np.uint64), 0.0, 0.0, normal_table(), out)
+    assert out.tolist() == [0, 0, 1, 100, 255, 255, 0]
+    assert camera.variance(grey) == pytest.approx(np.full(7, 1 / 12))
+
+
+@pytest.mark.parametrize("output", ["grey", "rgb"])
+def test_variance_of_what_a_model_takes_in(output):
+    from tactibench import Frame, Pose, gray_frames
+
+    optics = Optics(size=128, output=output, vignetting=1.0, background=30.0, red=0.6)
+    camera = Renderer(optics)
+    x, y, radius = np.array([[[40.0]], [[90.0]], [[25.0]]])
+    clean = camera.splatted(x, y, radius)[0]
+    frames = [
+        Frame(camera.exposed(x, y, radius, streams(SEED, k, 1))[0], 0.0, Pose()) for k in range(200)
+    ]
+    off = gray_frames(frames, 128) - clean
+    told = camera.variance(clean)
+    assert off.mean() == pytest.approx(0, abs=0.01)
+    for part in (clean > 140, (clean < 60) & (clean > 20)):
+        assert off.var(axis=0)[part].mean() == pytest.approx(told[part].mean(), rel=0.01)
