@@ -100,7 +100,7 @@ def test_a_missing_frame_is_refused(tmp_path) -> None:
 def test_the_command_refuses_before_it_works(tmp_path) -> None:
     result = CliRunner().invoke(real, [str(tmp_path), "--out", str(tmp_path / "no" / "p.png")])
     assert isinstance(result.exception, UserError)
-    assert "picture" in str(result.exception)
+    assert "p.png" in str(result.exception)
 
 
 @pytest.mark.slow
