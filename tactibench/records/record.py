@@ -57,7 +57,10 @@ class PartId(_Strict):
 
 
 class SensorId(PartId):
+    """account: by role, how many scenes the sensor made in which way, if in more than one."""
+
     origin: Literal["simulated", "real"]
+    account: dict[str, dict[str, int]] = {}
 
 
 class Identity(BaseModel):
