@@ -132,4 +132,5 @@ def test_the_shipped_corrections_are_reproduced(run, depths):
     near = b[..., 2] > math.cos(math.radians(65))
     mechanics = Mechanics(tables, "coupled")
     u, _ = mechanics.displacement(mechanics.loads(chart_tips(run, depths)), b[near])
-    assert moved(u[0], state[0][near] @ frame) <= 0.03
+    # What twelve modes on nodes 5 deg apart leave of a state that they were made from.
+    assert moved(u[0], state[0][near] @ frame) <= 0.04

@@ -269,4 +269,4 @@ def test_finite_elements_between_computed_domes():
     exact = tabulate_domes.columns(dome, 3.0, one.delta[rows], one.polar)
     for name in FIELDS:
         assert one.fields[name][rows] == pytest.approx(exact[name], abs=0.006), name
-    assert one.fields["force"][rows] == pytest.approx(exact["force"], rel=0.01)
+    assert one.fields["force"][rows] == pytest.approx(exact["force"], rel=0.015)
