@@ -6,13 +6,13 @@
 * ``coupled``: the largest error over the reference scenes by the deepest penetration, for two
   contacts and for more.
 
-They were measured for one table file and are unknown for any other.
+They were measured for one table file (see ``tabulate_bounds``) and are unknown for any other.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
@@ -31,12 +31,12 @@ BETWEEN = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Bounds in mm, by penetration; beyond the last node they are unknown (inf).
+    """Bounds in mm, by penetration; inf where they are unknown, as beyond the last node.
 
     depth: (D,) nodes, mm. single: (B, D) for one contact up to the polar angles ``polar`` (B,),
     rad. pair, many: (D,) for two and more contacts in tier ``coupled``. angle: (A,) rad, added:
-    (A, D', D') errors of superposing a pair at penetrations ``added_depth``; the nearest angle
-    stands for those outside.
+    (A, D', D') errors of superposing a pair at penetrations ``added_depth``, all finite; the
+    nearest angle stands for those outside.
     """
 
     depth: Array
@@ -87,47 +87,10 @@ def bounds_for(digest: str) -> Bounds | None:
     told = _shipped()
     if told["tables"] != digest:
         return None
-    return Bounds(**{f.name: np.asarray(told[f.name], dtype=np.float64) for f in fields(Bounds)})
+    return Bounds(**{f.name: _read(told[f.name]) for f in fields(Bounds)})
 
 
-def envelope(nodes: Sequence[float], deepest: Array, errors: Array) -> list[float]:
-    """Largest error of all scenes up to each depth node (and a little beyond), never falling."""
-    return [float(errors[deepest <= node + 1e-9].max(initial=0.0)) for node in nodes]
-
-
-def measured(
-    digest: str,
-    nodes: Sequence[float],
-    polar: Sequence[float],
-    scenes: Mapping[str, tuple[Array, Array, Array]],
-    angle: Array,
-    added_depth: Array,
-    added: Callable[[int, float, float], float],
-) -> dict[str, Any]:
-    """JSON values of bounds, for polar angles in rad.
-
-    scenes: "single", "pair", "many" -> (deepest mm, error mm, polar angle rad), each (N,).
-
-    added: error of superposing at angle number k and two penetrations; 0 where one is 0.
-    """
-    table = [[[float(min(a, b)) for b in added_depth] for a in added_depth]]  # at one place
-    table += [
-        [[0.0 if min(a, b) == 0 else added(k, a, b) for b in added_depth] for a in added_depth]
-        for k in range(len(angle))
-    ]
-    deepest, errors, angles = scenes["single"]
-    single = [
-        envelope(nodes, deepest[angles <= up_to + 1e-9], errors[angles <= up_to + 1e-9])
-        for up_to in polar
-    ]
-    kinds = {kind: envelope(nodes, *scenes[kind][:2]) for kind in ("pair", "many")}
-    return {
-        "tables": digest,
-        "depth": list(nodes),
-        "polar": list(polar),
-        "single": single,
-        **kinds,
-        "angle": [0.0, *(float(a) for a in angle)],
-        "added_depth": [float(d) for d in added_depth],
-        "added": table,
-    }
+def _read(values: Any) -> Array:
+    """JSON has no infinity: null stands for it."""
+    found = np.asarray(values, dtype=np.float64)
+    return np.where(np.isnan(found), np.inf, found)

@@ -53,6 +53,11 @@ class Number(click.FloatRange):
     help="Of the domes around the one that ships, for sensor.instance (twenty minutes).",
 )
 @click.option(
+    "--bounds",
+    is_flag=True,
+    help="The error bounds of the tables that ship, against the reference scenes (seconds).",
+)
+@click.option(
     "--corrections",
     "runs",
     type=click.Path(file_okay=False, path_type=Path),
@@ -66,18 +71,26 @@ def tabulate(
     skin: float | None,
     planar: bool,
     around: bool,
+    bounds: bool,
     runs: Path | None,
 ) -> None:
     from tactibench import UserError
     from tactibench_sim import fem
 
-    fem.require_ngsolve()
+    if not bounds:
+        fem.require_ngsolve()
     if not out.parent.is_dir():
         raise UserError(f"the folder {out.parent} of OUT is not there; make it first.")
     if planar and runs is not None:
         raise UserError("--corrections are of the dome; leave out --planar or --corrections.")
-    if around and (planar or runs is not None or radii or stiffness_ratio or skin):
+    other = planar or runs is not None or radii or stiffness_ratio or skin
+    if around and (other or bounds):
         raise UserError("--domes are those around the one that ships; give no other option.")
+    if bounds:
+        if other:
+            raise UserError("--bounds are of the tables that ship; give no other option.")
+        click.echo(f"{out}  sha256 {_measured(out)}")
+        return
     asked = {"stiffness_ratio": stiffness_ratio, "skin": skin}
     given = {name: value for name, value in asked.items() if value is not None}
     try:
@@ -108,6 +121,14 @@ def _made(
     if planar:
         return pad.tabulate(out, replace(pad.PAD, **given), radii or (3.0,), told)
     return make(out, fem.Dome(**given), radii or table.RADII, told, runs)
+
+
+def _measured(out: Path) -> str:
+    from tactibench_sim import reference, table, tabulate_bounds
+
+    tables = table.shipped()
+    bounds = tabulate_bounds.measured(tables, reference.shipped())
+    return tabulate_bounds.write(out, tables, bounds)
 
 
 def _tell(what: str) -> None:

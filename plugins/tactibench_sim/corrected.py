@@ -21,7 +21,8 @@ class Corrections:
 
     arrays: ``{around,pair}_{base,skin}_modes`` (R, A + 2, B + 2, 6), ``around_amounts``
     (M, B + 2, D + 2, R) and ``pair_amounts`` (A + 2, D + 2, D + 2, R), all spline coefficients.
-    grid: ``around_radii`` (M,), ``pair_radius``, and the steps and reaches in rad and mm.
+    grid: ``around_radii`` (M,), ``pair_radius``, ``pair_even`` (how many modes are even), and steps
+    and starts: of patches in chords, of amounts in rad and mm.
     """
 
     arrays: Mapping[str, Array] = field(default_factory=dict)

@@ -75,7 +75,8 @@ class Chart:
 
     @property
     def b(self) -> Array:
-        return np.arange(round(self.across / self.step) + 1) * self.step
+        count = round(self.across / self.step) + 1
+        return np.asarray(np.arange(count) * self.step, dtype=np.float64)
 
     def directions(self) -> Array:
         """(A, B, 3) unit vectors, by components along e, f, m."""
@@ -106,20 +107,14 @@ def turn(directions: Array, normals: Array) -> Array:
     return out
 
 
-def modes_of(snapshots: Array, tolerance: float, most: int) -> tuple[Array, Array]:
+def modes_of(snapshots: Array, most: int) -> tuple[Array, Array]:
     """(amounts (N, R), modes (R, ...)) of snapshots (N, ...): their leading singular vectors.
 
-    tolerance: root mean square of what is left out, of every snapshot, in the snapshots' unit.
-    most: modes, a multiple of FOUR, no more than there are snapshots.
+    most: R where there are as many snapshots; a multiple of FOUR, and so is R.
     """
     flat = snapshots.reshape(len(snapshots), -1)
     left, values, right = np.linalg.svd(flat, full_matrices=False)
-    rank = FOUR
-    while rank < min(most, len(values)):
-        rest = (left[:, rank:] * values[rank:]) @ right[rank:]
-        if np.sqrt((rest**2).mean(axis=1)).max() <= tolerance:
-            break
-        rank += FOUR
+    rank = min(most, FOUR * (len(values) // FOUR))
     amounts = left[:, :rank] * values[:rank]
     return amounts, right[:rank].reshape(rank, *snapshots.shape[1:])
 

@@ -18,15 +18,15 @@ from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from tactibench import UserError
+from tactibench_sim import sealed
 from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, made_dome
-from tactibench_sim.table import QUANTITIES, Table, Tables, digest_of, shape_of
+from tactibench_sim.table import QUANTITIES, Table, Tables, shape_of
 
 Array = npt.NDArray[np.float64]
 FILE = "domes.npz"
@@ -72,7 +72,7 @@ class Domes:
         by_radius = {r: self._table(one, weight) for r, one in nominal.by_radius.items()}
         parameters = {**nominal.parameters, "dome": dome, "between": self.digest, **told}
         parts = json.dumps({**parameters, "nominal": nominal.digest}, sort_keys=True)
-        return Tables(parameters, digest_of({}, parts), by_radius, nominal.corrections)
+        return Tables(parameters, sealed.digest_of({}, parts), by_radius, nominal.corrections)
 
     def _table(self, nominal: Table, weight: Array) -> Table:
         changes = self.by_shape[shape_of(nominal.radius)]
@@ -100,22 +100,15 @@ def _lagrange(x: float) -> Array:
 
 def read(path: Path) -> Domes:
     """Read a file of domes. Raises UserError where it is unreadable or its hash does not fit."""
-    again = "reinstall tactibench or make it again with `tactibench sim tabulate OUT --domes`."
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in archive.files}
-        text, told = str(content.pop("parameters")), str(content.pop("sha256"))
-        digest = digest_of(content, text)
-        delta, polar = (content[name].astype(np.float64) for name in ("delta", "polar"))
-        shapes = [name.removesuffix("_force") for name in content if name.endswith("_force")]
-        by_shape = {s: {q: _restored(content, s, q) for q in QUANTITIES} for s in shapes}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise UserError(
-            f"the other domes' tables {path} cannot be read ({type(error).__name__}); {again}"
-        ) from None
-    if digest != told:
-        raise UserError(f"the other domes' tables {path} do not fit their own hash; {again}")
-    return Domes(json.loads(text), told, delta, polar, by_shape)
+    remedy = "reinstall tactibench or make it again with `tactibench sim tabulate OUT --domes`."
+    return sealed.read(path, "the tables of other domes", remedy, _domes)
+
+
+def _domes(arrays: sealed.Arrays, parameters: dict[str, Any], digest: str) -> Domes:
+    delta, polar = (arrays[name].astype(np.float64) for name in ("delta", "polar"))
+    shapes = [name.removesuffix("_force") for name in arrays if name.endswith("_force")]
+    by_shape = {s: {q: _restored(arrays, s, q) for q in QUANTITIES} for s in shapes}
+    return Domes(parameters, digest, delta, polar, by_shape)
 
 
 def _restored(content: Mapping[str, npt.NDArray[Any]], shape: str, quantity: str) -> Array:

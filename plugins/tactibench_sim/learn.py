@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.contact import Tips
 from tactibench_sim.corrected import Corrections
 from tactibench_sim.corrections import Cells, Chart, gathered, modes_of, resampled, six, turn
@@ -175,7 +176,7 @@ def _missing(pair: Pair, mechanics: Mechanics) -> Array:
     found = _fields(pair, inner)
     half = pair.angle / 2
     n = np.array([[-math.sin(half), 0, math.cos(half)], [math.sin(half), 0, math.cos(half)]])
-    reach = 20.0 + pair.radius
+    reach = DOME_RADIUS_MM + pair.radius
     centres = (reach - pair.depths)[..., None] * n
     height = np.sqrt(reach**2 - (centres[..., :2] ** 2).sum(axis=-1))
     tips = Tips(centres[..., :2], height - centres[..., 2], np.full(len(centres), pair.radius))
@@ -225,7 +226,7 @@ def _reduced(values: Array, most: int) -> tuple[Array, Array]:
     """(amounts (..., R), modes (R, A, B, 12)) of values (..., A, B, 12)."""
     weight = np.repeat([1.0, TURN_MM, 1.0, 1.0], 3)
     flat = (values * weight).reshape(-1, *values.shape[-3:])
-    amounts, modes = modes_of(flat, 0.0, most)
+    amounts, modes = modes_of(flat, most)
     return amounts.reshape(*values.shape[:-3], -1), modes / weight
 
 

@@ -16,7 +16,6 @@ differences over 0.46 mm and see the elements' edges: they break those symmetrie
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -31,9 +30,9 @@ import numpy.typing as npt
 
 from tactibench import Contacts, UserError
 from tactibench.geometry import DOME_RADIUS_MM
+from tactibench_sim import sealed
 from tactibench_sim.contact import Tips
 from tactibench_sim.pins import layout
-from tactibench_sim.table import digest_of, write
 
 Array = npt.NDArray[np.float64]
 FILE = "scenes.npz"
@@ -136,22 +135,12 @@ def shipped() -> tuple[ReferenceScene, ...]:
 
 def read(path: Path) -> Reference:
     """Read a file of scenes. Raises UserError where it is unreadable or its hash does not fit."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in archive.files}
-        text, told = str(content.pop("parameters")), str(content.pop("sha256"))
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise UserError(
-            f"the reference scenes {path} cannot be read ({type(error).__name__}); "
-            "reinstall tactibench."
-        ) from None
-    if digest_of(content, text) != told:
-        raise UserError(
-            f"the reference scenes {path} do not fit their own hash; reinstall tactibench."
-        )
-    parameters = json.loads(text)
-    scenes = [one for name in parameters["runs"] for one in _scenes(name, content)]
-    return Reference(tuple(scenes), parameters, told)
+    return sealed.read(path, "the file of reference scenes", "reinstall tactibench.", _reference)
+
+
+def _reference(arrays: sealed.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
+    scenes = [one for name in parameters["runs"] for one in _scenes(name, arrays)]
+    return Reference(tuple(scenes), parameters, digest)
 
 
 def pack(paths: Sequence[Path], out: Path | None = None) -> str:
@@ -172,7 +161,7 @@ def pack(paths: Sequence[Path], out: Path | None = None) -> str:
         arrays |= {f"{name}_{key}": array for key, array in packed.items()}
         runs.append(name)
     parameters = {**PARAMETERS, "runs": runs, "solver": f"ngsolve {_solver()}"}
-    return write(out or Path(str(files(__package__).joinpath(FILE))), arrays, parameters)
+    return sealed.write(out or Path(str(files(__package__).joinpath(FILE))), arrays, parameters)
 
 
 def _run(path: Path) -> dict[str, npt.NDArray[Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -33,7 +34,7 @@ class _Batch:
     error: UserError | None = None
 
 
-class RenderedSensor:
+class RenderedSensor(ABC):
     """A sensor that knows where its markers are.
 
     A subclass says in ``points`` where. Frames depend on the scene, the parameters and, for their
@@ -52,18 +53,18 @@ class RenderedSensor:
         self._rest.setflags(write=False)
         self._count = 0
 
+    @abstractmethod
     def points(self, scenes: Sequence[Scene]) -> Array:
         """(S, P, 3) mm, every marker of every scene, as ``Renderer`` takes them.
 
         Raises UserError for a scene that cannot be pressed.
         """
-        raise NotImplementedError
 
     def __enter__(self) -> Self:
         self._count = 0
         return self
 
-    def __exit__(
+    def __exit__(  # noqa: B027  (not abstract: a subclass has nothing to close either)
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,

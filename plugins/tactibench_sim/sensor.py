@@ -70,8 +70,8 @@ class SimulatedTacTip(RenderedSensor):
     def tips(self, tips: Tips) -> Array:
         """(S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
         loads = self.mechanics.loads(tips)
-        tips: Array = self.mechanics.pin_tips(loads, self.directions, self.pin_length)
-        return tips
+        found: Array = self.mechanics.pin_tips(loads, self.directions, self.pin_length)
+        return found
 
     def points(self, scenes: Sequence[Scene]) -> Array:
         return self.tips(tips_of(scenes))

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import UserError
-from tactibench_sim import fem, table
+from tactibench_sim import fem, sealed, table
 from tactibench_sim.corrections import Chart
 from tactibench_sim.fem.spatial import Fineness, SpatialPress
 from tactibench_sim.fem.spatial_contact import PLATE, SPHERE, Tip
@@ -197,7 +197,7 @@ def corrected(
 ) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
     """Arrays and parameters of a table file, with the corrections that a folder's runs tell."""
     folder.mkdir(parents=True, exist_ok=True)
-    table.write(folder / "plain.npz", arrays, dict(parameters))
+    sealed.write(folder / "plain.npz", arrays, dict(parameters))
     plain = table.read(folder / "plain.npz")
     singles, pairs = make(folder, dome, tuple(plain.by_radius), told)
     learned = corrections_from(singles, pairs, plain)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from tactibench_sim import fem, table
+from tactibench_sim import fem, sealed, table
 
 Array = npt.NDArray[np.float64]
 DEEPEST_MM, STEP_MM = 6.5, 0.125
@@ -49,7 +49,7 @@ def tabulate(
         from tactibench_sim.snapshots import corrected
 
         arrays, parameters = corrected(arrays, parameters, dome, runs, told)
-    return table.write(path, arrays, parameters)
+    return sealed.write(path, arrays, parameters)
 
 
 def columns(dome: fem.Dome, radius: float, delta: Array, polar: Array) -> dict[str, Array]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench_sim import fem, table
+from tactibench_sim import fem, sealed, table
 from tactibench_sim.domes import QUANTUM
 from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR
 from tactibench_sim.tabulate import columns
@@ -53,7 +53,7 @@ def tabulate_domes(
         "skin_factor": SKIN_FACTOR,
         "solver": f"ngsolve {ngsolve.__version__}",
     }
-    return table.write(path, arrays, parameters)
+    return sealed.write(path, arrays, parameters)
 
 
 def empty(one: table.Table) -> dict[str, npt.NDArray[Any]]:

@@ -8,7 +8,7 @@ import pytest
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench_sim import reference
 from tactibench_sim.auto import AutoMechanics
-from tactibench_sim.bounds import bounds_for, envelope
+from tactibench_sim.bounds import bounds_for
 from tactibench_sim.contact import Tips
 from tactibench_sim.field import Mechanics
 from tactibench_sim.sensor import TacTip127
@@ -85,8 +85,3 @@ def test_a_sensor_tells_how_many_scenes_took_which_tier():
     told = TacTip127(context, tier="auto").account(scenes)
     assert told == {"superpose": 1, "coupled": 2, "fem": 0, "tolerance_unmet": 1}
     assert TacTip127(context, tier="coupled").account(scenes) == {}
-
-
-def test_an_envelope_never_falls():
-    found = envelope([1.0, 2.0, 3.0], np.array([0.5, 1.5, 2.5]), np.array([0.1, 0.3, 0.2]))
-    assert found == [0.1, 0.3, 0.3]

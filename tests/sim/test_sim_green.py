@@ -191,9 +191,3 @@ def test_skin_follows_the_indenter():
 def test_refused(contact, radius, words):
     with pytest.raises(UserError, match=words):
         loads([contact], radius)
-
-
-def test_a_damaged_kernel_is_refused(tmp_path):
-    (tmp_path / "k.npz").write_bytes(b"nothing")
-    with pytest.raises(UserError, match="cannot be read"):
-        kernels.read(tmp_path / "k.npz")

@@ -10,7 +10,7 @@ import pytest
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import HasShape, true_contacts
 from tactibench.plugins.interfaces import KnowsBound, KnowsSurface
-from tactibench_sim import hooks, table
+from tactibench_sim import hooks, sealed
 from tactibench_sim.contact import Tips
 from tactibench_sim.planar import table as tables
 from tactibench_sim.planar.contact import pad_tips
@@ -226,7 +226,7 @@ def test_a_table_of_ones_own(tmp_path):
         arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
     arrays["t"] = arrays["t"] * np.float32(0.5)
     pad = {**tables.shipped().parameters["pad"], "thickness": 6.0}
-    table.write(mine, arrays, {"pad": pad, "solver": "none"})
+    sealed.write(mine, arrays, {"pad": pad, "solver": "none"})
     one, other = sensor(), sensor(table=str(mine))
     assert other.optics.gel_mm == 6.0
     assert (one.press(single(depth=3)).image != other.press(single(depth=3)).image).any()

@@ -11,7 +11,7 @@ import pytest
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError, gray_frames
 from tactibench.geometry import true_contacts
 from tactibench.plugins.interfaces import KnowsBound, KnowsCovariance, KnowsSurface
-from tactibench_sim import fem, hooks, table
+from tactibench_sim import fem, hooks, sealed, table
 from tactibench_sim.rendered import BATCH, FRAMES_PER_SECOND
 from tactibench_sim.sensor import TacTip127, TacTip331
 
@@ -267,7 +267,7 @@ def test_a_table_of_ones_own(tmp_path):
     with np.load(str(files("tactibench_sim").joinpath(table.FILE))) as archive:
         arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
     arrays["sphere3_w"] = arrays["sphere3_w"] * np.float32(0.5)
-    table.write(mine, arrays, table.shipped().parameters)
+    sealed.write(mine, arrays, table.shipped().parameters)
     scene = Scene(Indenter.single(), Pose(depth=3))
     one, other = sensor(), sensor(table=str(mine))
     assert (one.press(scene).image != other.press(scene).image).any()

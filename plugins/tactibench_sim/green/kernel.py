@@ -10,20 +10,17 @@ from each force, which is exact at the apex only.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from tactibench import UserError
-from tactibench_sim.table import digest_of
+from tactibench_sim import sealed
 
 Array = npt.NDArray[np.float64]
 FILE = "kernel.npz"
@@ -75,28 +72,14 @@ def tableau(chord: Array, fields: Array) -> Array:
 
 def read(path: Path) -> Kernel:
     """Read a kernel file. Raises UserError where it is unreadable or its hash does not fit."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in archive.files}
-        text, told = str(content.pop("parameters")), str(content.pop("sha256"))
-        arrays = {n: content[n].astype(np.float64) for n in _ARRAYS}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise UserError(
-            f"the simulator's kernel {path} cannot be read ({type(error).__name__}); "
-            "reinstall tactibench or make it again with `tactibench sim tabulate`."
-        ) from None
-    if digest_of(content, text) != told:
-        raise UserError(
-            f"the simulator's kernel {path} does not fit its own hash; "
-            "reinstall tactibench or make it again with `tactibench sim tabulate`."
-        )
-    return _build(arrays, json.loads(text), told)
+    return sealed.read(path, "the simulator's kernel", "reinstall tactibench.", _build)
 
 
 _ARRAYS = ("chord", "cap", "linear", "force", "dented")
 
 
-def _build(arrays: dict[str, Array], parameters: dict[str, Any], digest: str) -> Kernel:
+def _build(content: sealed.Arrays, parameters: dict[str, Any], digest: str) -> Kernel:
+    arrays = {name: content[name].astype(np.float64) for name in _ARRAYS}
     chord, log_cap = arrays["chord"], np.log(arrays["cap"])
     caps = CubicSpline(log_cap, tableau(chord, arrays["linear"]), axis=0).c
     softer = arrays["dented"][1:] - arrays["dented"][:1]

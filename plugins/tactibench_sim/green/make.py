@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench_sim import table
+from tactibench_sim import sealed
 from tactibench_sim.fem.axisymmetric import Array
 from tactibench_sim.fem.bodies import Dome
 from tactibench_sim.fem.continuation import Continuation, Settings
@@ -56,7 +56,7 @@ def make(path: Path, dome: Dome, told: Callable[[str], None] = lambda _: None) -
         "dent_cap": DENT_CAP_MM,
         "solver": f"ngsolve {ngsolve.__version__}",
     }
-    return table.write(path, arrays, parameters)
+    return sealed.write(path, arrays, parameters)
 
 
 def linear(dome: Dome, caps: tuple[float, ...]) -> Array:

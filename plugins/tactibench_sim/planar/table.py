@@ -7,20 +7,17 @@ and ``t`` away from the axis of the markers, ``w_surface`` and ``t_surface`` of 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import UserError
-from tactibench_sim.table import digest_of
+from tactibench_sim import sealed
 
 Array = npt.NDArray[np.float64]
 FILE = "planar.npz"
@@ -60,22 +57,14 @@ class PadTables:
 
 def read(path: Path) -> PadTables:
     """Read a table file. Raises UserError where it is unreadable or its hash does not fit."""
-    again = "make it again with `tactibench sim tabulate --planar` or reinstall tactibench."
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            content = {name: archive[name] for name in archive.files}
-        text, told = str(content.pop("parameters")), str(content.pop("sha256"))
-        digest = digest_of(content, text)
-        known = {name: content[name].astype(np.float64) for name in ("radii", "delta", "r")}
-        fields = {name: content[name].astype(np.float64) for name in QUANTITIES}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise UserError(
-            f"{path} cannot be read as a table of the planar sensor ({type(error).__name__}); "
-            + again
-        ) from None
-    if digest != told:
-        raise UserError(f"the planar sensor's table {path} does not fit its own hash; {again}")
-    return PadTables(json.loads(text), told, **known, fields=fields)
+    remedy = "make it again with `tactibench sim tabulate --planar` or reinstall tactibench."
+    return sealed.read(path, "the planar sensor's table", remedy, _tables)
+
+
+def _tables(arrays: sealed.Arrays, parameters: dict[str, Any], digest: str) -> PadTables:
+    known = {name: arrays[name].astype(np.float64) for name in ("radii", "delta", "r")}
+    fields = {name: arrays[name].astype(np.float64) for name in QUANTITIES}
+    return PadTables(parameters, digest, **known, fields=fields)
 
 
 @cache

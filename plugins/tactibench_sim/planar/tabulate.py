@@ -12,12 +12,12 @@ import numpy.typing as npt
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
+from tactibench_sim import sealed
 from tactibench_sim.fem.block import press_pad
 from tactibench_sim.fem.bodies import Pad
 from tactibench_sim.fem.continuation import NotConvergedError, Settings
 from tactibench_sim.fem.extra import require_ngsolve
 from tactibench_sim.planar.table import QUANTITIES
-from tactibench_sim.table import write
 
 Array = npt.NDArray[np.float64]
 
@@ -63,7 +63,9 @@ def tabulate(
     arrays: dict[str, npt.NDArray[Any]] = {"radii": np.array(ordered), "delta": delta, "r": r}
     for quantity, rows in columns.items():
         arrays[quantity] = np.stack(rows).astype(np.float32)
-    return write(path, arrays, {"pad": asdict(pad), "solver": f"ngsolve {ngsolve.__version__}"})
+    return sealed.write(
+        path, arrays, {"pad": asdict(pad), "solver": f"ngsolve {ngsolve.__version__}"}
+    )
 
 
 def _steps(last: float, step: float) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench_sim import sealed
 from tactibench_sim.fem import Dome, press
 from tactibench_sim.real.drag import drag
 from tactibench_sim.tabulate import normal_rotation
@@ -21,10 +22,11 @@ PATCHES_DEG = (4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 30.0, 36.0, 42.0, 50.0)
 _CLEAR_MM = 0.03  # a point of the skin this close under the plate counts as touching
 
 
-def make(path: Path, kinds: Sequence[tuple[float, str]]) -> None:
+def make(path: Path, kinds: Sequence[tuple[float, str]]) -> str:
     """Write tables of plates on domes of (stiffness ratio, friction "none" or "stick").
 
-    Raises UserError without NGSolve, fem.NotConvergedError where a run fails.
+    Returns the file's digest. Raises UserError without NGSolve, fem.NotConvergedError where a run
+    fails.
     """
     depths = np.arange(round(DEEPEST_MM / STEP_MM) + 1) * STEP_MM
     delta = np.asarray(depths, dtype=np.float64)
@@ -43,7 +45,7 @@ def make(path: Path, kinds: Sequence[tuple[float, str]]) -> None:
         coarse = Dome(stiffness_ratio=ratio, apex_size=0.3, skin_size=0.4)
         arrays[f"{name}_drag"] = drag(coarse, np.radians(PATCHES_DEG), polar).astype(np.float32)
     arrays |= {"delta": delta, "polar": polar, "patches": np.radians(PATCHES_DEG)}
-    np.savez_compressed(path, **arrays)
+    return sealed.write(path, arrays, {"kinds": [f"{r:g}_{friction}" for r, friction in kinds]})
 
 
 def _patch(radius: float, delta: Array, polar: Array, outer: Array) -> Array:

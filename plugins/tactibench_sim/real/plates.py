@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
+
+from tactibench_sim import sealed
 
 Array = npt.NDArray[np.float64]
 
@@ -16,6 +20,8 @@ FILE = "plates.npz"
 FINE_DEG = 0.25
 """Step of the polar angle the tables are refined to, so that linear look-ups do."""
 INNER_MM = 19.0
+PARTS = ("press", "patch", "drag")
+"""Arrays of every dome."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +50,13 @@ class Plate:
 @cache
 def kinds() -> tuple[str, ...]:
     """Names of the shipped domes: stiffness ratio and friction, "50_stick"."""
-    with as_file(files(__package__).joinpath(FILE)) as path, np.load(path) as archive:
-        return tuple(sorted(n.removesuffix("_press") for n in archive.files if "_press" in n))
+    return tuple(sorted(n.removesuffix("_press") for n in _shipped() if n.endswith("_press")))
 
 
 @cache
 def plate(kind: str) -> Plate:
     """The tables of one dome, refined in the polar angle."""
-    with as_file(files(__package__).joinpath(FILE)) as path, np.load(path) as archive:
-        content = {name: archive[name].astype(np.float64) for name in archive.files}
+    content = _shipped()
     delta, polar, patches = content["delta"], content["polar"], content["patches"]
     fine = np.radians(np.arange(round(90 / FINE_DEG) + 1) * FINE_DEG)
     press = CubicSpline(polar, content[f"{kind}_press"], axis=1)(fine)
@@ -66,3 +70,20 @@ def plate(kind: str) -> Plate:
         delta=delta,
         patch=content[f"{kind}_patch"],
     )
+
+
+def read(path: Path) -> dict[str, Array]:
+    """Arrays of a file of plates. Raises UserError where it is unreadable or its hash is wrong."""
+    return sealed.read(path, "the tables of plates", "reinstall tactibench.", _arrays)
+
+
+def _arrays(arrays: sealed.Arrays, parameters: dict[str, Any], _: str) -> dict[str, Array]:
+    wanted = ["delta", "polar", "patches"]
+    wanted += [f"{kind}_{part}" for kind in parameters["kinds"] for part in PARTS]
+    return {name: arrays[name].astype(np.float64) for name in wanted}
+
+
+@cache
+def _shipped() -> dict[str, Array]:
+    with as_file(files(__package__).joinpath(FILE)) as path:
+        return read(path)
