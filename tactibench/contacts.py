@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def _column(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatAr
         if array.size:
             raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
         array = array.reshape(shape)
-    if not np.isfinite(array).all():
+    if not all(map(math.isfinite, array.ravel().tolist())):  # a few values: faster than an array
         raise ValueError(f"{name} holds a value that is not finite")
     array.flags.writeable = False
     return array
@@ -54,11 +55,11 @@ class Contacts:
         }
         if self.std is not None:
             columns["std"] = _column(self.std, (n, 3), "std")
-        score = columns["score"]
-        if n and not (score.min() >= 0 and score.max() <= 1):
+        score = columns["score"].tolist()
+        if n and not (min(score) >= 0 and max(score) <= 1):
             raise ValueError("score lies outside 0..1")
-        if (score[1:] > score[:-1]).any():
-            order = np.argsort(-score, kind="stable")
+        if any(later > earlier for earlier, later in pairwise(score)):
+            order = np.argsort(-columns["score"], kind="stable")
             columns = {name: _column(c[order], c.shape, name) for name, c in columns.items()}
         for name, column in columns.items():
             object.__setattr__(self, name, column)

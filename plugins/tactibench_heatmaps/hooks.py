@@ -4,51 +4,51 @@ from __future__ import annotations
 
 from tactibench import EncoderSpec, Parameter, hookimpl
 
+_MAX_DEPTH = Parameter("max_depth", 6.0, "depth of heat 1, mm", low=0.1, high=100.0)
+_SIGMA = Parameter("sigma", 0.8, "width of the heat of a contact, mm", low=0.1, high=100.0)
+_REACH = Parameter("reach", 2.0, "radius of the discs around a contact, mm", low=0.1, high=100.0)
+_MAX_COUNT = Parameter("max_count", 6, "most contacts in a frame", low=1, high=64, decode_only=True)
+
+
+def _threshold(default: float) -> Parameter:
+    words = "heat below which a peak is no contact"
+    return Parameter("threshold", default, words, low=1e-3, high=1.0, decode_only=True)
+
+
+def _min_distance(default: float) -> Parameter:
+    words = "peaks closer than this are one, mm"
+    return Parameter("min_distance", default, words, low=0.0, decode_only=True)
+
+
+def _window(words: str) -> Parameter:
+    sides = (5, 7, 9, 11, 13, 15, 17)
+    return Parameter("window", 11, words, choices=sides, decode_only=True)
+
 
 @hookimpl
 def tactibench_encoders() -> list[EncoderSpec]:
-    """The depth-weighted Hertz-Gaussian heatmap of TactiVerse."""
+    """The heatmap of TactiVerse, and maps that show more than where and how high."""
     return [
         EncoderSpec(
             name="hertz",
             target="tactibench_heatmaps.hertz:HertzGaussian",
             summary="one Gaussian per contact, height d / 6 mm, width by Hertz contact radius",
             parameters=(
-                Parameter("max_depth", 6.0, "depth of heat 1, mm", low=0.1, high=100.0),
+                _MAX_DEPTH,
                 Parameter("radius", 3.0, "indenter radius R in the width, mm", low=0.0, high=100.0),
                 Parameter("blur", 2.0, "width added for the skin's compliance, mm", low=0.1),
                 Parameter(
                     "decoder",
                     "least-squares",
-                    "how peaks are read: sub-cell fit, or the cell of the maximum",
-                    choices=("least-squares", "maximum"),
+                    "how peaks are read: sub-cell fit (wide: over 17 x 17 cells), expansion of the "
+                    "blurred map, or the cell of the maximum",
+                    choices=("least-squares", "wide", "dark", "maximum"),
                     decode_only=True,
                 ),
-                Parameter(
-                    "threshold",
-                    0.25 / 6.0,
-                    "heat below which a peak is no contact",
-                    low=1e-3,
-                    high=1.0,
-                    decode_only=True,
-                ),
-                Parameter(
-                    "min_distance",
-                    3.0,
-                    "peaks closer than this are one, mm",
-                    low=0.0,
-                    decode_only=True,
-                ),
-                Parameter(
-                    "max_count", 6, "most contacts in a frame", low=1, high=64, decode_only=True
-                ),
-                Parameter(
-                    "window",
-                    11,
-                    "side of the least-squares window, cells (odd)",
-                    choices=(5, 7, 9, 11, 13, 15, 17),
-                    decode_only=True,
-                ),
+                _threshold(0.25 / 6.0),
+                _min_distance(3.0),
+                _MAX_COUNT,
+                _window("side of the window of decoder least-squares, cells (odd)"),
                 Parameter(
                     "width",
                     "free",
@@ -57,5 +57,71 @@ def tactibench_encoders() -> list[EncoderSpec]:
                     decode_only=True,
                 ),
             ),
-        )
+            shows_surface=True,
+        ),
+        EncoderSpec(
+            name="depth",
+            target="tactibench_heatmaps.depth:HeatAndDepth",
+            summary="a Gaussian of height 1 per contact, and depth on a map of its own",
+            parameters=(
+                _MAX_DEPTH,
+                _SIGMA,
+                _REACH,
+                Parameter(
+                    "decoder",
+                    "least-squares",
+                    "how the heat is read: sub-cell fit, expansion of the blurred map, or the cell "
+                    "of the maximum",
+                    choices=("least-squares", "dark", "maximum"),
+                    decode_only=True,
+                ),
+                _threshold(0.3),
+                _min_distance(1.2),
+                _MAX_COUNT,
+                _window("side of the window of decoder least-squares, cells (odd)"),
+            ),
+        ),
+        EncoderSpec(
+            name="offset",
+            target="tactibench_heatmaps.offset:Offsets",
+            summary="heat, steps from every cell near a contact to it, and depth",
+            parameters=(
+                _MAX_DEPTH,
+                _SIGMA,
+                _REACH,
+                _threshold(0.3),
+                _min_distance(1.2),
+                _MAX_COUNT,
+            ),
+        ),
+        EncoderSpec(
+            name="axes",
+            target="tactibench_heatmaps.axes:Axes",
+            summary="profiles of a single contact along x and y, and its depth (SimCC)",
+            parameters=(
+                _MAX_DEPTH,
+                _SIGMA,
+                _threshold(0.3),
+                _window("side of the fitted part of a profile, cells (odd)"),
+            ),
+            max_contacts=1,
+        ),
+        EncoderSpec(
+            name="mixture",
+            target="tactibench_heatmaps.mixture:Mixture",
+            summary="per cell a probability, place and depth of a contact with their std",
+            parameters=(
+                _threshold(0.5),
+                Parameter(
+                    "merge",
+                    2.0,
+                    "contacts of neighbouring cells closer than this are one, mm",
+                    low=0.0,
+                    high=100.0,
+                    decode_only=True,
+                ),
+                _MAX_COUNT,
+            ),
+            kind="mixture",
+        ),
     ]

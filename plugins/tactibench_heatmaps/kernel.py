@@ -42,7 +42,7 @@ class Kernel:
         if not counts.any():
             return out
         xy = np.concatenate([c.xy for c in contacts])
-        heat = self._heat(np.concatenate([c.depth for c in contacts]))
+        heat = relative_depth(np.concatenate([c.depth for c in contacts]), self.max_depth)
         x, y = grid.axes()
         scale = (-0.5 / self.variance(heat))[:, None]
         along_x = np.exp(scale * (x - xy[:, :1]) ** 2).astype(np.float32)
@@ -57,11 +57,13 @@ class Kernel:
                 out[maps] = np.maximum(out[maps], kernels) if k else kernels
         return out
 
-    def _heat(self, depth: FloatArray) -> FloatArray:
-        bad = (depth < 0) | (depth > self.max_depth + 1e-9)
-        if bad.any():
-            raise UserError(
-                f"a contact is {depth[bad][0]:.4g} mm deep, but heatmaps hold 0 to "
-                f"{self.max_depth:g} mm; raise the encoder's parameter 'max_depth'."
-            )
-        return np.minimum(depth / self.max_depth, 1.0)
+
+def relative_depth(depth: FloatArray, max_depth: float) -> FloatArray:
+    """Depth in units of ``max_depth``. Raises UserError for one that is not between 0 and it."""
+    bad = (depth < 0) | (depth > max_depth + 1e-9)
+    if bad.any():
+        raise UserError(
+            f"a contact is {depth[bad][0]:.4g} mm deep, but heatmaps hold 0 to "
+            f"{max_depth:g} mm; raise the encoder's parameter 'max_depth'."
+        )
+    return np.minimum(depth / max_depth, 1.0)

@@ -1,143 +1,141 @@
-"""Peaks of heatmaps by the multidimensional maximum filter.
+"""Peaks of heatmaps, and where between the cells they are.
 
-Source: TactiVerse, "Height Scaling". The filter's window is 3 x 3 cells: a larger one would hide a
-shallow contact behind the flank of a deep neighbour. Which peaks are too close is decided between
-peaks, by their distance.
+A peak is a maximum of the multidimensional maximum filter (TactiVerse, "Height Scaling") that
+reaches the threshold. The filter's window is 3 x 3 cells: a larger one would hide a shallow contact
+behind the flank of a deep neighbour. Which peaks are too close is decided between peaks, by their
+distance; of two the higher stays. A plateau is one peak, at its cell nearest to its centre; a map
+without any lower cell has none.
+
+Four decoders say where the peak is:
+
+``maximum``: the centre of the cell, and its heat.
+
+``least-squares``: around each peak, log-heat is the paraboloid l(u) = t . [1, u_x, u_y, |u|^2].
+Heat h is taken to carry noise of equal size in every cell, so log-heat is weighted by m^2, with
+m = exp(l) the heat that the current estimate predicts; for the same reason the logarithm, which
+noise near zero would ruin, is replaced by its tangent at m: log h ~ l + (h - m) / m. This is
+Gauss-Newton on heat, and two steps from the kernel at the peak's cell suffice. Cells where another
+peak predicts more heat belong to that one and are left out, so that neighbours do not pull at each
+other. A fit that is not concave, strays, or is far from the kernel gives way to a parabola through
+three cells an axis, and that to the cell itself.
+
+``wide``: the same over ``WIDE`` cells a side.
+
+``dark``: Zhang et al., "Distribution-Aware Coordinate Representation for Human Pose Estimation",
+CVPR 2020: the map is blurred by a Gaussian of 2 cells over 11 x 11 cells, and the second-order
+Taylor expansion of its logarithm at the peak's cell is maximised, with the differences of the
+published code. The height lost to the blur is given back for the known kernel. The blur reaches
+into neighbours; peaks within seven cells of the border are read by three cells an axis.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from itertools import pairwise
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tactibench import Contacts, UserError
+from tactibench_heatmaps.maxima import find
+from tactibench_heatmaps.subcell import DARK, LEAST_SQUARES, refine
+
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+IntArray = npt.NDArray[np.int64]
 MapStack = npt.NDArray[np.float32]
 
-_WINDOW = np.ones((3, 3), dtype=np.uint8)
-_CANDIDATES = 64  # the highest local maxima of a map that are looked at; bounds the work on noise
+WIDE = 17
+_DECODERS = {"least-squares": LEAST_SQUARES, "wide": LEAST_SQUARES, "dark": DARK}
+# round-trip error, mm on cells of 0.4 mm: half a cell; differences of a blurred map; two steps
+TOLERANCE = {"maximum": 0.201, "dark": 0.01, "least-squares": 0.002, "wide": 0.002}
+_STRAY = 0.6  # of the narrowest kernel's sigma: noise moves the highest cell this far at most
 
 
 @dataclass(frozen=True)
-class Peaks:
-    """Peaks of several maps, in order of map and, within a map, of falling heat.
+class Found:
+    """Peaks of N maps. counts: (N,). place: (N, most, 3) row, column, heat, best first; the rest
+    of a map's rows mean nothing."""
 
-    frame, row, column: (K,) indices. heat: (K,) value of the cell.
+    counts: IntArray
+    place: FloatArray
+
+    def flat(self, values: FloatArray) -> FloatArray:
+        """(K, ...) of (N, most, ...) values of the peaks, those of all maps one after another."""
+        if len(self.counts) == 1:
+            return values[0, : self.counts[0]]
+        return values[np.arange(values.shape[1]) < self.counts[:, None]]
+
+
+@dataclass(frozen=True)
+class PeakReader:
+    """How peaks are read.
+
+    slope, base: sigma^2 = slope * heat + base of the kernels, mm^2. decoder: one of the four.
+    threshold: least heat. min_distance: between peaks, mm. max_count: of a map. window: cells a
+    side of "least-squares", odd. free: whether the fit finds the width of a peak, or holds it at
+    the kernel's. flanks: whether a peak must also rise above the flanks that the kernel predicts
+    for the higher peaks of its map, by a tenth of them and half the threshold.
     """
 
-    frame: IntArray
-    row: IntArray
-    column: IntArray
-    heat: FloatArray
+    slope: float
+    base: float
+    decoder: str
+    threshold: float
+    min_distance: float
+    max_count: int
+    window: int = 11
+    free: bool = True
+    flanks: bool = True
 
-    def __len__(self) -> int:
-        return len(self.heat)
+    def read(self, stack: MapStack, pitch: float) -> Found:
+        """Peaks of (N, H, W) maps."""
+        counts = np.empty(len(stack), dtype=np.int64)
+        place = np.empty((len(stack), self.max_count, 3))
+        cells = np.ascontiguousarray(stack)
+        square = pitch * pitch
+        slope, base = self.slope / square, self.base / square
+        near = self.min_distance**2 / square
+        find(
+            *(cells, self.threshold, near, self.flanks, self.max_count),
+            *(slope, base, counts, place),
+        )
+        if self.decoder != "maximum":
+            half = (WIDE if self.decoder == "wide" else self.window) // 2
+            stray = max(_STRAY**2 * base, 1.0)
+            decoder = _DECODERS[self.decoder]
+            refine(cells, decoder, half, self.free, stray, slope, base, counts, place)
+        return Found(counts, place)
 
-    def take(self, which: npt.NDArray[np.bool_] | IntArray) -> Peaks:
-        return Peaks(self.frame[which], self.row[which], self.column[which], self.heat[which])
 
+def checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
+    """Contiguous (N, C, H, W) float32 of maps with the given shape; the input is left as it is.
 
-def find_peaks(maps: MapStack, threshold: float) -> Peaks:
-    """Local maxima of contiguous (N, H, W) maps that reach the threshold; a plateau is one peak.
-
-    A plateau's peak is its cell nearest to its centre. A map without any lower cell has none.
+    Raises ValueError for another shape, UserError for values that are not finite.
     """
-    _, rows, columns = maps.shape
-    highest = _dilate(maps)
-    np.maximum(highest, np.float32(threshold), out=highest)
-    cells = (maps >= highest).ravel().nonzero()[0]
-    if len(cells) > 1:
-        cells = _without_plateaus(cells, maps)
-    heat = maps.ravel()[cells].astype(np.float64)
-    frame, cell = np.divmod(cells, rows * columns)
-    row, column = np.divmod(cell, columns)
-    peaks = Peaks(frame, row, column, heat)
-    if len(cells) == 1:
-        return peaks if maps.size > 1 else peaks.take(np.zeros(1, dtype=bool))
-    peaks = peaks.take(np.lexsort((cells, -heat, frame)))
-    return peaks.take(rank(peaks.frame) < _CANDIDATES) if len(cells) > _CANDIDATES else peaks
+    given = np.asarray(maps)
+    fits = given.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(given.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("N" if size is None else str(size) for size in shape)
+        raise ValueError(f"maps have shape {given.shape}, expected ({wanted})")
+    stack = np.ascontiguousarray(given, dtype=np.float32).reshape(-1, *given.shape[-3:])
+    if not np.isfinite(stack.sum()) and not np.isfinite(stack).all():
+        bad = int((~np.isfinite(stack)).sum())
+        raise UserError(
+            f"the heatmaps hold {bad} of {stack.size} values that are not finite; the model that "
+            "drew them has diverged: train it again, with a lower learning rate."
+        )
+    # a compiled loop for arrays that may not be written to would be compiled apart
+    return stack if stack.flags.writeable else stack.copy()
 
 
-def rank(frame: IntArray) -> IntArray:
-    """(K,) position of every peak among those of its map; ``frame`` is sorted."""
-    return np.arange(len(frame)) - np.searchsorted(frame, frame)
-
-
-def pairs(frame: IntArray) -> tuple[IntArray, IntArray]:
-    """All (i, j), i < j, of peaks of the same map, in order of i; ``frame`` is sorted."""
-    if len(frame) < 2:
-        return _triangle(0)
-    if frame[0] == frame[-1]:
-        return _triangle(len(frame))
-    later = np.searchsorted(frame, frame, side="right") - np.arange(len(frame)) - 1
-    first = np.repeat(np.arange(len(frame)), later)
-    step = np.arange(len(first)) - np.repeat(np.cumsum(later) - later, later)
-    return first, first + 1 + step
-
-
-def suppress(peaks: Peaks, first: IntArray, second: IntArray) -> Peaks:
-    """Without the lower peak of every conflicting pair whose higher peak stays.
-
-    first, second: conflicting pairs as ``pairs`` orders them.
-    """
-    if not len(first):
-        return peaks
-    stays = [True] * len(peaks)
-    for i, j in zip(first.tolist(), second.tolist(), strict=True):
-        if stays[i]:
-            stays[j] = False
-    return peaks.take(np.array(stays))
-
-
-@lru_cache(maxsize=_CANDIDATES + 1)
-def _triangle(count: int) -> tuple[IntArray, IntArray]:
-    first, second = np.triu_indices(count, 1)
-    return first, second
-
-
-def _dilate(maps: MapStack) -> MapStack:
-    """The 3 x 3 maximum around every cell; cells beyond the border do not count."""
-    highest = np.empty_like(maps)
-    for one, out in zip(maps, highest, strict=True):
-        cv2.dilate(one, _WINDOW, dst=out)
-    return highest
-
-
-def _without_plateaus(cells: IntArray, maps: MapStack) -> IntArray:
-    """Replace touching maxima, which are equal, by one cell of each plateau."""
-    _, rows, columns = maps.shape
-    if not _any_touch(cells, columns):
-        return cells
-    frame, cell = np.divmod(cells, rows * columns)
-    kept: list[int] = []
-    for index in np.unique(frame).tolist():
-        mine = cell[frame == index]
-        if len(mine) == rows * columns:
-            continue
-        marked = np.zeros(rows * columns, dtype=np.uint8)
-        marked[mine] = 1
-        count, labels = cv2.connectedComponents(marked.reshape(rows, columns), connectivity=8)
-        label = np.asarray(labels).ravel()[mine]
-        start = index * rows * columns
-        kept += [start + _central(mine[label == part], columns) for part in range(1, count)]
-    return np.array(kept, dtype=np.intp)
-
-
-def _any_touch(cells: IntArray, columns: int) -> bool:
-    """Whether two of the sorted flat indices may be neighbours (a false alarm is harmless)."""
-    steps = (1, columns - 1, columns, columns + 1)
-    if len(cells) < 9:
-        values = cells.tolist()
-        have = set(values)
-        return any(value + step in have for value in values for step in steps)
-    return any(bool(np.isin(cells + step, cells).any()) for step in steps)
-
-
-def _central(cells: IntArray, columns: int) -> int:
-    row, column = np.divmod(cells, columns)
-    far = (row - row.mean()) ** 2 + (column - column.mean()) ** 2
-    return int(cells[far.argmin()])
+def split(counts: IntArray, xy: FloatArray, depth: FloatArray, score: FloatArray) -> list[Contacts]:
+    """Contacts of every map from those of all maps one after the other."""
+    if len(counts) == 1:
+        return [Contacts(xy, depth, score)]
+    ends = [0, *np.cumsum(counts).tolist()]
+    return [
+        Contacts(xy[a:b], depth[a:b], score[a:b]) if b > a else Contacts.none()
+        for a, b in pairwise(ends)
+    ]

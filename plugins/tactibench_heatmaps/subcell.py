@@ -1,205 +1,233 @@
-"""Least-squares fit of peaks between the cells.
+"""Where between the cells a peak is: the loops over cells.
 
-Around each peak, log-heat is the paraboloid l(u) = t . [1, u_x, u_y, |u|^2]. Heat h is taken to
-carry noise of equal size in every cell, so log-heat is weighted by m^2, with m = exp(l) the heat
-that the current estimate predicts; for the same reason the logarithm, which noise near zero would
-ruin, is replaced by its tangent at m: log h ~ l + (h - m) / m. This is Gauss-Newton on heat, and
-two steps from the kernel at the peak's cell suffice. Cells where another peak predicts more heat
-belong to that one and are left out, so that neighbours do not pull at each other.
+Compiled, without the interpreter's lock. They stand in a file of their own because numba's cache on
+disk follows changes of one file only. Everything is in cells; the variance of a peak of heat h is
+``slope * h + base``. The decoders, and their sources, are told in ``peaks``.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+import math
 
 import numpy as np
-import numpy.typing as npt
+from numba import njit
 
-from tactibench_heatmaps.kernel import Kernel
-from tactibench_heatmaps.peaks import FloatArray, IntArray, MapStack, Peaks, pairs
+LEAST_SQUARES, DARK = 1, 2
 
 _STEPS = 2
-_MARGIN = np.log(1.15)  # a cell near the seam of two peaks belongs to neither
-_CEILING = np.log(4.0)  # of a diverging prediction, so that it cannot overflow
-_STRAY_MM = 1.2  # noise moves the highest cell this far at most; a fit beyond it is none
-_STRETCH = np.log(3.0)  # ... nor one whose sigma^2 is this far from the kernel's
-_RISE = np.log(1.6)  # ... nor one this much higher or lower than its cell
+_MARGIN = math.log(1.15)  # a cell near the seam of two peaks belongs to neither
+_HIGHEST = 4.0  # of a diverging prediction, so that it cannot overflow
+_CEILING = math.log(_HIGHEST)
+_STRETCH = math.log(3.0)  # a fit whose sigma^2 is this far from the kernel's is none
+_RISE = math.log(1.6)  # ... nor one this much higher or lower than its cell
 _RIDGE = 1e-12  # far below the smallest sum of weights of a peak at the threshold
+_FLOOR = 1e-6  # heat below which a logarithm is cut off
+_DROP = 0.1  # ... of the cell next to a peak, in units of the peak: below that it is noise
+_REACH = 5  # half of the 11 x 11 cells over which DARK blurs
+_BLUR = 2.0  # cells, its Gaussian's sigma
+_TAPS = np.exp(-0.5 * (np.arange(-_REACH, _REACH + 1) / _BLUR) ** 2)
+_TAPS /= _TAPS.sum()
+_SPREAD = (_TAPS * np.arange(-_REACH, _REACH + 1) ** 2).sum()  # cells^2
 
 
-def fit_peaks(
-    maps: MapStack, peaks: Peaks, kernel: Kernel, pitch: float, window: int, free: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Offsets (K, 2) from the peaks' cells in mm (x, y), and heats (K,) of the fitted peaks.
+@njit(cache=True, nogil=True, error_model="numpy")
+def refine(maps, decoder, half, free, stray, slope, base, counts, found):  # type: ignore[no-untyped-def]
+    """Move found (N, most, 3), the row, column and heat of every map's peaks, from their cells.
 
-    maps: contiguous (N, H, W). window: side in cells, odd. free: whether the width is fitted, or
-    the kernel's at the fitted heat. A fit that is not concave, strays, or is far from the kernel
-    gives way to a parabola through three cells an axis, and that to the cell itself.
+    half: cells of the fit on each side. free: whether it finds the width. stray: square of the
+    farthest way a peak is moved.
     """
-    design, products, across = _design(window, pitch)
-    heat, inside = _windows(maps, peaks, window)
-    rivals = _Rivals.within(design, peaks, kernel, pitch)
-    start = -0.5 / kernel.variance(peaks.heat)
-    theta = np.zeros((len(peaks), 4))
-    theta[:, 0] = logs_at = np.log(peaks.heat)
-    theta[:, 3] = start
+    for n in range(maps.shape[0]):
+        peaks = found[n, : counts[n]]
+        if decoder == LEAST_SQUARES:
+            _least_squares(maps[n], peaks, slope, base, half, free, stray)
+        elif decoder == DARK:
+            for k in range(len(peaks)):
+                _dark(maps[n], peaks[k], slope, base, stray)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _least_squares(one, peaks, slope, base, half, free, stray):  # type: ignore[no-untyped-def]
+    """Move peaks (K, 3) from their cells to where the paraboloid of log-heat is highest."""
+    count = len(peaks)
+    theta, fitted = np.empty((count, 4)), np.empty((count, 4))
+    rivals, numbers = np.empty((count, count), np.int64), np.zeros(count, np.int64)
+    for k in range(count):
+        theta[k] = 0.0
+        theta[k, 0] = math.log(peaks[k, 2])
+        theta[k, 3] = -0.5 / (slope * peaks[k, 2] + base)
+    for k in range(count):
+        for j in range(count):
+            if j != k and _reaches(peaks, theta, j, k, half):
+                rivals[k, numbers[k]] = j
+                numbers[k] += 1
     for _ in range(_STEPS):
-        logs = theta @ across
-        weight = np.exp(np.minimum(logs, _CEILING))
-        if inside is not None:
-            weight *= inside
-        if rivals is not None:
-            weight *= rivals.strongest(theta, across) < logs - _MARGIN
-        target = weight * (heat + weight * (logs - 1.0))
-        weight *= weight
-        curve = None if free else _curvature(theta, kernel)
-        theta = _solve(weight @ products, target @ design, curve)
-    sharp = np.minimum(theta[:, 3], -1e-9)
-    offset = theta[:, 1:3] / (-2.0 * sharp[:, None])
-    square = (offset * offset).sum(axis=1)
-    rise = theta[:, 0] - sharp * square
-    good = (
-        (square <= _STRAY_MM**2)
-        & (np.abs(rise - logs_at) <= _RISE)
-        & (np.abs(np.log(sharp / start)) <= _STRETCH)
-    )
-    if not good.all():
-        offset[~good], rise[~good] = _three_point(maps, peaks.take(~good), pitch)
-    return offset, np.exp(rise)
+        for k in range(count):
+            _fit(one, peaks, theta, k, rivals[k, : numbers[k]], half, slope, base, free, fitted[k])
+        theta[:] = fitted
+    for k in range(count):
+        heat = peaks[k, 2]
+        sharp = min(theta[k, 3], -1e-9)
+        x, y = -0.5 * theta[k, 1] / sharp, -0.5 * theta[k, 2] / sharp
+        square = x * x + y * y
+        rise = theta[k, 0] - sharp * square
+        stretch = math.log(sharp * -2.0 * (slope * heat + base))
+        near = square <= stray and abs(stretch) <= _STRETCH  # false for a NaN, too
+        if near and abs(rise - math.log(heat)) <= _RISE:
+            peaks[k, 0] += y
+            peaks[k, 1] += x
+            peaks[k, 2] = math.exp(rise)
+        else:
+            three_points(one, peaks[k])
 
 
-@lru_cache(maxsize=8)
-def _design(window: int, pitch: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(M, 4) rows [1, u_x, u_y, |u|^2], their (M, 16) outer products, and the rows' transpose."""
-    half = window // 2
-    y, x = np.meshgrid(*2 * [pitch * np.arange(-half, half + 1)], indexing="ij")
-    design = np.column_stack([np.ones(x.size), x.ravel(), y.ravel(), (x * x + y * y).ravel()])
-    products = (design[:, :, None] * design[:, None, :]).reshape(-1, 16)
-    return design, products, np.ascontiguousarray(design.T)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reaches(peaks, theta, j, k, half):  # type: ignore[no-untyped-def]
+    """Whether peak j can own a cell of the window of peak k.
 
-
-@lru_cache(maxsize=8)
-def _steps(window: int, columns: int) -> tuple[IntArray, IntArray]:
-    """(w,) steps from the centre, and (w * w,) the same as steps of a flat index."""
-    step = np.arange(window) - window // 2
-    return step, (step[:, None] * columns + step).ravel()
-
-
-def _windows(
-    maps: MapStack, peaks: Peaks, window: int
-) -> tuple[FloatArray, npt.NDArray[np.bool_] | None]:
-    """(K, M) heat around the peaks, and which cells lie in the map; None: all do."""
-    _, rows, columns = maps.shape
-    step, flat = _steps(window, columns)
-    half = window // 2
-    row, column = peaks.row, peaks.column
-    corner = (peaks.frame * rows + row) * columns + column
-    if (
-        row.min() >= half
-        and row.max() < rows - half
-        and column.min() >= half
-        and column.max() < columns - half
-    ):
-        return maps.ravel()[corner[:, None] + flat].astype(np.float64), None
-    high, wide = row[:, None] + step, column[:, None] + step
-    inside = ((high >= 0) & (high < rows))[:, :, None] & ((wide >= 0) & (wide < columns))[:, None]
-    inside = inside.reshape(len(peaks), -1)
-    flat = np.where(inside, corner[:, None] + flat, corner[:, None])
-    return maps.ravel()[flat].astype(np.float64), inside
-
-
-class _Rivals:
-    """What the other peaks of a map predict in the window of a peak.
-
-    owner: (K',) the peaks that have rivals. starts: (K',) where each one's begin in rival (P,), the
-    rivals' indices, and away (P, 2), their distance in mm.
+    Kernel j gains on kernel k all the way from k to j, so the farthest cell r of the window
+    decides: j matters when log h_j - (s - r)^2 / 2 sigma_j^2 comes near to
+    log h_k - r^2 / 2 sigma_k^2, with s the distance of the peaks.
     """
-
-    def __init__(self, owner: IntArray, rival: IntArray, away: FloatArray) -> None:
-        order = owner.argsort(kind="stable")
-        owner = owner[order]
-        self.rival = rival[order]
-        self.away = away[order]
-        self.starts = np.concatenate([[0], np.flatnonzero(owner[1:] != owner[:-1]) + 1])
-        self.owner = owner[self.starts]
-
-    @classmethod
-    def within(
-        cls, design: FloatArray, peaks: Peaks, kernel: Kernel, pitch: float
-    ) -> _Rivals | None:
-        """The rivals that can own a cell of a peak's window; None when there are none.
-
-        Kernel j gains on kernel i all the way from i to j, so the farthest cell r of the window
-        decides: j matters when log h_j - (s - r)^2 / 2 sigma_j^2 comes near to
-        log h_i - r^2 / 2 sigma_i^2, with s the distance of the peaks.
-        """
-        first, second = pairs(peaks.frame)
-        if not len(first):
-            return None
-        owner, rival = np.concatenate([first, second]), np.concatenate([second, first])
-        place = pitch * np.stack([peaks.column, peaks.row], axis=1)
-        away = place[rival] - place[owner]
-        far_square = design[-1, 3]
-        curve, logs = 0.5 / kernel.variance(peaks.heat), np.log(peaks.heat)
-        gap = np.maximum(np.sqrt((away * away).sum(axis=1)) - np.sqrt(far_square), 0.0)
-        theirs = (logs[rival] - curve[rival] * gap * gap) + 2.0 * _MARGIN
-        near = theirs > (logs - curve * far_square)[owner]
-        return cls(owner[near], rival[near], away[near]) if near.any() else None
-
-    def strongest(self, theta: FloatArray, across: FloatArray) -> FloatArray:
-        """(K, M) greatest log-heat that another peak predicts; minus infinity without one."""
-        one, away = theta[self.rival], self.away
-        curve = one[:, 3:]
-        slope = one[:, 1:3] - 2.0 * curve * away
-        moved = np.concatenate([one[:, :1], slope, curve], axis=1)
-        moved[:, 0] -= ((one[:, 1:3] - curve * away) * away).sum(axis=1)
-        found = np.maximum.reduceat(moved @ across, self.starts, axis=0)
-        strongest = np.full((len(theta), across.shape[1]), -np.inf)
-        strongest[self.owner] = found
-        return strongest
+    away = math.hypot(peaks[j, 0] - peaks[k, 0], peaks[j, 1] - peaks[k, 1])
+    far = math.sqrt(2.0) * half
+    gap = max(away - far, 0.0)
+    theirs = theta[j, 0] + theta[j, 3] * gap * gap
+    return theirs + 2.0 * _MARGIN > theta[k, 0] + theta[k, 3] * far * far
 
 
-def _curvature(theta: FloatArray, kernel: Kernel) -> FloatArray:
-    """-1 / (2 sigma^2) of the kernel at the heat of the estimate."""
-    slope, curve = theta[:, 1:3], theta[:, 3]
-    rise = theta[:, 0] - (slope * slope).sum(axis=1) / (4.0 * curve)
-    found: FloatArray = -0.5 / kernel.variance(np.exp(np.minimum(rise, _CEILING)))
-    return found
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(one, peaks, theta, k, rivals, half, slope, base, free, out):  # type: ignore[no-untyped-def]
+    """One Gauss-Newton step: out (4,) of [1, x, y, x^2 + y^2] around the cell of peak k."""
+    rows, columns = one.shape
+    row, column = int(peaks[k, 0]), int(peaks[k, 1])
+    left, right = max(column - half, 0), min(column + half + 1, columns)
+    t0, t1, t2, t3 = theta[k]
+    across = np.empty(right - left)  # exp of the part of l that depends on x
+    for j in range(left, right):
+        x = j - column
+        across[j - left] = math.exp(min(x * (t1 + t3 * x), _CEILING))
+    m, mx, my, mxx, mxy, myy, mxq, myq, mqq = 9 * (0.0,)  # sums of weight times x, y, q
+    r, rx, ry, rq = 4 * (0.0,)
+    for i in range(max(row - half, 0), min(row + half + 1, rows)):
+        y = i - row
+        along = t0 + y * (t2 + t3 * y)
+        factor = math.exp(min(along, _CEILING))
+        for j in range(left, right):
+            x = j - column
+            logs = along + x * (t1 + t3 * x)
+            own = True
+            for other in rivals:
+                away, down = j - peaks[other, 1], i - peaks[other, 0]
+                there = theta[other]
+                theirs = there[0] + away * (there[1] + there[3] * away)
+                own &= theirs + down * (there[2] + there[3] * down) < logs - _MARGIN
+            if not own:
+                continue
+            heat = min(factor * across[j - left], _HIGHEST)
+            target = heat * (one[i, j] + heat * (logs - 1.0))
+            weight, q = heat * heat, x * x + y * y
+            wx, wy, wq = weight * x, weight * y, weight * q
+            m, mx, my = m + weight, mx + wx, my + wy
+            mxx, mxy, myy = mxx + wx * x, mxy + wx * y, myy + wy * y
+            mxq, myq, mqq = mxq + wx * q, myq + wy * q, mqq + wq * q
+            r, rx, ry, rq = r + target, rx + target * x, ry + target * y, rq + target * q
+    normal = np.zeros((4, 4))  # its lower half
+    normal[0, 0] = m
+    normal[1, 0], normal[1, 1] = mx, mxx
+    normal[2, 0], normal[2, 1], normal[2, 2] = my, mxy, myy
+    normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = mxx + myy, mxq, myq, mqq
+    wanted = np.array([r, rx, ry, rq])
+    for a in range(4):
+        normal[a, a] += _RIDGE
+    if not free:  # hold the curvature at that of the kernel whose height the estimate has
+        rise = t0 - (t1 * t1 + t2 * t2) / (4.0 * t3)
+        held = -0.5 / (slope * math.exp(min(rise, _CEILING)) + base)
+        for a in range(3):
+            wanted[a] -= normal[3, a] * held
+        out[3] = held
+    _solve(normal, wanted, 4 if free else 3, out)
 
 
-def _solve(normal: FloatArray, right: FloatArray, curve: FloatArray | None) -> FloatArray:
-    """(K, 4) solutions of (K, 16) normal matrices; a given ``curve`` is held, the rest solved for.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(normal, right, size, out):  # type: ignore[no-untyped-def]
+    """Cholesky's solution from the lower half of ``normal``; NaN where that is not definite."""
+    for a in range(size):
+        for b in range(a + 1):
+            value = normal[a, b]
+            for c in range(b):
+                value -= normal[a, c] * normal[b, c]
+            normal[a, b] = math.sqrt(value) if a == b else value / normal[b, b]
+        value = right[a]
+        for c in range(a):
+            value -= normal[a, c] * right[c]
+        right[a] = value / normal[a, a]
+    for a in range(size - 1, -1, -1):
+        value = right[a]
+        for c in range(a + 1, size):
+            value -= normal[c, a] * out[c]
+        out[a] = value / normal[a, a]
 
-    A window with too few cells of its own has no solution; the ridge makes it harmless.
-    """
-    normal[:, ::5] += _RIDGE
-    square = normal.reshape(-1, 4, 4)
-    if curve is None:
-        return np.asarray(np.linalg.solve(square, right[:, :, None])[:, :, 0], dtype=np.float64)
-    held = right[:, :3] - square[:, :3, 3] * curve[:, None]
-    free = np.linalg.solve(square[:, :3, :3], held[:, :, None])[:, :, 0]
-    return np.column_stack([free, curve])
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def three_points(one, peak):  # type: ignore[no-untyped-def]
+    """Move a peak (3,) by the log-parabola through three cells an axis; not on the border."""
+    cell = (int(peak[0]), int(peak[1]))
+    centre = rise = math.log(peak[2])
+    least = _DROP * peak[2]
+    for axis in range(2):
+        if not 0 < cell[axis] < one.shape[axis] - 1:
+            continue
+        down, across = 1 - axis, axis
+        low = math.log(max(one[cell[0] - down, cell[1] - across], least))
+        high = math.log(max(one[cell[0] + down, cell[1] + across], least))
+        bend = 2.0 * centre - low - high
+        if bend > 1e-9:  # the centre is a maximum: the shift stays within the cell
+            shift = 0.5 * (high - low) / bend
+            peak[axis] += shift
+            rise += 0.25 * (high - low) * shift
+    peak[2] = math.exp(rise)
 
 
-def _three_point(maps: MapStack, peaks: Peaks, pitch: float) -> tuple[FloatArray, FloatArray]:
-    """Offsets (K, 2) mm and log-heats (K,) by the log-parabola through three cells an axis."""
-    offset = np.zeros((len(peaks), 2))
-    centre = np.log(peaks.heat)
-    rise = centre.copy()
-    for axis, (index, size) in enumerate(
-        ((peaks.column, maps.shape[2]), (peaks.row, maps.shape[1]))
-    ):
-        inner = np.flatnonzero((index > 0) & (index < size - 1))
-        at = [peaks.frame[inner], peaks.row[inner], peaks.column[inner]]
-        sides = []
-        for step in (-1, 1):
-            moved = list(at)
-            moved[2 - axis] = moved[2 - axis] + step
-            sides.append(np.log(np.maximum(maps[tuple(moved)].astype(np.float64), 1e-6)))
-        low, high = sides
-        bend = 2.0 * centre[inner] - low - high
-        # the centre is a maximum, so |high - low| <= bend and the shift stays within the cell
-        shift = np.where(bend > 1e-9, (high - low) / np.maximum(2.0 * bend, 1e-9), 0.0)
-        offset[inner, axis] = pitch * shift
-        rise[inner] += 0.25 * (high - low) * shift
-    return offset, rise
+@njit(cache=True, nogil=True, error_model="numpy")
+def _dark(one, peak, slope, base, stray):  # type: ignore[no-untyped-def]
+    """Move a peak (3,) by the second-order expansion of the logarithm of the blurred map."""
+    rows, columns = one.shape
+    row, column = int(peak[0]), int(peak[1])
+    rim = _REACH + 2
+    if not (rim <= row < rows - rim and rim <= column < columns - rim):
+        three_points(one, peak)
+        return
+    logs = np.log(np.maximum(_blurred(one, row, column), _FLOOR))
+    dx, dy = 0.5 * (logs[2, 3] - logs[2, 1]), 0.5 * (logs[3, 2] - logs[1, 2])
+    dxx = 0.25 * (logs[2, 4] - 2.0 * logs[2, 2] + logs[2, 0])
+    dyy = 0.25 * (logs[4, 2] - 2.0 * logs[2, 2] + logs[0, 2])
+    dxy = 0.25 * (logs[3, 3] - logs[3, 1] - logs[1, 3] + logs[1, 1])
+    det = dxx * dyy - dxy * dxy
+    x, y = (dxy * dy - dyy * dx) / det, (dxy * dx - dxx * dy) / det
+    rise = 0.5 * (dx * x + dy * y)
+    if not (dxx < 0.0 < det and x * x + y * y <= stray and rise <= _RISE):
+        three_points(one, peak)
+        return
+    top = math.exp(logs[2, 2] + rise)
+    heat = top
+    for _ in range(4):  # the blur lowered a peak of variance v by the factor v / (v + spread)
+        variance = slope * heat + base
+        heat = top * (variance + _SPREAD) / variance
+    peak[0] += y
+    peak[1] += x
+    peak[2] = heat
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blurred(one, row, column):  # type: ignore[no-untyped-def]
+    """(5, 5) Gaussian means around a cell that is seven cells or more from the border."""
+    out, along = np.zeros((5, 5)), np.zeros(5)
+    for r in range(-2 - _REACH, 3 + _REACH):
+        along[:] = 0.0
+        for b in range(5):
+            for c in range(-_REACH, _REACH + 1):
+                along[b] += _TAPS[c + _REACH] * one[row + r, column - 2 + b + c]
+        for a in range(max(r - _REACH, -2), min(r + _REACH, 2) + 1):
+            out[a + 2] += _TAPS[r - a + _REACH] * along
+    return out

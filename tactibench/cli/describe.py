@@ -38,21 +38,26 @@ def _show_spec(kind: str, spec: Any, origin: Any) -> None:
     for field, label in (
         ("answers", "answers"),
         ("max_contacts", "contacts"),
+        ("kind", "kind"),
         ("uses_encoder", "encoder"),
         ("origin", "origin"),
         ("needs_data", "--data"),
     ):
         if hasattr(spec, field):
-            click.echo(f"  {label:<9} {_words(field, getattr(spec, field))}")
+            click.echo(f"  {label:<9} {_words(field, spec)}")
     for p in spec.parameters:
         allowed = f" ({', '.join(map(str, p.choices))})" if p.choices else _range(p)
         click.echo(f"  --param {kind}.{p.name}={p.default}{allowed}")
         click.echo(f"            {p.help}")
 
 
-def _words(field: str, value: Any) -> str:
+def _words(field: str, spec: Any) -> str:
+    value = getattr(spec, field)
     if field == "max_contacts":
         return "any number" if value is None else f"at most {value}"
+    if field == "uses_encoder" and value:
+        default = f", by default {spec.default_encoder}" if spec.default_encoder else ""
+        return f"of kind {' or '.join(spec.encoders)}{default}"
     if isinstance(value, tuple):
         return ", ".join(value)
     return {True: "yes", False: "no"}.get(value, str(value))

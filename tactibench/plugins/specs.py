@@ -121,20 +121,31 @@ class ModelSpec(_Spec):
     """A model: frames -> contacts or plate poses.
 
     answers: what it returns, of "contacts" and "plate". max_contacts: per frame, None for any
-    number. uses_encoder: whether it is trained through heatmaps.
+    number. uses_encoder: whether it is trained through an encoder. encoders: the kinds of encoder
+    it can be trained through. default_encoder: the one it takes when none is asked for; "": the
+    protocol's.
     """
 
     answers: tuple[str, ...] = ("contacts",)
     max_contacts: int | None = None
     uses_encoder: bool = False
+    encoders: tuple[str, ...] = ("heat",)
+    default_encoder: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         answers: object = self.answers
         if not isinstance(answers, tuple) or not answers or set(answers) - set(ANSWERS):
             raise ValueError(f"{self.name!r} has answers {answers!r}; a tuple of {ANSWERS}")
-        if self.max_contacts is not None and self.max_contacts < 1:
-            raise ValueError(f"{self.name!r} has max_contacts {self.max_contacts}; 1 or more")
+        _check_count(self.name, self.max_contacts)
+        encoders: object = self.encoders
+        if not isinstance(encoders, tuple) or not encoders or not all(map(_is_name, encoders)):
+            raise ValueError(f"{self.name!r} has encoders {encoders!r}; a tuple of kinds")
+        if self.default_encoder and not (self.uses_encoder and _is_name(self.default_encoder)):
+            raise ValueError(
+                f"{self.name!r} has default_encoder {self.default_encoder!r}; the name of an "
+                "encoder, of a model that uses one"
+            )
 
 
 @dataclass(frozen=True)
@@ -152,7 +163,23 @@ class SensorSpec(_Spec):
 
 @dataclass(frozen=True)
 class EncoderSpec(_Spec):
-    """An encoder: contacts <-> heatmaps."""
+    """An encoder: contacts <-> what a network draws.
+
+    kind: "heat" for maps whose cells can be learned one by one (sigmoid, cross-entropy);
+    "mixture" for contacts read from a mixture of distributions; a model names the kinds it can be
+    trained through. max_contacts: per frame, None for any number. shows_surface: whether the first
+    map is the depth of the skin in units of ``max_depth``, so that it can be scored as a surface.
+    """
+
+    kind: str = "heat"
+    max_contacts: int | None = None
+    shows_surface: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not _is_name(self.kind):
+            raise ValueError(f"{self.name!r} has kind {self.kind!r}; a word such as 'heat'")
+        _check_count(self.name, self.max_contacts)
 
 
 @dataclass(frozen=True)
@@ -171,8 +198,17 @@ class CommandSpec:
         return _imported(self.name, self.target)
 
 
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and _NAME.fullmatch(value) is not None
+
+
+def _check_count(name: str, most: int | None) -> None:
+    if most is not None and most < 1:
+        raise ValueError(f"{name!r} has max_contacts {most}; 1 or more")
+
+
 def _check_names(name: object, target: object) -> None:
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
+    if not _is_name(name):
         raise ValueError(f"name {name!r} may hold letters, digits, '_' and '-' only")
     if not isinstance(target, str) or not _TARGET.fullmatch(target):
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")

@@ -47,6 +47,11 @@ def test_describe_shows_every_spec_with_its_parameters(cli: Any, host: PluginHos
             code, out, err = cli("describe", spec.name)
             assert (code, err) == (0, "")
             assert spec.target in out
+            if hasattr(spec, "kind"):
+                assert f"kind      {spec.kind}" in out
+            if getattr(spec, "uses_encoder", False):
+                assert f"encoder   of kind {' or '.join(spec.encoders)}" in out
+                assert spec.default_encoder in out
             assert str(catalogue.origins[spec.name]) in out
             for parameter in spec.parameters:
                 assert f"--param {catalogue.kind}.{parameter.name}={parameter.default}" in out

@@ -1,4 +1,4 @@
-"""The declaration and the class behind it agree."""
+"""The declarations and the classes behind them agree."""
 
 from __future__ import annotations
 
@@ -7,25 +7,50 @@ import os
 import subprocess
 import sys
 
+import pytest
+
+from tactibench import EncoderSpec
 from tactibench_heatmaps.hooks import tactibench_encoders
 
+SPECS = {spec.name: spec for spec in tactibench_encoders()}
+# what changes the maps that a model is trained on, and so its weights
+SHAPING = {
+    "hertz": {"max_depth", "radius", "blur"},
+    "depth": {"max_depth", "sigma", "reach"},
+    "offset": {"max_depth", "sigma", "reach"},
+    "axes": {"max_depth", "sigma"},
+}
 
-def test_declared_defaults_are_the_classes():
-    (spec,) = tactibench_encoders()
-    assert spec.name == "hertz"
+
+@pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
+def test_declared_defaults_are_the_classes(spec: EncoderSpec) -> None:
     signature = inspect.signature(spec.load()).parameters
     assert spec.settings({}) == {name: p.default for name, p in signature.items()}
-    encoder = spec.load()(**spec.settings({"decoder": "maximum", "window": "7"}))
-    assert encoder.channels == 1
+    encoder = spec.load()(**spec.settings({}))
+    assert encoder.channels >= 1
+    assert encoder.tolerance > 0
+    assert encoder.separation > 0
 
 
-def test_what_shapes_the_maps_is_not_decode_only():
-    (spec,) = tactibench_encoders()
-    shaping = {p.name for p in spec.parameters if not p.decode_only}
-    assert shaping == {"max_depth", "radius", "blur"}
+@pytest.mark.parametrize("name", SHAPING)
+def test_what_shapes_the_maps_is_not_decode_only(name: str) -> None:
+    assert {p.name for p in SPECS[name].parameters if not p.decode_only} == SHAPING[name]
 
 
-def test_declaring_is_light():
+@pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
+def test_every_choice_can_be_built(spec: EncoderSpec) -> None:
+    for parameter in spec.parameters:
+        for choice in parameter.choices:
+            spec.load()(**spec.settings({parameter.name: str(choice)}))
+
+
+def test_kinds_and_counts() -> None:
+    assert {name for name in SHAPING if SPECS[name].kind == "heat"} == set(SHAPING)
+    assert {name for name, spec in SPECS.items() if spec.max_contacts == 1} == {"axes"}
+    assert {name for name, spec in SPECS.items() if spec.shows_surface} == {"hertz"}
+
+
+def test_declaring_is_light() -> None:
     code = (
         "import sys, tactibench_heatmaps.hooks as h; h.tactibench_encoders();"
         "sys.exit(bool({'numpy', 'torch', 'cv2'} & set(sys.modules)))"

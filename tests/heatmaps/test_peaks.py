@@ -1,101 +1,126 @@
-"""The maximum filter against scipy's, and the bookkeeping of peaks of several maps."""
+"""The maximum filter against scipy's, and what stands between the cells against plain formulae."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from tactibench_heatmaps.peaks import Peaks, find_peaks, pairs, rank, suppress
-from tactibench_heatmaps.subcell import _three_point
+from tactibench_heatmaps.maxima import CANDIDATES
+from tactibench_heatmaps.peaks import PeakReader
+from tactibench_heatmaps.subcell import three_points
 
 
-def smooth_maps(seed, count, shape=(40, 50)):
+def reader(threshold: float, **more: Any) -> PeakReader:
+    """Every maximum as it is, unless told otherwise."""
+    words = {"decoder": "maximum", "min_distance": 0.0, "max_count": 4096, "flanks": False} | more
+    return PeakReader(slope=0.0, base=9.0, threshold=threshold, **words)
+
+
+def peaks(maps: np.ndarray, threshold: float, **more: Any) -> list[np.ndarray]:
+    """Of every map, (K, 3) row, column and heat."""
+    found = reader(threshold, **more).read(maps, 1.0)
+    return [place[:n] for n, place in zip(found.counts, found.place, strict=True)]
+
+
+def smooth_maps(seed: int, count: int, shape: tuple[int, int] = (40, 50)) -> np.ndarray:
     rng = np.random.default_rng(seed)
     noise = gaussian_filter(rng.standard_normal((count, *shape)), (0, 3, 3))
     return (noise / noise.max()).astype(np.float32)
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_peaks_are_scipys_maxima(count):
+def test_peaks_are_scipys_maxima(count: int) -> None:
     maps = smooth_maps(1, count)
-    peaks = find_peaks(maps, 0.1)
-    expected = set()
-    for frame, one in enumerate(maps):
+    for one, found in zip(maps, peaks(maps, 0.1), strict=True):
         high = (one == maximum_filter(one, size=3, mode="constant", cval=-np.inf)) & (one >= 0.1)
-        expected |= {(frame, *cell) for cell in np.argwhere(high).tolist()}
-    found = zip(peaks.frame.tolist(), peaks.row.tolist(), peaks.column.tolist(), strict=True)
-    assert len(expected) > 3 * count
-    assert set(found) == expected
-    np.testing.assert_array_equal(peaks.heat, maps[peaks.frame, peaks.row, peaks.column])
+        assert 3 < len(found) == np.count_nonzero(high)
+        assert {(r, c) for r, c, _ in found} == {tuple(cell) for cell in np.argwhere(high)}
+        at = found[:, :2].astype(int)
+        np.testing.assert_array_equal(found[:, 2], one[at[:, 0], at[:, 1]])
+        assert (np.diff(found[:, 2]) <= 0).all()
 
 
-def test_peaks_come_by_map_and_falling_heat():
-    peaks = find_peaks(smooth_maps(2, 5), 0.05)
-    assert (np.diff(peaks.frame) >= 0).all()
-    same = np.diff(peaks.frame) == 0
-    assert (np.diff(peaks.heat)[same] <= 0).all()
-
-
-def test_maps_do_not_see_each_other():
+def test_maps_do_not_see_each_other() -> None:
     """The last row of one map is no neighbour of the first row of the next."""
     maps = np.zeros((2, 6, 6), np.float32)
     maps[0, 5, 2], maps[1, 0, 2] = 0.5, 0.9
-    peaks = find_peaks(maps, 0.1)
-    assert peaks.frame.tolist() == [0, 1]
-    assert peaks.row.tolist() == [5, 0]
+    first, second = peaks(maps, 0.1)
+    assert first[:, :2].tolist() == [[5, 2]]
+    assert second[:, :2].tolist() == [[0, 2]]
 
 
-def test_plateaus_at_the_border_and_within():
+def test_plateaus_at_the_border_and_within() -> None:
     maps = np.zeros((1, 12, 12), np.float32)
     maps[0, 0:3, 0:3] = 0.7
     maps[0, 7:10, 5:10] = 0.4
-    peaks = find_peaks(maps, 0.1)
-    assert peaks.row.tolist() == [1, 8]
-    assert peaks.column.tolist() == [1, 7]
+    assert peaks(maps, 0.1)[0][:, :2].tolist() == [[1, 1], [8, 7]]
 
 
-def test_pairs_are_all_within_their_map():
-    for frame in ([0, 0, 0], [0, 1, 1, 3, 3, 3], [2], [], [0, 1, 2]):
-        frame = np.array(frame, dtype=np.intp)
-        first, second = pairs(frame)
-        expected = [
-            (i, j)
-            for i in range(len(frame))
-            for j in range(i + 1, len(frame))
-            if frame[i] == frame[j]
-        ]
-        assert list(zip(first.tolist(), second.tolist(), strict=True)) == expected
-    assert rank(np.array([0, 1, 1, 3, 3, 3])).tolist() == [0, 0, 1, 0, 1, 2]
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (9, 9)])
+def test_a_map_without_a_lower_cell_has_no_peak(shape: tuple[int, int]) -> None:
+    assert len(peaks(np.full((1, *shape), 0.5, np.float32), 0.1)[0]) == 0
 
 
-def test_a_suppressed_peak_suppresses_none():
-    """Of a chain a > b > c in which neighbours conflict, a and c stay."""
-    index = np.zeros(3, dtype=np.intp)
-    peaks = Peaks(index, np.arange(3), index, np.array([0.9, 0.8, 0.7]))
-    left = suppress(peaks, np.array([0, 1]), np.array([1, 2]))
-    assert left.row.tolist() == [0, 2]
+def test_a_dropped_peak_drops_none() -> None:
+    """Of a chain a > b > c in which neighbours are too close, a and c stay."""
+    maps = np.zeros((1, 5, 20), np.float32)
+    maps[0, 2, [4, 7, 10]] = 0.9, 0.8, 0.7
+    assert peaks(maps, 0.1, min_distance=4.0)[0][:, 1].tolist() == [4, 10]
+    assert peaks(maps, 0.1, min_distance=4.0, max_count=1)[0][:, 1].tolist() == [4]
 
 
-def test_work_on_noise_is_bounded():
+def test_work_on_noise_is_bounded() -> None:
     maps = np.random.default_rng(3).random((2, 64, 64)).astype(np.float32)
-    peaks = find_peaks(maps, 0.01)
-    assert np.bincount(peaks.frame).tolist() == [64, 64]
+    assert [len(found) for found in peaks(maps, 0.01)] == [CANDIDATES] * 2
 
 
-def test_three_points_of_a_gaussian_are_exact():
-    x, y = np.arange(20)[None], np.arange(20)[:, None]
-    variance = 9.0
-    maps = 0.8 * np.exp(-((x - 8.3) ** 2 + (y - 11.8) ** 2) / (2 * variance))[None]
-    peaks = find_peaks(maps.astype(np.float32), 0.1)
-    offset, log_heat = _three_point(maps.astype(np.float32), peaks, 0.5)
-    np.testing.assert_allclose(offset, [[0.15, -0.1]], atol=1e-4)
-    np.testing.assert_allclose(np.exp(log_heat), 0.8, atol=1e-5)
+def gaussian(row: float, column: float, variance: float = 9.0, size: int = 24) -> np.ndarray:
+    i, j = np.ogrid[:size, :size]
+    square = (i - row) ** 2 + (j - column) ** 2
+    return (0.8 * np.exp(-square / (2 * variance))).astype(np.float32)
 
 
-def test_three_points_on_the_border_keep_the_cell():
-    maps = np.zeros((1, 5, 5), np.float32)
-    maps[0, 0, 2], maps[0, 0, 1], maps[0, 0, 3] = 0.9, 0.5, 0.6
-    offset, _ = _three_point(maps, find_peaks(maps, 0.1), 1.0)
-    assert offset[0, 1] == 0.0
-    assert 0 < offset[0, 0] < 0.5
+def test_three_points_of_a_gaussian_are_exact() -> None:
+    peak = np.array([12.0, 8.0, 0.0])
+    one = gaussian(11.8, 8.3)
+    peak[2] = one[12, 8]
+    three_points(one, peak)
+    np.testing.assert_allclose(peak, [11.8, 8.3, 0.8], atol=1e-4)
+
+
+def test_three_points_on_the_border_keep_the_cell() -> None:
+    one = np.zeros((5, 5), np.float32)
+    one[0, 2], one[0, 1], one[0, 3] = 0.9, 0.5, 0.6
+    peak = np.array([0.0, 2.0, 0.9])
+    three_points(one, peak)
+    assert peak[0] == 0.0
+    assert 2 < peak[1] < 2.5
+
+
+def test_a_needle_of_noise_is_not_taken_for_a_high_peak() -> None:
+    """Neighbours at zero have no logarithm to speak of; the height stays near the cell's."""
+    one = np.zeros((9, 9), np.float32)
+    one[4, 4], one[4, 5], one[5, 4] = 0.09, 0.089, 0.089
+    peak = np.array([4.0, 4.0, 0.09])
+    three_points(one, peak)
+    assert peak[2] < 2.0 * 0.09
+
+
+@pytest.mark.parametrize(("row", "column"), [(11.8, 12.3), (12.0, 11.51), (11.6, 12.4)])
+def test_dark_is_the_published_expansion(row: float, column: float) -> None:
+    """Against the formula on a map blurred as a whole by OpenCV, noise included."""
+    one = gaussian(row, column) + 0.005 * np.random.default_rng(1).random((24, 24), np.float32)
+    found = peaks(one[None], 0.3, decoder="dark")[0][0]
+    i, j = (int(v) for v in peaks(one[None], 0.3)[0][0, :2])
+    logs = np.log(cv2.GaussianBlur(one.astype(np.float64), (11, 11), 2.0))
+    slope = 0.5 * np.array([logs[i + 1, j] - logs[i - 1, j], logs[i, j + 1] - logs[i, j - 1]])
+    both = logs[i + 1, j + 1] - logs[i - 1, j + 1] - logs[i + 1, j - 1] + logs[i - 1, j - 1]
+    down = logs[i + 2, j] - 2 * logs[i, j] + logs[i - 2, j]
+    across = logs[i, j + 2] - 2 * logs[i, j] + logs[i, j - 2]
+    expected = [i, j] - np.linalg.solve(0.25 * np.array([[down, both], [both, across]]), slope)
+    np.testing.assert_allclose(found[:2], expected, atol=1e-9)
+    assert found[2] == pytest.approx(0.8, abs=0.01)  # the height that the blur took is given back

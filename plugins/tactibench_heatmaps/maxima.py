@@ -1,0 +1,153 @@
+"""Which cells of a map are peaks: the loops over cells. Compiled, without the interpreter's lock.
+
+They stand in a file of their own because numba's cache on disk follows changes of one file only.
+Everything is in cells; the variance of a peak of heat h is ``slope * h + base``. What a peak is is
+told in ``peaks``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+CANDIDATES = 64  # the highest local maxima of a map that are looked at; bounds the work on noise
+_FLANK = 1.1  # a network's flanks are not quite the kernel's
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def find(maps, threshold, near, flanks, most, slope, base, counts, found):  # type: ignore[no-untyped-def]
+    """Fill counts (N,) and found (N, most, 3), the row, column and heat of every map's peaks.
+
+    near: square of the distance below which two peaks are one. flanks: whether a bump on a higher
+    peak's flank is none.
+    """
+    cells = np.empty(maps.shape[1] * maps.shape[2], np.int64)
+    highest = np.empty(CANDIDATES, np.int64)
+    heat = np.empty(CANDIDATES, np.float64)
+    bump = 0.5 * threshold if flanks else -1.0
+    for n in range(maps.shape[0]):
+        one = maps[n]
+        count = _rank(one, cells, _maxima(one, threshold, cells), highest, heat)
+        count = _separate(one.shape[1], count, highest, heat, near, bump, slope, base, most)
+        counts[n] = count
+        for k in range(count):
+            found[n, k, 0], found[n, k, 1] = divmod(highest[k], one.shape[1])
+            found[n, k, 2] = heat[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _maxima(one, threshold, cells):  # type: ignore[no-untyped-def]
+    """Flat indices of the local maxima of a map into cells; returns how many."""
+    rows, columns = one.shape
+    least = np.float32(threshold)
+    column = np.empty(columns, np.float32)
+    count, tie = 0, False
+    for i in range(rows):
+        above, below = one[max(i - 1, 0)], one[min(i + 1, rows - 1)]
+        here = one[i]
+        for j in range(columns):  # the highest of three rows; this loop runs in vectors
+            column[j] = max(max(above[j], below[j]), here[j])
+        for j in range(columns):
+            value = here[j]
+            if value < least or value < column[j]:
+                continue
+            left, right = max(j - 1, 0), min(j + 1, columns - 1)
+            if value < column[left] or value < column[right]:
+                continue
+            cells[count] = i * columns + j
+            count += 1
+            level = 0  # cells of the 3 x 3 as high, itself among them
+            for r in range(max(i - 1, 0), min(i + 2, rows)):
+                for c in range(left, right + 1):
+                    level += one[r, c] == value
+            tie |= level > 1
+    return _without_plateaus(one, cells, count) if tie else min(count, one.size - 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _without_plateaus(one, cells, count):  # type: ignore[no-untyped-def]
+    """Keep of touching maxima, which are equal, the one nearest to their centre."""
+    rows, columns = one.shape
+    if count == rows * columns:
+        return 0
+    waiting = np.zeros(rows * columns, np.bool_)
+    for k in range(count):
+        waiting[cells[k]] = True
+    members = np.empty(count, np.int64)
+    kept = 0
+    for k in range(count):
+        if not waiting[cells[k]]:
+            continue
+        members[0], last = cells[k], 1
+        waiting[cells[k]] = False
+        m = 0
+        while m < last:
+            i, j = divmod(members[m], columns)
+            m += 1
+            for r in range(max(i - 1, 0), min(i + 2, rows)):
+                for c in range(max(j - 1, 0), min(j + 2, columns)):
+                    if waiting[r * columns + c]:
+                        waiting[r * columns + c] = False
+                        members[last] = r * columns + c
+                        last += 1
+        cells[kept] = _central(members[:last], columns)  # kept <= k: none is lost
+        kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _central(members, columns):  # type: ignore[no-untyped-def]
+    row = column = 0.0
+    for cell in members:
+        row += cell // columns
+        column += cell % columns
+    row, column = row / len(members), column / len(members)
+    best, nearest = members[0], np.inf
+    for cell in members:
+        far = (cell // columns - row) ** 2 + (cell % columns - column) ** 2
+        if far < nearest or (far == nearest and cell < best):
+            best, nearest = cell, far
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rank(one, cells, count, highest, heat):  # type: ignore[no-untyped-def]
+    """Put the highest cells in order of falling heat, equal ones in order of place."""
+    values = one.ravel()
+    kept = 0
+    for k in range(count):
+        value = np.float64(values[cells[k]])
+        at = kept if kept < CANDIDATES else CANDIDATES - 1
+        if kept == CANDIDATES and value <= heat[at]:
+            continue
+        while at > 0 and value > heat[at - 1]:
+            heat[at], highest[at] = heat[at - 1], highest[at - 1]
+            at -= 1
+        heat[at], highest[at] = value, cells[k]
+        kept = min(kept + 1, CANDIDATES)
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _separate(columns, count, highest, heat, near, bump, slope, base, most):  # type: ignore[no-untyped-def]
+    """Drop the lower of every two peaks that are one, unless the higher was dropped; keep most."""
+    kept = 0
+    for k in range(count):
+        stays = True
+        for j in range(kept):
+            row = highest[j] // columns - highest[k] // columns
+            column = highest[j] % columns - highest[k] % columns
+            square = row * row + column * column
+            if square < near:
+                stays = False
+            elif bump >= 0.0:
+                flank = heat[j] * math.exp(-0.5 * square / (slope * heat[j] + base))
+                stays &= heat[k] >= _FLANK * flank + bump
+        if stays:
+            highest[kept], heat[kept] = highest[k], heat[k]
+            kept += 1
+            if kept == most:
+                break
+    return kept

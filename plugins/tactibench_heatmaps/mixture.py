@@ -1,0 +1,113 @@
+"""The encoder ``mixture``: per cell the probability of a contact, where, how deep, how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Contacts, Grid, UserError
+from tactibench.training import FAINT, MixtureReader
+from tactibench_heatmaps.peaks import checked
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+Stack = npt.NDArray[np.float32]
+
+
+class Mixture:
+    """Contacts <-> 7 maps: presence, dx, dy, depth, and the std of x, y and depth.
+
+    The cell nearest to a contact speaks of it: with which probability there is one, how far it lies
+    from the cell's centre, how deep it is, and how sure that is. All but the probability are mm.
+    Maps like these are learned by the likelihood of ``tactibench.training.mixture_loss``, not cell
+    by cell; coarse grids are enough. A contact without std has the std 0 on the map, and is read
+    back without.
+
+    Neighbouring cells whose contacts lie within ``merge`` of each other speak of the same one
+    (``tactibench.training.MixtureReader``), so closer contacts are not told apart. The score of a
+    contact is the sum of their probabilities; a contact below ``threshold`` is none.
+
+    tolerance, mm: rounding to float32 up to 100 mm.
+    """
+
+    channels = 7
+    tolerance = 1e-5
+
+    def __init__(self, *, threshold: float = 0.5, merge: float = 2.0, max_count: int = 6) -> None:
+        self._reader = MixtureReader(threshold, merge, max_count)
+        self.separation = merge + self.tolerance
+
+    def encode(self, contacts: Contacts, grid: Grid) -> Stack:
+        """Return (7, H, W) float32 maps; a contact off the grid belongs to the nearest cell.
+
+        Raises UserError for more contacts than cells.
+        """
+        maps: Stack = self.encode_batch([contacts], grid)[0]
+        return maps
+
+    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> Stack:
+        """Return (N, 7, H, W) float32 maps, the same as ``encode`` one by one."""
+        maps = np.zeros((len(contacts), self.channels, *grid.shape), dtype=np.float32)
+        frame = np.repeat(np.arange(len(contacts)), [len(one) for one in contacts])
+        if not len(frame):
+            return maps
+        xy = np.concatenate([one.xy for one in contacts])
+        row, column = _cells(frame, xy, grid)
+        columns = [
+            np.concatenate([one.score for one in contacts]),
+            *(xy - grid.xy(row, column)).T,
+            np.concatenate([one.depth for one in contacts]),
+            *np.concatenate([_stated(one) for one in contacts]).T,
+        ]
+        maps[frame, :, row, column] = np.stack(columns, axis=1)
+        return maps
+
+    def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
+        """Read contacts from (7, H, W) maps, best first.
+
+        Raises ValueError for another shape, UserError for values that are not finite.
+        """
+        return self._decode(checked(maps, (self.channels, *grid.shape)), grid)[0]
+
+    def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
+        """Read contacts from (N, 7, H, W) maps, the same as ``decode`` one by one."""
+        return self._decode(checked(maps, (None, self.channels, *grid.shape)), grid)
+
+    def _decode(self, stack: Stack, grid: Grid) -> list[Contacts]:
+        frame, row, column = np.nonzero(stack[:, 0] >= FAINT)
+        cells = stack[frame, :, row, column].astype(np.float64)
+        mean = cells[:, 1:4]
+        mean[:, :2] += grid.xy(row, column)
+        found = self._reader.read(len(stack), frame, cells[:, 0], mean, cells[:, 4:])
+        return [_without_empty_std(contacts) for contacts in found]
+
+
+def _cells(frame: IntArray, xy: FloatArray, grid: Grid) -> tuple[IntArray, IntArray]:
+    """Row and column of the cell of every contact: the nearest that no other one has."""
+    rows, columns = grid.shape
+    place = [np.rint(index).astype(np.intp) for index in grid.cells(xy)]
+    cell = place[0].clip(0, rows - 1) * columns + place[1].clip(0, columns - 1)
+    key = frame * rows * columns + cell
+    for late in np.setdiff1d(np.arange(len(key)), np.unique(key, return_index=True)[1]):
+        free = np.setdiff1d(np.arange(rows * columns), cell[frame == frame[late]])
+        if not len(free):
+            raise UserError(
+                f"a frame has more contacts than the grid's {rows} x {columns} cells; take a grid "
+                "with more cells."
+            )
+        away = np.square(grid.xy(*np.divmod(free, columns)) - xy[late]).sum(axis=1)
+        cell[late] = free[away.argmin()]
+    row, column = np.divmod(cell, columns)
+    return row, column
+
+
+def _stated(contacts: Contacts) -> FloatArray:
+    return np.zeros((len(contacts), 3)) if contacts.std is None else contacts.std
+
+
+def _without_empty_std(contacts: Contacts) -> Contacts:
+    if contacts.std is not None and (contacts.std > 0).all():
+        return contacts
+    return Contacts(contacts.xy, contacts.depth, contacts.score)
