@@ -9,13 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from tactibench.board.labels import TRIVIAL, label_of, part_of
 from tactibench.board.published import load_published
 from tactibench.contacts import Contacts, Grid
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import Arrays, StoredRun
+from tactibench.running.examples import unpacked_features
 from tactibench.shipped import shipped_folder
+
+CURVES, PANELS = 6, 3
+"""Other runs in a picture of curves, and in one of panels: more could not be told apart."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +58,40 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     if keys.answer != "contacts":
         return []
     opened = _open(run, keys)
-    drawn = [*_frame(opened)]
-    alike = [other for other in others if _comparable(other.record, record)]
+    drawn = [*_frame(opened), *_features(opened)]
+    alike = beside(record, others)
     if keys.test.group == "all":
         drawn.append(_single(opened))
     if keys.test.group == "distance":
-        drawn.append(_distance(opened, alike))
+        drawn.append(_distance(opened, alike[:CURVES]))
     if keys.test.group == "indenter":
-        drawn += _triple(opened, alike)
+        drawn += _triple(opened, alike[:PANELS])
     return drawn
 
 
 def label(record: dict[str, Any]) -> str:
     """How a run is called in a legend."""
-    return f"{record['model']['name']} ({record['regime']})"
+    return label_of(record)
+
+
+def beside(record: dict[str, Any], others: Sequence[StoredRun]) -> list[StoredRun]:
+    """Runs that a picture may show beside this one, one a label, the newest of each.
+
+    In the order in which they are taken while there is room: no trivial rows, the fewest
+    parameters that are not at their defaults, the same regime.
+    """
+    found = {
+        label(other.record): other
+        for other in sorted(others, key=lambda other: str(other.record["created"]))
+        if _comparable(other.record, record)
+    }
+
+    def last(other: StoredRun) -> tuple[bool, int, bool, str]:
+        model = part_of(other.record, "model")
+        apart = other.record["regime"] != record["regime"]
+        return model.name in TRIVIAL, len(model.settings), apart, label(other.record)
+
+    return sorted(found.values(), key=last)
 
 
 def _open(run: StoredRun, keys: Protocol) -> _Opened:
@@ -81,6 +106,7 @@ def _comparable(other: dict[str, Any], record: dict[str, Any]) -> bool:
     return (
         all(other["identity"].get(key) == record["identity"][key] for key in same)
         and other["seed"] == record["seed"]
+        and other["limits"].get("presses") == record["limits"].get("presses")
         and label(other) != label(record)
     )
 
@@ -136,6 +162,31 @@ def _frame(opened: _Opened) -> list[Path]:
         measured_on=opened.measured_on,
     )
     return [path, relief]
+
+
+def _features(opened: _Opened) -> list[Path]:
+    """What the layers of the model make of the press that was kept for it, if it shows that."""
+    from tactibench.board.figures import feature_maps
+
+    examples = opened.run.arrays("examples")
+    if "features_row" not in examples:
+        return []
+    row = int(examples["features_row"])
+    path = opened.run.folder / "features.png"
+    feature_maps(
+        path,
+        examples["images"][int(np.searchsorted(examples["index"], row))],
+        unpacked_features(examples),
+        opened.grid,
+        opened.map_of(row),
+        opened.contacts[row],
+        opened.answers[row],
+        opened.keys.workspace.depth_max_mm,
+        title=f"{label(opened.run.record)}, press {opened.truth['press'][row]}: the most varied "
+        "channels of every layer, down the left and up the right",
+        measured_on=opened.measured_on,
+    )
+    return [path]
 
 
 def _single(opened: _Opened) -> Path:

@@ -18,12 +18,17 @@ if TYPE_CHECKING:
     from tactibench.plugins.specs import CommandSpec
 
 VERBS = {
+    "board": ("tactibench.cli.board:board", "write or check the leaderboards, add runs to them"),
+    "curve": ("tactibench.cli.curve:curve", "the learning curve: error against training presses"),
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
+    "frontier": ("tactibench.cli.frontier:frontier", "speed against error, and who is dominated"),
     "limit": ("tactibench.cli.limit:limit", "the smallest errors that a sensor's noise allows"),
     "list": ("tactibench.cli.listing:listing", "list models, sensors, encoders and protocols"),
+    "models": ("tactibench.cli.models:models", "list trained weights, train without a test"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
+    "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
 }
 
 MISTAKE, INTERRUPTED = 2, 130

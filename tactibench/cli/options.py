@@ -16,6 +16,13 @@ def _writable_place(
     return path
 
 
+def _picture(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
+    """A PNG file in a folder that is there."""
+    if path is not None and path.suffix.lower() != ".png":
+        raise click.BadParameter(f"{path.name} is no PNG file; call it {path.stem}.png.")
+    return _writable_place(_ctx, _option, path)
+
+
 out_option = click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -29,4 +36,26 @@ json_option = click.option(
     type=click.Path(path_type=Path, dir_okay=False, writable=True),
     callback=_writable_place,
     help="Write the record here.",
+)
+board_option = click.option(
+    "--board",
+    "board_folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("leaderboards"),
+    show_default=True,
+    help="Folder of the leaderboards.",
+)
+runs_option = click.option(
+    "--runs",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("runs"),
+    show_default=True,
+    help="The run store.",
+)
+picture_option = click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False, writable=True),
+    callback=_picture,
+    metavar="FILE.png",
+    help="Draw the picture.",
 )

@@ -29,6 +29,11 @@ from tactibench.cli.options import json_option, out_option
     "--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: only proves the path."
 )
 @click.option("--limit", type=click.IntRange(min=1), help="Score at most this many test presses.")
+@click.option(
+    "--presses",
+    type=click.IntRange(min=1),
+    help="Learn from so many presses only; such a run is for the learning curve.",
+)
 @json_option
 @out_option
 @click.option("--fresh", is_flag=True, help="Predict, time and score again, even if stored.")
@@ -45,6 +50,7 @@ def run(
     params: tuple[str, ...],
     quick: bool,
     limit: int | None,
+    presses: int | None,
     json_file: Path | None,
     out: Path,
     fresh: bool,
@@ -65,7 +71,7 @@ def run(
 
     request = RunRequest(
         protocol, model, regime, sensor, encoder, data, seed, device,
-        read_parameters(params), quick, limit,
+        read_parameters(params), quick, limit, presses,
     )  # fmt: skip
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())

@@ -5,7 +5,7 @@ Nothing has to inherit from these; a class with the methods is enough.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -144,6 +144,44 @@ class StagedModel(Protocol):
     """
 
     def stages(self) -> Sequence[tuple[str, Any]]: ...
+
+
+@runtime_checkable
+class ConfiguredModel(Protocol):
+    """Optional: a model that can compute its answers in several ways, timed against each other.
+
+    configurations: name -> what it is, in words, such as "float32, channels_last".
+    configured: the stages of one of them, as of ``StagedModel``, made ready for lists of any length
+    of frames like the given ones. Raises UserError with the reason where this machine cannot.
+    """
+
+    @property
+    def configurations(self) -> Mapping[str, str]: ...
+
+    def configured(self, name: str, frames: Sequence[Frame]) -> Sequence[tuple[str, Any]]: ...
+
+
+@runtime_checkable
+class KnowsCost(Protocol):
+    """Optional: a model that knows how large it is and how much it computes.
+
+    parameters: number of trained weights. flops: floating-point operations of a forward pass of one
+    frame, a product and a sum counted as two; None where they cannot be counted.
+    """
+
+    @property
+    def parameters(self) -> int: ...
+
+    def flops(self, frame: Frame) -> int | None: ...
+
+
+@runtime_checkable
+class ShowsFeatures(Protocol):
+    """Optional: a model that can show what its layers make of a frame; a run draws it."""
+
+    def features(self, frame: Frame) -> Mapping[str, npt.NDArray[Any]]:
+        """Layer -> (C, H, W) finite activations, in the order of the forward pass."""
+        ...
 
 
 @dataclass(frozen=True)

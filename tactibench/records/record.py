@@ -92,6 +92,7 @@ class Record(_Strict):
     metrics: list[Metric]
     speed: list[SpeedRow]
     timed: dict[str, Any]
+    efficiency: dict[str, Any] = {}
     training: dict[str, Any]
     data: dict[str, Any]
     signature: str

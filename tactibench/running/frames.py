@@ -95,6 +95,17 @@ def scored_limit(request: RunRequest) -> int | None:
     return min(limits, default=None)
 
 
+def fewer(rows: Sequence[Row], request: RunRequest) -> tuple[Row, ...]:
+    """The first ``--presses`` rows to learn from, or all. Raises UserError for too many."""
+    count = request.presses
+    if count is not None and count >= len(rows):
+        raise UserError(
+            f"--presses is {count:,}, but must be less than the {len(rows):,} presses that there "
+            "are to learn from; leave the option out to take them all."
+        )
+    return tuple(rows[:count])
+
+
 def spread(rows: Sequence[Row], count: int | None) -> tuple[Row, ...]:
     """At most ``count`` rows, evenly spread over all."""
     if count is None or count >= len(rows):

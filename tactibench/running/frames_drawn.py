@@ -14,7 +14,14 @@ from tactibench.protocols.draws import Drawn, draw_scenes
 from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import Protocol, Split
 from tactibench.protocols.split import split_presses
-from tactibench.running.frames import FramePlan, Wanted, scored_limit, sensor_identity, spread
+from tactibench.running.frames import (
+    FramePlan,
+    Wanted,
+    fewer,
+    scored_limit,
+    sensor_identity,
+    spread,
+)
 from tactibench.running.parts import Parts
 from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 
@@ -36,7 +43,7 @@ def drawn_frames(
     whole: Rows = {name: range(len(drawn.scenes)) for name, drawn in draws.items()}
     divided = split_presses(len(whole[split.draw]), split, keys.data_seed)
 
-    fit: Rows = {split.draw: divided.fit, **{name: whole[name] for name in extra}}
+    fit: Rows = {split.draw: fewer(divided.fit, request), **{name: whole[name] for name in extra}}
     validation: Sequence[int] = divided.validation
     if request.quick:
         share = max(1, QUICK_FIT // len(fit))

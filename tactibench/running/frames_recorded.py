@@ -18,6 +18,7 @@ from tactibench.running.frames import (
     Advance,
     FramePlan,
     Wanted,
+    fewer,
     scored_limit,
     sensor_identity,
     spread,
@@ -59,6 +60,9 @@ def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Parts)
         return Wanted(role, RECORDED, picked, ("all",) * len(chosen), True, key, read)
 
     fit, validation = split.fit, split.validation
+    if request.presses is not None:  # evenly: a recording has an order
+        fewer(fit, request)
+        fit = spread(fit, request.presses)
     if request.quick:
         fit, validation = spread(fit, QUICK_FIT), spread(validation, QUICK_VALIDATION)
     return FramePlan(

@@ -59,7 +59,11 @@ def make_record(
         },
         "seed": request.seed,
         "partial": request.partial,
-        "limits": {"quick": request.quick, "limit": request.limit},
+        "limits": {
+            "quick": request.quick,
+            "limit": request.limit,
+            "presses": request.presses,
+        },
         "identity": {
             **plan.identity,
             "commit": code_commit(Path(__file__).resolve().parents[2]),
@@ -71,10 +75,12 @@ def make_record(
         "metrics": metrics,
         "speed": speed.rows,
         "timed": speed.timed,
+        "efficiency": {**speed.efficiency, "training_s": report["seconds"]},
         "training": {
             "epochs": report["epochs"],
             "seconds": report["seconds"],
             "presses": plan.frames.count("fit"),
+            "device": plan.device,
             "reused": trained.reused,
             "history": report["history"],
             "notes": report["notes"],
@@ -99,6 +105,7 @@ def signature(plan: RunPlan, trained: Trained, machine: str) -> str:
         "encoder": plan.parts.encoder.label() if plan.parts.encoder else "none",
         "sensor": plan.parts.sensor.label(),
         "seed": plan.request.seed,
+        **({"presses": plan.request.presses} if plan.request.presses is not None else {}),
         "weights": trained.hash[:8],
         "partial": "yes" if plan.request.partial else "no",
         "machine": machine,

@@ -70,6 +70,11 @@ class Parts:
         return model
 
     @property
+    def shows_surface(self) -> bool:
+        """Whether the first map of the model, if it shows any, is the deformed surface."""
+        return self.encoder is None or self.encoder.spec.shows_surface
+
+    @property
     def encode_values(self) -> dict[str, Value]:
         """The encoder's parameters that change what a model is trained on."""
         if self.encoder is None:
@@ -103,14 +108,21 @@ def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHos
             f"sensor {sensor.name!r} makes its own frames and takes no --data; "
             "leave one of the two out."
         )
-    regime = _regime(request, protocol, model)
-    if not model.uses_encoder and (request.encoder or given.get("encoder")):
+    regime = _regime(request, protocol)
+    several = any(keys.draw(name).indenter != "single" for name in keys.regimes[regime])
+    if several and model.max_contacts == 1:
+        raise _one_only(f"model {model.name!r}", regime)
+    encoder = None
+    if model.uses_encoder:
+        encoder = _encoder(request.encoder or model.default_encoder, protocol, model, host)
+        if several and encoder.max_contacts == 1:
+            raise _one_only(f"encoder {encoder.name!r}", regime)
+    elif request.encoder or given.get("encoder"):
         raise UserError(f"model {model.name!r} uses no encoder; leave the encoder options out.")
-    encoder = request.encoder or keys.defaults.encoder
     return Parts(
         _part(host.models, model.name, given.get("model", {})),
         _part(host.sensors, sensor.name, given.get("sensor", {})),
-        _part(host.encoders, encoder, given.get("encoder", {})) if model.uses_encoder else None,
+        _part(host.encoders, encoder.name, given.get("encoder", {})) if encoder else None,
         regime,
     )
 
@@ -120,20 +132,41 @@ def _part(catalogue: Catalogue[SpecT], name: str, given: Mapping[str, str]) -> P
     return Part(spec, spec.settings(given), catalogue.origins[name])
 
 
-def _regime(request: RunRequest, protocol: LoadedProtocol, model: ModelSpec) -> str:
+def _regime(request: RunRequest, protocol: LoadedProtocol) -> str:
     keys = protocol.keys
     regime = request.regime or next(iter(keys.regimes))
     if regime not in keys.regimes:
         raise UserError(
             f"protocol {keys.id!r} has no regime {regime!r}; it has {', '.join(keys.regimes)}."
         )
-    several = any(keys.draw(name).indenter != "single" for name in keys.regimes[regime])
-    if several and model.max_contacts == 1:
-        raise UserError(
-            f"model {model.name!r} predicts one contact per frame and cannot be trained in regime "
-            f"{regime!r}, whose frames hold several; use --regime single."
-        )
     return regime
+
+
+def _one_only(what: str, regime: str) -> UserError:
+    verb = "predicts" if what.startswith("model") else "shows"
+    return UserError(
+        f"{what} {verb} one contact per frame and cannot be trained in regime {regime!r}, whose "
+        "frames hold several; use --regime single."
+    )
+
+
+def _encoder(
+    name: str, protocol: LoadedProtocol, model: ModelSpec, host: PluginHost
+) -> EncoderSpec:
+    """The encoder of that name, or the protocol's; it must be of a kind that the model learns."""
+    encoder = host.encoders[name or protocol.keys.defaults.encoder]
+    if encoder.kind not in model.encoders:
+        fitting = [spec.name for spec in host.encoders if spec.kind in model.encoders]
+        raise UserError(
+            f"encoder {encoder.name!r} is of kind {encoder.kind!r}, but model {model.name!r} "
+            f"learns {' and '.join(model.encoders)}; "
+            + (
+                f"take --encoder {' or '.join(fitting)}."
+                if fitting
+                else "no such encoder is installed."
+            )
+        )
+    return encoder
 
 
 def data_folder(path: Path | None) -> Path | None:

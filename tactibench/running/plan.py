@@ -48,6 +48,7 @@ class RunPlan:
             "seed": self.request.seed,
             "quick": self.request.quick,
             "limit": self.request.limit,
+            "presses": self.request.presses,
             "code": code_hash("tactibench", SHOWS_ONLY),
             "plugins": plugin_versions(self.parts),
             "versions": installed_versions("numpy", "scipy", "torch"),
@@ -60,6 +61,8 @@ class RunPlan:
         parts = [self.protocol.keys.id, self.parts.model.name, self.parts.regime]
         if self.request.quick:
             parts.append("quick")
+        if self.request.presses is not None:
+            parts.append(f"n{self.request.presses}")
         return "-".join([*parts, f"s{self.request.seed}", digest(self.identity)[:8]])
 
     @property

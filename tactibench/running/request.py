@@ -14,7 +14,11 @@ QUICK_FIT, QUICK_VALIDATION, QUICK_TEST, QUICK_EPOCHS = 200, 40, 40, 2
 
 @dataclass(frozen=True)
 class RunRequest:
-    """The options of ``tactibench run``; None stands for the protocol's default."""
+    """The options of ``tactibench run``; None stands for the protocol's default.
+
+    presses: learn from that many of the presses that the protocol's split trains on, for a learning
+    curve; None: from all. The validation presses and those that a regime adds stay.
+    """
 
     protocol: str
     model: str
@@ -27,6 +31,7 @@ class RunRequest:
     parameters: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     quick: bool = False
     limit: int | None = None
+    presses: int | None = None
 
     @property
     def partial(self) -> bool:

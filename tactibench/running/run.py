@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.datasets.known import true_bounds, true_surfaces
 from tactibench.datasets.presses import Presses
-from tactibench.plugins.interfaces import KeepsAccount, Progress, SensorContext
+from tactibench.plugins.interfaces import KeepsAccount, SensorContext
 from tactibench.protocols.loader import check_metrics
 from tactibench.records.answers import pack
 from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.running.answered import answered
-from tactibench.running.frames import Wanted, spread
+from tactibench.running.examples import example_arrays
 from tactibench.running.make_record import make_record
 from tactibench.running.plan import RunPlan
 from tactibench.running.predictions import predict_all
 from tactibench.running.scoring import score_arrays
 from tactibench.running.speed import measure_speed
-from tactibench.running.weights import Examples, trained_weights
+from tactibench.running.training import Reporter, open_frames, trained_model
 
-EXAMPLES = 24
-"""Test frames kept with a run, so that pictures need no sensor."""
 QUICK_CALLS, CALLS = 60, 300
 QUICK_BUDGET_S = 3.0
 """Seconds a thread count of --quick: a neighbour on the other core must not eat its minute."""
 
 
 Known = TypeVar("Known")
-
-
-class Reporter(Protocol):
-    """Shows long work. ``task`` gives a function that is told of finished items."""
-
-    def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]: ...
-
-    def training(self) -> AbstractContextManager[Progress]: ...
 
 
 @dataclass(frozen=True)
@@ -72,11 +61,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
     """
     keys = plan.protocol.keys
     check_metrics(plan.protocol)
-    model = plan.parts.build_model(plan.context())
-    with reporter.training() as progress:
-        trained = trained_weights(
-            plan.weights, model, lambda role: _examples(plan, role, reporter), progress
-        )
+    model, trained = trained_model(plan, reporter)
     test = _test_data(plan, reporter)
     frames = test.frames
     with reporter.task("predict", len(frames)) as advance:
@@ -101,7 +86,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         if plan.request.quick:
             speed = measure_speed(model, frames, answers, QUICK_CALLS, QUICK_BUDGET_S)
         else:
-            speed = measure_speed(model, frames, answers, CALLS)
+            speed = measure_speed(model, frames, answers, CALLS, truth=test.truth)
         advance(1)
     metrics = score_arrays(keys, truth, predicted, maps)
     record = make_record(
@@ -118,25 +103,14 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         "predictions": predicted,
         "maps": maps,
         "times": speed.raw,
-        "examples": _pictures(frames),
+        "examples": example_arrays(frames, test.truth, model),
     }
     return write_run(store, record, parts)
 
 
-def _examples(plan: RunPlan, role: str, reporter: Reporter) -> Examples:
-    keys = plan.protocol.keys
-    frames: list[Frame] = []
-    truth: list[Answer] = []
-    for wanted in plan.frames.fit if role == "fit" else plan.frames.validation:
-        presses = _open(wanted, reporter)
-        frames += presses.frames
-        truth += presses.truth(keys.answer, keys.workspace.dome_radius_mm)
-    return frames, truth
-
-
 def _test_data(plan: RunPlan, reporter: Reporter) -> TestData:
     keys = plan.protocol.keys
-    opened = tuple(_open(wanted, reporter) for wanted in plan.frames.test)
+    opened = tuple(open_frames(wanted, reporter) for wanted in plan.frames.test)
     truth = [
         answer
         for presses in opened
@@ -146,19 +120,14 @@ def _test_data(plan: RunPlan, reporter: Reporter) -> TestData:
     return TestData(opened, groups, tuple(truth))
 
 
-def _open(wanted: Wanted, reporter: Reporter) -> Presses:
-    verb = "open" if wanted.cached else "generate"
-    with reporter.task(f"{verb} {wanted.name} ({wanted.role})", len(wanted.scenes)) as advance:
-        return wanted.open(advance)
-
-
 def _add_known(
     plan: RunPlan, test: TestData, reporter: Reporter, truth: Arrays, maps: Arrays
 ) -> None:
     """What only a simulator can add: true surfaces beside heatmaps, and Cramer-Rao bounds."""
     keys = plan.protocol.keys
     with plan.parts.build_sensor(SensorContext(np.random.SeedSequence(keys.data_seed))) as sensor:
-        if "surface_rmse_mm" in keys.metrics.names and "maps" in maps:
+        scored = "surface_rmse_mm" in keys.metrics.names and plan.parts.shows_surface
+        if scored and "maps" in maps:
             grid = keys.grid.grid()
             surfaces = _each(
                 reporter,
@@ -213,11 +182,3 @@ def _each(
             found.append(one)
             advance(1)
     return found
-
-
-def _pictures(frames: Sequence[Frame]) -> Arrays:
-    rows = spread(range(len(frames)), EXAMPLES)
-    return {
-        "index": np.array(rows, dtype=np.int64),
-        "images": np.stack([frames[row].image for row in rows]),
-    }

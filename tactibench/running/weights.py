@@ -32,6 +32,8 @@ SHARED_CODE = (
     "tactibench.datasets.presses",
     "tactibench.geometry",
     "tactibench.images",
+    "tactibench.markers",
+    "tactibench.superposition",
     "tactibench.training",
 )
 """Core modules whose source changes what a model learns."""
@@ -160,6 +162,7 @@ def _train(
         "files": files,
         "hash": _hash(files),
         "report": _plain(report, plan.identity["model"]),
+        "presses": len(frames),
     }
     write_json(made / MANIFEST, manifest)
     if plan.folder.exists():  # damaged

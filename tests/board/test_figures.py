@@ -188,7 +188,7 @@ def test_one_style_per_model_and_every_model_beside_the_truth(caught: list[Figur
     looks = [(axes.lines[0].get_marker(), axes.lines[0].get_color()) for axes in (cnn, unet)]
     assert looks == [(line.get_marker(), line.get_color()) for line in both.lines]
     assert looks[0][0] != looks[1][0]
-    assert cnn.get_title() == "cnn: 1 predicted, 3 true"
+    assert cnn.get_title() == "cnn\n1 predicted, 3 true"
     assert all(len(axes.patches) == 3 for axes in (cnn, unet, both))
 
 

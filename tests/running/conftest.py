@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tactibench import ModelSpec, Parameter, SensorSpec
+from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
 from tactibench.protocols.loader import protocol_files
@@ -50,20 +50,37 @@ def host(tiny: Any) -> Any:
         Parameter("width", 8, "has no effect", low=1),
     )
     offset = Parameter("offset", 0.0, "of the frames, grey levels")
-    target = "tiny_tactile.parts:TinyModel"
+    blur = Parameter("blur", 2.0, "has no effect")
+    target, encoder = "tiny_tactile.parts:TinyModel", "tiny_tactile.parts:TinyEncoder"
     return SimpleNamespace(
         models=catalogue(
             "model",
             ModelSpec("tiny", target, "reads all tips", parameters),
             ModelSpec("tiny-one", target, "declares one", parameters, max_contacts=1),
             ModelSpec("tiny-plate", target, "plates", parameters, answers=("plate",)),
+            ModelSpec("tiny-set", target, "of no kind here", uses_encoder=True, encoders=("set",)),
+            ModelSpec("tiny-heat", target, "learns heatmaps", parameters, uses_encoder=True),
+            ModelSpec(
+                "tiny-mixture",
+                target,
+                "learns mixtures",
+                parameters,
+                uses_encoder=True,
+                encoders=("mixture",),
+                default_encoder="clouds",
+            ),
         ),
         sensors=catalogue(
             "sensor",
             SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny", (offset,)),
             SensorSpec("recorded", "tiny_tactile.parts:TinySensor", "tiny", needs_data=True),
         ),
-        encoders=catalogue("encoder"),
+        encoders=catalogue(
+            "encoder",
+            EncoderSpec("hertz", encoder, "heat", (blur,), shows_surface=True),
+            EncoderSpec("profiles", encoder, "one contact", max_contacts=1),
+            EncoderSpec("clouds", encoder, "mixtures", kind="mixture"),
+        ),
     )
 
 

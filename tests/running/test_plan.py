@@ -40,7 +40,7 @@ def test_quick_is_small_and_partial(planned: Planned, run: Callable[..., StoredR
     assert "quick" in plan.name
     record = run("exp2", quick=True).record
     assert record["partial"] is True
-    assert record["limits"] == {"quick": True, "limit": None}
+    assert record["limits"] == {"quick": True, "limit": None, "presses": None}
     assert "partial:yes" in record["signature"]
 
 
@@ -86,6 +86,22 @@ def test_groups_are_the_true_distances(planned: Planned) -> None:
         ({"sensor": "tactip-128"}, "did you mean 'tactip-127'"),
         ({"encoder": "hertz"}, "uses no encoder"),
         ({"parameters": {"encoder": {"a": "1"}}}, "uses no encoder"),
+        ({"model": "tiny-heat", "encoder": "herz"}, "did you mean 'hertz'?"),
+        (
+            {"model": "tiny-heat", "encoder": "clouds"},
+            "encoder 'clouds' is of kind 'mixture', but model 'tiny-heat' learns heat; take "
+            "--encoder hertz or profiles.",
+        ),
+        ({"model": "tiny-mixture", "encoder": "hertz"}, "learns mixture; take --encoder clouds."),
+        (
+            {"model": "tiny-mixture", "parameters": {"encoder": {"blur": "1"}}},
+            "no parameter 'blur'",
+        ),
+        ({"model": "tiny-set"}, "learns set; no such encoder is installed."),
+        (
+            {"model": "tiny-heat", "encoder": "profiles", "regime": "multiple"},
+            "encoder 'profiles' shows one contact per frame and cannot be trained in regime",
+        ),
         ({"parameters": {"model": {"widht": "1"}}}, "did you mean 'width'?"),
         ({"parameters": {"model": {"width": "x"}}}, "must be a whole number"),
         ({"parameters": {"sensor": {"width": "1"}}}, "no parameter 'width'"),
@@ -105,6 +121,34 @@ def test_requests_that_cannot_be_met(
     with pytest.raises(UserError) as raised:
         planned(**request_)
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("request_", "encoder"),
+    [
+        ({}, None),
+        ({"model": "tiny-heat"}, "hertz"),
+        ({"model": "tiny-heat", "regime": "multiple"}, "hertz"),
+        ({"model": "tiny-heat", "encoder": "profiles"}, "profiles"),
+        ({"model": "tiny-mixture"}, "clouds"),
+        ({"model": "tiny-mixture", "encoder": "clouds"}, "clouds"),
+    ],
+    ids=str,
+)
+def test_the_encoder_asked_for_or_the_models_or_the_protocols(
+    planned: Planned, request_: dict[str, Any], encoder: str | None
+) -> None:
+    part = planned(**request_).parts.encoder
+    assert (part and part.name) == encoder
+
+
+def test_only_maps_of_the_surface_are_scored_as_one(run: Callable[..., StoredRun]) -> None:
+    """Every model of these tests shows maps; of "profiles" the first is no surface."""
+    for encoder, counted in (("hertz", True), ("profiles", False)):
+        done = run("exp1", "tiny-heat", encoder=encoder)
+        rows = [row for row in done.record["metrics"] if row["metric"] == "surface_rmse_mm"]
+        assert any(row["value"] is not None for row in rows) == counted
+        assert ("surface" in done.arrays("maps")) == counted
 
 
 def test_a_drawn_sensor_cannot_answer_a_recorded_protocol(planned: Planned) -> None:

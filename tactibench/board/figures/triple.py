@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy.typing as npt
@@ -12,6 +13,9 @@ from matplotlib.lines import Line2D
 from tactibench.board.figures.marks import depths, heat, marks, millimetres, rings
 from tactibench.board.figures.style import BLACK, MARKERS, SERIES, figure, headline, save
 from tactibench.contacts import Contacts, Grid
+
+LETTERS = 30
+"""Of a label in one line above its panel."""
 
 
 def triple_comparison(
@@ -31,7 +35,7 @@ def triple_comparison(
     in 0..1 for those models that have one; the others are drawn on an empty field. Truth is a ring
     of the tip's radius; numbers are depths, mm.
     """
-    made = figure(3.0 * (len(models) + 1) + 0.7, 4.3)
+    made = figure(3.0 * (len(models) + 1) + 0.7, 4.5)
     panels = list(made.subplots(1, len(models) + 1, sharex=True, sharey=True, squeeze=False)[0])
     drawn = None
     for k, (label, found) in enumerate(models.items()):
@@ -42,14 +46,15 @@ def triple_comparison(
         rings(axes, truth, ink, contour=contour)
         marks(axes, found, SERIES[k % 7], MARKERS[k % 7], contour="white")
         depths(axes, found, ink, contour=contour)
-        axes.set_title(f"{label}: {len(found)} predicted, {len(truth)} true", fontsize=10)
+        axes.set_title(f"{fill(label, LETTERS)}\n{len(found)} predicted, {len(truth)} true",
+                       fontsize=9)  # fmt: skip
     _together(panels[-1], truth, models)
     for axes in panels:
         millimetres(axes, grid)
         axes.label_outer()
     if drawn is not None:
         made.colorbar(drawn, ax=panels, label="heatmap, mm", shrink=0.8)
-    made.legend(handles=_legend(models), loc="outside lower center", ncols=len(models) + 1,
+    made.legend(handles=_legend(models), loc="outside lower center", ncols=min(3, len(models) + 1),
                 frameon=False, fontsize=9)  # fmt: skip
     headline(made, title, "; ".join(filter(None, (measured_on, "numbers are depths in mm"))))
     save(made, path)
@@ -59,7 +64,7 @@ def _together(axes: Any, truth: Contacts, models: Mapping[str, Contacts]) -> Non
     rings(axes, truth, BLACK, contour="white")
     for k, found in enumerate(models.values()):
         marks(axes, found, SERIES[k % 7], MARKERS[k % 7], contour="white")
-    axes.set_title("all models and the truth", fontsize=10)
+    axes.set_title("all models and the truth", fontsize=9)
 
 
 def _legend(models: Mapping[str, Contacts]) -> list[Line2D]:

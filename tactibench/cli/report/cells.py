@@ -11,16 +11,11 @@ from rich.segment import Segments
 from rich.table import Table
 from rich.text import Text
 
+from tactibench.board.numbers import number
+
 Row = Mapping[str, Any]
 Cells = tuple[str, ...]
 UNLIMITED = 1000
-
-
-def number(value: float, decimals: int) -> str:
-    """Fixed decimals; a value that would read as zero without being it keeps one digit."""
-    if value and abs(value) < 0.5 * 10.0**-decimals:
-        return f"{value:.0e}"
-    return f"{value:,.{decimals}f}"
 
 
 def estimate(row: Row | None, decimals: int) -> str:

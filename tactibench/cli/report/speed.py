@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.numbers import number
 from tactibench.board.published import PublishedTable, rows_for
-from tactibench.cli.report.cells import Cells, Row, estimate, number, print_grid
+from tactibench.cli.report.cells import Cells, Row, estimate, print_grid
 from tactibench.cli.report.origin import Record
 from tactibench.cli.report.words import HEADLINES, NAMES
 
@@ -28,13 +29,19 @@ def print_speed(console: Console, record: Record, published: Sequence[PublishedT
     if rows:
         heads = [*KEYS, "phase", "p50 ms", "p90 ms", "p99 ms", "frames/s"]
         print_grid(console, heads, _phases(rows), right=frozenset(heads[-4:]))
-    if not all(row["settled"] for row in rows):
-        console.print(Text("NOT SETTLED: times still drifted after the warm-up", style="yellow"))
+    drifted = _drifted(rows)
+    if drifted:
+        console.print(Text(f"NOT SETTLED: times of {', '.join(drifted)} still drifted after the "
+                           "warm-up", style="yellow"))  # fmt: skip
     if rows and not any(row["scenario"] == "offline" for row in rows):
         console.print(Text("offline (larger batches): none, not timed by this run", style="dim"))
     timed = record.get("timed")
     if rows and timed:
         console.print(Text(_timed(timed)))
+        for line in _raced(timed):
+            console.print(Text(line, style="dim"))
+    if record.get("efficiency"):
+        console.print(Text(_cost(record["efficiency"])))
     for table in published:
         for row in rows_for(record["protocol"]["id"], table):
             if row.speed:
@@ -49,14 +56,56 @@ def _timed(timed: Row) -> str:
     gap, changed = timed["difference_mm"], timed.get("frames_with_another_count")
     text = f"timed: {timed['configuration']}; difference to the float32 answers that were scored: "
     text += "n/a" if gap is None else f"{number(gap, 4)} mm"
+    if timed.get("error_change") is not None:
+        text += f" (mean error {change(timed['error_change'])})"
     if changed:
         text += f", and another number of contacts in {changed:,} of {timed['frames']:,} frames"
     return text
 
 
+def _raced(timed: Row) -> Iterable[str]:
+    """The ways to compute that the timed one was chosen from."""
+    raced = timed.get("raced") or []
+    if len(raced) > 1:
+        found = "; ".join(f"{number(one['p50_ms'], 2)} ms {one['configuration']}" for one in raced)
+        yield f"chosen from, p50 on 1 thread: {found}"
+
+
+def _cost(efficiency: Row) -> str:
+    """Weights, operations, memory and training time in one line."""
+    weights, flops = efficiency.get("parameters"), efficiency.get("flops_per_frame")
+    memory, training = efficiency.get("peak_memory_mb"), efficiency.get("training_s")
+    parts = [
+        "weights n/a" if weights is None else f"{weights:,} weights",
+        "operations n/a" if flops is None else f"{1e-9 * flops:.3g} GFLOP a frame",
+        "peak memory n/a" if memory is None else f"peak memory of the process {memory:,.0f} MB",
+    ]
+    if training is not None:
+        parts.append(f"training {training:,.0f} s")
+    return f"cost: {', '.join(parts)}"
+
+
+def change(relative: float) -> str:
+    """A relative change in per cent with its sign, such as "+0.3 %"."""
+    return f"{100 * relative:+.1f} %"
+
+
+def _drifted(rows: Sequence[Row]) -> list[str]:
+    """Scenarios whose warm-up did not end by itself."""
+    found = {
+        f"{row['scenario']} (batch {row['batch']}, {_threads(row['threads'])})": None
+        for row in rows
+        if not row["settled"]
+    }
+    return list(found)
+
+
 def _phases(rows: Sequence[Row]) -> Iterable[Cells]:
+    """Every phase of single frames; of batches the whole call."""
     last: Cells = ()
     for row in rows:
+        if row["scenario"] == "offline" and row["phase"] != "total":
+            continue
         key = tuple(str(row[name]) for name in KEYS)
         rate = f"{row['per_s']:,.0f}" if row["phase"] == "total" else ""
         times = (number(row[name], 2) for name in TIMES)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.numbers import number
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
-from tactibench.cli.report.cells import Cells, Row, aligned, estimate, number, print_grid, span
+from tactibench.cli.report.cells import Cells, Row, aligned, estimate, print_grid, span
 from tactibench.cli.report.origin import (
     Record,
     label_of,

@@ -130,3 +130,10 @@ class TinyModel:
 
     def load(self, directory: Path) -> None:
         self.offset = json.loads((directory / "offset.json").read_text())
+
+
+class TinyEncoder:
+    """Stands behind the encoders of the tests; the model reads frames and asks it nothing."""
+
+    def __init__(self, blur: float = 2.0) -> None:
+        self.blur = blur

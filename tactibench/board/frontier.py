@@ -1,0 +1,151 @@
+"""Speed against error: who is on the frontier, and who is dominated by whom.
+
+A point is dominated only when another is better on both axes by more than the intervals. Both axes
+take the envelope of the seeds: from the lowest end of their intervals to the highest. A p90 has no
+interval of its own; it is taken to be uncertain by the 2 % to which a warm-up settles. Each regime
+has a frontier of its own: a model that saw fewer kinds of presses answered another question.
+Trivial rows are on none.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from tactibench.board.ranking import RankingError
+from tactibench.board.rows import Row, latency, machine
+
+SETTLED = 0.02
+"""Two blocks of calls that differ by less end a warm-up; times closer than that are not told
+apart."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """A value with the ends of what it could be."""
+
+    value: float
+    low: float
+    high: float
+
+    def below(self, other: Range) -> bool:
+        """Whether it is smaller by more than both ranges."""
+        return self.high < other.low
+
+
+@dataclass(frozen=True)
+class Point:
+    """A row of a board. latency: ms, p90 of one frame on one thread. error: the one that ranks."""
+
+    row: Row
+    latency: Range
+    error: Range
+
+    @property
+    def label(self) -> str:
+        """Without the regime, which is that of the frontier."""
+        return self.row.short
+
+
+@dataclass(frozen=True)
+class Frontier:
+    """Points of one regime, by latency.
+
+    best: of the central values, those that no other beats on both, by latency: the line.
+    dominated: label -> labels of those that dominate it, the fastest first. machine: of all
+    points. elsewhere: runs that were timed on another machine. untimed: rows without an error or a
+    time.
+    """
+
+    regime: str
+    points: tuple[Point, ...]
+    best: tuple[Point, ...]
+    dominated: dict[str, tuple[str, ...]]
+    machine: str
+    elsewhere: int
+    untimed: tuple[str, ...]
+
+    def verdict(self, point: Point) -> str:
+        """ "frontier", "dominated by X", or neither, which the intervals leave open."""
+        by = self.dominated.get(point.label, ())
+        if by:
+            more = f" and {len(by) - 1} more" if len(by) > 1 else ""
+            return f"dominated by {by[0]}{more}"
+        return "frontier" if point in self.best else "not dominated"
+
+
+def frontiers(
+    rows: Iterable[Row], error: RankingError, wanted: str | None = None
+) -> list[Frontier]:
+    """The frontier of every regime among rows timed on one machine: the wanted, or the busiest."""
+    able = [row for row in rows if not row.trivial]
+    chosen = wanted or busiest(able)
+    regimes = sorted({row.regime for row in able}, reverse=True)  # "single" before "multiple"
+    return [_of_regime(name, [r for r in able if r.regime == name], error, chosen)
+            for name in regimes]  # fmt: skip
+
+
+def _of_regime(regime: str, rows: Sequence[Row], error: RankingError, chosen: str) -> Frontier:
+    points, untimed, elsewhere = [], [], 0
+    for row in rows:
+        here = _timed_on(row, chosen)
+        elsewhere += len(row.records) - len(here.records)
+        if not here.records:
+            continue
+        times, errors = _latency(here), _error(here, error)
+        if times is None or errors is None:
+            untimed.append(row.short)
+        else:
+            points.append(Point(here, times, errors))
+    points.sort(key=lambda point: (point.latency.value, point.error.value, point.label))
+    dominated = {point.label: by for point in points if (by := _dominators(point, points))}
+    return Frontier(regime, tuple(points), tuple(line(points)), dominated, chosen, elsewhere,
+                    tuple(untimed))  # fmt: skip
+
+
+def busiest(rows: Iterable[Row]) -> str:
+    """The machine of most runs, the first by name of several; "" without runs."""
+    counts = Counter(machine(record) for row in rows for record in row.records)
+    return min(counts, key=lambda name: (-counts[name], name), default="")
+
+
+def line(points: Sequence[Point]) -> list[Point]:
+    """Points that no other beats on both central values, by latency."""
+    best: list[Point] = []
+    for point in sorted(points, key=lambda p: (p.latency.value, p.error.value)):
+        if not best or point.error.value < best[-1].error.value:
+            best.append(point)
+    return best
+
+
+def _timed_on(row: Row, chosen: str) -> Row:
+    return Row(tuple(r for r in row.records if machine(r) == chosen), row.mark)
+
+
+def _dominators(point: Point, points: Iterable[Point]) -> tuple[str, ...]:
+    return tuple(
+        other.label
+        for other in points
+        if other.latency.below(point.latency) and other.error.below(point.error)
+    )
+
+
+def _latency(row: Row) -> Range | None:
+    times = row.over(lambda record: latency(record, threads=1))
+    if len(times) < len(row.records):
+        return None
+    value = statistics.fmean(times)
+    return Range(value, min(*times, value * (1 - SETTLED)), max(*times, value * (1 + SETTLED)))
+
+
+def _error(row: Row, error: RankingError) -> Range | None:
+    """Mean over seeds, in the envelope of their intervals; None where a seed has no value."""
+    pooled = row.metric(error.metric, error.group)
+    if pooled is None or pooled.censored:
+        return None
+    single = [Row((record,)).metric(error.metric, error.group) for record in row.records]
+    ends = [(one.value if one.low is None else one.low, one.value if one.high is None else one.high)
+            for one in single if one is not None]  # fmt: skip
+    return Range(pooled.value, min(low for low, _ in ends), max(high for _, high in ends))

@@ -1,0 +1,92 @@
+"""How a run is called on a board, read from its record alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+Record = Mapping[str, Any]
+MIXING = "mixing"
+"""The parameter of a model that trains on contacts mixed out of single presses."""
+TRIVIAL = frozenset({"mean", "nearest"})
+"""Models that learn next to nothing: what any other has to beat."""
+
+_FIELDS = ("protocol", "model", "regime", "encoder", "sensor", "seed")
+_SIGNATURE = re.compile(
+    "".join(rf"(?:^|\|){name}:(?P<{name}>.*?)" for name in _FIELDS[:-1]) + r"\|seed:"
+)
+_SETTINGS = re.compile(r"(?P<name>[^(]*)\((?P<settings>.*)\)")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A model, encoder or sensor: its name and those parameters that are not at their defaults."""
+
+    name: str
+    settings: tuple[tuple[str, str], ...] = ()
+
+    def text(self, *, without: str = "") -> str:
+        """ "unet, width=32"."""
+        other = (f"{key}={value}" for key, value in self.settings if key != without)
+        return ", ".join([self.name, *other])
+
+
+def part_of(record: Record, kind: str) -> Part:
+    """The model, encoder or sensor of a record.
+
+    Which parameters differ from their defaults is what the record's signature says: the defaults of
+    today's plugins may be others.
+    """
+    whole = record.get(kind)
+    if whole is None:
+        return Part("none")
+    found = _SIGNATURE.search(record["signature"])
+    label = found[kind] if found else whole["name"]
+    match = _SETTINGS.fullmatch(label)
+    if match is None:
+        return Part(whole["name"])
+    pairs = (pair.partition("=") for pair in match["settings"].split(","))
+    return Part(whole["name"], tuple((key, value) for key, _, value in pairs))
+
+
+def mixing_of(record: Record) -> str:
+    """Frames mixed out of single presses for every training frame, "" for none."""
+    share = record["model"]["parameters"].get(MIXING)
+    return f"{share:g}" if isinstance(share, int | float) and share > 0 else ""
+
+
+def label_of(record: Record) -> str:
+    """Model, encoder where there is one, mixing and regime, in one line."""
+    model, encoder = part_of(record, "model"), part_of(record, "encoder")
+    text = model.text(without=MIXING)
+    if encoder.name != "none":
+        text += f" + {encoder.text()}"
+    if mixing := mixing_of(record):
+        text += f", mixing {mixing}"
+    return f"{text} ({record['regime']})"
+
+
+def row_key(record: Record) -> Any:
+    """All that two records must share to be seeds of one row, as JSON values."""
+    return [section_key(record), record["model"], record["encoder"], record["regime"],
+            presses_of(record)]  # fmt: skip
+
+
+def section_key(record: Record) -> Any:
+    """All that two records must share to stand in one table: question, sensor, test frames."""
+    sensor = record["sensor"]
+    return [record["protocol"]["id"], record["protocol"]["hash"], sensor["origin"], sensor["name"],
+            sensor["parameters"], record["identity"].get("data")]  # fmt: skip
+
+
+def whole(records: Iterable[Record]) -> list[Record]:
+    """Those that learned from all presses; the others belong to a learning curve alone."""
+    return [record for record in records if presses_of(record) is None]
+
+
+def presses_of(record: Record) -> int | None:
+    """How many presses a run was allowed to learn from; None for all of them."""
+    presses = (record.get("limits") or {}).get("presses")
+    return None if presses is None else int(presses)

@@ -1,0 +1,142 @@
+"""``tactibench models``: trained weights, which the experiments share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactibench.cli.options import json_option
+
+if TYPE_CHECKING:
+    from tactibench.plugins.host import PluginHost
+    from tactibench.running.kept import KeptWeights
+
+MIB = 2**20
+
+
+@click.group()
+def models() -> None:
+    """List trained weights, or train a model without testing it.
+
+    Weights are kept in the cache and shared by all experiments that train on the same presses.
+    """
+
+
+@models.command("list")
+@json_option
+def list_weights(json_file: Path | None) -> None:
+    """List the trained weights in the cache."""
+    from tactibench.cli.output import Terminal
+    from tactibench.cli.report.cells import print_grid
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.cache import cache_folder
+    from tactibench.records.files import write_json
+    from tactibench.running.kept import kept_weights
+
+    found = kept_weights(cache_folder())
+    if json_file is not None:
+        write_json(json_file, [row for kept in found for row in _json(kept)])
+    terminal = Terminal()
+    if not found:
+        terminal.say(f"no trained weights in {cache_folder()}; a run leaves its own there")
+        return
+    host = PluginHost()
+    heads = ("model", "encoder", "regime", "presses", "seed", "device", "epochs", "training", "MiB",
+             "folder")  # fmt: skip
+    print_grid(terminal.out, heads, [_cells(kept, host) for kept in found],
+               right=frozenset(heads[3:5] + heads[6:9]))  # fmt: skip
+    terminal.say(f"{len(found)} in {cache_folder() / 'weights'}")
+
+
+@models.command("train")
+@click.argument("model")
+@click.option("--protocol", default="exp1", show_default=True, help="Whose training presses.")
+@click.option("--regime", help="Frames handed to training; default: the protocol's first.")
+@click.option("--sensor", help="Sensor that makes the frames; default: the protocol's.")
+@click.option("--encoder", help="Encoder, for models that use one.")
+@click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
+)
+@click.option(
+    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
+)
+@click.option("--presses", type=click.IntRange(min=1), help="Learn from so many presses only.")
+@json_option
+def train_weights(
+    model: str,
+    protocol: str,
+    regime: str | None,
+    sensor: str | None,
+    encoder: str | None,
+    data: Path | None,
+    seed: int,
+    device: str,
+    params: tuple[str, ...],
+    presses: int | None,
+    json_file: Path | None,
+) -> None:
+    """Train MODEL and keep its weights.
+
+    Runs find them; an interrupted training continues by the same command.
+    """
+    from tactibench.board.numbers import duration
+    from tactibench.cli.output import Terminal
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.cache import cache_folder
+    from tactibench.records.files import write_json
+    from tactibench.running.plan import make_plan
+    from tactibench.running.request import RunRequest, read_parameters
+    from tactibench.running.training import trained_model
+
+    request = RunRequest(protocol, model, regime, sensor, encoder, data, seed, device,
+                         read_parameters(params), presses=presses)  # fmt: skip
+    terminal = Terminal()
+    plan = make_plan(request, PluginHost(), cache_folder())
+    _, trained = trained_model(plan, terminal)
+    report = trained.report
+    how = "found in the cache, trained" if trained.reused else "trained"
+    terminal.say(
+        f"{plan.parts.model.label()} ({plan.parts.regime}), seed {seed}: {how} {report['epochs']} "
+        f"epochs on {plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
+    )
+    terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
+    if json_file is not None:
+        who = {"group": plan.parts.model.label(), "regime": plan.parts.regime, "seed": seed,
+               "weights": trained.hash, "reused": trained.reused}  # fmt: skip
+        write_json(json_file, [
+            {"metric": "training_s", "value": report["seconds"], "unit": "s", **who},
+            {"metric": "epochs", "value": report["epochs"], "unit": "", **who},
+        ])  # fmt: skip
+
+
+def _label(kept: KeptWeights, host: PluginHost) -> str:
+    """The model with the parameters that are not at their defaults, as far as these are known."""
+    spec = host.models.specs.get(kept.model)
+    defaults = {p.name: p.default for p in spec.parameters} if spec else {}
+    other = [f"{name}={value}" for name, value in kept.parameters.items()
+             if name not in defaults or value != defaults[name]]  # fmt: skip
+    return f"{kept.model}({','.join(other)})" if other else kept.model
+
+
+def _cells(kept: KeptWeights, host: PluginHost) -> tuple[str, ...]:
+    from tactibench.board.numbers import duration, number
+
+    presses = "n/a" if kept.presses is None else f"{kept.presses:,}"
+    return (
+        _label(kept, host), kept.encoder or "none", kept.regime, presses, str(kept.seed),
+        kept.device, str(kept.epochs), duration(kept.seconds), number(kept.bytes / MIB, 1),
+        kept.folder.name,
+    )  # fmt: skip
+
+
+def _json(kept: KeptWeights) -> list[dict[str, Any]]:
+    who = {"model": kept.model, "parameters": dict(kept.parameters), "encoder": kept.encoder,
+           "regime": kept.regime, "seed": kept.seed, "device": kept.device,
+           "presses": kept.presses, "weights": kept.hash, "group": kept.folder.name}  # fmt: skip
+    values = (("training_s", kept.seconds, "s"), ("epochs", kept.epochs, ""),
+              ("size_bytes", kept.bytes, "B"))  # fmt: skip
+    return [{"metric": name, "value": value, "unit": unit, **who} for name, value, unit in values]

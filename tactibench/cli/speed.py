@@ -1,0 +1,133 @@
+"""``tactibench speed``: the ways in which a model can compute, timed against each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactibench.cli.options import json_option
+from tactibench.errors import UserError
+
+if TYPE_CHECKING:
+    from tactibench.running.plan import RunPlan
+    from tactibench.running.training import Reporter
+
+UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may take another time"
+
+
+@click.command()
+@click.argument("model")
+@click.option("--protocol", default="exp1", show_default=True, help="Whose weights and frames.")
+@click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
+@click.option("--sensor", help="Sensor that makes the frames; default: the protocol's.")
+@click.option("--encoder", help="Encoder, for models that use one.")
+@click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
+)
+@click.option(
+    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
+)
+@click.option("--train", is_flag=True, help="Train the weights where they are not in the cache.")
+@click.option("--untrained", is_flag=True, help="Time random weights; errors then say nothing.")
+@click.option(
+    "--compile", "compiled", is_flag=True, help="Try torch.compile, too: needs a compiler."
+)
+@click.option("--frames", type=click.IntRange(min=1), default=100, show_default=True,
+              help="Test frames that are answered.")  # fmt: skip
+@click.option("--calls", type=click.IntRange(min=10), default=300, show_default=True,
+              help="Timed calls at batch 1.")  # fmt: skip
+@json_option
+def speed(
+    model: str,
+    protocol: str,
+    regime: str | None,
+    sensor: str | None,
+    encoder: str | None,
+    data: Path | None,
+    seed: int,
+    device: str,
+    params: tuple[str, ...],
+    train: bool,
+    untrained: bool,
+    compiled: bool,
+    frames: int,
+    calls: int,
+    json_file: Path | None,
+) -> None:
+    """Time the ways in which MODEL can compute: float32, folded, frozen, bf16, ONNX Runtime.
+
+    All are timed in turns in one run, one frame a call and in batches, and their answers are
+    compared with those in float32. The fastest whose mean error is that of float32 within 2 % is
+    named: runs choose in the same way what they time.
+    """
+    from tactibench.cli.output import Terminal
+    from tactibench.cli.report.configurations import print_race
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.cache import cache_folder
+    from tactibench.records.files import write_json
+    from tactibench.running.environment import environment_facts
+    from tactibench.running.plan import make_plan
+    from tactibench.running.race import metric_rows, run_race, steps
+    from tactibench.running.request import RunRequest, read_parameters
+    from tactibench.running.training import open_frames
+
+    if train and untrained:
+        raise UserError("--train and --untrained exclude each other; leave one of them out.")
+    request = RunRequest(
+        protocol, model, regime, sensor, encoder, data, seed, device, read_parameters(params),
+        limit=frames,
+    )  # fmt: skip
+    plan = make_plan(request, PluginHost(), cache_folder())
+    terminal = Terminal()
+    timed = _model(plan, terminal, train=train, untrained=untrained)
+    keys = plan.protocol.keys
+    presses = [open_frames(wanted, terminal) for wanted in plan.frames.test]
+    seen = [frame for one in presses for frame in one.frames]
+    truth = [
+        answer
+        for one in presses
+        for answer in one.truth(keys.answer, keys.workspace.dome_radius_mm)
+    ]
+    with terminal.task("time", steps(timed)) as advance:
+        race = run_race(timed, seen, truth, calls=calls, compiled=compiled, advance=advance)
+    facts = environment_facts()
+    subject = (
+        f"{plan.parts.model.label()} on {plan.device}, {len(seen)} test frames of {keys.id}; "
+        f"{facts['cpu']}, fingerprint {facts['fingerprint']}"
+    )
+    print_race(terminal.out, race, subject, UNTRAINED if untrained else "")
+    if json_file is not None:
+        write_json(json_file, {
+            "model": {"name": plan.parts.model.name, "parameters": dict(plan.parts.model.values)},
+            "untrained": untrained, "environment": facts, "default": race.best.name,
+            "configurations": [
+                {"name": one.name, "words": one.words, **one.difference.as_row(),
+                 "allowed": one.difference.allowed} for one in race.found.usable
+            ],
+            "skipped": dict(race.found.skipped), "speed": list(race.rows),
+            "metrics": metric_rows(race),
+        })  # fmt: skip
+
+
+def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
+    """The model with the weights that were asked for. Raises UserError where there are none."""
+    from tactibench.plugins.interfaces import ConfiguredModel
+    from tactibench.running.training import trained_model
+
+    name = plan.parts.model.name
+    if untrained:
+        model = plan.parts.build_model(plan.context())
+        if not isinstance(model, ConfiguredModel):
+            raise UserError(f"model {name!r} has no random weights to time; take --train instead.")
+        return model
+    if not (train or plan.weights.cached):
+        raise UserError(
+            f"there are no trained weights of {plan.parts.model.label()} in the cache for this "
+            f"request; make them with `tactibench models train {name}` and the same options, or "
+            "add --train, or time random weights with --untrained."
+        )
+    return trained_model(plan, reporter)[0]

@@ -1,0 +1,108 @@
+"""Dominance with intervals, the line of the best, and what does not belong on one picture."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench.board.curve import counts, curve_lines, curves
+from tactibench.board.frontier import Point, Range, frontiers, line
+from tactibench.board.ranking import RANKING
+from tactibench.board.rows import rows_of
+
+ERROR = RANKING["exp1"]
+
+
+def one(records, **more):
+    (found,) = frontiers(rows_of(records), ERROR, **more)
+    return found
+
+
+def test_dominated_means_better_on_both_by_more_than_the_intervals(fabricate):
+    records = [
+        fabricate(settings={"width": 8}, error=0.05, p90_ms=2.0),
+        fabricate(settings={"width": 16}, error=0.10, p90_ms=3.0),  # beaten on both
+        fabricate(settings={"width": 32}, error=0.055, p90_ms=3.0),  # errors overlap
+        fabricate(settings={"width": 64}, error=0.02, p90_ms=9.0),
+        fabricate(model="cnn", encoder=None, error=0.10, p90_ms=2.05),  # times overlap
+    ]
+    found = one(records)
+    assert found.dominated == {"unet, width=16 + hertz": ("unet, width=8 + hertz",)}
+    verdicts = {point.label: found.verdict(point) for point in found.points}
+    assert verdicts == {
+        "unet, width=8 + hertz": "frontier",
+        "unet, width=16 + hertz": "dominated by unet, width=8 + hertz",
+        "unet, width=32 + hertz": "not dominated",
+        "unet, width=64 + hertz": "frontier",
+        "cnn": "not dominated",
+    }
+    assert [point.label for point in found.best] == [
+        "unet, width=8 + hertz", "unet, width=64 + hertz"
+    ]  # fmt: skip
+
+
+def test_the_ranges_are_the_envelope_of_the_seeds(fabricate):
+    records = [fabricate(error=0.04, p90_ms=2.0, seed=0), fabricate(error=0.06, p90_ms=3.0, seed=1)]
+    (point,) = one(records).points
+    assert (point.error.low, point.error.value, point.error.high) == pytest.approx(
+        (0.036, 0.05, 0.066)
+    )
+    assert (point.latency.low, point.latency.value, point.latency.high) == (2.0, 2.5, 3.0)
+    (single,) = one(records[:1]).points
+    assert (single.latency.low, single.latency.high) == pytest.approx((1.96, 2.04))
+
+
+def test_a_missing_end_is_the_value_itself(fabricate):
+    record = fabricate(error=0.04)
+    record["metrics"][0].update(low=None, high=None)
+    (point,) = one([record]).points
+    assert point.error == Range(0.04, 0.04, 0.04)
+
+
+def test_one_machine_only_the_others_are_counted(fabricate):
+    records = [fabricate(seed=0), fabricate(seed=1), fabricate(seed=2, machine="other"),
+               fabricate(model="cnn", machine="other")]  # fmt: skip
+    found = one(records)
+    assert (found.machine, found.elsewhere, len(found.points)) == ("0123456789ab", 2, 1)
+    assert len(found.points[0].row.records) == 2
+    other = one(records, wanted="other")
+    assert (other.elsewhere, len(other.points)) == (2, 2)
+
+
+def test_rows_without_an_error_or_a_time_are_named(fabricate):
+    records = [fabricate(), fabricate(model="cnn", error=None), fabricate(model="vgnn", speed=[])]
+    assert one(records).untimed == ("cnn + hertz", "vgnn + hertz")
+
+
+def test_regimes_have_frontiers_of_their_own_and_trivial_rows_none(fabricate):
+    records = [fabricate(), fabricate(regime="multiple"), fabricate(model="mean", p90_ms=0.001)]
+    found = frontiers(rows_of(records), ERROR)
+    assert [(one.regime, len(one.points)) for one in found] == [("single", 1), ("multiple", 1)]
+    assert frontiers(rows_of(records[2:]), ERROR) == []
+
+
+@given(st.lists(st.tuples(st.integers(1, 9), st.integers(1, 9)), max_size=12))
+def test_the_line_is_the_pareto_front_of_the_central_values(pairs):
+    points = [Point(None, Range(x, x, x), Range(y, y, y)) for x, y in pairs]
+    best = {(p.latency.value, p.error.value) for p in line(points)}
+    expected = {
+        (x, y)
+        for x, y in pairs
+        if not any(a <= x and b <= y and (a, b) != (x, y) for a, b in pairs)
+    }
+    assert best == expected
+
+
+def test_a_curve_needs_two_numbers_of_presses(fabricate):
+    few = [fabricate(error=0.2, seed=k, limits={"presses": 250}, data={"train": 250})
+           for k in range(2)]  # fmt: skip
+    rows = rows_of([fabricate(), *few, fabricate(model="cnn")])
+    (curve,) = curves(rows, ERROR)
+    assert curve.label == "unet + hertz (single)"
+    assert [(step.presses, step.seeds) for step in curve.steps] == [(250, 2), (3600, 1)]
+    assert counts([curve]) == [250, 3600]
+    lines = curve_lines([curve], ERROR)
+    assert "| unet + hertz \\(single\\)" not in lines[4]
+    assert lines[4].endswith("0.2000<br><sub>sd 0.0000</sub> | 0.0500<br><sub>1 seed</sub> |")
+    assert curve_lines([], ERROR) == []

@@ -1,0 +1,120 @@
+"""Seeds pooled into rows, rows into sections: means, intervals, spreads, and what never mixes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench.board.labels import label_of, mixing_of, part_of
+from tactibench.board.ranking import ordered
+from tactibench.board.rows import latency, rows_of
+from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
+
+
+def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
+    record = fabricate(settings={"width": 32, "mixing": 0.5})
+    assert part_of(record, "model").settings == (("width", "32"), ("mixing", "0.5"))
+    assert mixing_of(record) == "0.5"
+    assert label_of(record) == "unet, width=32 + hertz, mixing 0.5 (single)"
+    assert label_of(fabricate(model="cnn", encoder=None)) == "cnn (single)"
+    assert mixing_of(fabricate(settings={"mixing": 0.0})) == ""
+
+
+def test_a_record_without_a_readable_signature_keeps_its_names(fabricate):
+    assert label_of(fabricate(signature="?", settings={"width": 8})) == "unet + hertz (single)"
+
+
+@given(st.lists(st.floats(0.01, 9.0), min_size=1, max_size=5))
+def test_seeds_are_pooled_into_mean_interval_and_spread(fabricate, values):
+    records = [fabricate(error=value, seed=k) for k, value in enumerate(values)]
+    (row,) = rows_of(reversed(records))
+    pooled = row.metric("mae_mm", "mean")
+    assert row.seeds == tuple(range(len(values)))
+    assert pooled.value == pytest.approx(np.mean(values))
+    assert (pooled.low, pooled.high) == pytest.approx((0.9 * np.mean(values),
+                                                       1.1 * np.mean(values)))  # fmt: skip
+    expected = np.std(values, ddof=1) if len(values) > 1 else None
+    assert pooled.sd == (None if expected is None else pytest.approx(expected, abs=1e-12))
+
+
+def test_one_seed_without_a_value_makes_it_n_a(fabricate):
+    (row,) = rows_of([fabricate(seed=0), fabricate(seed=1, error=None)])
+    assert row.metric("mae_mm", "mean") is None
+    assert row.metric("missed", "all") is not None
+    assert row.metric("no such metric", "all") is None
+
+
+def test_an_end_that_one_seed_does_not_know_is_open(fabricate):
+    records = [fabricate(seed=0), fabricate(seed=1)]
+    records[1]["metrics"][0]["low"] = None
+    pooled = rows_of(records)[0].metric("mae_mm", "mean")
+    assert pooled.low is None
+    assert pooled.high is not None
+
+
+def test_limits_stay_limits_and_opposite_ones_make_no_mean(fabricate):
+    records = [fabricate(seed=k) for k in range(2)]
+    records[0]["metrics"][0]["censored"] = "<"
+    pooled = rows_of(records)[0].metric("mae_mm", "mean")
+    assert (pooled.censored, pooled.sd) == ("<", None)
+    records[1]["metrics"][0]["censored"] = ">"
+    assert rows_of(records)[0].metric("mae_mm", "mean") is None
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"regime": "multiple"}, {"settings": {"width": 8}}, {"encoder": "offset"}, {"model": "cnn"},
+     {"limits": {"presses": 250}}],
+)  # fmt: skip
+def test_other_configurations_are_other_rows(fabricate, other):
+    assert len(rows_of([fabricate(seed=0), fabricate(seed=1), fabricate(**other)])) == 2
+
+
+def test_rows_whose_labels_hide_their_difference_are_marked(fabricate):
+    hidden = fabricate()
+    hidden["model"] = {"name": "unet", "parameters": {"width": 16, "new": 1}}
+    labels = [row.label for row in rows_of([fabricate(), hidden])]
+    assert len(set(labels)) == 2
+    assert all(label.startswith("unet + hertz (single) #") for label in labels)
+
+
+def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
+    records = [
+        fabricate(),
+        fabricate(sensor={"instance": 1}),
+        fabricate(sensor={"tier": "fem"}),
+        fabricate(origin="real"),
+        fabricate(identity={**fabricate()["identity"], "data": ["others"]}),
+    ]
+    sections = sections_of(records)
+    assert [section.kind for section in sections] == [
+        NOMINAL, NOMINAL, PERTURBED, FINITE_ELEMENTS, NOMINAL
+    ]  # fmt: skip
+    titles = [section.title for section in sections]
+    assert len(set(titles)) == 5
+    assert titles[2] == "Simulated sensor tactip-127, instance=1: a perturbed individual"
+    assert titles[-1] == "Real sensor tactip-127"
+    assert all(" (test frames " in title for title in titles[:2])
+
+
+def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
+    rows = rows_of([
+        fabricate(model="mean", encoder=None, error=0.001), fabricate(error=0.2),
+        fabricate(model="cnn", encoder=None, error=0.1), fabricate(model="vgnn", error=None),
+    ])  # fmt: skip
+    assert [row.first["model"]["name"] for row in ordered("exp1", rows)] == [
+        "cnn", "unet", "vgnn", "mean"
+    ]  # fmt: skip
+    unknown = [row.label for row in ordered("mine", rows)]
+    assert unknown[:2] == ["cnn (single)", "unet + hertz (single)"]
+
+
+def test_latency_is_read_by_threads(fabricate):
+    record = fabricate(p90_ms=4.0)
+    record["speed"][1]["p90_ms"] = 3.0
+    assert latency(record, threads=1) == 4.0
+    assert latency(record, threads=None) == 3.0
+    assert latency(record, threads=7) is None
+    assert latency({**record, "speed": []}, threads=None) is None

@@ -1,0 +1,126 @@
+"""Committed records: small, valid, one per row and seed, and only of complete runs."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tactibench import UserError
+from tactibench.board.submissions import (
+    FOLDER,
+    add,
+    compact,
+    read_submissions,
+    refuse_twins,
+    slot,
+    text_of,
+)
+from tactibench.records.files import arrays_hash
+from tactibench.records.record import checked
+from tactibench.records.store import PARTS, write_run
+
+
+@pytest.fixture
+def stored(tmp_path, fabricate):
+    """Keywords of ``fabricate`` -> a run in a store."""
+
+    def made(**more):
+        record = fabricate(**more)
+        parts = {name: {"values": np.arange(4.0)} for name in PARTS}
+        record["identity"]["predictions_hash"] = arrays_hash(parts["predictions"])
+        return write_run(tmp_path / "runs", record, parts)
+
+    return made
+
+
+def committed(board):
+    return sorted(path.name for path in (board / FOLDER).glob("*/*.json"))
+
+
+def test_a_committed_record_is_valid_and_small(tmp_path, stored):
+    run = stored()
+    path = add(run, tmp_path / "board").path
+    assert path == tmp_path / "board" / FOLDER / "exp1" / f"{run.record['name']}.json"
+    (record,) = read_submissions(tmp_path / "board", "exp1")
+    checked(record, "it")
+    assert record == compact(run.record)
+    assert "history" not in record["training"]
+    assert isinstance(record["identity"]["sensor"], str)
+    assert record["metrics"] == run.record["metrics"]
+
+
+def test_compacting_twice_changes_nothing(fabricate):
+    once = compact(fabricate())
+    assert compact(once) == once
+
+
+def test_the_text_is_json_with_a_line_a_metric(fabricate):
+    record = compact(fabricate())
+    text = text_of(record)
+    assert json.loads(text) == record
+    lines = text.split("\n")
+    assert sum(line.startswith('  {"metric"') for line in lines) == len(record["metrics"])
+    assert json.loads(text_of({"metrics": [], "x": 1})) == {"metrics": [], "x": 1}
+
+
+def test_a_newer_run_of_a_row_and_seed_takes_the_place_of_the_older(tmp_path, stored):
+    board = tmp_path / "board"
+    add(stored(seed=0), board)
+    add(stored(seed=1), board)
+    newer = add(stored(seed=0, error=0.01, name="exp1-unet-single-s0-newer"), board)
+    assert [path.name[:20] for path in newer.replaced] == ["exp1-unet-single-s0-"]
+    assert len(committed(board)) == 2
+    assert "exp1-unet-single-s0-newer.json" in committed(board)
+
+
+def test_adding_twice_changes_nothing(tmp_path, stored):
+    run, board = stored(), tmp_path / "board"
+    before = add(run, board).path.read_bytes()
+    again = add(run, board)
+    assert (again.path.read_bytes(), again.replaced) == (before, ())
+
+
+def test_a_partial_run_is_refused(tmp_path, stored):
+    with pytest.raises(UserError, match="is a partial run"):
+        add(stored(partial=True), tmp_path / "board")
+    assert not (tmp_path / "board").exists()
+
+
+def test_changed_predictions_are_refused(tmp_path, stored):
+    run = stored()
+    np.savez(run.folder / "predictions.npz", values=np.arange(5.0))
+    with pytest.raises(UserError, match="not what its record was made from"):
+        add(run, tmp_path / "board")
+
+
+def test_seeds_rows_and_presses_have_slots_of_their_own(fabricate):
+    others = [fabricate(), fabricate(seed=1), fabricate(regime="multiple"),
+              fabricate(sensor={"instance": 2}), fabricate(limits={"presses": 250})]  # fmt: skip
+    assert len({slot(record) for record in others}) == len(others)
+    refuse_twins(others)
+    with pytest.raises(UserError, match="are both seed 0 of unet"):
+        refuse_twins([fabricate(), fabricate(name="other")])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": "another"}, "file and folder must be called so"),
+        ({"partial": True}, "partial run"),
+        ({"schema": 99}, "record schema 99"),
+        ({"extra": 1}, "is no valid record"),
+    ],
+)
+def test_a_file_that_is_no_committed_record_is_refused(tmp_path, fabricate, change, words):
+    record = fabricate()
+    path = tmp_path / FOLDER / "exp1" / f"{record['name']}.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps({**record, **change}))
+    with pytest.raises(UserError, match=words):
+        read_submissions(tmp_path, "exp1")
+
+
+def test_no_folder_is_no_record(tmp_path):
+    assert read_submissions(tmp_path, "exp1") == []

@@ -1,0 +1,54 @@
+"""Which other runs a picture shows beside a run, and in what order while there is room."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench.board.run_pictures import beside
+from tactibench.records.store import StoredRun
+
+ASKED = {"test_frames": ["f"], "protocol": "exp3@1", "quick": False, "limit": None}
+
+
+@pytest.fixture
+def make(fabricate):
+    """Keywords of ``fabricate`` -> a run that answered the same frames."""
+
+    def made(**more: Any) -> StoredRun:
+        record = fabricate("exp3", **more)
+        record["identity"].update(ASKED)
+        return StoredRun(Path(record["name"]), record)
+
+    return made
+
+
+def models(runs):
+    return [run.record["model"]["name"] for run in runs]
+
+
+def test_trivial_models_come_last_and_plain_settings_first(make):
+    others = [make(model="mean"), make(model="cnn", settings={"width": 8}),
+              make(model="vgnn", regime="multiple"), make(model="superpose")]  # fmt: skip
+    assert models(beside(make().record, others)) == ["superpose", "vgnn", "cnn", "mean"]
+
+
+def test_the_newest_of_a_label_is_taken(make):
+    old = make(model="cnn", created="2026-01-01T00:00:00+00:00")
+    new = make(model="cnn", created="2026-01-02T00:00:00+00:00", error=0.2)
+    assert beside(make().record, [new, old]) == [new]
+
+
+@pytest.mark.parametrize(
+    "other", [{"seed": 1}, {"limits": {"presses": 250}}, {"model": "unet"}], ids=str
+)
+def test_other_seeds_presses_and_the_run_itself_are_left_out(make, other):
+    assert beside(make().record, [make(**{"model": "cnn", **other})]) == []
+
+
+def test_other_frames_are_left_out(make):
+    other = make(model="cnn")
+    other.record["identity"]["test_frames"] = ["g"]
+    assert beside(make().record, [other]) == []

@@ -1,0 +1,103 @@
+"""``tactibench board``: adding, writing, checking; one sentence for every mistake."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactibench.records.files import arrays_hash
+from tactibench.records.store import PARTS, write_run
+
+
+@pytest.fixture
+def stored(tmp_path, fabricate):
+    """Keywords of ``fabricate`` -> the name of a run in ``runs``."""
+    (tmp_path / "leaderboards").mkdir()
+
+    def made(**more):
+        record = fabricate(**more)
+        parts = {name: {"values": np.arange(4.0)} for name in PARTS}
+        record["identity"]["predictions_hash"] = arrays_hash(parts["predictions"])
+        return write_run(tmp_path / "runs", record, parts).record["name"]
+
+    return made
+
+
+def test_runs_are_added_written_and_checked(cli, stored):
+    names = [stored(seed=0), stored(seed=1)]
+    code, out, _ = cli("board", "--add", names[0], "--add", names[1])
+    assert code == 0
+    assert f"added leaderboards/submissions/exp1/{names[0]}.json" in out
+    assert "leaderboards/exp1.md: 2 runs; written" in out
+    text = Path("leaderboards/exp1.md").read_text(encoding="utf-8")
+    assert "| unet | hertz | single | no | 2 |" in text
+    assert cli("board", "--check")[0] == 0
+    assert "exp1.md: 2 runs; unchanged" in cli("board")[1]
+
+
+def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored):
+    cli("board", "--add", stored())
+    Path("leaderboards/exp1.md").write_text("better numbers")
+    code, _, err = cli("board", "--check")
+    assert code == 1
+    assert err == (
+        "leaderboards/exp1.md is not what the committed records give; run `tactibench board` "
+        "and commit it.\n"
+    )
+    assert Path("leaderboards/exp1.md").read_text() == "better numbers"
+    cli("board")
+    Path("leaderboards/exp2.md").unlink()
+    assert "leaderboards/exp2.md is not" in cli("board", "--check")[2]
+
+
+def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored):
+    stored(seed=0, name="exp1-old", created="2026-01-01T00:00:00+00:00")
+    stored(seed=0, name="exp1-new", created="2026-01-02T00:00:00+00:00", error=0.01)
+    stored(seed=1, name="exp1-quick", partial=True)
+    code, out, _ = cli("board", "--add", "exp1-*")
+    assert code == 0
+    assert "in place of exp1-old.json, the same row and seed" in out
+    files = [path.name for path in Path("leaderboards/submissions/exp1").iterdir()]
+    assert files == ["exp1-new.json"]
+
+
+def test_runs_with_fewer_presses_are_counted_apart(cli, stored):
+    stored()
+    stored(seed=1, limits={"presses": 250}, data={"train": 250})
+    out = cli("board", "--add", "*")[1]
+    assert "leaderboards/exp1.md: 2 runs, 1 of them for the learning curve; written" in out
+
+
+def test_the_same_figures_as_json(cli, stored):
+    cli("board", "--add", stored(error=0.05), "--json", "rows.json")
+    rows = json.loads(Path("rows.json").read_text())
+    (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
+    assert (mae["value"], mae["unit"], mae["model"]) == (0.05, "mm", "unet")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--add", "exp1-part"], "is a partial run"),
+        (["--add", "nothing-*"], "holds no complete run called like 'nothing-*'"),
+        (["--add", "exp1-par*"], "but 1 partial ones"),
+        (["--add", "exp1-pard"], "did you mean 'exp1-part'"),
+        (["--check", "--add", "exp1-part"], "leave one of the two out"),
+        (["--board", "nowhere"], "there is no board in nowhere"),
+    ],
+)
+def test_mistakes(refused, stored, options, words):
+    stored(partial=True, name="exp1-part")
+    assert words in refused("board", *options)
+    assert not list(Path("leaderboards").iterdir())
+
+
+def test_two_records_of_one_seed_are_refused(cli, refused, stored):
+    cli("board", "--add", stored())
+    (path,) = Path("leaderboards/submissions/exp1").iterdir()
+    record = {**json.loads(path.read_text()), "name": "exp1-twin"}
+    path.with_name("exp1-twin.json").write_text(json.dumps(record))
+    assert "are both seed 0 of unet + hertz (single); keep one" in refused("board")

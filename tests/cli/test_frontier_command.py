@@ -1,0 +1,77 @@
+"""``tactibench frontier`` and ``tactibench curve`` read what is committed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tactibench.board.submissions import compact, text_of
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def board(tmp_path, fabricate):
+    """A folder of boards with a few committed records."""
+    folder = tmp_path / "leaderboards" / "submissions" / "exp1"
+    folder.mkdir(parents=True)
+    whole = [fabricate(settings={"width": w}, error=e, p90_ms=p)
+             for w, e, p in ((8, 0.05, 2.0), (16, 0.10, 3.0), (32, 0.03, 9.0))]  # fmt: skip
+    others = [
+        fabricate(settings={"width": 8}, sensor={"instance": 1}),
+        fabricate(model="cnn", encoder=None, machine="ba9876543210"),
+        fabricate(settings={"width": 8}, error=0.2, limits={"presses": 250}, data={"train": 250}),
+    ]
+    for record in map(compact, [*whole, *others]):
+        (folder / f"{record['name']}.json").write_text(text_of(record))
+
+
+def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):
+    code, out, err = cli("frontier", "exp1", "--out", "f.png", "--json", "f.json")
+    assert (code, err) == (0, "")
+    lines = {line.split("  ")[0]: line for line in out.split("\n")}
+    assert "dominated by unet, width=8 + hertz" in lines["unet, width=16 + hertz"]
+    assert lines["unet, width=32 + hertz"].rstrip().endswith("frontier")
+    assert "Left out: 1 runs that were timed on another machine than 0123456789ab." in out
+    assert "Left out: 1 runs on other sensors." in out
+    assert Path("f.png").read_bytes().startswith(PNG)
+    rows = json.loads(Path("f.json").read_text())
+    assert {row["metric"] for row in rows} == {"p90_ms", "mae_mm"}
+    (beaten,) = [r for r in rows if r["dominated_by"] and r["metric"] == "mae_mm"]
+    assert (beaten["group"], beaten["value"]) == ("unet, width=16 + hertz", 0.1)
+
+
+def test_a_sensor_or_machine_can_be_asked_for(cli, board):
+    out = cli("frontier", "exp1", "--sensor", "tactip-127, instance=1")[1]
+    assert "instance=1: a perturbed individual" in out
+    assert "cnn" in cli("frontier", "exp1", "--machine", "ba9876543210")[1]
+
+
+def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board):
+    code, out, _ = cli("curve", "exp1", "--out", "c.png", "--json", "c.json")
+    assert code == 0
+    assert "0.2000 [0.1800, 0.2200]" in out
+    assert "cnn" not in out
+    rows = json.loads(Path("c.json").read_text())
+    assert [(row["presses"], row["value"]) for row in rows] == [(250, 0.2), (3600, 0.05)]
+    assert Path("c.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["frontier", "exp9"], "unknown protocol 'exp9'; did you mean"),
+        (["frontier", "exp2"], "there is no complete run of exp2"),
+        (["frontier", "exp1", "--machine", "x"], "no run was timed on a machine 'x'"),
+        (["frontier", "exp1", "--sensor", "tactip-128"], "did you mean 'tactip-127"),
+        (["frontier", "exp1", "--out", "f.pdf"], "f.pdf is no PNG file; call it f.png"),
+        (["frontier", "exp1", "--out", "no/f.png"], "the folder no is not there"),
+        (["frontier", "exp1", "--board", "no"], "there is no board in no"),
+        (["curve", "exp2"], "there is no complete run of exp2"),
+        (["curve", "exp1", "--sensor", "tactip-127, instance=1"], "run exp1 --presses N"),
+    ],
+)
+def test_mistakes(refused, board, arguments, words):
+    assert words in refused(*arguments)

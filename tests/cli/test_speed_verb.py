@@ -1,0 +1,65 @@
+"""``tactibench speed`` on models that ship."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench.running import race
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One round of each scenario, one thread."""
+    monkeypatch.setattr(race, "WAIT_S", 0.0)
+    monkeypatch.setattr(race, "machine", lambda: {"cores_logical": 1})
+
+
+def test_random_weights_are_timed_and_said_to_be(short: Any, cli: Any, tmp_path: Path) -> None:
+    code, out, err = cli("speed", "cnn", "--untrained", "--frames", "3", "--calls", "10",
+                         "--device", "cpu", "--json", "speed.json")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert out.startswith("cnn on cpu, 3 test frames of exp1; ")
+    assert "RANDOM WEIGHTS" in out
+    for name in ("float32", "folded"):
+        assert any(line.startswith(name) for line in out.splitlines())
+    assert "left out: compiled: it takes long to make; add --compile" in " ".join(out.split())
+    default = out.rpartition("default here: ")[2]
+    found = json.loads((tmp_path / "speed.json").read_text(encoding="utf-8"))
+    assert default.startswith(found["default"])
+    assert found["untrained"] is True
+    assert {row["scenario"] for row in found["speed"]} == {"single", "offline"}
+    assert {row["batch"] for row in found["speed"]} == {1, 8, 32, 128}
+    assert {row["phase"] for row in found["speed"]} == {"preprocess", "forward", "decode", "total"}
+    by_name = {one["name"]: one for one in found["configurations"]}
+    assert by_name["folded"]["difference_mm"] < 1e-3
+    assert all(row.keys() == {"metric", "group", "value", "unit"} for row in found["metrics"])
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("unet",), "tactibench models train unet"),
+        (("unet", "--train", "--untrained"), "exclude each other"),
+        (("mean", "--untrained"), "no random weights"),
+        (("unte",), "did you mean 'unet'?"),
+        (("unet", "--regime", "several"), "no regime 'several'"),
+        (("unet", "--calls", "1"), "10"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(refused: Any, options: tuple[str, ...], named: str) -> None:
+    assert named in refused("speed", *options)
+
+
+def test_help_is_light() -> None:
+    code = (
+        "import sys; from tactibench.cli.speed import speed;"
+        "print(*sorted({'numpy', 'torch', 'matplotlib', 'rich'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
