@@ -18,7 +18,12 @@ ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "tactibench"
 PLUGINS = sorted(path for path in (ROOT / "plugins").iterdir() if (path / "__init__.py").is_file())
 PLUGIN_NAMES = {path.name for path in PLUGINS}
-PUBLIC_MODULES = ("tactibench.geometry", "tactibench.markers", "tactibench.training")
+PUBLIC_MODULES = (
+    "tactibench.geometry",
+    "tactibench.markers",
+    "tactibench.superposition",
+    "tactibench.training",
+)
 HEAVY = {"torch", "cv2"}
 LONGEST, MEDIAN = 350, 90
 ONE_CACHE = "plugins/tactibench_sim/dome_kernels.py"

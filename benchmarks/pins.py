@@ -1,0 +1,217 @@
+"""Pins: coverage and speed on real frames, precision on simulated ones, graphs a second.
+
+    python -P benchmarks/pins.py [--every 10] [--frames 200]
+
+(-P: numba would take ``coverage.py`` of this folder for the package of that name.)
+
+* real: the frames of the Tac-VGNN sets (TACTIBENCH_TACVGNN, or ../shared/data/tac-vgnn), one
+  thread, reading them left out, beside connected components and one Hungarian assignment of all
+  blobs to all pins at rest, in turn on the same frames. ``seen`` is the share of pins that were
+  seen, the others are foretold from their neighbours; ``whole`` that of frames with every pin
+  seen; ``rough`` the worst displacement of a seen pin against the plane through its neighbours',
+  pitches.
+* simulated: rms error of the tracked positions against where the renderer put the pins, px an axis,
+  beside the Cramer-Rao limit of all pins' positions and radii together; ``bias`` is the rms over
+  tenths of a pixel of the mean error there, with what noise alone would leave of it; ``lost`` the
+  share farther off than half a pixel, which the rms of the others leaves out.
+* graph: pins to edges, cell areas and border, beside ``scipy.spatial.Delaunay`` alone.
+
+Times are processor time of this thread: what else the machine does hardly counts.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial.distance import cdist
+
+from tactibench import Indenter, Pose, Scene, SensorContext
+from tactibench.markers import Tracker, Tracks, pin_graph, rest_layout
+from tactibench.plugins.host import PluginHost
+
+DATA = Path(
+    os.environ.get(
+        "TACTIBENCH_TACVGNN",
+        Path(__file__).resolve().parents[1].parent / "shared" / "data" / "tac-vgnn",
+    )
+)
+BLOCK = 50
+LOST_PX = 0.5
+
+
+def seconds(work: Callable[[], object]) -> float:
+    start = time.thread_time()
+    work()
+    return time.thread_time() - start
+
+
+def hungarian(images: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Every blob against every pin, as it is usually done."""
+    out = np.full((len(images), len(rest), 2), np.nan)
+    for image, found in zip(images, out, strict=True):
+        _, bright = cv2.threshold(image, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+        boxes, middles = cv2.connectedComponentsWithStats(bright, connectivity=4)[2:]
+        area = boxes[1:, cv2.CC_STAT_AREA]
+        usual = np.median(area)
+        blobs = middles[1:][(area > 0.3 * usual) & (area < 4.5 * usual)]
+        row, column = linear_sum_assignment(cdist(rest, blobs, "sqeuclidean"))
+        found[row] = blobs[column]
+    return out
+
+
+def roughness(tracks: Tracks, rest: np.ndarray) -> np.ndarray:
+    """(N,) worst displacement of a seen pin against the plane through ten neighbours', pitches."""
+    apart, near = (found[:, 1:] for found in cKDTree(rest).query(rest, k=11))
+    basis = np.concatenate([np.ones((*near.shape, 1)), rest[near] - rest[:, None]], axis=2)
+    plane = np.linalg.pinv(basis)[:, 0]
+    moved = tracks.xy - rest
+    off = moved - np.einsum("pk,npkc->npc", plane, moved[:, near])
+    pitches = np.linalg.norm(off, axis=-1) / apart[:, :4].mean(axis=1)
+    return np.where(tracks.seen, pitches, 0.0).max(axis=1)
+
+
+def show_real(pins: str, every: int) -> np.ndarray | None:
+    folder = DATA / pins / "model_surface2d"
+    if not (folder / "targets.csv").is_file():
+        print(f"real {pins}: skipped, {folder} is not there; set TACTIBENCH_TACVGNN")
+        return None
+    with (folder / "targets.csv").open(newline="") as table:
+        names = [row["image_name"] for row in csv.DictReader(table)][::every]
+    rest = cv2.imread(str(folder / "frames_bw" / "init_0.png"), cv2.IMREAD_GRAYSCALE)
+    tracker = Tracker(rest, refine="centroid")
+    ours = theirs = 0.0
+    parts = []
+    tracker.track(rest[None])
+    for start in range(0, len(names), BLOCK):
+        block = names[start : start + BLOCK]
+        images = np.stack(
+            [cv2.imread(str(folder / "frames_bw" / n), cv2.IMREAD_GRAYSCALE) for n in block]
+        )
+        ours += seconds(lambda images=images: parts.append(tracker.track(images)))
+        theirs += seconds(lambda images=images: hungarian(images, tracker.rest))
+    tracks = Tracks(*(np.concatenate([getattr(p, n) for p in parts]) for n in vars(parts[0])))
+    rough = roughness(tracks, tracker.rest)
+    covered = np.isfinite(tracks.xy).all(axis=(1, 2)).mean()
+    print(
+        f"real {pins}: {len(names)} frames, {len(tracker.rest)} pins; coverage {covered:.2%}, "
+        f"seen {tracks.seen.mean():.4%}, whole {tracks.seen.all(axis=1).mean():.2%}, "
+        f"rough median {np.median(rough):.2f}, 99 % {np.quantile(rough, 0.99):.2f}, "
+        f"most {rough.max():.2f}"
+    )
+    print(
+        f"real {pins}: {len(names) / ours:,.0f} frames/s; Hungarian {len(names) / theirs:,.0f}; "
+        f"ratio {theirs / ours:.1f}"
+    )
+    return tracks.xy
+
+
+def scenes(rng: np.random.Generator, count: int) -> list[Scene]:
+    """One, two or three tips, in turn."""
+    out = []
+    for k in range(count):
+        heights = tuple(rng.uniform(0, 2, 3))
+        indenter = (
+            Indenter.single(),
+            Indenter.dual(rng.uniform(6.5, 12)),
+            Indenter.triple((heights[0], heights[1], heights[2])),
+        )[k % 3]
+        reach, deepest = ((6.4, 6.0), (1.5, 5.0), (1.0, 5.0))[k % 3]
+        x, y = rng.uniform(-reach, reach, 2)
+        out.append(
+            Scene(indenter, Pose(x, y, rng.uniform(-180, 180), 0, rng.uniform(2.5, deepest)))
+        )
+    return out
+
+
+def limit(renderer: object, discs: np.ndarray) -> float:
+    """Cramer-Rao rms px an axis of all pins of one frame, x, y and radius of each unknown."""
+    clean = renderer.splatted(*discs.T[:, None])[0]
+    weight = 1 / np.sqrt(renderer.variance(clean).ravel())
+    step = 1e-3
+    jacobian = np.empty((discs.size, clean.size), dtype=np.float32)
+    for k in range(discs.size):
+        ahead, behind = discs.copy(), discs.copy()
+        ahead.flat[k] += step
+        behind.flat[k] -= step
+        pair = [renderer.splatted(*d.T[:, None])[0].ravel() for d in (ahead, behind)]
+        jacobian[k] = (pair[0] - pair[1]) / (2 * step) * weight
+    spread = np.diag(np.linalg.inv((jacobian @ jacobian.T).astype(np.float64)))
+    return float(np.sqrt(np.mean(spread.reshape(-1, 3)[:, :2])))
+
+
+def show_simulated(host: PluginHost, name: str, count: int) -> None:
+    sensor = host.sensors[name].load()(SensorContext(np.random.SeedSequence(7)))
+    drawn = scenes(np.random.default_rng(11), count)
+    images = np.stack([frame.image for frame in sensor.press_many(drawn)])
+    discs = np.stack(sensor.renderer.project(sensor.points(drawn)), axis=-1)
+    true = discs[..., :2]
+    rest = sensor.rest().image
+    for refine in ("profile", "centroid"):
+        tracker = Tracker(rest, refine=refine)
+        tracker.track(images[:1])
+        taken: list[Tracks] = []
+        spent = seconds(lambda tracker=tracker, taken=taken: taken.append(tracker.track(images)))
+        still = np.stack(sensor.renderer.project(sensor.points([_untouched()])), axis=-1)[0, :, :2]
+        which = cKDTree(tracker.rest).query(still)[1]
+        error = taken[0].xy[:, which] - true
+        near = np.linalg.norm(error, axis=-1) < LOST_PX
+        kept = error[near]
+        phase = np.floor(10 * (true[near] % 1)).astype(int)
+        means = [kept[phase == k].mean() for k in range(10)]
+        left = np.sqrt(np.mean([kept[phase == k].var() / np.sum(phase == k) for k in range(10)]))
+        print(
+            f"{name} {refine}: rms {np.sqrt(np.mean(kept**2)):.4f} px, median |e| "
+            f"{np.median(np.abs(kept)):.4f}, bias {np.sqrt(np.mean(np.square(means))):.4f} "
+            f"(noise alone {left:.4f}), lost {1 - near.mean():.3%}, seen "
+            f"{taken[0].seen.mean():.3%}; {count / spent:,.0f} frames/s"
+        )
+    limits = [limit(sensor.renderer, d) for d in discs[: max(1, min(6, count))]]
+    print(f"{name} limit: rms {np.sqrt(np.mean(np.square(limits))):.4f} px ({len(limits)} frames)")
+
+
+def _untouched() -> Scene:
+    return Scene(Indenter.single(), Pose())
+
+
+def show_graphs(label: str, xy: np.ndarray) -> None:
+    pin_graph(xy[0])
+    ours = seconds(lambda: [pin_graph(one) for one in xy])
+    theirs = seconds(lambda: [Delaunay(one) for one in xy])
+    print(
+        f"graph {label}: {len(xy) / ours:,.0f} graphs/s; scipy Delaunay alone "
+        f"{len(xy) / theirs:,.0f}/s; ratio {theirs / ours:.1f}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--every", type=int, default=1, help="take each so manieth real frame")
+    parser.add_argument("--frames", type=int, default=200, help="simulated frames")
+    options = parser.parse_args()
+    host = PluginHost()
+    for pins in ("331", "127"):
+        xy = show_real(pins, options.every)
+        if xy is None:
+            image = host.sensors[f"tactip-{pins}"].load()(SensorContext(np.random.SeedSequence(7)))
+            rest = rest_layout(image.rest().image)
+            xy = rest + np.random.default_rng(5).normal(0, 0.3, (200, *rest.shape))
+        show_graphs(pins, xy[:: max(1, len(xy) // 500)])
+    for name in ("tactip-127", "tactip-331"):
+        show_simulated(host, name, options.frames)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""What one contact does to the pins, learned from single presses: a smooth function of x, y, depth.
+
+Gaussian-process regression (kriging) with a Matern-5/2 kernel gives the field; a cubic spline on a
+regular lattice keeps it, so that a value costs 64 products a pin, whatever the number of presses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.errors import UserError
+
+Array = npt.NDArray[np.float64]
+Lattice = npt.NDArray[np.float32]
+
+LENGTH_MM = 30.0
+"""Length of the kernel: far longer than the workspace, so that the field is a stiff spline."""
+RIDGES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+"""Variances of noise against that of the field; the one that foretells held-out presses best."""
+FEWEST = 20
+PITCH_MM = (0.7, 0.7, 0.35)
+"""Of the lattice in x, y and depth: over depth the field bends most, just after first touch."""
+MARGIN_MM = 1.0
+"""The lattice reaches this far beyond the presses; beyond it, the value of its edge holds."""
+_RESTING = 7
+"""Presses of depth 0 a side: there the field is known to be zero."""
+_HELD_OUT = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """values(x, y, depth) of Q quantities that are 0 without contact.
+
+    coefficients: (X, Y, D, Q) of the cubic B-splines. low: (3,) mm of the first knot of each axis,
+    step: (3,) mm between knots.
+    """
+
+    coefficients: Lattice
+    low: Array
+    step: Array
+
+    @classmethod
+    def learn(cls, contacts: Array, values: Array) -> Self:
+        """Learn from single presses: contacts (N, 3) mm, values (N, Q).
+
+        Raises UserError for fewer than twenty presses.
+        """
+        if len(contacts) < FEWEST:
+            raise UserError(
+                f"a field of single presses is learned from {len(contacts)} presses; it needs at "
+                f"least {FEWEST}: raise the training count."
+            )
+        known = _with_resting(contacts)
+        wanted = np.concatenate([values, np.zeros((len(known) - len(values), values.shape[1]))])
+        low = np.append(contacts[:, :2].min(axis=0) - MARGIN_MM, 0.0)
+        high = contacts.max(axis=0) + MARGIN_MM
+        knots = np.maximum(4, np.ceil((high - low) / PITCH_MM).astype(int) + 1)
+        step = (high - low) / (knots - 1)
+        axes = [a + s * np.arange(n) for a, s, n in zip(low, step, knots, strict=True)]
+        weights = _kriging(known, wanted, _best_ridge(contacts, values))
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        lattice = np.concatenate(
+            [
+                _kernel(part, known) @ weights
+                for part in np.array_split(nodes, len(nodes) // 500 + 1)
+            ]
+        )
+        return cls(_spline(lattice.reshape(*knots, -1)), low, step)
+
+    def __call__(self, contacts: npt.ArrayLike) -> Array:
+        """(..., Q) values of contacts (..., 3) mm."""
+        return self.slopes(contacts)[..., 0, :]
+
+    def slopes(self, contacts: npt.ArrayLike) -> Array:
+        """(..., 4, Q): the values and their derivatives by x, y and depth, 1/mm."""
+        given: Array = np.asarray(contacts, dtype=np.float64)
+        flat = given.reshape(-1, 3)
+        count = np.array(self.coefficients.shape[:3])
+        place = ((flat - self.low) / self.step).clip(0.0, count - 1.0)
+        cell = np.minimum(place.astype(np.intp), count - 2)
+        weight, slope = _basis(place - cell)  # (M, 3 axes, 4 knots)
+        slope = slope / self.step[:, None]
+        outer = [
+            _product(weight[:, 0], weight[:, 1], weight[:, 2]),
+            _product(slope[:, 0], weight[:, 1], weight[:, 2]),
+            _product(weight[:, 0], slope[:, 1], weight[:, 2]),
+            _product(weight[:, 0], weight[:, 1], slope[:, 2]),
+        ]
+        products = np.stack(outer, axis=1).astype(np.float32)  # (M, 4, 64)
+        around = np.arange(-1, 3)
+        # Beyond the lattice the spline goes on as its mirror image, as spline_filter has it.
+        index = [_mirrored(cell[:, a, None] + around, count[a]) for a in range(3)]
+        found = np.empty((len(flat), 4, self.coefficients.shape[3]), dtype=np.float32)
+        for start in range(0, len(flat), 256):  # bounds the memory of gathered knots
+            part = slice(start, start + 256)
+            i, j, k = (one[part] for one in index)
+            knots = self.coefficients[
+                i[:, :, None, None], j[:, None, :, None], k[:, None, None, :]
+            ].reshape(len(i), 64, -1)
+            np.matmul(products[part], knots, out=found[part])
+        return found.reshape(*given.shape[:-1], 4, -1).astype(np.float64)
+
+
+def _kernel(a: Array, b: Array) -> Array:
+    """Matern-5/2: (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length."""
+    from scipy.spatial.distance import cdist
+
+    r = cdist(a, b) * (np.sqrt(5.0) / LENGTH_MM)
+    value: Array = (1 + r + r * r / 3) * np.exp(-r)
+    return value
+
+
+def _kriging(known: Array, wanted: Array, ridge: float) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
+
+    kernel = _kernel(known, known)
+    kernel[np.diag_indices(len(known))] += ridge
+    weights: Array = cho_solve(cho_factor(kernel, overwrite_a=True), wanted)
+    return weights
+
+
+def _best_ridge(contacts: Array, values: Array) -> float:
+    """The ridge with the least squared error on every tenth press, learned from at most 1,500."""
+    held = np.arange(len(contacts)) % _HELD_OUT == 0
+    learned = np.flatnonzero(~held)[:1500]
+    known = _with_resting(contacts[learned])
+    wanted = np.concatenate(
+        [values[learned], np.zeros((len(known) - len(learned), values.shape[1]))]
+    )
+    test = np.flatnonzero(held)[:200]
+    kernel = _kernel(contacts[test], known)
+    errors = [
+        float(((kernel @ _kriging(known, wanted, ridge) - values[test]) ** 2).sum())
+        for ridge in RIDGES
+    ]
+    return RIDGES[int(np.argmin(errors))]
+
+
+def _with_resting(contacts: Array) -> Array:
+    """The presses and, beside them, places over their range at which nothing presses."""
+    sides = [
+        np.linspace(low, high, _RESTING)
+        for low, high in zip(contacts.min(axis=0)[:2], contacts.max(axis=0)[:2], strict=True)
+    ]
+    x, y = (axis.ravel() for axis in np.meshgrid(*sides))
+    return np.concatenate([contacts, np.stack([x, y, 0 * x], axis=1)])
+
+
+def _spline(lattice: Array) -> Lattice:
+    from scipy.ndimage import spline_filter1d
+
+    for axis in range(3):
+        lattice = spline_filter1d(lattice, order=3, axis=axis, mode="mirror")
+    out: Lattice = np.ascontiguousarray(lattice, dtype=np.float32)
+    return out
+
+
+def _basis(t: Array) -> tuple[Array, Array]:
+    """Cubic B-spline weights of the four knots around and their derivatives, (..., 4)."""
+    s = 1 - t
+    weight = np.stack([s**3, 4 - 3 * t * t * (1 + s), 4 - 3 * s * s * (1 + t), t**3], axis=-1) / 6
+    slope = np.stack([-s * s, t * (3 * t - 4), s * (4 - 3 * s), t * t], axis=-1) / 2
+    return weight, slope
+
+
+def _product(x: Array, y: Array, d: Array) -> Array:
+    """(M, 64) products of three (M, 4)."""
+    product: Array = (x[:, :, None, None] * y[:, None, :, None] * d[:, None, None, :]).reshape(
+        len(x), 64
+    )
+    return product
+
+
+def _mirrored(index: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
+    index = np.abs(index)
+    return np.where(index > count - 1, 2 * (count - 1) - index, index)

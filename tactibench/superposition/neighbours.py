@@ -1,0 +1,212 @@
+"""What contacts do to each other: every contact acts like a single one at another place and depth.
+
+The pins' displacements of a press are close to a sum of single-press fields, if contact i counts
+with its *equivalent* e_i instead of itself: a neighbour j has lowered the skin under it, so it
+carries less (load sharing), and the skin between the two is drawn down, so it acts nearer to j:
+
+    e_i = c_i + sum_{j != i} [s(i, j) towards_ij + p(i, j) beside_ij, h(i, j)]
+
+s, p and h are polynomials of the distance, both depths and the place of the pair on the dome. In a
+crowd a third contact takes load off both, which enters to first order.
+
+The shipped coefficients were fitted to finite-element mechanics of a nominal dome (radius 20 mm,
+tips of radius 3 mm, two and three at random places; benchmarks/neighbours.py makes them again).
+They hold lengths only, no camera and no pins, and no frame. ``Neighbours.learn`` fits them to
+labelled presses instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import as_file, files
+from itertools import combinations_with_replacement
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+FILE = "neighbours.npz"
+_CENTRE = np.array([9.0, 3.2, 3.2, -3.0, 0.0])
+_SCALE = np.array([3.0, 1.6, 1.6, 4.0, 3.0])
+"""Of distance, own depth, the neighbour's depth, own place towards and beside it, mm."""
+_REACH = 2.2
+"""Features are cut here, in scales: a polynomial says nothing about what it has not seen."""
+PAIR_DEGREE, CROWD_DEGREE = 4, 2
+_ROUNDS = 8
+_KNEE_MM = 0.03
+_RIDGE = 1e-5
+_SHALLOWEST_MM = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """pair: (T, 3) coefficients of s, p, h. crowd: (2 U, 3) of their change by a third contact."""
+
+    pair: Array
+    crowd: Array
+
+    @classmethod
+    def none(cls) -> Self:
+        """Contacts that do not feel each other."""
+        return cls(np.zeros((_terms(PAIR_DEGREE), 3)), np.zeros((2 * _terms(CROWD_DEGREE), 3)))
+
+    def equivalents(self, contacts: Array) -> Array:
+        """(S, K, 3) contacts, mm -> (S, K, 3) single contacts that act alike. NaN rows stay NaN."""
+        return contacts + self.shift(contacts)
+
+    def shift(self, contacts: Array) -> Array:
+        """(S, K, 3) mm from each contact to its equivalent."""
+        out = np.zeros_like(contacts)
+        for pair in _pairs(contacts):
+            out[:, pair.i] += pair.in_frame(self._of(pair, contacts))
+        return out
+
+    def _of(self, pair: _Pair, contacts: Array) -> Array:
+        value = _powers(pair.features, PAIR_DEGREE) @ self.pair
+        if contacts.shape[1] > 2:
+            value = value + _crowd(pair, self._taken(contacts)) @ self.crowd
+        return value
+
+    def _taken(self, contacts: Array) -> Array:
+        """(S, K, K) depth that contact k takes off contact i, mm, as a pair would have it."""
+        taken = np.zeros((*contacts.shape[:2], contacts.shape[1]))
+        for pair in _pairs(contacts):
+            taken[:, pair.i, pair.j] = _powers(pair.features, PAIR_DEGREE) @ self.pair[:, 2]
+        return taken
+
+    @classmethod
+    def learn(cls, contacts: list[Array], shifts: list[Array], start: Self) -> Self:
+        """Fit to contacts and what they are shifted by, one (S, K, 3) array for every K > 1.
+
+        Pairs and crowds in one linear system (a third contact's part is linear in what ``start``
+        says it takes off), by iteratively reweighted least squares (Huber, 0.03 mm) with a small
+        ridge towards ``start``.
+        """
+        if not any(len(one) for one in contacts):
+            return start
+        known = np.concatenate([start.pair, start.crowd])
+        rows = np.concatenate([start._design(one) for one in contacts])
+        wanted = np.concatenate([one.reshape(-1) for one in shifts])
+        fitted = _robust(rows, wanted, known.T.reshape(-1)).reshape(3, -1).T
+        return cls(*np.split(fitted, [len(start.pair)]))
+
+    def _design(self, contacts: Array) -> Array:
+        """(S K 3, 3 T): how the shifts depend on all coefficients, component by component."""
+        frames, count = contacts.shape[:2]
+        terms = len(self.pair) + len(self.crowd)
+        taken = self._taken(contacts)
+        design = np.zeros((frames, count, 3, 3, terms))
+        for pair in _pairs(contacts):
+            parts = [_powers(pair.features, PAIR_DEGREE), _crowd(pair, taken)]
+            if count < 3:
+                parts[1] = np.zeros_like(parts[1])
+            basis = np.concatenate(parts, axis=1)
+            for k in range(3):
+                turned = pair.in_frame(np.tile(np.eye(3)[k], (frames, 1)))
+                design[:, pair.i, :, k] += turned[:, :, None] * basis[:, None]
+        return design.reshape(-1, 3 * terms)
+
+
+@cache
+def shipped() -> Neighbours:
+    """From contacts to their equivalents: the coefficients that come with the package."""
+    return _stored("forward")
+
+
+@cache
+def shipped_inverse() -> Neighbours:
+    """From equivalents to the contacts, fitted apart: shifts as functions of the equivalents."""
+    return _stored("inverse")
+
+
+def _stored(name: str) -> Neighbours:
+    with as_file(files(__package__).joinpath(FILE)) as path, np.load(path) as stored:
+        return Neighbours(
+            stored[f"{name}_pair"].astype(float), stored[f"{name}_crowd"].astype(float)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """Contact i as it sees j. features: (S, 5) scaled. towards, beside: (S, 2) unit vectors."""
+
+    i: int
+    j: int
+    features: Array
+    towards: Array
+    beside: Array
+
+    def in_frame(self, value: Array) -> Array:
+        """(S, 3) x, y, depth of (S, 3) towards, beside, depth."""
+        xy = self.towards * value[:, :1] + self.beside * value[:, 1:2]
+        return np.concatenate([xy, value[:, 2:]], axis=1)
+
+    def from_frame(self, value: Array) -> Array:
+        """(S, 3) towards, beside, depth of (S, 3) x, y, depth."""
+        xy = value[:, :2]
+        parts = [(xy * self.towards).sum(axis=1), (xy * self.beside).sum(axis=1), value[:, 2]]
+        return np.stack(parts, axis=1)
+
+
+def _pairs(contacts: Array) -> list[_Pair]:
+    return [
+        _pair(contacts, i, j)
+        for i in range(contacts.shape[1])
+        for j in range(contacts.shape[1])
+        if i != j
+    ]
+
+
+def _pair(contacts: Array, i: int, j: int) -> _Pair:
+    apart = contacts[:, j, :2] - contacts[:, i, :2]
+    distance = np.maximum(np.hypot(*apart.T), 1e-6)
+    towards = apart / distance[:, None]
+    beside = np.stack([-towards[:, 1], towards[:, 0]], axis=1)
+    own = contacts[:, i, :2]
+    place = [(own * towards).sum(axis=1), (own * beside).sum(axis=1)]
+    raw = np.stack([distance, contacts[:, i, 2], contacts[:, j, 2], *place], axis=1)
+    return _Pair(i, j, ((raw - _CENTRE) / _SCALE).clip(-_REACH, _REACH), towards, beside)
+
+
+def _crowd(pair: _Pair, taken: Array) -> Array:
+    """(S, 2 U): what the others take off i, and off j, each times the powers of the pair."""
+    powers = _powers(pair.features, CROWD_DEGREE)
+    off_i = taken[:, pair.i].sum(axis=1) - taken[:, pair.i, pair.j]
+    off_j = taken[:, pair.j].sum(axis=1) - taken[:, pair.j, pair.i]
+    return np.concatenate([off_i[:, None] * powers, off_j[:, None] * powers], axis=1)
+
+
+@cache
+def _exponents(degree: int) -> tuple[tuple[int, ...], ...]:
+    return tuple(
+        which for d in range(degree + 1) for which in combinations_with_replacement(range(5), d)
+    )
+
+
+def _terms(degree: int) -> int:
+    return len(_exponents(degree))
+
+
+def _powers(features: Array, degree: int) -> Array:
+    """(S, T) all products of the features up to the degree."""
+    columns = [
+        np.prod(features[:, which], axis=1) if which else np.ones(len(features))
+        for which in (list(one) for one in _exponents(degree))
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _robust(rows: Array, wanted: Array, start: Array) -> Array:
+    """(T,) coefficients by Huber's loss, with a ridge towards ``start``."""
+    solution = start
+    for turn in range(_ROUNDS):
+        off = np.abs(wanted - rows @ solution)
+        weight = np.ones(len(rows)) if turn == 0 else np.minimum(1.0, _KNEE_MM / (off + 1e-9))
+        weighted = rows * weight[:, None]
+        normal = weighted.T @ rows
+        normal[np.diag_indices(len(normal))] += _RIDGE * len(rows)
+        solution = start + np.linalg.solve(normal, weighted.T @ (wanted - rows @ start))
+    return solution

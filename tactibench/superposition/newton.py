@@ -1,0 +1,83 @@
+"""Least squares of several contacts whose fields add up, by damped Gauss-Newton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.superposition.field import Field
+
+Array = npt.NDArray[np.float64]
+
+_STEPS = 12
+_LONGEST = (0.8, 0.8, 0.8)
+"""mm that one step may move a contact in x, y and depth."""
+_STILL_MM = 2e-4
+_DAMPING = 1e-4
+_SHALLOWEST_MM = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """contacts: (S, K, 3) mm. left: (S, Q) what they do not explain. normal: (S, 3 K, 3 K)."""
+
+    contacts: Array
+    left: Array
+    normal: Array
+
+
+def solve(field: Field, moved: Array, start: Array, weight: Array, steps: int = _STEPS) -> Solution:
+    """Minimise sum_q weight_q (moved_q - sum_k field_q(contact_k))^2 over the contacts.
+
+    moved: (S, Q). start: (S, K, 3) mm. weight: (Q,) or (S, Q), 1 / variance. Levenberg-Marquardt
+    with one damping a frame; a step that does not help is taken back.
+    """
+    low = np.array([*field.low[:2], _SHALLOWEST_MM])
+    high = field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
+    contacts = start.clip(low, high)
+    frames, count = contacts.shape[:2]
+    weights = np.broadcast_to(weight, moved.shape)
+    damping = np.full(frames, _DAMPING)
+    left, slopes = _residual(field, moved, contacts)
+    cost = (weights * left**2).sum(axis=1)
+    normal, pull = _normal(slopes, weights, left)
+    active = np.arange(frames)
+    for _ in range(steps):
+        scale = np.diagonal(normal[active], axis1=1, axis2=2)
+        # A floor, so that a contact too shallow to be felt stays where it is.
+        damp = damping[active, None] * (scale + 1e-3 * scale.max(axis=1, keepdims=True))
+        matrix = normal[active].copy()
+        matrix[:, np.arange(3 * count), np.arange(3 * count)] += damp + 1e-12
+        step = np.linalg.solve(matrix, pull[active][..., None])[..., 0].reshape(-1, count, 3)
+        longest = (np.abs(step) / _LONGEST).max(axis=(1, 2))
+        step /= np.maximum(longest, 1.0)[:, None, None]
+        tried = (contacts[active] + step).clip(low, high)
+        new_left, new_slopes = _residual(field, moved[active], tried)
+        new_cost = (weights[active] * new_left**2).sum(axis=1)
+        better = new_cost <= cost[active]
+        moving = np.abs(tried - contacts[active]).max(axis=(1, 2)) > _STILL_MM
+        took = active[better]
+        contacts[took], left[took], cost[took] = tried[better], new_left[better], new_cost[better]
+        if len(took):
+            normal[took], pull[took] = _normal(new_slopes[better], weights[took], new_left[better])
+        damping[active] = np.where(better, damping[active] / 8, damping[active] * 10)
+        active = active[moving & (damping[active] < 1e6)]
+        if not len(active):
+            break
+    return Solution(contacts, left, normal)
+
+
+def _residual(field: Field, moved: Array, contacts: Array) -> tuple[Array, Array]:
+    """What is left (S, Q), and the slopes by every contact's x, y and depth (S, 3 K, Q)."""
+    values = field.slopes(contacts)
+    slopes = values[:, :, 1:].reshape(len(contacts), -1, values.shape[-1])
+    return moved - values[:, :, 0].sum(axis=1), slopes
+
+
+def _normal(slopes: Array, weights: Array, left: Array) -> tuple[Array, Array]:
+    weighted = slopes * weights[:, None]
+    normal: Array = weighted @ slopes.transpose(0, 2, 1)
+    pull: Array = (weighted @ left[..., None])[..., 0]
+    return normal, pull

@@ -1,0 +1,76 @@
+"""Frames as displacements of pins, and the single presses among labelled frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Answer, Contacts, Frame
+from tactibench.errors import UserError
+from tactibench.images import gray_frames
+from tactibench.markers import Tracker
+
+Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """The pins of one sensor: where they rest (P, 2) px, in frames of ``side`` px."""
+
+    tracker: Tracker
+    side: int
+
+    @classmethod
+    def of(cls, frames: Sequence[Frame]) -> Self:
+        """From the rest image that the frames carry. Raises UserError where there is none."""
+        rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+        if rest is None:
+            raise UserError(
+                "the frames carry no rest image, from which the pins' places are taken; record one "
+                "of the untouched sensor, or use a model without pins (unet, cnn)."
+            )
+        side = max(rest.shape[:2])
+        still = Frame(rest, 0.0, frames[0].pose)
+        return cls(Tracker(gray_frames([still], side)[0]), side)
+
+    @classmethod
+    def at(cls, rest: npt.ArrayLike, side: int) -> Self:
+        """From pins at rest (P, 2) px in frames of side px."""
+        return cls(Tracker.of_layout(np.asarray(rest, dtype=np.float64), (side, side)), side)
+
+    @property
+    def rest(self) -> Array:
+        return self.tracker.rest
+
+    def images(self, frames: Sequence[Frame]) -> Images:
+        """(N, side, side) gray."""
+        return gray_frames(frames, self.side)
+
+    def moved(self, images: Images) -> Array:
+        """(N, 2 P) displacement of every pin: x of all, then y of all, px."""
+        moved = self.tracker.track(images).xy - self.rest
+        return moved.transpose(0, 2, 1).reshape(len(images), -1)
+
+
+def single_presses(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
+    """Rows with exactly one contact. Raises UserError for answers that are no contacts."""
+    if not all(isinstance(answer, Contacts) for answer in truth):
+        raise UserError(
+            "single presses are superposed by contacts, and these frames are labelled with plate "
+            "poses; use another model, or leave mixing out."
+        )
+    return np.flatnonzero([len(answer) == 1 for answer in truth])  # type: ignore[arg-type]
+
+
+def as_rows(truth: Sequence[Answer]) -> Array:
+    """(N, K, 3) x, y, depth mm of answers of K contacts each."""
+    return np.stack([
+        np.column_stack([answer.xy, answer.depth])
+        for answer in truth
+        if isinstance(answer, Contacts)
+    ])  # fmt: skip

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull, Delaunay, Voronoi
+
+from tactibench import UserError
+from tactibench.markers import pin_graph
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def scipy_edges(xy):
+    corners = Delaunay(xy).simplices
+    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
+def scipy_areas(xy):
+    cells = Voronoi(xy)
+    out = np.full(len(xy), np.inf)
+    for pin, region in enumerate(cells.point_region):
+        corners = cells.regions[region]
+        if corners and -1 not in corners:
+            out[pin] = ConvexHull(cells.vertices[corners]).volume
+    return out
+
+
+@given(SEEDS, st.integers(3, 90), st.floats(0.01, 1000), st.floats(-100, 100))
+def test_edges_and_inner_areas_are_those_of_scipy(seed, count, scale, offset) -> None:
+    xy = scale * (np.random.default_rng(seed).uniform(0, 1, (count, 2)) + offset)
+    graph = pin_graph(xy)
+    assert np.array_equal(graph.edges, scipy_edges(xy - xy.mean(axis=0)))
+    inner = ~graph.border
+    assert np.allclose(graph.area[inner], scipy_areas(xy - xy.mean(axis=0))[inner], rtol=1e-5)
+    assert graph.border[ConvexHull(xy - xy.mean(axis=0)).vertices].all()
+    assert np.isfinite(graph.area).all()
+    assert (graph.area > 0).all()
+
+
+def test_rings_of_pins_give_the_graph_of_scipy(rings) -> None:
+    rng = np.random.default_rng(0)
+    for height in (0.0, 5.0, 20.0):  # to where the triangles at rest are turned over
+        xy = rings + rng.normal(0, 0.2, rings.shape) + height * rng.normal(0, 0.3, rings.shape)
+        assert np.array_equal(pin_graph(xy).edges, scipy_edges(xy))
+
+
+def test_areas_of_a_square_lattice() -> None:
+    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
+    graph = pin_graph(np.stack([x, y], axis=-1).reshape(-1, 2))
+    inner = np.zeros((6, 6), dtype=bool)
+    inner[1:-1, 1:-1] = True
+    assert np.allclose(graph.area[inner.ravel()], 1.0)
+    assert not graph.border[inner.ravel()].any()
+    assert graph.border[~inner.ravel()].all()
+    rim = graph.area[~inner.ravel()]
+    assert ((rim > 0.5) & (rim < 2.5)).all()
+
+
+@given(SEEDS)
+def test_a_permutation_permutes_the_graph(seed) -> None:
+    rng = np.random.default_rng(seed)
+    xy, order = rng.uniform(0, 50, (40, 2)), rng.permutation(40)
+    graph, other = pin_graph(xy), pin_graph(xy[order])
+    assert np.allclose(other.area, graph.area[order])
+    assert np.array_equal(other.border, graph.border[order])
+    back = np.unique(np.sort(order[other.edges], axis=1), axis=0)
+    assert np.array_equal(back, graph.edges)
+
+
+@given(SEEDS, st.integers(1, 5))
+def test_coinciding_pins_share_a_cell(seed, count) -> None:
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform(0, 50, (30, 2))
+    doubled = rng.choice(30, count, replace=False)
+    graph, plain = pin_graph(np.concatenate([xy, xy[doubled]])), pin_graph(xy)
+    assert graph.area.sum() == pytest.approx(plain.area.sum())
+    assert np.allclose(graph.area[30:], graph.area[doubled])
+    pairs = {tuple(edge) for edge in graph.edges.tolist()}
+    assert all((int(p), 30 + k) in pairs for k, p in enumerate(doubled))
+    assert np.all(np.bincount(graph.edges.ravel(), minlength=30 + count) > 0)
+
+
+@pytest.mark.parametrize("step", [(1.0, 0.0), (0.0, 3.0), (2.0, 1.0), (0.1, 0.3)])
+def test_pins_on_a_line_are_joined_along_it(step) -> None:
+    order = np.random.default_rng(1).permutation(7)
+    graph = pin_graph(order[:, None] * np.array(step))
+    joined = {frozenset((int(order[a]), int(order[b]))) for a, b in graph.edges}
+    assert joined == {frozenset((k, k + 1)) for k in range(6)}
+    assert graph.border.all()
+    assert (graph.area > 0).all()
+
+
+def test_missing_pins_are_left_out() -> None:
+    xy = np.random.default_rng(2).uniform(0, 9, (12, 2))
+    gone = xy.copy()
+    gone[[3, 7], 0] = np.nan
+    graph, rest = pin_graph(gone), pin_graph(np.delete(xy, [3, 7], axis=0))
+    left = np.delete(np.arange(12), [3, 7])
+    assert np.array_equal(graph.edges, left[rest.edges])
+    assert np.array_equal(graph.area[left], rest.area)
+    assert not graph.area[[3, 7]].any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_few_pins_or_one_place(count) -> None:
+    graph = pin_graph(np.zeros((count, 2)))
+    assert graph.edges.shape == (max(count - 1, 0), 2)
+    assert np.array_equal(graph.area, np.zeros(count))
+
+
+@pytest.mark.parametrize("xy", [np.zeros(4), np.zeros((4, 3))])
+def test_other_shapes_are_refused(xy) -> None:
+    with pytest.raises(UserError, match="shape"):
+        pin_graph(xy)
