@@ -9,23 +9,74 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Frame
+from tactibench.errors import UserError
+
+_COLOURS = (1, 3, 4)
+"""Grey, RGB, RGB with an alpha channel that is not looked at."""
+_ALMOST_BLACK = 2.0
+"""A float image whose largest value lies between 1 and this may be on either scale."""
 
 
 def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
     """(N, size, size) uint8 gray images, resized by area averaging where the size differs.
 
-    Colour frames (H, W, 3) are read as RGB and weighted as in ITU-R BT.601.
+    Images may be (H, W), (H, W, C) or (C, H, W) with C = 1 (grey), 3 (RGB, weighted as in ITU-R
+    BT.601) or 4 (RGB and alpha, which is ignored); uint8 or any integers in 0..255, booleans, or
+    floats in 0..1 or 0..255. Raises UserError for anything else, NaN and infinity included.
     """
     import cv2
 
     out = np.empty((len(frames), size, size), dtype=np.uint8)
-    for row, frame in zip(out, frames, strict=True):
+    for number, (row, frame) in enumerate(zip(out, frames, strict=True), 1):
         image: npt.NDArray[Any] = frame.image
-        if image.ndim == 3:
-            image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        if not (image.ndim == 2 and image.dtype == np.uint8 and image.size):
+            try:
+                image = _levels(_channels_last(np.asarray(image)))
+            except ValueError as error:
+                raise UserError(f"frame {number} of {len(frames)} {error}") from None
+            if image.ndim == 3:
+                image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if image.shape != (size, size):
             shrink = image.shape[0] >= size and image.shape[1] >= size
             way = cv2.INTER_AREA if shrink else cv2.INTER_LINEAR
             image = cv2.resize(image, (size, size), interpolation=way)
         row[...] = image
     return out
+
+
+def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W) or (H, W, 3), whichever end the channels stand at."""
+    if image.ndim == 3 and image.shape[2] not in _COLOURS and image.shape[0] in _COLOURS:
+        image = np.moveaxis(image, 0, 2)
+    good = image.ndim == 2 or (image.ndim == 3 and image.shape[2] in _COLOURS)
+    if not good or not image.size:
+        raise ValueError(
+            f"has the shape {image.shape}; allowed are (H, W), (H, W, C) and (C, H, W) with 1, 3 "
+            "or 4 channels; store it as grey or RGB."
+        )
+    if image.ndim == 3:
+        image = image[..., 0] if image.shape[2] == 1 else image[..., :3]
+    return np.ascontiguousarray(image)
+
+
+def _levels(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """Brightness as levels 0..255."""
+    if image.dtype == np.uint8:
+        return image
+    if image.dtype == np.bool_:
+        return np.where(image, 255, 0).astype(np.uint8)
+    if image.dtype.kind not in "iuf":
+        raise ValueError(f"holds {image.dtype} values; allowed are uint8 levels 0..255.")
+    if not np.isfinite(image).all():
+        raise ValueError("holds NaN or infinite values; leave it out or repair it.")
+    low, high = float(image.min()), float(image.max())
+    unclear = image.dtype.kind == "f" and 1 < high < _ALMOST_BLACK
+    if low < 0 or high > 255 or unclear:
+        floats = ", or floats in 0..1" if image.dtype.kind == "f" else ""
+        raise ValueError(
+            f"holds {image.dtype} values from {low:g} to {high:g}; allowed are levels in 0..255"
+            f"{floats}; scale it first."
+        )
+    scale = 255 if image.dtype.kind == "f" and high <= 1 else 1
+    levels: npt.NDArray[np.uint8] = np.rint(image * np.float64(scale)).astype(np.uint8)
+    return levels

@@ -194,7 +194,7 @@ class Superpose:
         field = learned.detector.field
         tensors = {
             "coefficients": field.coefficients, "low": field.low, "step": field.step,
-            "weight": learned.detector.weight, "rest": learned.eye.rest,
+            "weight": learned.detector.weight, "still": learned.eye.still,
             "pair": learned.law.pair, "crowd": learned.law.crowd,
             "noise": learned.spread.noise, "law": learned.spread.law,
         }  # fmt: skip
@@ -203,12 +203,11 @@ class Superpose:
             {name: torch.from_numpy(np.array(value)) for name, value in tensors.items()},
             model="superpose",
             architecture=self._settings,
-            extra={"side": learned.eye.side},
         )
 
     def load(self, directory: Path) -> None:
         """Read weights. Raises UserError for those of another model or other settings."""
-        tensors, extra = load_weights(directory, model="superpose", architecture=self._settings)
+        tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
         read = {name: value.numpy() for name, value in tensors.items()}
         field = Field(read["coefficients"], read["low"], read["step"])
         detector = Detector.of(
@@ -218,7 +217,7 @@ class Superpose:
             self._settings["max_count"],
         )
         self._learned = _Learned(
-            Eye.at(read["rest"], int(extra["side"])),
+            Eye.at(read["still"]),
             detector,
             Neighbours(read["pair"], read["crowd"]),
             Spread(read["noise"], read["law"]),

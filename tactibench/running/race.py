@@ -50,7 +50,7 @@ def run_race(
     truth: Sequence[Answer],
     *,
     calls: int = 300,
-    batches: Sequence[int] = BATCHES,
+    batches: Sequence[int] | None = None,
     compiled: bool = False,
     advance: Advance = lambda _: None,
 ) -> Race:
@@ -58,7 +58,7 @@ def run_race(
 
     Their answers at batch 1 are compared with ``predict``, in float32, and with the truth. The best
     is the one with the lowest median for one frame on one thread among those allowed.
-    advance: is told of every finished step.
+    batches: of ``offline``, None: 1, 8, 32, 128. advance: is told of every finished step.
     """
     seen = [blinded(frame) for frame in frames]
     cores = int(machine()["cores_logical"] or 1)
@@ -78,7 +78,7 @@ def run_race(
         if threads == 1:
             best = fastest(found.usable, samples)
         advance(1)
-    for batch in batches:
+    for batch in BATCHES if batches is None else batches:
         with torch_threads(cores):
             samples = time_in_rounds(
                 found.stages(), seen, batch, threads=cores, calls=OFFLINE_ROUNDS,

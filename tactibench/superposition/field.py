@@ -77,32 +77,13 @@ class Field:
 
     def slopes(self, contacts: npt.ArrayLike) -> Array:
         """(..., 4, Q): the values and their derivatives by x, y and depth, 1/mm."""
+        from tactibench.superposition.lattice import evaluate
+
         given: Array = np.asarray(contacts, dtype=np.float64)
-        flat = given.reshape(-1, 3)
-        count = np.array(self.coefficients.shape[:3])
-        place = ((flat - self.low) / self.step).clip(0.0, count - 1.0)
-        cell = np.minimum(place.astype(np.intp), count - 2)
-        weight, slope = _basis(place - cell)  # (M, 3 axes, 4 knots)
-        slope = slope / self.step[:, None]
-        outer = [
-            _product(weight[:, 0], weight[:, 1], weight[:, 2]),
-            _product(slope[:, 0], weight[:, 1], weight[:, 2]),
-            _product(weight[:, 0], slope[:, 1], weight[:, 2]),
-            _product(weight[:, 0], weight[:, 1], slope[:, 2]),
-        ]
-        products = np.stack(outer, axis=1).astype(np.float32)  # (M, 4, 64)
-        around = np.arange(-1, 3)
-        # Beyond the lattice the spline goes on as its mirror image, as spline_filter has it.
-        index = [_mirrored(cell[:, a, None] + around, count[a]) for a in range(3)]
+        flat = np.ascontiguousarray(given.reshape(-1, 3))
         found = np.empty((len(flat), 4, self.coefficients.shape[3]), dtype=np.float32)
-        for start in range(0, len(flat), 256):  # bounds the memory of gathered knots
-            part = slice(start, start + 256)
-            i, j, k = (one[part] for one in index)
-            knots = self.coefficients[
-                i[:, :, None, None], j[:, None, :, None], k[:, None, None, :]
-            ].reshape(len(i), 64, -1)
-            np.matmul(products[part], knots, out=found[part])
-        return found.reshape(*given.shape[:-1], 4, -1).astype(np.float64)
+        evaluate(self.coefficients, self.low, self.step, flat, found)
+        return found.reshape(*given.shape[:-1], *found.shape[1:]).astype(np.float64)
 
 
 def _kernel(a: Array, b: Array) -> Array:
@@ -157,24 +138,3 @@ def _spline(lattice: Array) -> Lattice:
         lattice = spline_filter1d(lattice, order=3, axis=axis, mode="mirror")
     out: Lattice = np.ascontiguousarray(lattice, dtype=np.float32)
     return out
-
-
-def _basis(t: Array) -> tuple[Array, Array]:
-    """Cubic B-spline weights of the four knots around and their derivatives, (..., 4)."""
-    s = 1 - t
-    weight = np.stack([s**3, 4 - 3 * t * t * (1 + s), 4 - 3 * s * s * (1 + t), t**3], axis=-1) / 6
-    slope = np.stack([-s * s, t * (3 * t - 4), s * (4 - 3 * s), t * t], axis=-1) / 2
-    return weight, slope
-
-
-def _product(x: Array, y: Array, d: Array) -> Array:
-    """(M, 64) products of three (M, 4)."""
-    product: Array = (x[:, :, None, None] * y[:, None, :, None] * d[:, None, None, :]).reshape(
-        len(x), 64
-    )
-    return product
-
-
-def _mirrored(index: npt.NDArray[np.intp], count: int) -> npt.NDArray[np.intp]:
-    index = np.abs(index)
-    return np.where(index > count - 1, 2 * (count - 1) - index, index)

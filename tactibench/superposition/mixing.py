@@ -46,8 +46,9 @@ def mix(
             f"contact mixing needs at least {FEWEST} single presses and found {len(rows)}; "
             "raise the training count, or leave mixing out."
         )
-    eye = Eye.of(frames)
-    images = eye.images([frames[int(row)] for row in rows])
+    pressed = [frames[int(row)] for row in rows]
+    eye = Eye.of(pressed)
+    images = eye.images(pressed)
     single = as_rows([truth[int(row)] for row in rows])[:, 0]
     moved = eye.moved(images)
     pins = _positions(eye, moved)
@@ -67,7 +68,7 @@ def mix(
             places = eye.rest + np.stack(parts[:2], axis=-1)
             sizes = resting * np.maximum(1 + parts[2], 0.1)
             drawn = picture.draw(places, sizes, rng)
-            made += [Frame(image, 0.0, Pose(), frames[0].rest) for image in drawn]
+            made += [Frame(image, 0.0, Pose(), eye.still) for image in drawn]
             wanted += [Contacts.truth(one[:, :2], one[:, 2]) for one in contacts]
     return made, wanted
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import as_file, files
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, pairwise
 from typing import Self
 
 import numpy as np
@@ -38,7 +38,6 @@ PAIR_DEGREE, CROWD_DEGREE = 4, 2
 _ROUNDS = 8
 _KNEE_MM = 0.03
 _RIDGE = 1e-5
-_SHALLOWEST_MM = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,12 +143,6 @@ class _Pair:
         xy = self.towards * value[:, :1] + self.beside * value[:, 1:2]
         return np.concatenate([xy, value[:, 2:]], axis=1)
 
-    def from_frame(self, value: Array) -> Array:
-        """(S, 3) towards, beside, depth of (S, 3) x, y, depth."""
-        xy = value[:, :2]
-        parts = [(xy * self.towards).sum(axis=1), (xy * self.beside).sum(axis=1), value[:, 2]]
-        return np.stack(parts, axis=1)
-
 
 def _pairs(contacts: Array) -> list[_Pair]:
     return [
@@ -186,17 +179,29 @@ def _exponents(degree: int) -> tuple[tuple[int, ...], ...]:
     )
 
 
+@cache
+def _growth(degree: int) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]:
+    """For every degree from 1: which product of the one before it, and times which feature."""
+    ranks = [[one for one in _exponents(degree) if len(one) == d] for d in range(degree + 1)]
+    return [
+        (
+            np.array([shorter.index(one[:-1]) for one in longer]),
+            np.array([one[-1] for one in longer]),
+        )
+        for shorter, longer in pairwise(ranks)
+    ]
+
+
 def _terms(degree: int) -> int:
     return len(_exponents(degree))
 
 
 def _powers(features: Array, degree: int) -> Array:
     """(S, T) all products of the features up to the degree."""
-    columns = [
-        np.prod(features[:, which], axis=1) if which else np.ones(len(features))
-        for which in (list(one) for one in _exponents(degree))
-    ]
-    return np.stack(columns, axis=1)
+    blocks = [np.ones((len(features), 1))]
+    for shorter, last in _growth(degree):
+        blocks.append(blocks[-1][:, shorter] * features[:, last])
+    return np.concatenate(blocks, axis=1)
 
 
 def _robust(rows: Array, wanted: Array, start: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, Frame
+from tactibench.contacts import Answer, Contacts, Frame, Pose
 from tactibench.errors import UserError
 from tactibench.images import gray_frames
 from tactibench.markers import Tracker
@@ -20,10 +20,10 @@ Images = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """The pins of one sensor: where they rest (P, 2) px, in frames of ``side`` px."""
+    """The pins of one sensor. still: (side, side) gray, the untouched sensor."""
 
+    still: Images
     tracker: Tracker
-    side: int
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> Self:
@@ -34,14 +34,16 @@ class Eye:
                 "the frames carry no rest image, from which the pins' places are taken; record one "
                 "of the untouched sensor, or use a model without pins (unet, cnn)."
             )
-        side = max(rest.shape[:2])
-        still = Frame(rest, 0.0, frames[0].pose)
-        return cls(Tracker(gray_frames([still], side)[0]), side)
+        return cls.at(gray_frames([Frame(rest, 0.0, Pose())], max(rest.shape[:2]))[0])
 
     @classmethod
-    def at(cls, rest: npt.ArrayLike, side: int) -> Self:
-        """From pins at rest (P, 2) px in frames of side px."""
-        return cls(Tracker.of_layout(np.asarray(rest, dtype=np.float64), (side, side)), side)
+    def at(cls, still: Images) -> Self:
+        """From a gray image of the untouched sensor."""
+        return cls(still, Tracker(still))
+
+    @property
+    def side(self) -> int:
+        return len(self.still)
 
     @property
     def rest(self) -> Array:
@@ -54,7 +56,7 @@ class Eye:
     def moved(self, images: Images) -> Array:
         """(N, 2 P) displacement of every pin: x of all, then y of all, px."""
         moved = self.tracker.track(images).xy - self.rest
-        return moved.transpose(0, 2, 1).reshape(len(images), -1)
+        return moved.transpose(0, 2, 1).reshape(len(images), 2 * len(self.rest))
 
 
 def single_presses(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:

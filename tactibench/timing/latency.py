@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle, islice, pairwise
@@ -80,17 +80,73 @@ def time_offline(
     calls: int = 30,
     budget_s: float | None = None,
     clock: Clock = time.perf_counter,
+    block: int = 5,
 ) -> LatencySample:
     """Time the stages on lists of ``batch`` frames, taken in turn; otherwise as ``time_single``.
 
-    A call is longer here, so blocks are 5 calls and the warm-up ends after 50 at the latest.
+    A call is longer here, so blocks are ``block`` calls and the warm-up ends after ten of them at
+    the latest.
     """
+    inputs = batches(frames, batch)
+    return _measure(
+        stages, inputs, batch, threads, calls, budget_s, clock, block=block, cap=10 * block
+    )
+
+
+def time_in_rounds(
+    models: Mapping[str, Sequence[Stage]],
+    frames: Sequence[Any],
+    batch: int = 1,
+    *,
+    threads: int,
+    calls: int = 300,
+    rounds: int = 10,
+    budget_s: float | None = None,
+    clock: Clock = time.perf_counter,
+    block: int = 20,
+) -> dict[str, LatencySample]:
+    """Time several lists of stages on the same frames in turns, so that all meet the same noise.
+
+    Each warms up first, as in the scenarios; then ``rounds`` times each is called ``calls /
+    rounds`` times. budget_s: seconds for all warm-ups together, and as many for all rounds, of
+    which the first is always finished.
+    """
+    if rounds < 1 or calls < rounds:
+        raise ValueError(f"{calls} calls in {rounds} rounds: at least one call a round is needed")
+    sources = {name: cycle(batches(frames, batch)) for name in models}
+    share = None if budget_s is None else budget_s / max(1, len(models))
+    warm: dict[str, tuple[bool, int]] = {}
+    raw: dict[str, list[list[float]]] = {name: [] for name in models}
+    with _no_collection():
+        for name, stages in models.items():
+            _check(stages, frames, calls)
+            over = _deadline(share, clock)
+            warm[name] = _warm_up(stages, sources[name], clock, over, block, 25 * block)
+        over = _deadline(budget_s, clock)
+        for number in range(rounds):
+            if number and over():
+                break
+            for name, stages in models.items():
+                for _ in range(calls // rounds):
+                    raw[name].append(_call(stages, next(sources[name]), clock))
+    return {
+        name: LatencySample(
+            tuple(phase for phase, _ in stages),
+            1e3 * np.array(raw[name]),
+            *warm[name],
+            threads,
+            batch,
+        )
+        for name, stages in models.items()
+    }
+
+
+def batches(frames: Sequence[Any], batch: int) -> list[list[Any]]:
+    """Lists of ``batch`` frames, all frames taken in turn, the first ones again at the end."""
     if batch < 1:
         raise ValueError(f"batch is {batch}, it must be at least 1")
     endless = cycle(frames)
-    rounds = -(-len(frames) // batch)
-    inputs = [list(islice(endless, batch)) for _ in range(rounds)]
-    return _measure(stages, inputs, batch, threads, calls, budget_s, clock, block=5, cap=50)
+    return [list(islice(endless, batch)) for _ in range(-(-len(frames) // batch))]
 
 
 def joined(samples: Sequence[LatencySample]) -> LatencySample:
@@ -149,23 +205,31 @@ def _measure(
     block: int,
     cap: int,
 ) -> LatencySample:
-    phases = tuple(name for name, _ in stages)
-    if not stages or not inputs or calls < 1:
-        raise ValueError("timing needs at least one stage, one frame and one call")
-    if len(set(phases)) < len(phases) or "total" in phases:
-        raise ValueError(f"phases must have different names, none of them 'total': {phases}")
+    phases = _check(stages, inputs, calls)
     source = cycle(inputs)
-    start = clock()
-
-    def over() -> bool:
-        return budget_s is not None and clock() - start >= budget_s
-
+    over = _deadline(budget_s, clock)
     with _no_collection():
         settled, warmup = _warm_up(stages, source, clock, over, block, cap)
         raw: list[list[float]] = []
         while len(raw) < calls and not (len(raw) >= block and over()):
             raw.append(_call(stages, next(source), clock))
     return LatencySample(phases, 1e3 * np.array(raw), settled, warmup, threads, batch)
+
+
+def _check(stages: Sequence[Stage], inputs: Sequence[Any], calls: int) -> tuple[str, ...]:
+    """The phases' names. Raises ValueError for a job that cannot be timed."""
+    phases = tuple(name for name, _ in stages)
+    if not stages or not inputs or calls < 1:
+        raise ValueError("timing needs at least one stage, one frame and one call")
+    if len(set(phases)) < len(phases) or "total" in phases:
+        raise ValueError(f"phases must have different names, none of them 'total': {phases}")
+    return phases
+
+
+def _deadline(budget_s: float | None, clock: Clock) -> Callable[[], bool]:
+    """Tells whether that many seconds have passed since now."""
+    start = clock()
+    return lambda: budget_s is not None and clock() - start >= budget_s
 
 
 def _warm_up(

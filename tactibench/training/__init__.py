@@ -9,46 +9,87 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tactibench.training.calibration import held_back, scale_std, std_factors
     from tactibench.training.examples import Examples, image_tensor
     from tactibench.training.fold import fold_batch_norm
+    from tactibench.training.learned import LearnedModel
     from tactibench.training.loop import train
+    from tactibench.training.mixture import (
+        MixtureScale,
+        count_nll,
+        mixture_loss,
+        mixture_values,
+        pack_contacts,
+    )
+    from tactibench.training.mixture_reading import FAINT, MixtureReader, read_mixture
     from tactibench.training.network import count_parameters, state_hash
     from tactibench.training.precision import autocast, resolve_precision
     from tactibench.training.recipe import RECIPES, Recipe
     from tactibench.training.seeds import Seeds, seeded
+    from tactibench.training.targets import PlateScale, heatmaps, position_error_mm
     from tactibench.training.weights import load_weights, save_weights
 
 _HOME = {
+    "FAINT": "mixture_reading",
     "RECIPES": "recipe",
     "Examples": "examples",
+    "LearnedModel": "learned",
+    "MixtureReader": "mixture_reading",
+    "MixtureScale": "mixture",
+    "PlateScale": "targets",
     "Recipe": "recipe",
     "Seeds": "seeds",
     "autocast": "precision",
+    "count_nll": "mixture",
     "count_parameters": "network",
     "fold_batch_norm": "fold",
+    "heatmaps": "targets",
+    "held_back": "calibration",
     "image_tensor": "examples",
     "load_weights": "weights",
+    "mixture_loss": "mixture",
+    "mixture_values": "mixture",
+    "pack_contacts": "mixture",
+    "position_error_mm": "targets",
+    "read_mixture": "mixture_reading",
     "resolve_precision": "precision",
     "save_weights": "weights",
+    "scale_std": "calibration",
     "seeded": "seeds",
     "state_hash": "network",
+    "std_factors": "calibration",
     "train": "loop",
 }
 
 __all__ = [
+    "FAINT",
     "RECIPES",
     "Examples",
+    "LearnedModel",
+    "MixtureReader",
+    "MixtureScale",
+    "PlateScale",
     "Recipe",
     "Seeds",
     "autocast",
+    "count_nll",
     "count_parameters",
     "fold_batch_norm",
+    "heatmaps",
+    "held_back",
     "image_tensor",
     "load_weights",
+    "mixture_loss",
+    "mixture_values",
+    "pack_contacts",
+    "position_error_mm",
+    "read_mixture",
     "resolve_precision",
     "save_weights",
+    "scale_std",
     "seeded",
     "state_hash",
+    "std_factors",
     "train",
 ]
 

@@ -112,7 +112,7 @@ def _restore_optimiser(optimiser: torch.optim.Optimizer, tensors: dict[str, torc
     for key, value in tensors.items():
         index, _, name = key.partition("/")
         weight = weights[int(index)]
-        moment: Any = value.clone()
+        moment: Any = value.to(weight.device, copy=True)
         if value.shape == weight.shape:
             moment = torch.empty_like(weight, requires_grad=False).copy_(value)
         optimiser.state[weight][name] = moment

@@ -15,7 +15,10 @@ from tactibench.training.network import tensor_bytes
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """images: (N, 1, S, S) uint8. targets: (N, ...) float16 or float32, used as float32."""
+    """images: (N, ...) uint8 images or float features, as the network takes them.
+
+    targets: (N, ...) float16 or float32, used as float32.
+    """
 
     images: torch.Tensor
     targets: torch.Tensor
@@ -28,8 +31,13 @@ class Examples:
         return len(self.images)
 
     def take(self, index: torch.Tensor, device: str) -> tuple[torch.Tensor, torch.Tensor]:
-        """Images (B, 1, S, S) uint8 and targets (B, ...) float32 of one batch on the device."""
-        return self.images[index].to(device), self.targets[index].to(device).float()
+        """Images (B, ...) and targets (B, ...) float32 of one batch on the device."""
+        at = index.to(self.images.device)
+        return self.images[at].to(device), self.targets[at].to(device).float()
+
+    def to(self, device: str) -> Examples:
+        """The same examples in the memory of a device: no copy in every step."""
+        return Examples(self.images.to(device), self.targets.to(device))
 
     def bits(self) -> bytes:
         """Everything the weights can depend on, for an identity."""

@@ -6,8 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,8 @@ from tactibench.errors import UserError
 from tactibench.plugins.interfaces import FitReport, Progress
 from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 from tactibench.training.examples import Examples
-from tactibench.training.precision import autocast, resolve_precision
+from tactibench.training.muon import Muon
+from tactibench.training.precision import autocast, repeatable, resolve_precision
 from tactibench.training.recipe import Recipe
 from tactibench.training.seeds import Seeds, seeded
 from tactibench.training.statistics import freeze_statistics, measure_statistics
@@ -79,17 +79,18 @@ def train(
     place = _Place(device, resolve_precision(recipe.precision, device))
     layout = torch.channels_last if recipe.channels_last else torch.contiguous_format
     network.to(device=device, memory_format=layout)  # type: ignore[call-overload]
-    optimiser = _optimiser(network, recipe)
+    optimiser = _optimiser(network, recipe, place.precision)
     key = _key(identity, recipe, place, seeds, training, validation)
     state, warning = TrainingState(), None
     if checkpoints is not None:
         state, warning = load_checkpoint(checkpoints, key, network, optimiser)
     resumed = state.epoch
+    training, validation = training.to(device), validation.to(device)
 
     progress.start(recipe.epochs, -(-len(training) // recipe.batch))
     for row in state.history:
         progress.epoch(int(row["epoch"]), row["loss"], row.get("validation_mm"))
-    with _repeatable(device):
+    with repeatable(device, place.precision):
         while state.epoch < recipe.epochs and not _stalled(state, recipe):
             began = time.perf_counter()
             row = {"epoch": float(state.epoch + 1)}
@@ -207,7 +208,7 @@ def _stalled(state: TrainingState, recipe: Recipe) -> bool:
     return state.epoch - state.best_epoch >= recipe.patience
 
 
-def _optimiser(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
+def _optimiser(network: nn.Module, recipe: Recipe, precision: str) -> torch.optim.Optimizer:
     """Weight decay acts on kernels only, not on biases and the scales of normalisations."""
     kernels = [weight for weight in network.parameters() if weight.ndim > 1]
     others = [weight for weight in network.parameters() if weight.ndim <= 1]
@@ -215,6 +216,9 @@ def _optimiser(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
         {"params": kernels, "weight_decay": recipe.weight_decay},
         {"params": others, "weight_decay": 0.0},
     ]
+    if recipe.optimiser == "muon":
+        dtype = torch.bfloat16 if precision == "bf16" else torch.float32
+        return Muon(groups, lr=recipe.learning_rate, dtype=dtype)
     kind = torch.optim.AdamW if recipe.optimiser == "adamw" else torch.optim.Adam
     return kind(groups, lr=recipe.learning_rate, fused=True)
 
@@ -239,13 +243,3 @@ def _key(
     digest.update(training.bits())
     digest.update(validation.bits())
     return digest.hexdigest()
-
-
-@contextmanager
-def _repeatable(device: str) -> Iterator[None]:
-    """Let cuDNN choose only kernels that give the same bits twice."""
-    if device != "cuda":
-        yield
-        return
-    with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
-        yield

@@ -6,11 +6,23 @@ import hashlib
 
 import torch
 from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
 
 
 def count_parameters(network: nn.Module) -> int:
     """Number of trained weights."""
     return sum(weight.numel() for weight in network.parameters())
+
+
+def count_flops(network: nn.Module, inputs: torch.Tensor) -> int:
+    """Floating-point operations of a forward pass, a product and a sum counted as two.
+
+    Convolutions and matrix products are counted; sums, activations and poolings are not.
+    """
+    counter = FlopCounterMode(display=False)
+    with torch.no_grad(), counter:
+        network(inputs)
+    return int(counter.get_total_flops())
 
 
 def state_hash(network: nn.Module) -> str:

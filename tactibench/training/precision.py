@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -45,3 +46,19 @@ def autocast(precision: str, device: str) -> AbstractContextManager[Any]:
     if precision == "bf16":
         return torch.autocast(device, dtype=torch.bfloat16)
     return nullcontext()
+
+
+@contextmanager
+def repeatable(device: str, precision: str) -> Iterator[None]:
+    """Let cuDNN choose only kernels that give the same bits twice.
+
+    For "float32" it may not compute in TF32 either, whose 10 bits it takes for float32 by default.
+    """
+    if device != "cuda":
+        yield
+        return
+    exact = precision == "float32"
+    with torch.backends.cudnn.flags(
+        enabled=True, benchmark=False, deterministic=True, allow_tf32=not exact
+    ):
+        yield

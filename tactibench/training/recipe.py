@@ -11,8 +11,9 @@ from typing import Literal
 class Recipe:
     """A training schedule.
 
-    epochs: passes over the training frames. batch: frames a step. learning_rate: constant, or the
-    peak of the one-cycle schedule. warmup: share of all steps in which one-cycle climbs.
+    epochs: passes over the training frames. batch: frames a step. optimiser: "muon" is described
+    in its module. learning_rate: constant, or the peak of the one-cycle schedule. warmup: share of
+    all steps in which one-cycle climbs.
     patience: epochs without a better validation loss after which training stops and the best
     weights are taken; None: all epochs are run and the last weights are taken.
     precision: of the training arithmetic, "float32", "bf16" or "auto": bf16 where the machine
@@ -26,7 +27,7 @@ class Recipe:
 
     epochs: int
     batch: int
-    optimiser: Literal["adam", "adamw"] = "adamw"
+    optimiser: Literal["adam", "adamw", "muon"] = "adamw"
     learning_rate: float = 1e-3
     schedule: Literal["constant", "one-cycle"] = "one-cycle"
     warmup: float = 0.3

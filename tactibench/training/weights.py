@@ -12,7 +12,7 @@ from tactibench.errors import UserError
 from tactibench.training.container import DamagedFile, read_container, write_container
 
 FILE = "weights.safetensors"
-_SCHEMA = 1
+_SCHEMA = 2
 
 
 def save_weights(

@@ -375,6 +375,48 @@ def test_times_that_did_not_settle_and_missing_times_are_told() -> None:
     assert "p90: not timed" in render(record("exp1", speed=[], timed=None))
 
 
+def test_what_was_raced_and_what_the_model_costs_are_told() -> None:
+    shown = record("exp1")
+    other = {"frames": 200, "frames_with_another_count": 0, "difference_mm": 0.0}
+    shown["timed"] = {
+        **other,
+        "configuration": "frozen",
+        "error_change": -0.0034,
+        "raced": [
+            {**other, "configuration": "folded", "p50_ms": 6.0, "error_change": 0.0},
+            {**other, "configuration": "frozen", "p50_ms": 5.0, "error_change": 0.0},
+        ],
+    }
+    shown["efficiency"] = {
+        "parameters": 1944625,
+        "flops_per_frame": 395575296,
+        "peak_memory_mb": 412.4,
+        "training_s": 301.2,
+    }
+    text = " ".join(render(shown).split())
+    assert "timed: frozen; difference" in text
+    assert "(mean error -0.3 %)" in text
+    assert "chosen from, p50 on 1 thread: 6.00 ms folded; 5.00 ms frozen" in text
+    assert (
+        "cost: 1,944,625 weights, 0.396 GFLOP a frame, "
+        "peak memory of the process 412 MB, training 301 s"
+    ) in text
+    shown["efficiency"] = dict.fromkeys(shown["efficiency"])
+    assert "cost: weights n/a, operations n/a, peak memory n/a" in " ".join(render(shown).split())
+
+
+def test_batches_are_one_line_each_and_drift_names_its_scenario() -> None:
+    shown = record("exp1")
+    single = shown["speed"][0]
+    batch = {**single, "scenario": "offline", "batch": 32, "threads": 2, "settled": False}
+    shown["speed"] += [batch, {**batch, "phase": "total", "per_s": 812.4}]
+    text = render(shown)
+    assert re.search(r"^offline +32 +2 +total .* 812 *$", text, re.M)
+    assert len(re.findall(r"^offline ", text, re.M)) == 1
+    assert "NOT SETTLED: times of offline (batch 32, 2 threads) still" in " ".join(text.split())
+    assert "offline (larger batches): none" not in text
+
+
 def test_a_published_speed_names_its_machine() -> None:
     text = " ".join(render(record("surface")).split())
     assert "published: Tac-VGNN, graph construction 18.7 per s on laptop, another machine" in text

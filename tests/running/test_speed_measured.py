@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -24,8 +24,14 @@ TRUTH = [Contacts.truth([[0.0, 0.0]], [1.0 + value]) for value in range(10)]
 class Ways:
     """Reads depth from the gray level, 0.5 mm too deep; ``coarse`` rounds, ``many`` doubles."""
 
-    configurations = {"float32": "as it is", "exact": "the same", "coarse": "rounded",
-                      "many": "sees double", "gone": "not here", "compiled": "compiled"}  # fmt: skip
+    configurations: ClassVar[dict[str, str]] = {
+        "float32": "as it is",
+        "exact": "the same",
+        "coarse": "rounded",
+        "many": "sees double",
+        "gone": "not here",
+        "compiled": "compiled",
+    }
     parameters = 7
 
     def __init__(self) -> None:

@@ -26,7 +26,8 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
     print_grid(console, heads, _latencies(race, threads, phases), right=frozenset(heads[1:]))
     batches = sorted({row["batch"] for row in race.rows if row["scenario"] == "offline"})
     if batches:
-        console.print(Text(f"\nframes/s by batch, {max(threads)} threads", style="bold"))
+        counted = "1 thread" if max(threads) == 1 else f"{max(threads)} threads"
+        console.print(Text(f"\nframes/s by batch, {counted}", style="bold"))
         heads = ["configuration", *map(str, batches)]
         print_grid(console, heads, _rates(race, max(threads), batches), right=frozenset(heads[1:]))
     console.print(Text("\nanswers beside the float32 ones", style="bold"))

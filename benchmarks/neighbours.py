@@ -1,0 +1,126 @@
+"""Fit what contacts do to each other to finite-element mechanics, and print how well it holds.
+
+    python benchmarks/neighbours.py [--pairs 3000] [--triples 2000] [--write]
+
+Presses of the nominal simulated tactip-127 without noise: single ones give the field, pairs and
+triples at random places and depths (5.5 mm apart or more) are fitted by as many single contacts as
+they have, and the law says how far those lie from the true ones. Printed: the error of both
+directions of the law on presses it was not fitted to, beside that of plain addition. ``--write``
+replaces the coefficients that ship (tactibench/superposition/neighbours.npz).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+import tactibench.superposition as package
+from tactibench import Frame, Indenter, Pose, Scene, SensorContext
+from tactibench.geometry import DOME_RADIUS_MM, tip_depths
+from tactibench.plugins.host import PluginHost
+from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.loader import load_protocol
+from tactibench.superposition import Eye, Field, Neighbours, solve
+
+Array = npt.NDArray[np.float64]
+
+HALF_MM, DEPTHS_MM, CLOSEST_MM, TIP_MM = 6.4, (0.5, 6.0), 5.5, 3.0
+FARTHEST_MM, SHALLOWEST_MM = 1.5, 0.1
+"""A fit that lies farther off, or is shallower, has lost its contact and teaches nothing."""
+HELD_OUT = 5
+
+
+def scene_of(contacts: Array) -> Scene:
+    """Rigid tips at contacts (K, 3): heights that give every tip its depth."""
+    reach = DOME_RADIUS_MM + TIP_MM
+    height = np.sqrt(reach**2 - (contacts[:, :2] ** 2).sum(axis=1)) - contacts[:, 2]
+    middle = contacts[:, :2].mean(axis=0)
+    offsets = np.column_stack([contacts[:, :2] - middle, height.max() - height])
+    indenter = Indenter(TIP_MM, tuple(map(tuple, offsets.tolist())), "free")
+    depth = contacts[0, 2] - tip_depths(Scene(indenter, Pose(*middle)))[0]
+    return Scene(indenter, Pose(*middle, depth=float(depth)))
+
+
+def free_contacts(count: int, each: int, rng: np.random.Generator) -> Array:
+    """(count, each, 3) mm at random places and depths, CLOSEST_MM apart or more."""
+    found: list[Array] = []
+    while len(found) < count:
+        xy = rng.uniform(-HALF_MM, HALF_MM, (each, 2))
+        apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1)[np.triu_indices(each, 1)]
+        if apart.min() >= CLOSEST_MM:
+            found.append(np.column_stack([xy, rng.uniform(*DEPTHS_MM, each)]))
+    return np.array(found)
+
+
+def report(name: str, law: Neighbours, given: Array, wanted: Array) -> None:
+    for kind, found in (("added", given), ("law", given + law.shift(given))):
+        off = found - wanted
+        place = np.hypot(off[..., 0], off[..., 1])
+        print(
+            f"{name:22s} {kind:6s} place: mean {place.mean():.3f}, median {np.median(place):.3f}, "
+            f"95 % {np.quantile(place, 0.95):.3f} mm; depth: {np.abs(off[..., 2]).mean():.3f} mm"
+        )
+    way = np.linalg.norm(law.shift(given), axis=-1, keepdims=True) + 0.05
+    ratio = np.quantile(np.abs(given + law.shift(given) - wanted) / way, 0.95, axis=(0, 1)) / 1.96
+    print(f"{name:22s} error by mm of shift: {', '.join(f'{r:.2f}' for r in ratio)}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pairs", type=int, default=3000)
+    parser.add_argument("--triples", type=int, default=2000)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    rng = np.random.default_rng(20260101)
+    spec = PluginHost().sensors["tactip-127"]
+    sensor = spec.load()(
+        SensorContext(np.random.SeedSequence(0)), **spec.settings({"noise": "false"})
+    )
+    singles = draw_scenes(load_protocol("exp1").keys, "singles").scenes
+    with sensor:
+        eye = Eye.of([sensor.rest()])
+
+        def moved(scenes: list[Scene]) -> Array:
+            frames: list[Frame] = list(sensor.press_many(scenes))
+            return eye.moved(eye.images(frames))
+
+        alone = np.array([[s.pose.x, s.pose.y, s.pose.depth] for s in singles])
+        field = Field.learn(alone[:4000], moved(list(singles[:4000])))
+        sets = []
+        for count, each in ((options.pairs, 2), (options.triples, 3)):
+            contacts = free_contacts(count, each, rng)
+            weight = np.ones(2 * len(eye.rest))
+            fitted = solve(field, moved([scene_of(c) for c in contacts]), contacts, weight, 20)
+            sets.append((contacts, fitted.contacts))
+    laws = {}
+    for name in ("forward", "inverse"):
+        given, wanted = [], []
+        for contacts, fitted in sets:
+            kept = np.abs(fitted - contacts).max(axis=(1, 2)) < FARTHEST_MM
+            kept &= fitted[..., 2].min(axis=1) > SHALLOWEST_MM
+            kept &= np.arange(len(kept)) % HELD_OUT > 0
+            one, other = (contacts, fitted) if name == "forward" else (fitted, contacts)
+            given.append(one[kept])
+            wanted.append(other[kept] - one[kept])
+        # What a third contact takes off is read from the law of pairs, so that comes first.
+        pairs = Neighbours.learn(given[:1], wanted[:1], Neighbours.none())
+        laws[name] = Neighbours.learn(given, wanted, pairs)
+        for (contacts, fitted), label in zip(sets, ("pairs", "triples"), strict=True):
+            held = np.arange(len(contacts)) % HELD_OUT == 0
+            ends = (contacts, fitted) if name == "forward" else (fitted, contacts)
+            report(f"{name}, {label}", laws[name], ends[0][held], ends[1][held])
+    if options.write:
+        path = Path(package.__file__).with_name("neighbours.npz")
+        np.savez_compressed(
+            path,
+            **{f"{n}_pair": law.pair.astype(np.float32) for n, law in laws.items()},
+            **{f"{n}_crowd": law.crowd.astype(np.float32) for n, law in laws.items()},
+        )
+        print(f"wrote {path.name}, {path.stat().st_size:,} bytes")
+
+
+if __name__ == "__main__":
+    main()

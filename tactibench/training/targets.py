@@ -1,0 +1,84 @@
+"""Truth as contacts that a heatmap can show, and answers back from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactibench.contacts import Answer, Contacts, Grid, PlatePose
+from tactibench.errors import UserError
+from tactibench.geometry import DOME_RADIUS_MM, plate_from_contacts
+from tactibench.plugins.interfaces import Encoder
+
+_SHALLOWEST_MM = 0.5
+"""A plate's depth label may start anywhere (a robot's z); its smallest is drawn at this depth."""
+
+
+@dataclass(frozen=True)
+class PlateScale:
+    """Depth shown on the map = label + offset, mm."""
+
+    offset: float = 0.0
+
+    @classmethod
+    def of(cls, truth: Sequence[Answer], max_depth: float) -> PlateScale:
+        """Shift labels that start below 0.5 mm. Raises UserError when they span too much."""
+        depths = [pose.depth for pose in truth if isinstance(pose, PlatePose)]
+        if not depths:
+            return cls()
+        offset = max(0.0, _SHALLOWEST_MM - min(depths))
+        if max(depths) + offset > max_depth:
+            raise UserError(
+                f"the plate depths of the training frames span {min(depths):.2f} to "
+                f"{max(depths):.2f} mm, but a heatmap shows at most {max_depth - _SHALLOWEST_MM:g} "
+                "mm of range; leave the deepest out or use a model without heatmaps (cnn)."
+            )
+        return cls(offset)
+
+    def contacts(self, answer: Answer) -> Contacts:
+        """A plate meets the dome at x = 20 mm * sin(tilt); contacts stay what they are."""
+        if isinstance(answer, Contacts):
+            return answer
+        x = DOME_RADIUS_MM * math.sin(math.radians(answer.tilt))
+        return Contacts.truth([[x, 0.0]], [answer.depth + self.offset])
+
+    def plate(self, contacts: Contacts) -> PlatePose | None:
+        """The plate pose of the best contact, None without one."""
+        pose = plate_from_contacts(contacts)
+        return None if pose is None else PlatePose(pose.depth - self.offset, pose.tilt)
+
+
+def heatmaps(encoder: Encoder, truth: Sequence[Contacts], grid: Grid) -> np.ndarray:
+    """(N, C, H, W) float16 maps, encoded in one call where the encoder can."""
+    if not truth:
+        return np.empty((0, encoder.channels, *grid.shape), dtype=np.float16)
+    batch = getattr(encoder, "encode_batch", None)
+    if batch is not None:
+        return np.asarray(batch(truth, grid)).astype(np.float16)
+    return np.stack([encoder.encode(contacts, grid).astype(np.float16) for contacts in truth])
+
+
+def touched(answer: Answer | None) -> np.ndarray:
+    """(K, 2) where contacts are, or where a plate touches the dome, mm; no rows for None."""
+    if answer is None:
+        return np.empty((0, 2))
+    if isinstance(answer, PlatePose):
+        return np.array([[DOME_RADIUS_MM * math.sin(math.radians(answer.tilt)), 0.0]])
+    return answer.xy
+
+
+def position_error_mm(found: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
+    """Mean distance from each true contact (or plate) to the nearest one found in its frame, mm.
+
+    Frames in which nothing was found are left out; None when that is all of them.
+    """
+    distances = [
+        float(np.linalg.norm(prediction - xy, axis=1).min())
+        for prediction, contacts in zip(map(touched, found), map(touched, truth), strict=True)
+        if len(prediction)
+        for xy in contacts
+    ]
+    return float(np.mean(distances)) if distances else None

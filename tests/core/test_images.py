@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench import Frame, Pose, UserError, gray_frames
+
+
+def frame(image):
+    return Frame(image, 0.0, Pose(0, 0, 0, 0, 1))
+
+
+@pytest.fixture(scope="module")
+def grey():
+    return np.random.default_rng(0).integers(0, 256, (12, 16), dtype=np.uint8)
+
+
+def read(image, size=8):
+    return gray_frames([frame(image)], size)[0]
+
+
+def test_a_frame_of_the_right_size_is_taken_as_it_is():
+    image = np.random.default_rng(0).integers(0, 256, (8, 8), dtype=np.uint8)
+    assert np.array_equal(read(image), image)
+
+
+def test_no_frames_are_no_images():
+    assert gray_frames([], 8).shape == (0, 8, 8)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda image: image[..., None],
+        lambda image: image[None],
+        lambda image: np.stack([image] * 3, axis=-1),
+        lambda image: np.stack([image] * 3),
+        lambda image: np.dstack([image, image, image, np.zeros_like(image)]),
+        lambda image: np.stack([image, image, image, np.zeros_like(image)]),
+        lambda image: image.astype(np.int64),
+        lambda image: image.astype(np.uint16),
+        lambda image: image.astype(np.float32),
+        lambda image: image.astype(np.float64) / 255,
+        lambda image: (np.stack([image] * 3) / 255).astype(np.float32),
+        lambda image: np.asfortranarray(image),
+        lambda image: np.repeat(image, 2, axis=1)[:, ::2],
+    ],
+    ids=[
+        "(H,W,1)",
+        "(1,H,W)",
+        "(H,W,3)",
+        "(3,H,W)",
+        "(H,W,4)",
+        "(4,H,W)",
+        "int64",
+        "uint16",
+        "float of levels",
+        "float of shares",
+        "float (3,H,W)",
+        "column order",
+        "strided",
+    ],
+)
+def test_what_is_clearly_the_same_picture_is_read_the_same(grey, change):
+    assert np.array_equal(read(change(grey)), read(grey))
+
+
+def test_colours_are_weighted_as_rgb_at_either_end():
+    red, green, blue = np.zeros((3, 8, 8, 3), np.uint8)
+    red[..., 0], green[..., 1], blue[..., 2] = 255, 255, 255
+    for image, level in ((red, 76), (green, 150), (blue, 29)):  # 255 * (.299, .587, .114)
+        assert (read(image) == level).all()
+        assert (read(np.moveaxis(image, -1, 0)) == level).all()
+
+
+def test_booleans_are_black_and_white():
+    mask = np.eye(8, dtype=bool)
+    assert np.array_equal(read(mask), np.eye(8) * 255)
+
+
+def test_shrinking_averages_areas_and_keeps_the_mean(grey):
+    half = read(grey[:, :12].repeat(4, 0).repeat(4, 1), 12)
+    assert np.array_equal(half, grey[:, :12])
+
+
+@given(st.floats(0, 1), st.sampled_from([np.float16, np.float32, np.float64]))
+def test_floats_from_0_to_1_are_shares_of_white(share, kind):
+    image = np.full((8, 8), share, dtype=kind)
+    assert read(image)[0, 0] == round(255 * float(image[0, 0]))
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.full((8, 8), np.nan), "NaN"),
+        (np.full((8, 8), np.inf, np.float32), "infinite"),
+        (np.full((8, 8), -0.5), "-0.5"),
+        (np.full((8, 8), 1.2), "1.2"),
+        (np.full((8, 8), 256.0), "256"),
+        (np.full((8, 8), 4095, np.uint16), "4095"),
+        (np.full((8, 8), -1, np.int32), "-1"),
+        (np.zeros((8, 8), complex), "complex"),
+        (np.zeros((8, 8), "U1"), "U1"),
+        (np.zeros((8, 8), object), "object"),
+        (np.zeros((8, 8, 2), np.uint8), "shape"),
+        (np.zeros((5, 8, 8), np.uint8), "shape"),
+        (np.zeros((1, 1, 8, 8), np.uint8), "shape"),
+        (np.zeros(8, np.uint8), "shape"),
+        (np.zeros((0, 8), np.uint8), "shape"),
+    ],
+    ids=str,
+)
+def test_what_is_unclear_is_refused_by_number_and_reason(grey, image, words):
+    with pytest.raises(UserError, match=r"frame 2 of 3") as caught:
+        gray_frames([frame(grey), frame(image), frame(grey)], 8)
+    assert words in str(caught.value)
