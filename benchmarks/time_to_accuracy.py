@@ -1,22 +1,25 @@
-"""Time that the recipes ``default`` and ``paper`` of the U-Net need to one validation error.
+"""Time that the recipes ``default`` and ``paper`` of the U-Net need to reach one error.
 
     python benchmarks/time_to_accuracy.py [--presses 3600] [--target-mm 0.06] [--epochs-cap N]
 
-Both are trained in one run on the same simulated presses, seeds and threads, one after the other;
-the time of each epoch includes its validation. The whole ``paper`` recipe takes a good half hour on
-two cores: ``--epochs-cap`` ends it early, and then its time is a lower bound. The last line is the
-ratio of the two times. Errors are those of the encoder ``hertz`` with its default decoder.
+The error is that of exp1, the mean of |error| over x, y and depth, here of 200 presses that are not
+trained on; a frame without an answer counts as infinitely wrong. Both recipes are trained in one
+run on the same simulated presses, seeds and threads, one after the other, ``paper`` in eager
+float32; the time of each epoch includes its validation. The whole ``paper`` recipe takes a good
+half hour on two cores: ``--epochs-cap`` ends it early, and then its time is a lower bound. The last
+line is the ratio of the two times. The encoder is ``hertz`` with its default decoder.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
-from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
+from tactibench import Answer, Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
 from tactibench_heatmaps.hertz import HertzGaussian
 from tactibench_sim.sensor import TacTip127
@@ -25,6 +28,20 @@ from tactibench_unet.model import UNet
 
 class Reached(Exception):  # noqa: N818
     """The validation error came down to the target."""
+
+
+class ScoredAsExp1(UNet):
+    """Watches the error that exp1 reports."""
+
+    def error_mm(self, found: Sequence[Answer | None], truth: Sequence[Answer]) -> float:
+        """Mean of |error| over x, y and depth of the best contact, mm."""
+        if not all(map(len, found)):
+            return float("inf")
+        errors = [
+            [*(answer.xy[0] - true.xy[0]), answer.depth[0] - true.depth[0]]
+            for answer, true in zip(found, truth, strict=True)
+        ]
+        return float(np.abs(errors).mean())
 
 
 class Watch:
@@ -75,7 +92,9 @@ def presses(count: int, seed: int):
 def measure(recipe: str, data, held_out, target_mm: float, cap: int | None, seed: int) -> Watch:
     """Train one recipe until it reaches the target, its end or the cap."""
     grid = Grid.centred(64, 0.4)
-    model = UNet(ModelContext("contacts", grid, 6.0, encoder=HertzGaussian()), recipe=recipe)
+    model = ScoredAsExp1(
+        ModelContext("contacts", grid, 6.0, encoder=HertzGaussian()), recipe=recipe
+    )
     print(f"{recipe}: {model.recipe}")
     watch = Watch(target_mm, cap)
     try:
@@ -83,7 +102,7 @@ def measure(recipe: str, data, held_out, target_mm: float, cap: int | None, seed
         model.fit(*data, validation=held_out, rng=rng, progress=watch)
     except Reached:
         pass
-    print(f"{recipe}: mean position error of {target_mm} mm after {watch}")
+    print(f"{recipe}: mean error of {target_mm} mm after {watch}")
     return watch
 
 

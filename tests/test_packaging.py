@@ -109,7 +109,7 @@ def test_an_installed_copy_is_used_and_lists_everything(empty: Path, tmp_path: P
     listed = json.loads(ran(empty / "bin" / "tactibench", "list", "--json", cwd=tmp_path))
     assert {row["name"] for row in listed["models"]} >= {"cnn", "mean", "nearest", "unet"}
     assert {row["name"] for row in listed["sensors"]} >= {"recorded", "tactip-127", "tactip-331"}
-    assert {row["name"] for row in listed["encoders"]} >= {"hertz"}
+    assert {row["name"] for row in listed["encoders"]} >= {"axes", "depth", "hertz", "offset"}
     protocols = {path.stem for path in (ROOT / "protocols").glob("*.toml")}
     assert {row["name"] for row in listed["protocols"]} == protocols
 

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Answer, Contacts, PlatePose, UserError
-from tactibench.geometry import DOME_RADIUS_MM
 
 Vector = npt.NDArray[np.float64]
 NAMES = {"contacts": ("x", "y", "depth"), "plate": ("depth", "tilt")}
@@ -34,14 +33,6 @@ def vectors(truth: Sequence[Answer], answer: str) -> Vector:
     return rows
 
 
-def position_error_mm(found: Vector, true: Vector, answer: str) -> float:
-    """Mean distance on the dome between (N, 3) contacts or (N, 2) plates, mm."""
-    if answer == "plate":
-        touch = DOME_RADIUS_MM * np.sin(np.radians(np.stack([found[:, 1], true[:, 1]])))
-        return float(np.abs(touch[0] - touch[1]).mean())
-    return float(np.linalg.norm(found[:, :2] - true[:, :2], axis=1).mean())
-
-
 @dataclass(frozen=True, eq=False)
 class Normalisation:
     """Targets to zero mean and unit deviation over the training frames, and back."""
@@ -62,7 +53,7 @@ class Normalisation:
         return np.asarray(normal * self.deviation + self.mean, dtype=np.float64)
 
 
-def answers(values: Vector, answer: str) -> list[Answer]:
+def answers(values: Vector, answer: str) -> list[Answer | None]:
     """One contact with score 1, or one plate pose, per row."""
     if answer == "plate":
         return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]

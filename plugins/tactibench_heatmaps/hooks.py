@@ -111,7 +111,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
             target="tactibench_heatmaps.mixture:Mixture",
             summary="per cell a probability, place and depth of a contact with their std",
             parameters=(
-                _threshold(0.5),
+                _threshold(0.3),
                 Parameter(
                     "merge",
                     2.0,

@@ -35,7 +35,7 @@ class Mixture:
     channels = 7
     tolerance = 1e-5
 
-    def __init__(self, *, threshold: float = 0.5, merge: float = 2.0, max_count: int = 6) -> None:
+    def __init__(self, *, threshold: float = 0.3, merge: float = 2.0, max_count: int = 6) -> None:
         self._reader = MixtureReader(threshold, merge, max_count)
         self.separation = merge + self.tolerance
 

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.superposition import Field, Solution, solve
+from tactibench.superposition import Eye, Field, Solution, solve
 
 Array = npt.NDArray[np.float64]
 
@@ -17,21 +17,35 @@ _DEPTHS_MM = (0.6, 1.2, 2.4, 4.2)
 _STEPS = 8
 """Steps of refinement after each insertion; the last solution is then finished."""
 _FINISH = 12
-SHALLOWEST_MM = 0.15
-"""A fit shallower than this is no contact."""
+_OWN = 0.35
+"""A doubtful pin's place is the one that was seen within this share of the pins' spacing of where
+the contacts put it."""
+SHALLOWEST_MM = (0.15, 0.35)
+"""A fit shallower than this is no contact: alone, and beside others, whose misfit it may take."""
 CLOSEST_MM = 4.0
 """Two fits closer than this are one."""
 _WORTH = 0.1
 """A further contact is tried where one on the lattice gains this share of what it must gain."""
+_STARTS = 2
+_APART_MM = 2.5
+"""From so many places, so far apart, is a further contact looked for."""
+_NOISE = 8.0
+"""chi^2 by degree of freedom below which nothing more is looked for."""
+_TURNS, _ASIDE_MM, _SHARE = 6, 3.5, 0.75
+"""A contact is parted in so many directions, so far to either side, at this share of its depth."""
 _FIRST = 50.0
 """chi^2 by which the first contact must explain a frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """field: of single presses. weight: (Q,) 1 / variance. gain, most: as declared."""
+    """field: of what one contact does to the pins of ``eye``. weight: (Q,) 1 / variance.
+
+    gain, most: as declared. places: contacts on a lattice, with their shapes and energies.
+    """
 
     field: Field
+    eye: Eye
     weight: Array
     gain: float
     most: int
@@ -40,7 +54,7 @@ class Detector:
     energy: Array
 
     @classmethod
-    def of(cls, field: Field, weight: Array, gain: float, most: int) -> Self:
+    def of(cls, field: Field, eye: Eye, weight: Array, gain: float, most: int) -> Self:
         """Fields of contacts on a lattice over the workspace are computed once."""
         low, high = field.low, field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
         sides = [np.arange(a, b + 1e-9, _PITCH_MM) for a, b in zip(low[:2], high[:2], strict=True)]
@@ -48,40 +62,114 @@ class Detector:
         places = np.stack(np.meshgrid(*sides, depths, indexing="ij"), axis=-1).reshape(-1, 3)
         shapes = field(places)
         energy = (weight * shapes**2).sum(axis=1)
-        return cls(field, weight, gain, most, places, shapes.astype(np.float32), energy)
+        return cls(field, eye, weight, gain, most, places, shapes.astype(np.float32), energy)
 
-    def find(self, moved: Array) -> tuple[Solution, Array]:
-        """The contacts of one frame (Q,), and (K,) the share of the misfit each one took."""
-        none = np.zeros((1, 0, 3))
-        best = Solution(none, moved[None].copy(), np.zeros((1, 0, 0)))
+    def find(self, moved: Array, sure: npt.NDArray[np.bool_]) -> tuple[Solution, Array]:
+        """The contacts of one frame, and (K,) the share of the misfit each one took.
+
+        moved: (Q,) px, sure: (P,), as ``Eye.watch`` gives them. Doubtful pins wait until the
+        contacts are found, which then say which place is theirs.
+        """
+        weight = self.weight * np.tile(sure, 2)
+        best = Solution(np.zeros((1, 0, 3)), moved[None].copy(), np.zeros((1, 0, 0)))
         taken: list[float] = []
-        cost = self._cost(best)
+        cost = _cost(best, weight)
         while len(taken) < self.most:
-            candidate, gained = self._candidate(best.left[0])
-            if gained < _WORTH * (1 - 1 / self.gain) * cost:
+            tried = self._with_more(moved, weight, best, cost)
+            if tried is None:
                 break
-            start = np.concatenate([best.contacts, candidate], axis=1)
-            tried = solve(self.field, moved[None], start, self.weight, _STEPS)
-            now = self._cost(tried)
-            if not self._plausible(tried.contacts[0]) or cost < max(self.gain * now, _FIRST):
+            now = _cost(tried, weight)
+            taken.append(1 - now / cost)
+            best, cost = tried, now
+        if not taken:
+            return best, np.empty(0)
+        if not sure.all():
+            moved, sure = self._named(moved, sure, best.left[0])
+            weight = self.weight * np.tile(sure, 2)
+        return solve(self.field, moved[None], best.contacts, weight, _FINISH), np.array(taken)
+
+    def _with_more(
+        self, moved: Array, weight: Array, known: Solution, cost: float
+    ) -> Solution | None:
+        """The best solution with one contact more: a new one or, failing that, one split in two."""
+        if cost < _NOISE * np.count_nonzero(weight):
+            return None
+        worth = _WORTH * (1 - 1 / self.gain) * cost
+        new = [
+            np.concatenate([known.contacts, candidate], axis=1)
+            for candidate in self._candidates(known, weight, worth)
+        ]
+        for starts in (new, self._splits(moved, weight, known)):
+            ends = [solve(self.field, moved[None], start, weight, _STEPS) for start in starts]
+            found = self._accepted(ends, weight, cost)
+            if found is not None:
+                return found
+        return None
+
+    def _splits(self, moved: Array, weight: Array, known: Solution) -> list[Array]:
+        """Every contact parted into two, in the direction that lowers the misfit most.
+
+        Two contacts that were taken for one lie on either side of it, too near to be found as new.
+        """
+        starts = []
+        for k in range(known.contacts.shape[1]):
+            others = np.delete(known.contacts[0], k, axis=0)
+            x, y, depth = known.contacts[0, k]
+            turned = [np.pi * turn / _TURNS for turn in range(_TURNS)]
+            pairs = np.array([
+                [[x + side * np.cos(a), y + side * np.sin(a), _SHARE * depth]
+                 for side in (-_ASIDE_MM, _ASIDE_MM)]
+                for a in turned
+            ])  # fmt: skip
+            left = moved - self.field(others).sum(axis=0) - self.field(pairs).sum(axis=1)
+            best = int(np.argmin((weight * left**2).sum(axis=1)))
+            starts.append(np.concatenate([others, pairs[best]])[None])
+        return starts
+
+    def _accepted(self, ends: list[Solution], weight: Array, cost: float) -> Solution | None:
+        """The plausible solution of least misfit, if that is lower by the factor ``gain``."""
+        plausible = [end for end in ends if self._plausible(end.contacts[0])]
+        if not plausible:
+            return None
+        best = min(plausible, key=lambda end: _cost(end, weight))
+        return best if cost >= max(self.gain * _cost(best, weight), _FIRST) else None
+
+    def _named(
+        self, moved: Array, sure: npt.NDArray[np.bool_], left: Array
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Doubtful pins at the seen places nearest to where the contacts put them, where near."""
+        seen = self.eye.rest + moved.reshape(2, -1).T
+        expected = seen - left.reshape(2, -1).T
+        doubtful = np.flatnonzero(~sure)
+        apart = np.hypot(*(expected[doubtful, None] - seen).transpose(2, 0, 1))
+        nearest = apart.argmin(axis=1)
+        near = apart[np.arange(len(doubtful)), nearest] < _OWN * self.eye.pitch
+        named, known = moved.reshape(2, -1).copy(), sure.copy()
+        named[:, doubtful[near]] = (seen[nearest[near]] - self.eye.rest[doubtful[near]]).T
+        known[doubtful[near]] = True
+        return named.reshape(-1), known
+
+    def _candidates(self, known: Solution, weight: Array, worth: float) -> list[Array]:
+        """Lattice contacts (1, 1, 3) that lower the misfit most, apart from each other."""
+        gained = 2 * (self.shapes @ (weight * known.left[0]).astype(np.float32)) - self.energy
+        for contact in known.contacts[0]:
+            gained[np.hypot(*(self.places[:, :2] - contact[:2]).T) < CLOSEST_MM] = -np.inf
+        found: list[Array] = []
+        while len(found) < _STARTS:
+            best = int(np.argmax(gained))
+            if gained[best] < worth:
                 break
-            best, share, cost = tried, 1 - now / cost, now
-            taken.append(share)
-        if taken:
-            best = solve(self.field, moved[None], best.contacts, self.weight, _FINISH)
-        return best, np.array(taken)
-
-    def _cost(self, solution: Solution) -> float:
-        return float((self.weight * solution.left[0] ** 2).sum())
-
-    def _candidate(self, left: Array) -> tuple[Array, float]:
-        """(1, 1, 3): the lattice contact that lowers the misfit most, and by how much."""
-        gained = 2 * (self.shapes @ (self.weight * left).astype(np.float32)) - self.energy
-        first = int(np.argmax(gained))
-        return self.places[None, None, first], float(gained[first])
+            place = self.places[best]
+            found.append(place[None, None])
+            gained[np.hypot(*(self.places[:, :2] - place[:2]).T) < _APART_MM] = -np.inf
+        return found
 
     def _plausible(self, contacts: Array) -> bool:
-        if (contacts[:, 2] < SHALLOWEST_MM).any():
+        if (contacts[:, 2] < SHALLOWEST_MM[len(contacts) > 1]).any():
             return False
         apart = np.hypot(*(contacts[:, None, :2] - contacts[None, :, :2]).transpose(2, 0, 1))
         return not (apart[np.triu_indices(len(contacts), 1)] < CLOSEST_MM).any()
+
+
+def _cost(solution: Solution, weight: Array) -> float:
+    return float((weight * solution.left[0] ** 2).sum())

@@ -37,7 +37,6 @@ _LAW_ERRORS = ((0.45, 0.45, 0.37), (0.9, 0.9, 0.4))
 
 @dataclass(frozen=True, eq=False)
 class _Learned:
-    eye: Eye
     detector: Detector
     law: Neighbours
     spread: Spread
@@ -95,11 +94,13 @@ class Superpose:
         if len(off):
             # Robust: a pin that was mistaken for another in one frame is no noise.
             weight = 1 / np.maximum(1.4826 * np.median(np.abs(off), axis=0), _QUIETEST_PX) ** 2
-        detector = Detector.of(field, weight, self._settings["gain"], self._settings["max_count"])
+        detector = Detector.of(
+            field, eye, weight, self._settings["gain"], self._settings["max_count"]
+        )
         law, errors = self._law(eye, detector, frames, truth)
-        self._learned = _Learned(eye, detector, law, Spread(np.ones(3), errors))
+        self._learned = _Learned(detector, law, Spread(np.ones(3), errors))
         factors = self._noise_factors(seen, wanted)
-        self._learned = _Learned(eye, detector, law, Spread(factors, errors))
+        self._learned = _Learned(detector, law, Spread(factors, errors))
         progress.step(float(np.mean(off**2)) if len(off) else 0.0)
         progress.epoch(1, float(np.mean(off**2)) if len(off) else 0.0, None)
         notes = {"single_presses": len(rows), "others": len(frames) - len(rows)}
@@ -116,9 +117,10 @@ class Superpose:
         known: list[tuple[Array, Array]] = []
         for count in sorted(set(counts[counts > 1].tolist())):
             rows = np.flatnonzero(counts == count)
-            moved = eye.moved(eye.images([frames[int(row)] for row in rows]))
+            moved, sure = eye.watch(eye.images([frames[int(row)] for row in rows]))
             contacts = _of(truth, rows)
-            found = solve(detector.field, moved, contacts, detector.weight).contacts
+            weight = detector.weight * np.tile(sure, (1, 2))
+            found = solve(detector.field, moved, contacts, weight).contacts
             known.append((found, contacts - found))
         if not known:
             return law, errors
@@ -132,7 +134,8 @@ class Superpose:
         return law, errors
 
     def _noise_factors(self, moved: Array, wanted: Array) -> Array:
-        found = [self._contacts(self._found(one[None]))[0] for one in moved]
+        sure = np.ones((len(moved), moved.shape[1] // 2), dtype=np.bool_)
+        found = self._contacts(self._found((moved, sure)))
         error, std = [], []
         for contacts, true in zip(found, wanted, strict=True):
             if len(contacts) == 1 and contacts.std is not None:
@@ -161,12 +164,12 @@ class Superpose:
         law = learned.law.pair.size + learned.law.crowd.size
         return int(learned.detector.field.coefficients.size + law)
 
-    def _moved(self, frames: Sequence[Frame]) -> Array:
-        eye = self._ready().eye
-        return eye.moved(eye.images(frames))
+    def _moved(self, frames: Sequence[Frame]) -> tuple[Array, npt.NDArray[np.bool_]]:
+        eye = self._ready().detector.eye
+        return eye.watch(eye.images(frames))
 
-    def _found(self, moved: Array) -> list[tuple[Solution, Array]]:
-        return [self._ready().detector.find(one) for one in moved]
+    def _found(self, pins: tuple[Array, npt.NDArray[np.bool_]]) -> list[tuple[Solution, Array]]:
+        return [self._ready().detector.find(*one) for one in zip(*pins, strict=True)]
 
     def _contacts(self, found: list[tuple[Solution, Array]]) -> list[Contacts]:
         learned = self._ready()
@@ -194,7 +197,7 @@ class Superpose:
         field = learned.detector.field
         tensors = {
             "coefficients": field.coefficients, "low": field.low, "step": field.step,
-            "weight": learned.detector.weight, "still": learned.eye.still,
+            "weight": learned.detector.weight, "still": learned.detector.eye.still,
             "pair": learned.law.pair, "crowd": learned.law.crowd,
             "noise": learned.spread.noise, "law": learned.spread.law,
         }  # fmt: skip
@@ -210,14 +213,15 @@ class Superpose:
         tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
         read = {name: value.numpy() for name, value in tensors.items()}
         field = Field(read["coefficients"], read["low"], read["step"])
+        eye = Eye.at(read["still"])
         detector = Detector.of(
             field,
+            eye,
             read["weight"],
             self._settings["gain"],
             self._settings["max_count"],
         )
         self._learned = _Learned(
-            Eye.at(read["still"]),
             detector,
             Neighbours(read["pair"], read["crowd"]),
             Spread(read["noise"], read["law"]),

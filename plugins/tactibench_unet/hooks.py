@@ -26,6 +26,13 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "training arithmetic, recipe: as the recipe has it",
                     choices=("recipe", "auto", "float32", "bf16"),
                 ),
+                Parameter(
+                    "mixing",
+                    0.0,
+                    "extra multi-contact frames made from single presses, share of the presses",
+                    low=0,
+                    high=10,
+                ),
             ),
             answers=("contacts", "plate"),
             max_contacts=None,

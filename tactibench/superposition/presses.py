@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -16,6 +17,8 @@ from tactibench.markers import Tracker
 
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
+
+_DOUBTFUL = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +58,35 @@ class Eye:
 
     def moved(self, images: Images) -> Array:
         """(N, 2 P) displacement of every pin: x of all, then y of all, px."""
-        moved = self.tracker.track(images).xy - self.rest
-        return moved.transpose(0, 2, 1).reshape(len(images), 2 * len(self.rest))
+        return self.watch(images)[0]
+
+    def watch(self, images: Images) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """``moved``, and (N, P) whether a pin is surely itself.
+
+        Where pins crowd a tracker may be one pin off, and then one nearby finds no place: pins at
+        rest within 2.5 spacings of one that was not seen are doubtful.
+        """
+        tracks = self.tracker.track(images)
+        moved = (tracks.xy - self.rest).transpose(0, 2, 1)
+        sure = np.ones(tracks.seen.shape, dtype=np.bool_)
+        for row in np.flatnonzero(~tracks.seen.all(axis=1)):
+            sure[row] = ~self._around[:, ~tracks.seen[row]].any(axis=1)
+        return moved.reshape(len(images), 2 * len(self.rest)), sure
+
+    @cached_property
+    def pitch(self) -> float:
+        """Median distance of a pin at rest from its nearest neighbour, px."""
+        apart = _distances(self.rest, self.rest)
+        apart[np.diag_indices(len(apart))] = np.inf
+        return float(np.median(apart.min(axis=1)))
+
+    @cached_property
+    def _around(self) -> npt.NDArray[np.bool_]:
+        return _distances(self.rest, self.rest) < _DOUBTFUL * self.pitch
+
+
+def _distances(a: Array, b: Array) -> Array:
+    return np.asarray(np.hypot(*(a[:, None] - b).transpose(2, 0, 1)), dtype=np.float64)
 
 
 def single_presses(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:

@@ -122,9 +122,11 @@ def test_frames_of_any_size_and_colour_are_read_and_left_alone(make_presses, tra
     assert np.array_equal(frame.image, before)
 
 
-@pytest.mark.parametrize("size", [64, 96, 128])
-def test_every_size_is_accepted(make_cnn, make_presses, size):
-    assert len(make_cnn(size=size).predict(make_presses(2, 5)[0])) == 2
+@pytest.mark.parametrize(("width", "size"), [(8, 128), (16, 96), (32, 64), (64, 64)])
+def test_every_width_and_size_is_trained(make_cnn, fit, make_presses, width, size):
+    model = make_cnn(width=width, size=size, epochs=1)
+    assert np.isfinite(fit(model, count=2).history[0]["loss"])
+    assert len(model.predict(make_presses(2, 5)[0])) == 2
 
 
 def test_plates_are_regressed_with_labels_of_any_sign(make_cnn, fit, make_presses, silent):

@@ -16,7 +16,7 @@ CHECKPOINT = "checkpoint.safetensors"
 
 
 @pytest.mark.parametrize("stop", [{"stop_after_epoch": 1}, {"stop_at_step": 11}])
-@pytest.mark.parametrize("optimiser", ["adam", "adamw"])
+@pytest.mark.parametrize("optimiser", ["adam", "adamw", "muon"])
 def test_an_interrupted_training_resumes_to_the_same_bits(
     run, recipe, recorder, interrupted, tmp_path, stop, optimiser
 ):

@@ -92,7 +92,7 @@ def test_predict_folds_batch_norm_without_changing_the_maps(make_presses, traine
     frames, _ = make_presses(4, 5)
     images = torch.from_numpy(np.stack([frame.image for frame in frames]))[:, None]
     with torch.inference_mode():
-        plain = trained.network(images).sigmoid().numpy()
+        plain = trained.outputs(trained.network(images))
     np.testing.assert_allclose(trained.maps(frames), plain, atol=1e-5)
 
 
@@ -102,6 +102,29 @@ def test_maps_are_float32_probabilities_of_the_grids_shape(make_presses, trained
     assert maps.dtype == np.float32
     assert (maps >= 0).all()
     assert (maps <= 1).all()
+
+
+def test_the_paper_learns_heat_as_it_is_and_the_default_leaves_the_sigmoid_room(make_model):
+    logits, heat = torch.tensor([-2.0, 0.0, 1.0, 4.0]), torch.tensor([0.0, 0.5, 0.7, 1.0])
+    paper, default = make_model(recipe="paper"), make_model()
+    np.testing.assert_allclose(paper.outputs(logits), logits.sigmoid(), rtol=1e-6)
+    published = torch.nn.functional.binary_cross_entropy_with_logits(logits, heat)
+    assert paper.loss(logits, heat) == published
+    finite = torch.logit(torch.tensor([0.7])).requires_grad_()
+    np.testing.assert_allclose(default.outputs(finite.detach()), 1.0, rtol=1e-6)
+    default.loss(finite, torch.ones(1)).backward()
+    assert abs(float(finite.grad)) < 1e-6
+    assert default.outputs(torch.tensor([9.0])) == 1.0
+
+
+def test_weights_are_read_with_the_headroom_they_were_trained_in(
+    make_model, make_presses, trained, tmp_path
+):
+    trained.save(tmp_path)
+    other = make_model(recipe="paper")
+    other.load(tmp_path)
+    frames, _ = make_presses(2, 5)
+    assert np.array_equal(other.maps(frames), trained.maps(frames))
 
 
 def test_no_frames_give_no_answers(trained):
@@ -161,6 +184,17 @@ def test_stages_compose_to_predict(make_presses, trained):
 def test_every_size_and_stem_gives_maps_on_the_grid(make_model, make_presses, size, stem):
     model = make_model(size=size, stem=stem)
     assert model.maps(make_presses(1, 5)[0]).shape == (1, 1, 64, 64)
+
+
+@pytest.mark.parametrize(
+    ("width", "size", "recipe"),
+    [(8, 128, "default"), (16, 96, "default"), (32, 64, "default"), (64, 64, "paper")],
+)
+def test_every_width_and_size_is_trained(make_model, fit, make_presses, width, size, recipe):
+    grid = Grid.centred(16, 1.6)
+    model = make_model(width=width, size=size, recipe=recipe, epochs=1, grid=grid)
+    assert np.isfinite(fit(model, count=2).history[0]["loss"])
+    assert len(model.predict(make_presses(1, 5)[0])) == 1
 
 
 def test_a_grid_that_is_not_square_is_filled(make_model, make_presses):

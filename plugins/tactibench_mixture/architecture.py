@@ -1,0 +1,141 @@
+"""The network of ``mixture``: from a displacement field to what coarse cells say."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import nn
+from torch.nn import functional as F  # noqa: N812
+
+CHANNELS = 7
+"""Raw outputs of a cell, as ``tactibench.training.mixture_values`` reads them."""
+_FIRST_LOG_STD = 0.3
+"""Of a cell that knows nothing yet, log mm."""
+_PRESENCE_GAIN = 4.0
+"""Factor on the logit of presence. It has the longest way to go, but an optimiser that divides by
+the size of the gradients (Adam) moves all weights at the same pace."""
+
+
+class MixtureNetwork(nn.Module):
+    """(B, 2, 2 n, 2 n) displacement of the skin -> (B, 7, n, n) raw outputs of a mixture.
+
+    Three levels of n, n / 2 and n / 4 cells, with residual blocks of two convolutions each and
+    without normalisation: the statistics of a batch would be noise to a network that measures. Each
+    block starts as the identity (as in Fixup, Zhang et al. 2019). The field enters with the
+    coordinates of its cells, because a dome does not look the same from place to place.
+
+    mirror: whether, in training, frames are mirrored at random with x, and with y, reversed, and
+    the outputs mirrored back.
+    """
+
+    scale: torch.Tensor
+    place: torch.Tensor
+
+    def __init__(self, width: int, side: int, mirror: tuple[bool, bool]) -> None:
+        super().__init__()
+        self.mirror = mirror
+        axis = torch.linspace(-1, 1, side)
+        place = torch.stack(torch.meshgrid(axis, axis, indexing="xy"))[None]
+        self.register_buffer("place", place, persistent=False)
+        self.register_buffer("scale", torch.ones(()))
+        deep = 2 * width
+        self.stem = nn.Conv2d(4, width, 6, stride=2, padding=2)
+        self.fine = Residual(width)
+        self.down = nn.Conv2d(width, deep, 3, stride=2, padding=1)
+        self.middle = Residual(deep)
+        self.further_down = nn.Conv2d(deep, deep, 3, stride=2, padding=1)
+        self.bottom = Residual(deep)
+        self.lift = nn.ConvTranspose2d(deep, deep, 2, stride=2)
+        self.middle_up = Residual(deep)
+        self.further_lift = nn.ConvTranspose2d(deep, width, 2, stride=2)
+        self.fine_up = Residual(width)
+        self.widen = nn.Conv2d(width, deep, 1)
+        self.head = Head(deep)
+
+    @torch.no_grad()
+    def start_from(self, fields: torch.Tensor, contacts: torch.Tensor) -> None:
+        """Fix the scale to the training fields (N, 2, S, S) and start at their count of contacts.
+
+        contacts: (N, K, 3), rows of NaN for none.
+        """
+        self.scale.copy_(1 / fields.square().mean().sqrt().clamp_min(1e-6))
+        cells = self.place[0, 0].numel() / 4
+        count = float((~contacts[..., 0].isnan()).sum()) / len(contacts)
+        self.head.start(min(max(count, 0.1) / cells, 0.5))
+
+    def forward(self, fields: torch.Tensor) -> torch.Tensor:
+        if not self.training:
+            return self._cells(fields)
+        turned = self._turns(len(fields), fields.device)
+        signs = 1 - 2 * turned.to(fields.dtype)
+        raw = mirrored(self._cells(mirrored(fields, turned) * signs[:, :, None, None]), turned)
+        steps = raw[:, 1:3] * signs[:, :, None, None]
+        return torch.cat([raw[:, :1], steps, raw[:, 3:]], dim=1)
+
+    def _cells(self, fields: torch.Tensor) -> torch.Tensor:
+        place = self.place.expand(len(fields), -1, -1, -1)
+        fine = self.fine(self.stem(torch.cat([fields * self.scale, place], dim=1)))
+        middle = self.middle(self.down(F.relu(fine)))
+        bottom = self.bottom(self.further_down(F.relu(middle)))
+        middle = self.middle_up(middle + self.lift(F.relu(bottom)))
+        fine = self.fine_up(fine + self.further_lift(F.relu(middle)))
+        raw: torch.Tensor = self.head(F.relu(self.widen(F.relu(fine))))
+        return raw
+
+    def _turns(self, count: int, device: torch.device) -> torch.Tensor:
+        """(count, 2) whether x and y of a frame are reversed, at random where they may be."""
+        return (torch.rand(count, 2, device=device) < 0.5) & torch.tensor(
+            self.mirror, device=device
+        )
+
+
+class Residual(nn.Module):
+    """x + conv(relu(conv(relu(x)))), the identity at first."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(width, width, 3, padding=1)
+        self.second = nn.Conv2d(width, width, 3, padding=1)
+        nn.init.kaiming_normal_(self.first.weight, nonlinearity="relu")
+        nn.init.zeros_(self.second.weight)
+        for convolution in (self.first, self.second):
+            assert convolution.bias is not None  # noqa: S101
+            nn.init.zeros_(convolution.bias)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        found: torch.Tensor = x + self.second(F.relu(self.first(F.relu(x))))
+        return found
+
+
+class Head(nn.Module):
+    """Linear layer to the raw outputs, in float32 also within autocast: bf16 has 8 bits, and a
+    depth of 6 mm would be rounded to 0.02 mm."""
+
+    gain: torch.Tensor
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        gain = torch.ones(CHANNELS, 1)
+        gain[0] = _PRESENCE_GAIN
+        self.register_buffer("gain", gain, persistent=False)
+        self.weight = nn.Parameter(0.3 / math.sqrt(width) * torch.randn(CHANNELS, width) / gain)
+        self.bias = nn.Parameter(torch.zeros(CHANNELS))
+
+    @torch.no_grad()
+    def start(self, presence: float) -> None:
+        """Begin with this probability in every cell."""
+        self.bias.zero_()
+        self.bias[0] = math.log(presence / (1 - presence)) / _PRESENCE_GAIN
+        self.bias[4:] = _FIRST_LOG_STD
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        with torch.autocast(x.device.type, enabled=False):
+            weight = (self.gain * self.weight)[:, :, None, None]
+            return F.conv2d(x.float(), weight, self.gain[:, 0] * self.bias)
+
+
+def mirrored(maps: torch.Tensor, turned: torch.Tensor) -> torch.Tensor:
+    """Maps (B, C, H, W) with x and y reversed in the frames that ``turned`` (B, 2) names."""
+    maps = torch.where(turned[:, 0, None, None, None], maps.flip(-1), maps)
+    return torch.where(turned[:, 1, None, None, None], maps.flip(-2), maps)

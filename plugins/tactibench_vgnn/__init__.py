@@ -1,0 +1,1 @@
+"""Voronoi graph network: pins, their neighbours and the room they have tell the contacts."""

@@ -1,0 +1,218 @@
+"""The graph network: messages between neighbouring pins, and one token that hears them all."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from tactibench_vgnn.features import NEAREST, NODE
+
+_GEOMETRY = 3
+"""Numbers about an edge: the step from a pin to its neighbour, in pitches, and its length."""
+_BASIS = 6
+"""Weights of an edge in a round of messages: a pin hears so many weighted sums."""
+_POOLS = 16
+"""Weighted sums over all pins that the global token consists of."""
+_TOKEN = 256
+"""Units of the dense layers between these sums and what every pin is told of them."""
+_WAVES = (0.5, 1.0, 2.0)
+"""A pin's place enters as sines and cosines with so many half periods over the layout's half."""
+_OUTPUTS = 7
+"""Raw outputs of a pin, as ``tactibench.training.mixture_values`` reads them; the first is the
+logit of presence."""
+_FAINT = -4.0
+"""First logit of presence: two contacts among 127 pins before anything is learned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Who listens to whom. near: (P, K) or (B, P, K) pins. there: the same with 1 at the end, 0
+    where there is no neighbour. apart: with 3 at the end, geometry of the edges at rest."""
+
+    near: torch.Tensor
+    there: torch.Tensor
+    apart: torch.Tensor
+
+    @classmethod
+    def of(cls, table: torch.Tensor, place: torch.Tensor) -> Edges:
+        """Edges of a table (..., P, K) with -1 for nobody; place: (P, 2) in pitches."""
+        near = table.clamp_min(0)
+        step = place[near] - place[:, None]
+        apart = torch.cat([step, step.norm(dim=-1, keepdim=True)], dim=-1)
+        there = (table >= 0)[..., None].to(place.dtype)
+        return cls(near, there, apart * there)
+
+    def gather(self, nodes: torch.Tensor) -> torch.Tensor:
+        """(B, P, K, W) features of every pin's neighbours, of nodes (B, P, W)."""
+        batch, pins, width = nodes.shape
+        if self.near.ndim == 2:
+            found = nodes.index_select(1, self.near.flatten())
+        else:
+            index = self.near.flatten(1)[..., None].expand(-1, -1, width)
+            found = nodes.gather(1, index)
+        return found.view(batch, pins, -1, width)
+
+
+class EdgeEncoder(nn.Module):
+    """What a pin knows of the steps to its neighbours, at rest and since: W sum_j f(e_ij)."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.encode = nn.Linear(_GEOMETRY + NODE, width)
+        self.mix = nn.Linear(width, width)
+
+    def forward(self, nodes: torch.Tensor, edges: Edges) -> torch.Tensor:
+        change = edges.gather(nodes) - nodes[:, :, None]
+        apart = edges.apart.expand(*change.shape[:3], _GEOMETRY)
+        steps = self.encode(torch.cat([apart, change], dim=-1)).relu() * edges.there
+        mixed: torch.Tensor = self.mix(steps.sum(dim=2) / _BASIS)
+        return mixed
+
+
+class Messages(nn.Module):
+    """One round: z_i += F(z_i, sum_j u_1(e_ij) z_j, ..., sum_j u_6(e_ij) z_j).
+
+    The weights u are learned functions of the step e_ij from a pin to its neighbour at rest, so
+    that a pin tells its neighbours apart without an order among them (Monti et al. 2017, MoNet).
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.weigh = nn.Sequential(nn.Linear(_GEOMETRY, 32), nn.Tanh(), nn.Linear(32, _BASIS))
+        self.mix = nn.Sequential(
+            nn.Linear((1 + _BASIS) * width, width), nn.ReLU(), nn.Linear(width, width)
+        )
+        self.known: torch.Tensor | None = None
+
+    def weights(self, edges: Edges) -> torch.Tensor:
+        """(..., P, 6, K) weights of the edges."""
+        if self.known is not None:
+            return self.known
+        weights: torch.Tensor = self.weigh(edges.apart) * edges.there / 2
+        return weights.transpose(-1, -2)
+
+    def forward(self, nodes: torch.Tensor, edges: Edges) -> torch.Tensor:
+        normal = self.norm(nodes)
+        heard = torch.matmul(self.weights(edges), edges.gather(normal)).flatten(2)
+        told: torch.Tensor = nodes + self.mix(torch.cat([normal, heard], dim=-1))
+        return told
+
+
+class Token(nn.Module):
+    """What all pins say together, and what each is told of it.
+
+    The token is made of sums over the pins, weighted by learned functions of their place at rest;
+    what comes of it is handed back with such weights.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(width)
+        self.weigh = nn.Sequential(nn.Linear(2, 64), nn.Tanh(), nn.Linear(64, 2 * _POOLS))
+        self.think = nn.Sequential(
+            nn.Linear(_POOLS * width, _TOKEN),
+            nn.ReLU(),
+            nn.Linear(_TOKEN, _TOKEN),
+            nn.ReLU(),
+            nn.Linear(_TOKEN, _POOLS * width),
+        )
+        self.known: torch.Tensor | None = None
+
+    def weights(self, place: torch.Tensor) -> torch.Tensor:
+        """(P, 32) weights of the pins, half of them for the way back."""
+        if self.known is not None:
+            return self.known
+        weights: torch.Tensor = self.weigh(place)
+        return weights
+
+    def forward(self, nodes: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
+        there, back = self.weights(place).chunk(2, dim=-1)
+        sums = torch.matmul(there.t(), self.norm(nodes)) / math.sqrt(len(place))
+        thought = self.think(sums.flatten(1)).view_as(sums)
+        told: torch.Tensor = nodes + torch.matmul(back, thought) / math.sqrt(_POOLS)
+        return told
+
+
+class GraphNetwork(nn.Module):
+    """(B, P, F) features of pins -> (B, 7, P) raw outputs of a mixture with one anchor a pin.
+
+    place: (P, 2) of the pins at rest, any unit. table: (P, K) neighbours at rest, -1 for nobody;
+    None: every frame brings its own after the features of its pins. Every second round of messages
+    is followed by the token.
+    """
+
+    place: torch.Tensor
+    waves: torch.Tensor
+    table: torch.Tensor
+
+    def __init__(
+        self,
+        place: torch.Tensor,
+        pitch: float,
+        table: torch.Tensor | None,
+        width: int,
+        layers: int,
+    ) -> None:
+        super().__init__()
+        middle = place - place.mean(dim=0)
+        self.pitches = float(middle.abs().max()) / pitch  # of the layout's half
+        unit = middle / middle.abs().max().clamp_min(1e-6)
+        self.register_buffer("place", unit.float(), persistent=False)
+        angle = torch.cat([wave * math.pi * unit for wave in _WAVES], dim=-1).float()
+        waves = torch.cat([angle.sin(), angle.cos()], dim=-1)
+        self.register_buffer("waves", waves, persistent=False)
+        none = torch.empty(0, NEAREST, dtype=torch.long)
+        self.register_buffer("table", none if table is None else table, persistent=False)
+        self.embed = nn.Sequential(
+            nn.Linear(NODE + waves.shape[1], width), nn.ReLU(), nn.Linear(width, width)
+        )
+        self.encode = EdgeEncoder(width)
+        self.rounds = nn.ModuleList(Messages(width) for _ in range(layers))
+        self.tokens = nn.ModuleList(Token(width) for _ in range(max(1, layers // 2)))
+        self.head = nn.Sequential(
+            nn.LayerNorm(width),
+            nn.Linear(width, width),
+            nn.ReLU(),
+            nn.Linear(width, _OUTPUTS),
+        )
+        last = self.head[-1]
+        assert isinstance(last, nn.Linear)  # noqa: S101
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        nn.init.constant_(last.bias[:1], _FAINT)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        nodes = features[..., :NODE]
+        edges = self._edges(features)
+        waves = self.waves.expand(len(nodes), -1, -1)
+        hidden = self.embed(torch.cat([nodes, waves], dim=-1)) + self.encode(nodes, edges)
+        for number, messages in enumerate(self.rounds):
+            hidden = messages(hidden, edges)
+            if number % 2 or len(self.rounds) == 1:
+                hidden = self.tokens[number // 2](hidden, self.place)
+        raw: torch.Tensor = self.head(hidden).transpose(1, 2)
+        return raw
+
+    def settled(self) -> GraphNetwork:
+        """A copy for inference that has worked out the weights which depend on the rest alone."""
+        copied = copy.deepcopy(self).eval()
+        with torch.no_grad():
+            for token in copied.tokens:
+                assert isinstance(token, Token)  # noqa: S101
+                token.known = token.weights(copied.place)
+            for messages in copied.rounds if len(copied.table) else ():
+                assert isinstance(messages, Messages)  # noqa: S101
+                messages.known = messages.weights(Edges.of(copied.table, copied._place()))
+        return copied
+
+    def _place(self) -> torch.Tensor:
+        return self.place * self.pitches
+
+    def _edges(self, features: torch.Tensor) -> Edges:
+        table = self.table if len(self.table) else features[..., NODE:].long()
+        return Edges.of(table, self._place())

@@ -1,0 +1,215 @@
+"""The model ``vgnn``: frames -> pins -> graph -> any number of contacts, each with its std."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import nn
+
+from tactibench import (
+    Answer,
+    Contacts,
+    FitReport,
+    Frame,
+    ModelContext,
+    Pose,
+    Progress,
+    UserError,
+    gray_frames,
+)
+from tactibench.markers import Tracker, Tracks, pin_graph
+from tactibench.training import (
+    LearnedModel,
+    MixtureScale,
+    PlateScale,
+    Recipe,
+    held_back,
+    mixture_loss,
+    mixture_values,
+    pack_contacts,
+    read_mixture,
+    scale_std,
+    std_factors,
+)
+from tactibench_vgnn.architecture import GraphNetwork
+from tactibench_vgnn.features import NOBODY, neighbours, node_features
+from tactibench_vgnn.layout import PinLayout
+from tactibench_vgnn.packed import packed_image, unpacked_image
+
+RECIPE = Recipe(
+    epochs=20, batch=32, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2, precision="float32"
+)
+_THRESHOLD = 0.1
+"""Expected number of contacts from which one is reported. Low, for between two pins each may leave
+a contact to the other: at 0.5 one press in 130 was missed on the default sensor (validation)."""
+_MERGE_MM = 3.0
+"""Pins whose contacts lie closer than a tip's radius speak of the same one."""
+_SURVEYED = 400
+"""Training frames, spread evenly, from which the scales of the layout are learned."""
+_BLANK = 0.02
+"""Frames at rest that are added to a training, as a share of its frames."""
+_AS_STATED = np.ones((2, 3))
+_NO_PINS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+"""Stands for the layout until there is one."""
+
+
+class VGNN(LearnedModel):
+    """Voronoi graph network (compare Fan et al. 2023, Tac-VGNN) with a set of contacts as answer.
+
+    Every pin is an anchor of a mixture of Gaussians: it says with which probability it speaks of a
+    contact, and where and how deep that is. The pins and the graph of the undeformed sensor are
+    taken from the rest image of the first training frame, or from the frame that is pressed least.
+    """
+
+    name = "vgnn"
+
+    def __init__(
+        self,
+        context: ModelContext,
+        width: int = 32,
+        layers: int = 4,
+        graph: str = "rest",
+        epochs: int = 0,
+        precision: str = "recipe",
+        mixing: float = 0.0,
+    ) -> None:
+        architecture = {"width": width, "layers": layers, "graph": graph, "answer": context.answer}
+        super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
+        self._plate = PlateScale()
+        self._factors = _AS_STATED
+        self._tracker: Tracker | None = None
+        self._image = np.empty((0, 0), dtype=np.uint8)
+        self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Train, also on the frame of the sensor at rest, which every frame brings: no contact.
+
+        Then scale the std that the network states, on frames it has not learned from.
+        """
+        used, kept = held_back(truth)
+        blank = [frame for frame in frames if frame.rest is not None][:: round(1 / _BLANK)]
+        if self.context.answer == "plate":
+            blank = []
+        seen = [*validation[0], *(frames[row] for row in kept)]
+        known = [*validation[1], *(truth[row] for row in kept)]
+        report = super().fit(
+            [*(frames[row] for row in used), *map(_rest_frame, blank)],
+            [*(truth[row] for row in used), *(Contacts.none() for _ in blank)],
+            validation=(seen, known),
+            rng=rng,
+            progress=progress,
+        )
+        if self.mixing and seen:  # other frames than those that were learned from
+            from tactibench.superposition import mix
+
+            mixed, contacts = mix(frames, truth, len(seen), rng)
+            seen, known = [*seen, *mixed], [*known, *contacts]
+        if seen:
+            found = self._read(self.evaluate(seen))
+            self._factors = std_factors(found, [self._plate.contacts(one) for one in known])
+        notes = {"kept_for_std": len(kept), "std_factors": self._factors.round(4).tolist()}
+        return replace(report, notes={**report.notes, **notes})
+
+    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
+        self._factors = _AS_STATED
+        if self.context.answer == "plate":
+            self._plate = PlateScale.of(truth, self.context.max_depth)
+        contacts = [self._plate.contacts(answer) for answer in truth]
+        depths = [float(contacts_.depth.sum()) for contacts_ in contacts]
+        rest = _rest_frame(frames[0], frames[int(np.argmin(depths))])
+        size = max(np.asarray(rest.image).shape)
+        self._image = gray_frames([rest], size)[0]
+        self._tracker = Tracker(self._image)
+        rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _SURVEYED)).astype(int))
+        tracks = self._track([frames[row] for row in rows])
+        known = [contacts[row] for row in rows]
+        self._use_layout(PinLayout.learn(tracks, self._tracker.track(self._image[None]), known))
+
+    def build(self) -> GraphNetwork:
+        rest, shape = self._layout.rest, self.architecture
+        edges = pin_graph(rest).edges
+        pitch = float(np.median(np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)))
+        table = neighbours(edges, rest)
+        most = max(1, int((table != NOBODY).sum(axis=1).max()))
+        known = torch.from_numpy(table[:, :most]) if shape["graph"] == "rest" else None
+        return GraphNetwork(torch.from_numpy(rest), pitch, known, shape["width"], shape["layers"])
+
+    def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
+        features = node_features(self._track(frames), self._layout, self.architecture["graph"])
+        return torch.from_numpy(features)
+
+    def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
+        return pack_contacts([self._plate.contacts(answer) for answer in truth])
+
+    def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        anchors = self._anchors.to(outputs.device)
+        return mixture_loss(outputs, anchors, targets, self._scale)
+
+    def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
+        """(N, P, 7): probability, mean and std of x, y and depth, mm, that every pin gives."""
+        probability, *gaussian = mixture_values(raw, self._anchors.to(raw.device), self._scale)
+        values = torch.cat([probability[..., None], *gaussian], dim=-1)
+        array: npt.NDArray[Any] = values.float().cpu().numpy()
+        return array
+
+    def answers(self, outputs: npt.NDArray[Any]) -> list[Answer | None]:
+        found = [scale_std(contacts, self._factors) for contacts in self._read(outputs)]
+        if self.context.answer == "plate":
+            return [self._plate.plate(contacts) for contacts in found]
+        return list(found)
+
+    def extra(self) -> dict[str, Any]:
+        return {
+            "rest": packed_image(self._image),
+            "layout": self._layout.plain(),
+            "depth_offset_mm": self._plate.offset,
+            "std_factors": self._factors.tolist(),
+        }
+
+    def use_extra(self, extra: dict[str, Any]) -> None:
+        self._plate = PlateScale(extra["depth_offset_mm"])
+        self._factors = np.array(extra["std_factors"])
+        self._image = unpacked_image(extra["rest"])
+        self._tracker = Tracker(self._image)
+        self._use_layout(PinLayout.of_plain(extra["layout"]))
+
+    def fold(self, network: nn.Module, precision: str) -> nn.Module:
+        assert isinstance(network, GraphNetwork)  # noqa: S101
+        return super().fold(network.settled(), precision)
+
+    def _read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
+        """Contacts with the std as the network states it."""
+        probability, mean, std = np.split(outputs, [1, 4], axis=-1)
+        return read_mixture(
+            probability[..., 0], mean, std, threshold=_THRESHOLD, merge_mm=_MERGE_MM
+        )
+
+    def _track(self, frames: Sequence[Frame]) -> Tracks:
+        if self._tracker is None:
+            raise UserError("model 'vgnn' knows no pins yet; train it or load weights first.")
+        return self._tracker.track(gray_frames(frames, len(self._image)))
+
+    def _use_layout(self, layout: PinLayout) -> None:
+        self._layout = layout
+        self._scale = MixtureScale(layout.reach_mm, self.context.max_depth)
+        self._anchors = torch.from_numpy(layout.anchors).float()
+
+
+def _rest_frame(frame: Frame, otherwise: Frame | None = None) -> Frame:
+    """The sensor at rest as the frame knows it; another frame where it does not."""
+    if frame.rest is not None:
+        return Frame(frame.rest, frame.timestamp, Pose(), frame.rest)
+    return otherwise or frame

@@ -1,0 +1,181 @@
+"""The encoder whose cells speak of contacts with a probability and a std."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactibench import Contacts, Grid, UserError
+from tactibench_heatmaps.hooks import tactibench_encoders
+from tactibench_heatmaps.mixture import Mixture
+
+GRID = Grid.centred(64, 0.4)
+COARSE = Grid.centred(16, 1.6)
+ENCODER = Mixture()
+grids = pytest.mark.parametrize("grid", [GRID, COARSE], ids=["fine", "coarse"])
+place = st.floats(-6.4, 6.4)
+
+
+def columns(contacts):
+    """(K, 3) rows of contacts in the order of x."""
+    rows = np.column_stack([contacts.xy, contacts.depth])
+    return rows[np.argsort(rows[:, 0])]
+
+
+def scattered(seed, count, closest):
+    """Contacts no closer than ``closest``."""
+    rng = np.random.default_rng(seed)
+    xy = np.empty((0, 2))
+    while len(xy) < count:
+        one = rng.uniform(-6.4, 6.4, (1, 2))
+        if (np.linalg.norm(xy - one, axis=1) >= closest).all():
+            xy = np.concatenate([xy, one])
+    return Contacts.truth(xy, rng.uniform(0.5, 6, count))
+
+
+@grids
+@given(place, place, st.floats(0.5, 6.0))
+@settings(max_examples=60, deadline=None)
+def test_round_trip(grid, x, y, depth):
+    found = ENCODER.decode(ENCODER.encode(Contacts.truth([[x, y]], [depth]), grid), grid)
+    np.testing.assert_allclose(columns(found), [[x, y, depth]], rtol=0, atol=ENCODER.tolerance)
+    assert found.score.tolist() == [1.0]
+    assert found.std is None
+
+
+@grids
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+@settings(max_examples=40, deadline=None)
+def test_several_contacts_as_close_as_the_separation(grid, seed, count):
+    truth = scattered(seed, count, ENCODER.separation)
+    found = ENCODER.decode(ENCODER.encode(truth, grid), grid)
+    assert len(found) == count
+    np.testing.assert_allclose(columns(found), columns(truth), rtol=0, atol=ENCODER.tolerance)
+
+
+@grids
+def test_what_a_model_says_of_itself_comes_back(grid):
+    std = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    stated = Contacts([[1, 2], [-3, 4]], [2, 3], [0.9, 0.7], std)
+    found = ENCODER.decode(ENCODER.encode(stated, grid), grid)
+    np.testing.assert_allclose(found.std, std, rtol=1e-6)
+    np.testing.assert_allclose(found.score, [0.9, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(found.xy, stated.xy, atol=1e-6)
+
+
+def test_channels_are_those_the_docstring_names():
+    contact = Contacts([[0.3, -1.0]], [2.5], [0.8], [[0.1, 0.2, 0.3]])
+    maps = ENCODER.encode(contact, COARSE)
+    assert maps.shape == (7, 16, 16)
+    assert maps.dtype == np.float32
+    row, column = np.unravel_index(maps[0].argmax(), (16, 16))
+    centre = COARSE.xy(row, column)
+    offset = contact.xy[0] - centre
+    assert (np.abs(offset) <= 0.8).all()
+    expected = [0.8, *offset, 2.5, 0.1, 0.2, 0.3]
+    np.testing.assert_allclose(maps[:, row, column], expected, rtol=1e-6)
+    assert np.count_nonzero(maps) == 7
+
+
+@grids
+def test_empty(grid):
+    assert not ENCODER.encode(Contacts.none(), grid).any()
+    assert len(ENCODER.decode(np.zeros((7, *grid.shape), np.float32), grid)) == 0
+    assert ENCODER.encode_batch([], grid).shape == (0, 7, *grid.shape)
+    assert ENCODER.decode_batch(np.zeros((0, 7, *grid.shape)), grid) == []
+
+
+@pytest.mark.parametrize("x", [-12.8, 12.8, 13.5])
+def test_border_and_beyond(x):
+    truth = Contacts.truth([[x, 0.1]], [1.0])
+    found = ENCODER.decode(ENCODER.encode(truth, GRID), GRID)
+    np.testing.assert_allclose(found.xy, truth.xy, atol=ENCODER.tolerance)
+
+
+def test_the_order_of_contacts_does_not_matter():
+    truth = scattered(1, 4, 2.5)
+    turned = Contacts.truth(truth.xy[::-1], truth.depth[::-1])
+    assert np.array_equal(ENCODER.encode(truth, GRID), ENCODER.encode(turned, GRID))
+
+
+def test_a_shift_by_a_cell_shifts_the_map():
+    one = ENCODER.encode(Contacts.truth([[0.1, 0.3]], [2.0]), COARSE)
+    other = ENCODER.encode(Contacts.truth([[1.7, 0.3]], [2.0]), COARSE)
+    np.testing.assert_allclose(other[:, :, 1:], one[:, :, :-1], atol=1e-6)
+
+
+def test_contacts_of_one_cell_take_neighbouring_cells():
+    maps = ENCODER.encode(Contacts.truth([[0.7, 0.7], [0.8, 0.9], [0.9, 0.8]], [1, 2, 3]), COARSE)
+    assert np.count_nonzero(maps[0]) == 3
+    near = Mixture(merge=0.05)
+    np.testing.assert_allclose(
+        columns(near.decode(maps, COARSE)), [[0.7, 0.7, 1], [0.8, 0.9, 2], [0.9, 0.8, 3]], atol=1e-5
+    )
+
+
+def test_more_contacts_than_cells_are_refused():
+    with pytest.raises(UserError, match="more contacts than"):
+        ENCODER.encode(scattered(1, 2, 3.0), Grid.centred(1, 20.0))
+
+
+def test_batches_are_what_single_frames_are():
+    truth = [scattered(seed, seed % 4, 2.5) for seed in range(6)]
+    maps = ENCODER.encode_batch(truth, GRID)
+    for contacts, one in zip(truth, maps, strict=True):
+        assert np.array_equal(ENCODER.encode(contacts, GRID), one)
+    for found, one in zip(ENCODER.decode_batch(maps, GRID), maps, strict=True):
+        assert np.array_equal(ENCODER.decode(one, GRID).xy, found.xy)
+
+
+def test_noise_moves_a_contact_no_more_than_its_cell():
+    rng = np.random.default_rng(2)
+    truth = Contacts.truth([[1.0, 2.0]], [3.0])
+    clean = ENCODER.encode(truth, GRID)
+    noisy = clean + rng.normal(0, 0.003, clean.shape).astype(np.float32)
+    found = ENCODER.decode(noisy, GRID).top(1)
+    np.testing.assert_allclose(columns(found), columns(truth), atol=0.05)
+
+
+def test_decoding_leaves_its_input_alone_and_takes_any_float():
+    maps = ENCODER.encode(scattered(3, 3, 2.5), GRID)
+    before = maps.copy()
+    found = ENCODER.decode(maps, GRID)
+    assert np.array_equal(maps, before)
+    again = ENCODER.decode(maps.astype(np.float64), GRID)
+    assert np.array_equal(found.xy, again.xy)
+
+
+def test_a_neighbour_with_the_same_contact_adds_to_its_score():
+    maps = np.zeros((7, 16, 16), np.float32)
+    maps[:4, 8, 8] = [0.5, 0.8, 0, 2]
+    maps[:4, 8, 9] = [0.4, -0.8, 0, 2]
+    (found,) = ENCODER.decode_batch(maps[None], COARSE)
+    assert len(found) == 1
+    assert found.score[0] == pytest.approx(0.9)
+    assert found.xy[0, 0] == pytest.approx(1.6)
+
+
+@pytest.mark.parametrize("shape", [(6, 64, 64), (7, 16, 64), (7, 64)])
+def test_other_shapes_are_refused(shape):
+    with pytest.raises(ValueError, match="shape"):
+        ENCODER.decode(np.zeros(shape), GRID)
+
+
+def test_values_that_are_not_finite_are_refused():
+    maps = ENCODER.encode(Contacts.truth([[0, 0]], [1]), GRID)
+    maps[3, 5, 5] = np.nan
+    with pytest.raises(UserError, match="not finite"):
+        ENCODER.decode(maps, GRID)
+
+
+def test_the_declaration_is_the_class():
+    (spec,) = [spec for spec in tactibench_encoders() if spec.name == "mixture"]
+    assert spec.kind == "mixture"
+    signature = inspect.signature(spec.load()).parameters
+    assert spec.settings({}) == {name: p.default for name, p in signature.items()}
+    assert all(parameter.decode_only for parameter in spec.parameters)
+    assert spec.load()(**spec.settings({"merge": "1.0"})).separation == pytest.approx(1.0, abs=1e-4)

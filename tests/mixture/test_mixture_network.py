@@ -1,0 +1,122 @@
+"""The network and the displacement field it reads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from tactibench import UserError
+from tactibench.training import fold_batch_norm, seeded
+from tactibench_mixture.architecture import MixtureNetwork, mirrored
+from tactibench_mixture.displacement import DisplacementField
+
+
+@pytest.fixture(scope="module")
+def network():
+    with seeded(1):
+        network = MixtureNetwork(8, 32, (True, True))
+        for weight in network.parameters():  # residual blocks are the identity at first
+            torch.nn.init.normal_(weight, std=0.1)
+    return network
+
+
+def fields(count=3):
+    return torch.randn(count, 2, 32, 32, generator=torch.Generator().manual_seed(2))
+
+
+def test_shapes_and_the_first_guess():
+    network = MixtureNetwork(8, 32, (False, False))
+    contacts = torch.full((10, 2, 3), torch.nan)
+    contacts[:, 0] = 1.0
+    contacts[:5, 1] = 2.0
+    network.start_from(fields(10) * 7, contacts)
+    raw = network(fields())
+    assert raw.shape == (3, 7, 16, 16)
+    assert network.scale.item() == pytest.approx(1 / 7, rel=0.05)
+    assert network.head.bias[0].item() * 4 == pytest.approx(np.log(1.5 / (256 - 1.5)), rel=1e-4)
+
+
+@pytest.mark.parametrize("turned", [(True, False), (False, True), (True, True)])
+def test_mirroring_in_training_mirrors_what_the_network_says(network, monkeypatch, turned):
+    x = fields()
+    flags = torch.tensor(turned).expand(3, 2)
+    monkeypatch.setattr(network, "_turns", lambda count, device: flags)
+    sign = torch.tensor([-1.0 if t else 1.0 for t in turned])
+    network.eval()
+    with torch.no_grad():
+        plain = network(mirrored(x, flags) * sign[:, None, None])
+        network.train()
+        found = network(x)
+    network.eval()
+    expected = mirrored(plain, flags)
+    expected[:, 1:3] *= sign[:, None, None]
+    torch.testing.assert_close(found, expected)
+
+
+def test_mirrored_reverses_the_axes_that_are_named():
+    maps = torch.arange(12.0).reshape(2, 1, 2, 3)
+    found = mirrored(maps, torch.tensor([[True, False], [False, True]]))
+    assert found[0, 0].tolist() == [[2, 1, 0], [5, 4, 3]]
+    assert found[1, 0].tolist() == [[9, 10, 11], [6, 7, 8]]
+
+
+def test_frames_are_mirrored_only_where_they_may_be():
+    with seeded(3):
+        turns = MixtureNetwork(8, 32, (True, False))._turns(200, torch.device("cpu"))
+    assert not turns[:, 1].any()
+    assert 60 < turns[:, 0].sum() < 140
+
+
+def test_the_copy_for_inference_says_the_same(network):
+    with torch.no_grad():
+        torch.testing.assert_close(
+            fold_batch_norm(network)(fields()), network.eval()(fields()), rtol=1e-4, atol=1e-4
+        )
+
+
+def test_outputs_are_float32_within_autocast(network):
+    with torch.no_grad(), torch.autocast("cpu", dtype=torch.bfloat16):
+        assert network(fields()).dtype == torch.float32
+
+
+def test_the_field_is_what_the_pins_do(draw):
+    _, picture, pins = draw
+    rest = pins()
+    field = DisplacementField(picture(rest), 32)
+    assert np.abs(field(picture(rest)[None])).max() < 0.02
+    moved = field(picture(rest + np.array([0.8, -0.5]))[None])
+    np.testing.assert_allclose(moved[0, 0], 0.8, atol=0.06)
+    np.testing.assert_allclose(moved[0, 1], -0.5, atol=0.06)
+    assert field(np.empty((0, 64, 64), np.uint8)).shape == (0, 2, 32, 32)
+
+
+def test_a_stretched_layout_gives_a_field_that_grows_along_x(draw):
+    _, picture, pins = draw
+    rest = pins()
+    field = DisplacementField(picture(rest), 32)
+    stretched = rest + np.column_stack([0.03 * (rest[:, 0] - 31.5), np.zeros(len(rest))])
+    found = field(picture(stretched)[None])[0]
+    middle = (np.arange(32) + 0.5) * 2 - 0.5
+    inside = slice(8, 24)
+    expected = np.broadcast_to(0.03 * (middle[inside] - 31.5), (16, 16))
+    np.testing.assert_allclose(found[0, inside, inside], expected, atol=0.06)
+
+
+def test_the_same_field_comes_back_from_plain_values(draw):
+    _, picture, pins = draw
+    field = DisplacementField(picture(pins()), 32)
+    again = DisplacementField.of_plain(field.plain())
+    image = picture(pins() + 0.4)[None]
+    assert np.array_equal(field(image), again(image))
+
+
+def test_symmetry_is_seen_in_the_pins_at_rest(draw):
+    _, picture, pins = draw
+    assert DisplacementField(picture(pins()), 32).symmetric == (True, True)
+    assert DisplacementField(picture(pins(shift=0.3)), 32).symmetric == (False, True)
+
+
+def test_an_image_without_pins_is_refused():
+    with pytest.raises(UserError, match="pins"):
+        DisplacementField(np.zeros((64, 64), np.uint8), 32)

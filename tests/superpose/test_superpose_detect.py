@@ -1,0 +1,162 @@
+"""How many contacts, and where: on a known field of 81 pins."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tactibench.superposition import Field
+from tactibench_superpose.detect import CLOSEST_MM, Detector
+
+SIGMA = 0.02  # px
+PITCH = 1.8 * 4  # px
+AXIS = np.arange(-7.2, 7.3, 1.8)
+PINS = np.stack(np.meshgrid(AXIS, AXIS), axis=-1).reshape(-1, 2)  # mm
+SURE = np.ones(len(PINS), dtype=bool)
+
+
+def push(contacts):
+    """(N, 162) px: pins flee from contacts (N, 3) mm, deeper is more."""
+    away = PINS - contacts[:, None, :2]
+    depth = contacts[:, 2:]
+    way = (0.3 * depth + 0.02 * depth**2) * np.exp(-(away**2).sum(axis=-1) / (2 * 2.2**2))
+    return np.concatenate([way * away[..., 0], way * away[..., 1]], axis=1)
+
+
+@pytest.fixture(scope="module")
+def field():
+    contacts = np.random.default_rng(0).uniform([-6, -6, 0.5], [6, 6, 6], (500, 3))
+    return Field.learn(contacts, push(contacts))
+
+
+def detector(field, gain=1.3, most=6):
+    eye = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH)
+    weight = np.full(field.coefficients.shape[-1], 1 / SIGMA**2)
+    return Detector.of(field, eye, weight, gain, most)
+
+
+@pytest.fixture(scope="module")
+def usual(field):
+    return detector(field)
+
+
+def noise(seed):
+    return SIGMA * np.random.default_rng(seed).normal(size=2 * len(PINS))
+
+
+def far_apart(count):
+    places = [[-4.5, -4.0, 2.0], [4.5, -4.0, 3.0], [-4.0, 4.5, 4.0], [4.0, 4.0, 1.5]]
+    return np.array(places)[:count]
+
+
+def in_order(found, wanted):
+    """The contacts found, as the wanted ones stand."""
+    apart = np.linalg.norm(found[:, None, :2] - wanted[None, :, :2], axis=-1)
+    order = apart.argmin(axis=0)
+    assert sorted(order) == list(range(len(wanted)))
+    return found[order]
+
+
+def test_the_lattice_of_starts_covers_the_field(usual, field):
+    low, high = field.low, field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
+    assert (usual.places >= low).all()
+    assert (usual.places <= high + 1e-9).all()
+    np.testing.assert_allclose(usual.shapes, field(usual.places), atol=1e-5)
+    np.testing.assert_allclose(usual.energy, (usual.weight * field(usual.places) ** 2).sum(axis=1))
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_as_many_are_found_as_there_are(usual, field, count, seed):
+    wanted = far_apart(count) + np.random.default_rng(seed).uniform(-0.8, 0.8, (count, 3))
+    solution, taken = usual.find(field(wanted).sum(axis=0) + noise(seed), SURE)
+    assert len(taken) == count == solution.contacts.shape[1]
+    np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
+    assert ((taken > 0) & (taken <= 1)).all()
+
+
+def test_noise_and_nothing_are_no_contact(usual):
+    for moved in (np.zeros(2 * len(PINS)), *(noise(seed) for seed in range(20))):
+        solution, taken = usual.find(moved, SURE)
+        assert len(taken) == 0
+        assert solution.contacts.shape == (1, 0, 3)
+        np.testing.assert_array_equal(solution.left[0], moved)
+
+
+def test_a_touch_too_shallow_is_no_contact(usual, field):
+    _, taken = usual.find(field([1.0, 1.0, 0.05]), SURE)
+    assert len(taken) == 0
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_no_more_than_are_allowed(field, most):
+    solution, taken = detector(field, most=most).find(field(far_apart(4)).sum(axis=0), SURE)
+    assert len(taken) == solution.contacts.shape[1] == most
+
+
+def test_two_fits_are_never_closer_than_told(usual, field):
+    rng = np.random.default_rng(4)
+    several = 0
+    for seed in range(20):
+        wanted = rng.uniform([-5, -5, 1], [5, 5, 5], (2, 3))
+        solution, taken = usual.find(field(wanted).sum(axis=0) + noise(seed), SURE)
+        found = solution.contacts[0]
+        apart = np.hypot(*(found[:, None, :2] - found[None, :, :2]).transpose(2, 0, 1))
+        # Moved apart on the way, they may end a little closer.
+        assert (apart[np.triu_indices(len(taken), 1)] > CLOSEST_MM - 0.3).all()
+        several += len(taken) > 1
+    assert several > 5
+
+
+def test_a_higher_gain_asks_more_of_a_further_contact(field):
+    """A weak second contact beside a strong one."""
+    strong, weak = np.array([-4.0, -4.0, 5.0]), np.array([4.5, 4.5, 0.5])
+    moved = field(strong) + field(weak) + noise(5)
+    counts = [len(detector(field, gain).find(moved, SURE)[1]) for gain in (1.05, 1.3, 100.0)]
+    assert counts[:2] == [2, 2]
+    assert counts[2] == 1
+
+
+def test_what_is_left_is_the_noise(usual, field):
+    disturbed = noise(6)
+    solution, _ = usual.find(field(far_apart(2)).sum(axis=0) + disturbed, SURE)
+    chi2 = ((solution.left[0] / SIGMA) ** 2).sum()
+    assert chi2 < ((disturbed / SIGMA) ** 2).sum() + 1
+    assert chi2 > 0.8 * (len(disturbed) - 6)
+    assert solution.normal.shape == (1, 6, 6)
+
+
+def test_doubtful_pins_are_named_by_the_contacts_that_were_found(usual, field):
+    """Two neighbours taken for each other: told to be doubtful, they do no harm."""
+    wanted = far_apart(2)
+    moved = field(wanted).sum(axis=0) + noise(7)
+    places = PINS * 4 + 40 + moved.reshape(2, -1).T
+    pair = [20, 21]
+    places[pair] = places[pair[::-1]]
+    mistaken = (places - (PINS * 4 + 40)).T.reshape(-1)
+    doubtful = SURE.copy()
+    doubtful[pair] = False
+    clean, _ = usual.find(moved, SURE)
+    solution, taken = usual.find(mistaken, doubtful)
+    assert len(taken) == 2
+    # Both pins count again, each at its own place.
+    np.testing.assert_allclose(solution.contacts, clean.contacts, atol=2e-3)
+    np.testing.assert_allclose(solution.left, clean.left, atol=1e-2)
+    np.testing.assert_allclose(solution.normal, clean.normal, rtol=1e-2, atol=1)
+
+
+def test_a_doubtful_pin_that_was_seen_nowhere_near_is_left_out(usual, field):
+    wanted = far_apart(2)
+    moved = field(wanted).sum(axis=0) + noise(8)
+    lost = moved.copy()
+    lost[[30, 30 + len(PINS)]] += 0.5 * PITCH
+    doubtful = SURE.copy()
+    doubtful[30] = False
+    solution, taken = usual.find(lost, doubtful)
+    assert len(taken) == 2
+    np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
+
+
+def test_a_frame_in_which_no_pin_is_sure_has_no_contact(usual, field):
+    _, taken = usual.find(field(far_apart(1))[0], ~SURE)
+    assert len(taken) == 0

@@ -1,0 +1,232 @@
+"""Contact mixing: what is made, and a proof that no frame of several contacts is looked at."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from tactibench import Contacts, Frame, PlatePose, Pose, UserError
+from tactibench.superposition import Eye, Neighbours, as_rows, mix
+from tactibench.superposition.field import FEWEST
+from tactibench.superposition.mixing import CLOSEST_MM, MOST
+
+
+def made(singles, count=24, seed=3, **more):
+    return mix(*singles, count, np.random.default_rng(seed), **more)
+
+
+@pytest.fixture(scope="module")
+def mixed(singles):
+    return made(singles)
+
+
+@pytest.fixture(scope="module")
+def duals(press):
+    """(frames, truth) of 15 presses with two or three contacts."""
+    rng = np.random.default_rng(21)
+    pairs = [
+        press(np.array([[-3.5, 1.0, 2.0], [3.5, -1.0, 3.0], [0.0, 5.5, 1.0]])[: 2 + k % 2])
+        for k in rng.integers(0, 2, 15)
+    ]
+    frames, truth = zip(*pairs, strict=True)
+    return list(frames), list(truth)
+
+
+class Watched(Sequence):
+    """Rows that remember which of them were read."""
+
+    def __init__(self, rows):
+        self.rows, self.read = rows, set()
+
+    def __len__(self):
+        return len(self.rows)
+
+    def __getitem__(self, row):
+        taken = range(len(self.rows))[row]
+        self.read |= set(taken) if isinstance(row, slice) else {taken}
+        return self.rows[row]
+
+
+class Untouchable:
+    """In the place of an image: whatever is asked of it fails."""
+
+    def __getattr__(self, name):
+        raise AssertionError(f"a frame of several contacts was looked at: {name}")
+
+    def __array__(self, *args, **kwargs):
+        raise AssertionError("a frame of several contacts was looked at")
+
+    __len__ = __getitem__ = __iter__ = __eq__ = __array__
+    __hash__ = object.__hash__
+
+
+def shuffled(singles, others):
+    """Both sets in one order; and which rows are single."""
+    frames, truth = singles[0] + others[0], singles[1] + others[1]
+    order = np.random.default_rng(5).permutation(len(frames))
+    rows = [k for k, source in enumerate(order) if source < len(singles[0])]
+    return [frames[k] for k in order], [truth[k] for k in order], rows
+
+
+def in_order(frames, truth, rows):
+    return [frames[k] for k in rows], [truth[k] for k in rows]
+
+
+def assert_same(one, other):
+    assert len(one[0]) == len(other[0])
+    for a, b in zip(one[0], other[0], strict=True):
+        np.testing.assert_array_equal(a.image, b.image)
+        np.testing.assert_array_equal(a.rest, b.rest)
+    for a, b in zip(one[1], other[1], strict=True):
+        np.testing.assert_array_equal(a.xy, b.xy)
+        np.testing.assert_array_equal(a.depth, b.depth)
+
+
+def test_only_rows_of_single_presses_are_read(singles, duals):
+    frames, truth, rows = shuffled(singles, duals)
+    watched = Watched(frames)
+    found = mix(watched, truth, 6, np.random.default_rng(3))
+    assert watched.read == set(rows)
+    assert_same(found, made(in_order(frames, truth, rows), 6))
+
+
+def test_frames_of_several_contacts_are_never_looked_at(singles, duals):
+    poison = Untouchable()
+    untouchable = [Frame(poison, 0.0, Pose(), poison) for _ in duals[0]]
+    with pytest.raises(AssertionError, match="looked at"):
+        Eye.of(untouchable)
+    # Some of them come first.
+    frames = untouchable[:5] + singles[0] + untouchable[5:]
+    truth = duals[1][:5] + singles[1] + duals[1][5:]
+    assert_same(mix(frames, truth, 6, np.random.default_rng(3)), made(singles, 6))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_garbage_in_their_place_changes_nothing(singles, duals, seed):
+    rng = np.random.default_rng(seed)
+    garbage = [
+        Frame(rng.integers(0, 256, (80, 80), dtype=np.uint8), 0.0, Pose(), None) for _ in duals[0]
+    ]
+    wrong = [Contacts.truth(rng.uniform(-30, 30, (2, 2)), rng.uniform(0, 30, 2)) for _ in garbage]
+    wrong[0] = Contacts.none()
+    clean = shuffled(singles, duals)
+    dirty = shuffled(singles, (garbage, wrong))
+    assert_same(*(mix(*one[:2], 6, np.random.default_rng(3)) for one in (clean, dirty)))
+
+
+def test_frames_are_pictures_of_the_same_sensor(mixed, singles):
+    for frame in mixed[0]:
+        assert frame.image.dtype == np.uint8
+        assert frame.image.shape == singles[0][0].image.shape
+        assert frame.pose == Pose()
+        np.testing.assert_array_equal(frame.rest, singles[0][0].rest)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 30])
+def test_as_many_as_were_asked_for(singles, count):
+    frames, truth = made(singles, count)
+    assert len(frames) == len(truth) == count
+    assert {len(one) for one in truth} <= {2, MOST}
+
+
+def test_two_and_three_are_equally_frequent(singles, monkeypatch):
+    from tactibench.superposition import PinPicture
+
+    monkeypatch.setattr(
+        PinPicture, "draw", lambda self, pins, *_: np.zeros((len(pins), 80, 80), np.uint8)
+    )
+    _, truth = made(singles, 1200)
+    share = np.mean([len(one) == 2 for one in truth])
+    assert abs(share - 0.5) < 4 * 0.5 / np.sqrt(1200)
+    places = np.concatenate([np.column_stack([one.xy, one.depth]) for one in truth])
+    known = as_rows(singles[1])[:, 0]
+    low, high = known.min(axis=0), known.max(axis=0)
+    assert (places >= low).all()
+    assert (places <= high).all()
+    # Depths fill their range evenly.
+    assert np.histogram(places[:, 2], 4, (low[2], high[2]))[0] == pytest.approx(
+        len(places) / 4, rel=0.12
+    )
+    for one in truth:
+        gaps = np.linalg.norm(one.xy[:, None] - one.xy[None], axis=-1)
+        assert gaps[np.triu_indices(len(one), 1)].min() >= CLOSEST_MM
+        assert (one.score == 1).all()
+
+
+def test_the_same_rng_the_same_frames(singles, mixed):
+    assert_same(mixed, made(singles))
+    other = made(singles, seed=4)
+    assert any((a.image != b.image).any() for a, b in zip(mixed[0], other[0], strict=True))
+    rng = np.random.default_rng(3)
+    mix(*singles, 2, rng)
+    first = mix(*singles, 2, rng)
+    assert (first[1][0].xy != mixed[1][0].xy).any(), "the generator goes on"
+
+
+def test_nothing_that_was_given_is_changed(singles):
+    images = [frame.image.copy() for frame in singles[0]]
+    made(singles, 3)
+    for frame, image in zip(singles[0], images, strict=True):
+        np.testing.assert_array_equal(frame.image, image)
+
+
+def test_the_pins_stand_where_the_fields_add_up(singles, push_pins):
+    """Without a law of neighbours: displacements are the sums of the known field."""
+    frames, truth = made(singles, 40, neighbours=Neighbours.none())
+    eye = Eye.of(singles[0])
+    moved = eye.moved(eye.images(frames))
+    # Pins by place: the tracker's order is its own.
+    wanted = np.stack([
+        push_pins(np.column_stack([one.xy, one.depth])[None])[0] for one in truth
+    ])  # fmt: skip
+    off = np.abs(moved - wanted)
+    assert np.abs(wanted).mean() > 0.2
+    assert np.median(off) < 0.05
+    assert off.mean() < 0.1 * np.abs(wanted).mean() + 0.05
+
+
+def test_a_law_of_neighbours_moves_the_pins(singles):
+    none, law = (made(singles, 12, neighbours=one) for one in (Neighbours.none(), None))
+    for a, b in zip(none[1], law[1], strict=True):  # the truth is no equivalent
+        np.testing.assert_array_equal(a.xy, b.xy)
+        np.testing.assert_array_equal(a.depth, b.depth)
+    eye = Eye.of(singles[0])
+    ways = [np.abs(eye.moved(eye.images(one[0]))).sum(axis=1) for one in (none, law)]
+    assert (np.abs(ways[0] - ways[1]) > 0.1).any()
+
+
+def test_a_colour_sensor_gives_gray_frames_with_a_rest_image_alike(singles):
+    def colour(image):
+        return np.repeat(image[..., None], 3, axis=2)
+
+    frames = [Frame(colour(f.image), 0.0, Pose(), colour(f.rest)) for f in singles[0]]
+    found = mix(frames, singles[1], 4, np.random.default_rng(3))
+    assert_same(found, made(singles, 4))
+
+
+def test_frames_without_a_rest_image_are_refused(singles):
+    bare = [Frame(frame.image, 0.0, Pose()) for frame in singles[0]]
+    with pytest.raises(UserError, match="rest image"):
+        mix(bare, singles[1], 4, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("count", [0, 1, FEWEST - 1])
+def test_too_few_single_presses_are_refused(singles, duals, count):
+    frames, truth = singles[0][:count] + duals[0], singles[1][:count] + duals[1]
+    with pytest.raises(UserError, match=f"at least {FEWEST} single presses and found {count}"):
+        mix(frames, truth, 4, np.random.default_rng(0))
+
+
+def test_plates_are_refused(singles):
+    truth = [*singles[1][:-1], PlatePose(1.0, 5.0)]
+    with pytest.raises(UserError, match="plate"):
+        mix(singles[0], truth, 4, np.random.default_rng(0))
+
+
+def test_a_range_too_small_for_three_contacts_is_refused(press):
+    rng = np.random.default_rng(6)
+    contacts = rng.uniform([-1.5, -1.5, 1], [1.5, 1.5, 4], (40, 3))
+    frames, truth = zip(*(press(one[None]) for one in contacts), strict=True)
+    with pytest.raises(UserError, match="too little") as caught:
+        mix(frames, truth, 10, np.random.default_rng(0))
+    assert f"{CLOSEST_MM:g} mm" in str(caught.value)

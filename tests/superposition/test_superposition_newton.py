@@ -1,0 +1,184 @@
+"""Contacts out of sums of fields: exact without noise, as sure as Cramer and Rao allow with it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from tactibench.superposition import solve
+
+# Far apart, so that the sum tells them from one another.
+KNOWN = np.array([[-4.0, -3.5, 2.0], [4.0, -2.5, 3.5], [0.5, 4.5, 1.2]])
+
+
+def summed(field, contacts):
+    """(S, Q) for contacts (S, K, 3)."""
+    return field(contacts).sum(axis=1)
+
+
+def near(contacts, rng, way=0.5):
+    return contacts + rng.uniform(-way, way, contacts.shape) * [1, 1, 0.6]
+
+
+def jacobian(field, contacts, h=0.02):
+    """(3 K, Q) by central differences."""
+    rows = []
+    for row in range(contacts.size):
+        way = np.zeros(contacts.size)
+        way[row] = h
+        way = way.reshape(contacts.shape)
+        rows.append((field(contacts + way) - field(contacts - way)).sum(axis=0) / (2 * h))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_contacts_are_recovered_from_their_sum(field, count):
+    rng = np.random.default_rng(count)
+    wanted = np.repeat(KNOWN[None, :count], 12, axis=0) + rng.uniform(-0.8, 0.8, (12, count, 3))
+    moved = summed(field, wanted)
+    found = solve(field, moved, near(wanted, rng), np.ones(moved.shape[1]))
+    np.testing.assert_allclose(found.contacts, wanted, atol=1e-3)
+    np.testing.assert_allclose(found.left, 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_what_is_left_and_the_normal_matrix_belong_to_the_answer(field, count):
+    rng = np.random.default_rng(4)
+    moved = summed(field, KNOWN[None, :count]) + 0.05 * rng.normal(size=(1, 122))
+    weight = rng.uniform(0.5, 2, 122)
+    found = solve(field, moved, KNOWN[None, :count], weight)
+    np.testing.assert_allclose(found.left, moved - summed(field, found.contacts), atol=1e-12)
+    slopes = jacobian(field, found.contacts[0])
+    np.testing.assert_allclose(
+        found.normal[0], (slopes * weight) @ slopes.T, rtol=1e-3, atol=1e-3 * found.normal.max()
+    )
+    # At the least sum of squares nothing pulls any more.
+    pull = np.linalg.solve(found.normal[0], slopes @ (weight * found.left[0]))
+    assert np.abs(pull).max() < 2e-3
+
+
+def test_the_answer_is_that_of_scipy(field):
+    rng = np.random.default_rng(5)
+    moved = summed(field, KNOWN[None, :2]) + 0.1 * rng.normal(size=(1, 122))
+    weight = rng.uniform(0.2, 3, 122)
+    start = near(KNOWN[:2], rng)
+
+    def off(flat):
+        return np.sqrt(weight) * (moved[0] - field(flat.reshape(-1, 3)).sum(axis=0))
+
+    expected = least_squares(off, start.ravel(), diff_step=1e-4).x.reshape(-1, 3)
+    found = solve(field, moved, start[None], weight)
+    np.testing.assert_allclose(found.contacts[0], expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_noise_leaves_what_cramer_and_rao_allow(field, count):
+    rng = np.random.default_rng(6)
+    wanted, sigma, frames = KNOWN[:count], 0.02, 500
+    moved = summed(field, wanted[None]) + sigma * rng.normal(size=(frames, 122))
+    start = np.repeat(wanted[None], frames, axis=0)
+    found = solve(field, moved, start, np.full(122, 1 / sigma**2))
+    slopes = jacobian(field, wanted)
+    bound = np.linalg.inv(slopes @ slopes.T) * sigma**2
+    error = (found.contacts - wanted).reshape(frames, -1)
+    scatter = error.T @ error / frames
+    ratio = np.sqrt(np.diagonal(scatter) / np.diagonal(bound))
+    np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(2 * frames))
+    # The whole matrix: the mean squared Mahalanobis length is the number of unknowns.
+    lengths = np.einsum("fi,ij,fj->f", error, np.linalg.inv(bound), error)
+    assert lengths.mean() == pytest.approx(3 * count, rel=0.15)
+    assert np.abs(error.mean(axis=0) / np.sqrt(np.diagonal(bound) / frames)).max() < 4
+    np.testing.assert_allclose(found.normal.mean(axis=0), np.linalg.inv(bound), rtol=0.05, atol=30)
+    # chi^2 of what is left has Q - 3 K degrees of freedom.
+    chi2 = ((found.left / sigma) ** 2).sum(axis=1)
+    assert chi2.mean() == pytest.approx(122 - 3 * count, rel=0.02)
+
+
+def test_a_frame_alone_and_in_any_order_gives_the_same(field):
+    rng = np.random.default_rng(7)
+    wanted = np.repeat(KNOWN[None, :2], 9, axis=0) + rng.uniform(-1, 1, (9, 2, 3))
+    moved = summed(field, wanted) + 0.05 * rng.normal(size=(9, 122))
+    start, weight = near(wanted, rng), rng.uniform(0.5, 2, (9, 122))
+    whole = solve(field, moved, start, weight)
+    order = rng.permutation(9)
+    turned = solve(field, moved[order], start[order], weight[order])
+    np.testing.assert_allclose(turned.contacts, whole.contacts[order], atol=1e-9)
+    for row in range(9):
+        part = slice(row, row + 1)
+        alone = solve(field, moved[part], start[part], weight[part])
+        for name in ("contacts", "left", "normal"):
+            np.testing.assert_allclose(
+                getattr(alone, name), getattr(whole, name)[part], rtol=1e-7, atol=1e-7
+            )
+
+
+def test_order_of_contacts_is_that_of_the_start(field):
+    moved = summed(field, KNOWN[None])
+    start = near(KNOWN[None], np.random.default_rng(8))
+    one = solve(field, moved, start, np.ones(122))
+    other = solve(field, moved, start[:, [2, 0, 1]], np.ones(122))
+    np.testing.assert_allclose(other.contacts, one.contacts[:, [2, 0, 1]], atol=1e-3)
+
+
+def test_weights_say_what_counts(field):
+    rng = np.random.default_rng(9)
+    wanted = KNOWN[None, :2]
+    moved = summed(field, wanted) + 0.05 * rng.normal(size=(1, 122))
+    weight = rng.uniform(0.5, 2, 122)
+    found = solve(field, moved, wanted, weight)
+    # Their unit has no effect on the contacts.
+    scaled = solve(field, moved, wanted, 100 * weight)
+    np.testing.assert_allclose(scaled.contacts, found.contacts, atol=1e-6)
+    np.testing.assert_allclose(scaled.normal, 100 * found.normal, rtol=1e-6)
+    # What has no weight is not looked at; where it has some, it pulls.
+    lost = rng.random(122) < 0.2
+    wrong = np.where(lost, moved + 5, moved)
+    blind = np.where(lost, 0.0, weight)
+    one, other = (solve(field, m, wanted, blind).contacts for m in (moved, wrong))
+    np.testing.assert_allclose(one, other, atol=1e-9)
+    assert np.abs(solve(field, wrong, wanted, weight).contacts - found.contacts).max() > 0.3
+    # Half the variance everywhere else: one quantity a frame.
+    each = solve(field, np.repeat(moved, 2, 0), np.repeat(wanted, 2, 0), np.stack([weight, blind]))
+    np.testing.assert_allclose(each.contacts[0], found.contacts[0], atol=1e-9)
+    np.testing.assert_allclose(each.contacts[1], one[0], atol=1e-9)
+
+
+@given(
+    x=st.floats(-50, 50),
+    y=st.floats(-50, 50),
+    depth=st.floats(-5, 50),
+    seed=st.integers(0, 100),
+)
+def test_answers_stay_on_the_lattice_and_never_get_worse(field, x, y, depth, seed):
+    rng = np.random.default_rng(seed)
+    moved = rng.normal(size=(1, 122))
+    start = np.array([[[x, y, depth]]])
+    none = solve(field, moved, start, np.ones(122), steps=0)
+    found = solve(field, moved, start, np.ones(122))
+    high = field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
+    for one in (none, found):
+        assert (one.contacts >= field.low - 1e-12).all()
+        assert (one.contacts <= high + 1e-12).all()
+        assert (one.contacts[..., 2] > 0).all()
+        assert np.isfinite(one.normal).all()
+    assert (found.left**2).sum() <= (none.left**2).sum()
+
+
+def test_one_good_frame_goes_on_where_another_stands(field):
+    """A frame that starts at its answer stops at once, and does not stop the others."""
+    rng = np.random.default_rng(10)
+    wanted = np.repeat(KNOWN[None, :1], 3, axis=0)
+    start = wanted.copy()
+    start[1] += [1.5, -1.5, 0.8]
+    start[2] = [[-1.0, -1.0, 1.0]]
+    found = solve(field, summed(field, wanted), start, rng.uniform(1, 2, 122))
+    np.testing.assert_allclose(found.contacts, wanted, atol=1e-3)
+
+
+def test_the_inputs_are_left_as_they_are(field):
+    moved, start, weight = summed(field, KNOWN[None]), KNOWN[None] + 0.3, np.ones(122)
+    copies = moved.copy(), start.copy(), weight.copy()
+    solve(field, moved, start, weight)
+    for array, copy in zip((moved, start, weight), copies, strict=True):
+        np.testing.assert_array_equal(array, copy)

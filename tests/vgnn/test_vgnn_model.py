@@ -1,0 +1,199 @@
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
+from tactibench.training import save_weights, state_hash
+
+
+def flat(answers):
+    return np.array(
+        [[*contacts.xy[0], contacts.depth[0], *contacts.std[0]] for contacts in answers]
+    )
+
+
+@pytest.fixture(scope="module")
+def taught(make_vgnn, fit):
+    model = make_vgnn(epochs=24)
+    return model, *fit(model, count=200)
+
+
+def test_it_learns_where_and_how_deep_and_how_sure_it_is(taught, make_presses):
+    model, report, progress = taught
+    assert report.history[-1]["loss"] < report.history[0]["loss"] - 3
+    assert progress.epochs[-1][2] < 0.4
+    frames, truth = make_presses(60, 8)
+    found = model.predict(frames)
+    assert all(len(contacts) >= 1 for contacts in found)
+    true = np.array([[*contacts.xy[0], contacts.depth[0]] for contacts in truth])
+    got = flat(found)
+    error = got[:, :3] - true
+    assert (np.median(np.abs(error), axis=0) < [0.3, 0.3, 1.0]).all()
+    z = np.median(np.abs(error / got[:, 3:]), axis=0)
+    assert ((z > 0.05) & (z < 2)).all()
+
+
+def test_the_sensor_at_rest_has_no_contact(taught, rest_frame):
+    assert len(taught[0].predict([rest_frame])[0]) == 0
+
+
+def test_missing_pins_drop_no_frame(taught, rest_pins, push_pins, draw_pins, make_presses):
+    (frame,), (true,) = make_presses(1, 8)
+    xy = push_pins(*true.xy[0], true.depth[0])
+    lost = np.delete(xy, [2, 20, 33], axis=0)
+    (found,) = taught[0].predict([replace(frame, image=draw_pins(lost))])
+    assert len(found) >= 1
+    assert np.linalg.norm(found.xy[0] - true.xy[0]) < 3.0
+
+
+def test_frames_without_any_pin_are_answered(taught, rest_frame):
+    black = replace(rest_frame, image=np.zeros_like(rest_frame.image))
+    assert isinstance(taught[0].predict([black])[0], Contacts)
+
+
+def test_the_std_is_scaled_on_validation_frames(taught):
+    _, report, _ = taught
+    factors = np.array(report.notes["std_factors"])
+    assert factors.shape == (2, 3)
+    assert (factors > 0).all()
+    assert report.notes["kept_for_std"] == 0
+
+
+def test_only_the_rng_that_is_handed_in_decides_the_weights(make_vgnn, fit, trained):
+    with torch.random.fork_rng():
+        torch.manual_seed(99)
+        before = torch.random.get_rng_state()
+        model = make_vgnn()
+        fit(model)
+        assert torch.equal(before, torch.random.get_rng_state())
+    assert state_hash(model.network) == state_hash(trained.network)
+
+
+@pytest.mark.parametrize("graph", ["rest", "frame"])
+def test_saved_weights_give_the_same_answers(make_vgnn, fit, make_presses, tmp_path, graph):
+    frames, _ = make_presses(4, 5)
+    model = make_vgnn(graph=graph, epochs=1)
+    fit(model, count=32)
+    model.save(tmp_path)
+    other = make_vgnn(graph=graph)
+    other.load(tmp_path)
+    assert np.array_equal(other.evaluate(frames), model.evaluate(frames))
+    assert other.extra() == model.extra()
+
+
+@pytest.mark.parametrize(
+    "other", [{"width": 32}, {"layers": 3}, {"graph": "frame"}, {"answer": "plate"}]
+)
+def test_weights_of_another_architecture_are_refused(make_vgnn, trained, tmp_path, other):
+    trained.save(tmp_path)
+    ((name, _),) = other.items()
+    with pytest.raises(UserError, match=name):
+        make_vgnn(**other).load(tmp_path)
+
+
+def test_weights_of_another_model_are_refused(make_vgnn, trained, tmp_path):
+    save_weights(tmp_path, {}, model="unet", architecture=trained.architecture)
+    with pytest.raises(UserError, match="unet"):
+        make_vgnn().load(tmp_path)
+
+
+def test_a_model_without_weights_says_so(make_vgnn, make_presses):
+    with pytest.raises(UserError, match="train it or load"):
+        make_vgnn().predict(make_presses(1, 5)[0])
+
+
+def test_one_frame_at_a_time_answers_like_eight(trained, make_presses):
+    frames, _ = make_presses(8, 5)
+    alone = np.concatenate([trained.evaluate([frame]) for frame in frames])
+    np.testing.assert_allclose(alone, trained.evaluate(frames), atol=1e-4)
+
+
+def test_stages_compose_to_predict(taught, make_presses):
+    model, frames = taught[0], make_presses(5, 5)[0]
+    value = frames
+    for _, stage in model.stages():
+        value = stage(value)
+    assert [name for name, _ in model.stages()] == ["preprocess", "forward", "decode"]
+    np.testing.assert_allclose(flat(value), flat(model.predict(frames)), atol=0.2)  # bf16
+
+
+def test_frames_of_any_size_and_colour_are_read(trained, make_presses):
+    (frame,), _ = make_presses(1, 5)
+    colour = Frame(cv2.cvtColor(frame.image, cv2.COLOR_GRAY2RGB), 0.0, frame.pose)
+    large = Frame(cv2.resize(frame.image, (128, 128)), 0.0, frame.pose)
+    one, other, blurred = trained.evaluate([frame, colour, large])
+    np.testing.assert_allclose(one, other, atol=1e-4)
+    assert np.isfinite(blurred).all()
+
+
+def test_no_frames_give_no_answers(trained):
+    assert trained.predict([]) == []
+
+
+def test_frames_with_several_contacts_are_learned_from(make_vgnn, make_presses, fit):
+    frames, truth = make_presses(60, 5)
+    for row in range(0, 60, 2):
+        truth[row] = Contacts.truth([*truth[row].xy, [0.0, 0.0]], [*truth[row].depth, 1.0])
+    model = make_vgnn(epochs=1)
+
+    class Quiet:
+        start = step = epoch = lambda *_: None
+
+    report = model.fit(
+        frames,
+        truth,
+        validation=(frames[:4], truth[:4]),
+        rng=np.random.default_rng(0),
+        progress=Quiet(),
+    )
+    assert report.notes["kept_for_std"] == 1
+    assert len(model.predict(frames)) == 60
+
+
+def test_mixed_frames_are_learned_from_and_scale_the_std(make_vgnn, fit):
+    report, _ = fit(make_vgnn(mixing=0.25, epochs=1), count=64)
+    assert report.notes["mixed"] == round(0.25 * (64 + 2))  # two of the sensor at rest
+
+
+def test_frames_without_a_rest_image_take_the_least_pressed(make_vgnn, make_presses, rest_frame):
+    frames, truth = make_presses(32, 5)
+    frames = [replace(frame, rest=None) for frame in [*frames, rest_frame]]
+    model = make_vgnn()
+    model.prepare(frames, [*truth, Contacts.none()])
+    assert model.inputs([frames[-1]])[..., :4].abs().max() < 1e-6
+
+
+def test_plates_are_answered_with_labels_of_any_sign(make_vgnn, fit, make_presses):
+    model = make_vgnn(answer="plate", epochs=8)
+    _, progress = fit(model, count=200, plate=True)
+    assert progress.epochs[-1][1] < progress.epochs[0][1] - 2
+    assert min(error for _, _, error in progress.epochs if error is not None) < 1.0
+    found = model.predict(make_presses(40, 8, plate=True)[0])
+    poses = [pose for pose in found if pose is not None]
+    assert len(poses) > 20
+    assert all(isinstance(pose, PlatePose) for pose in poses)
+    assert np.median([pose.depth for pose in poses]) < 0
+
+
+def test_the_declaration_fits_the_class_and_imports_nothing_heavy():
+    code = (
+        "import json, sys; from tactibench_vgnn import hooks;"
+        "(spec,) = hooks.tactibench_models();"
+        "heavy = [name for name in ('torch', 'numpy') if name in sys.modules];"
+        "print(json.dumps([heavy, spec.settings({}), spec.target, spec.max_contacts]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    heavy, settings, target, most = json.loads(done.stdout)
+    assert heavy == []
+    assert most is None
+    from tactibench_vgnn.model import VGNN
+
+    assert target == "tactibench_vgnn.model:VGNN"
+    model = VGNN(ModelContext("contacts", Grid.centred(64, 0.4), 6.0), **settings)
+    assert model.parameters > 0
