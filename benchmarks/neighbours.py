@@ -83,17 +83,18 @@ def main() -> None:
     with sensor:
         eye = Eye.of([sensor.rest()])
 
-        def moved(scenes: list[Scene]) -> Array:
+        def watched(scenes: list[Scene]) -> tuple[Array, Array]:
             frames: list[Frame] = list(sensor.press_many(scenes))
-            return eye.moved(eye.images(frames))
+            moved, sure = eye.watch(eye.images(frames))
+            return moved, np.tile(sure, (1, 2)).astype(np.float64)
 
         alone = np.array([[s.pose.x, s.pose.y, s.pose.depth] for s in singles])
-        field = Field.learn(alone[:4000], moved(list(singles[:4000])))
+        field = Field.learn(alone[:4000], watched(list(singles[:4000]))[0])
         sets = []
         for count, each in ((options.pairs, 2), (options.triples, 3)):
             contacts = free_contacts(count, each, rng)
-            weight = np.ones(2 * len(eye.rest))
-            fitted = solve(field, moved([scene_of(c) for c in contacts]), contacts, weight, 20)
+            moved, weight = watched([scene_of(c) for c in contacts])
+            fitted = solve(field, moved, contacts, weight, 20)
             sets.append((contacts, fitted.contacts))
     laws = {}
     for name in ("forward", "inverse"):

@@ -18,20 +18,22 @@ from tactibench import (
     ModelContext,
     Progress,
     UserError,
-    gray_frames,
 )
+from tactibench.superposition import Eye
 from tactibench.training import (
     Examples,
     LearnedModel,
     MixtureScale,
     PlateScale,
     Recipe,
+    held_back,
     mixture_loss,
     mixture_values,
     pack_contacts,
+    scale_std,
+    std_factors,
 )
 from tactibench_mixture.architecture import CHANNELS, MixtureNetwork
-from tactibench_mixture.calibration import std_factors
 from tactibench_mixture.displacement import DisplacementField
 
 RECIPE = Recipe(
@@ -42,8 +44,6 @@ _FINER = 2
 _REACH = 0.75
 """Cells that a contact may lie from the centre of the cell that speaks of it, in x and in y. The
 nearest cell needs half a cell; the further others reach, the later they agree on who speaks."""
-_HELD_OUT = 20
-"""Every so many frames with several contacts are kept from training, for the std."""
 _AS_STATED = np.ones((2, 3))
 
 
@@ -95,11 +95,9 @@ class Mixture(LearnedModel):
     ) -> FitReport:
         """Train, then scale the std. Frames with several contacts are kept back for the latter:
         one of twenty of those given, and as many new mixtures as validation frames if it mixes."""
-        several = [row for row, answer in enumerate(truth) if _count(answer) > 1]
-        kept = set(several[_HELD_OUT - 1 :: _HELD_OUT])
-        used = [row for row in range(len(frames)) if row not in kept]
-        seen = [*validation[0], *(frames[row] for row in sorted(kept))]
-        known = [*validation[1], *(truth[row] for row in sorted(kept))]
+        used, kept = held_back(truth)
+        seen = [*validation[0], *(frames[row] for row in kept)]
+        known = [*validation[1], *(truth[row] for row in kept)]
         report = super().fit(
             [frames[row] for row in used],
             [truth[row] for row in used],
@@ -110,8 +108,7 @@ class Mixture(LearnedModel):
         if self.mixing and seen:
             from tactibench.superposition import mix
 
-            singles = [frames[row] for row in used], [truth[row] for row in used]
-            mixed, contacts = mix(*singles, len(seen), rng)
+            mixed, contacts = mix(frames, truth, len(seen), rng)
             seen, known = [*seen, *mixed], [*known, *contacts]
         if seen:
             found = self._read(self.evaluate(seen))
@@ -123,7 +120,9 @@ class Mixture(LearnedModel):
         self._factors = _AS_STATED
         self._plate = PlateScale.of(truth, self.context.max_depth)
         contacts = [self._plate.contacts(answer) for answer in truth]
-        self._field = DisplacementField(_rest(frames, contacts), _FINER * self._cells)
+        least = int(np.argmin([one.depth.sum() for one in contacts]))
+        eye = Eye.of(frames, otherwise=frames[least])
+        self._field = DisplacementField(eye, _FINER * self._cells)
 
     def build(self) -> MixtureNetwork:
         mirror = (False, False)
@@ -137,8 +136,7 @@ class Mixture(LearnedModel):
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         if self._field is None:
             raise UserError("model 'mixture' knows no pins yet; train it or load weights first.")
-        images = gray_frames(frames, len(self._field.rest))
-        return torch.from_numpy(self._field(images))
+        return torch.from_numpy(self._field(self._field.eye.images(frames)))
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         return pack_contacts([self._plate.contacts(answer) for answer in truth])
@@ -157,7 +155,7 @@ class Mixture(LearnedModel):
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
         """Contacts of every frame, or its plate pose (None where there is no contact)."""
-        found = self._read(outputs)
+        found = [scale_std(contacts, self._factors) for contacts in self._read(outputs)]
         if self.context.answer == "plate":
             return [self._plate.plate(contacts) for contacts in found]
         return list(found)
@@ -180,8 +178,8 @@ class Mixture(LearnedModel):
         return int(self.architecture["cells"])
 
     def _read(self, maps: np.ndarray) -> list[Contacts]:
-        found = self._encoder.decode_batch(maps, self._grid)
-        return [_scaled(contacts, self._factors[int(len(contacts) > 1)]) for contacts in found]
+        """Contacts with the std as the network states it."""
+        return self._encoder.decode_batch(maps, self._grid)
 
 
 def _coarse(grid: Grid, cells: int) -> Grid:
@@ -195,20 +193,3 @@ def _coarse(grid: Grid, cells: int) -> Grid:
     each = rows // cells
     x, y = (start + 0.5 * (each - 1) * grid.pitch for start in grid.origin)
     return Grid((cells, cells), (x, y), each * grid.pitch)
-
-
-def _count(answer: Answer) -> int:
-    return len(answer) if isinstance(answer, Contacts) else 1
-
-
-def _scaled(contacts: Contacts, factors: np.ndarray) -> Contacts:
-    std = contacts.std
-    return replace(contacts, std=None if std is None else std * factors)
-
-
-def _rest(frames: Sequence[Frame], contacts: Sequence[Contacts]) -> np.ndarray:
-    """(S, S) uint8 image of the sensor at rest, or of the frame that is pressed least."""
-    least = int(np.argmin([one.depth.sum() for one in contacts]))
-    image = frames[least].image if frames[0].rest is None else frames[0].rest
-    gray = gray_frames([replace(frames[least], image=image, rest=None)], max(image.shape[:2]))
-    return np.asarray(gray[0])

@@ -155,7 +155,7 @@ class Detector:
         for contact in known.contacts[0]:
             gained[np.hypot(*(self.places[:, :2] - contact[:2]).T) < CLOSEST_MM] = -np.inf
         found: list[Array] = []
-        while len(found) < _STARTS:
+        while len(found) < (_STARTS if len(known.contacts[0]) else 1):
             best = int(np.argmax(gained))
             if gained[best] < worth:
                 break

@@ -24,7 +24,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 ),
                 Parameter(
                     "gain",
-                    1.3,
+                    1.2,
                     "a further contact must lower the squared misfit by this factor",
                     low=1.01,
                     high=100.0,

@@ -55,7 +55,7 @@ class Superpose:
         self,
         context: ModelContext,
         neighbours: str = "dome",
-        gain: float = 1.3,
+        gain: float = 1.2,
         max_count: int = 6,
     ) -> None:
         self._settings: dict[str, Any] = {

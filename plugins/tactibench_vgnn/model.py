@@ -20,9 +20,9 @@ from tactibench import (
     Pose,
     Progress,
     UserError,
-    gray_frames,
 )
-from tactibench.markers import Tracker, Tracks, pin_graph
+from tactibench.markers import Tracks, pin_graph
+from tactibench.superposition import Eye
 from tactibench.training import (
     LearnedModel,
     MixtureScale,
@@ -32,14 +32,15 @@ from tactibench.training import (
     mixture_loss,
     mixture_values,
     pack_contacts,
+    pack_image,
     read_mixture,
     scale_std,
     std_factors,
+    unpack_image,
 )
 from tactibench_vgnn.architecture import GraphNetwork
 from tactibench_vgnn.features import NOBODY, neighbours, node_features
 from tactibench_vgnn.layout import PinLayout
-from tactibench_vgnn.packed import packed_image, unpacked_image
 
 RECIPE = Recipe(
     epochs=20, batch=32, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2, precision="float32"
@@ -82,8 +83,7 @@ class VGNN(LearnedModel):
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
         self._plate = PlateScale()
         self._factors = _AS_STATED
-        self._tracker: Tracker | None = None
-        self._image = np.empty((0, 0), dtype=np.uint8)
+        self._eye: Eye | None = None
         self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
 
     def fit(
@@ -100,13 +100,14 @@ class VGNN(LearnedModel):
         Then scale the std that the network states, on frames it has not learned from.
         """
         used, kept = held_back(truth)
-        blank = [frame for frame in frames if frame.rest is not None][:: round(1 / _BLANK)]
+        rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
+        blank = [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / _BLANK)]]
         if self.context.answer == "plate":
             blank = []
         seen = [*validation[0], *(frames[row] for row in kept)]
         known = [*validation[1], *(truth[row] for row in kept)]
         report = super().fit(
-            [*(frames[row] for row in used), *map(_rest_frame, blank)],
+            [*(frames[row] for row in used), *blank],
             [*(truth[row] for row in used), *(Contacts.none() for _ in blank)],
             validation=(seen, known),
             rng=rng,
@@ -128,15 +129,13 @@ class VGNN(LearnedModel):
         if self.context.answer == "plate":
             self._plate = PlateScale.of(truth, self.context.max_depth)
         contacts = [self._plate.contacts(answer) for answer in truth]
-        depths = [float(contacts_.depth.sum()) for contacts_ in contacts]
-        rest = _rest_frame(frames[0], frames[int(np.argmin(depths))])
-        size = max(np.asarray(rest.image).shape)
-        self._image = gray_frames([rest], size)[0]
-        self._tracker = Tracker(self._image)
+        least = int(np.argmin([one.depth.sum() for one in contacts]))
+        self._eye = Eye.of(frames, otherwise=frames[least])
         rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _SURVEYED)).astype(int))
         tracks = self._track([frames[row] for row in rows])
         known = [contacts[row] for row in rows]
-        self._use_layout(PinLayout.learn(tracks, self._tracker.track(self._image[None]), known))
+        rest = self._eye.tracker.track(self._eye.still[None])
+        self._use_layout(PinLayout.learn(tracks, rest, known))
 
     def build(self) -> GraphNetwork:
         rest, shape = self._layout.rest, self.architecture
@@ -173,7 +172,7 @@ class VGNN(LearnedModel):
 
     def extra(self) -> dict[str, Any]:
         return {
-            "rest": packed_image(self._image),
+            "rest": None if self._eye is None else pack_image(self._eye.still),
             "layout": self._layout.plain(),
             "depth_offset_mm": self._plate.offset,
             "std_factors": self._factors.tolist(),
@@ -182,8 +181,7 @@ class VGNN(LearnedModel):
     def use_extra(self, extra: dict[str, Any]) -> None:
         self._plate = PlateScale(extra["depth_offset_mm"])
         self._factors = np.array(extra["std_factors"])
-        self._image = unpacked_image(extra["rest"])
-        self._tracker = Tracker(self._image)
+        self._eye = None if extra["rest"] is None else Eye.at(unpack_image(extra["rest"]))
         self._use_layout(PinLayout.of_plain(extra["layout"]))
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
@@ -198,18 +196,11 @@ class VGNN(LearnedModel):
         )
 
     def _track(self, frames: Sequence[Frame]) -> Tracks:
-        if self._tracker is None:
+        if self._eye is None:
             raise UserError("model 'vgnn' knows no pins yet; train it or load weights first.")
-        return self._tracker.track(gray_frames(frames, len(self._image)))
+        return self._eye.tracker.track(self._eye.images(frames))
 
     def _use_layout(self, layout: PinLayout) -> None:
         self._layout = layout
         self._scale = MixtureScale(layout.reach_mm, self.context.max_depth)
         self._anchors = torch.from_numpy(layout.anchors).float()
-
-
-def _rest_frame(frame: Frame, otherwise: Frame | None = None) -> Frame:
-    """The sensor at rest as the frame knows it; another frame where it does not."""
-    if frame.rest is not None:
-        return Frame(frame.rest, frame.timestamp, Pose(), frame.rest)
-    return otherwise or frame

@@ -35,21 +35,29 @@ def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
     A version number says what an author remembered to change; this says what changed. without:
     folders directly inside the package that are left out. Raises ModuleNotFoundError.
     """
+    files = [(name, path) for name, path in _files(package) if Path(name).parts[0] not in without]
+    lines = [f"{name} {hashlib.sha256(p.read_bytes()).hexdigest()}" for name, p in sorted(files)]
+    return combined(lines)
+
+
+def code_mentions(package: str, names: Iterable[str]) -> bool:
+    """Whether any Python file of an import package or module holds one of the names.
+
+    Raises ModuleNotFoundError.
+    """
+    sources = [path.read_bytes() for _, path in _files(package) if path.suffix == ".py"]
+    return any(name.encode() in source for source in sources for name in names)
+
+
+def _files(package: str) -> list[tuple[str, Path]]:
+    """Files of a package, by their path inside it."""
     spec = find_spec(package)
     if spec is None:
         raise ModuleNotFoundError(package)
-    if spec.submodule_search_locations:
-        roots = [Path(place) for place in spec.submodule_search_locations]
-        files = [
-            (path.relative_to(root).as_posix(), path)
-            for root in roots
-            for path in _code(root)
-            if path.relative_to(root).parts[0] not in without
-        ]
-    else:
-        files = [(Path(str(spec.origin)).name, Path(str(spec.origin)))]
-    lines = [f"{name} {hashlib.sha256(p.read_bytes()).hexdigest()}" for name, p in sorted(files)]
-    return combined(lines)
+    if not spec.submodule_search_locations:
+        return [(Path(str(spec.origin)).name, Path(str(spec.origin)))]
+    roots = [Path(place) for place in spec.submodule_search_locations]
+    return [(path.relative_to(root).as_posix(), path) for root in roots for path in _code(root)]
 
 
 def _code(root: Path) -> list[Path]:

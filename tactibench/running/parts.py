@@ -13,7 +13,7 @@ from tactibench.plugins.host import Catalogue, PluginHost
 from tactibench.plugins.interfaces import Encoder, Model, ModelContext, Sensor, SensorContext
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.records.identity import code_hash
+from tactibench.records.identity import code_hash, code_mentions
 from tactibench.running.request import QUICK_EPOCHS, RunRequest
 
 SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec)
@@ -38,6 +38,10 @@ class Part(Generic[SpecT]):
         except ModuleNotFoundError:
             self.spec.load()  # says in one sentence what does not load
             raise
+
+    def mentions(self, *modules: str) -> bool:
+        """Whether the source of the package behind the spec names one of the modules."""
+        return code_mentions(self.spec.target.partition(":")[0].partition(".")[0], modules)
 
     def label(self) -> str:
         """Name with the parameters that differ from their defaults."""

@@ -32,11 +32,11 @@ SHARED_CODE = (
     "tactibench.datasets.presses",
     "tactibench.geometry",
     "tactibench.images",
-    "tactibench.markers",
-    "tactibench.superposition",
     "tactibench.training",
 )
-"""Core modules whose source changes what a model learns."""
+"""Core modules whose source changes what any model learns."""
+PIN_CODE = ("tactibench.markers", "tactibench.superposition")
+"""The same of models that look at pins, and of contact mixing."""
 
 Examples = tuple[Sequence[Frame], Sequence[Answer]]
 
@@ -77,7 +77,7 @@ def plan_weights(
     identity = {
         "model": parts.model.name,
         "parameters": dict(parts.model.values),
-        "code": combined([parts.model.code(), *(code_hash(name) for name in SHARED_CODE)]),
+        "code": combined([parts.model.code(), *(code_hash(name) for name in _core_code(parts))]),
         "encoder": None
         if encoder is None
         else {"name": encoder.name, "parameters": parts.encode_values, "code": encoder.code()},
@@ -93,6 +93,12 @@ def plan_weights(
     }
     key = digest(identity)[:24]
     return WeightsPlan(identity, cache / "weights" / key, cache / "training" / key)
+
+
+def _core_code(parts: Parts) -> tuple[str, ...]:
+    if parts.model.values.get("mixing") or parts.model.mentions(*PIN_CODE):
+        return (*SHARED_CODE, *PIN_CODE)
+    return SHARED_CODE
 
 
 def trained_weights(

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from tactibench.superposition.field import Field
     from tactibench.superposition.mixing import mix
     from tactibench.superposition.neighbours import Neighbours, shipped, shipped_inverse
-    from tactibench.superposition.newton import Solution, misfit, solve
+    from tactibench.superposition.newton import Solution, solve
     from tactibench.superposition.picture import PinPicture
     from tactibench.superposition.presses import Eye, as_rows, single_presses
 
@@ -20,7 +20,6 @@ _HOME = {
     "PinPicture": "picture",
     "Solution": "newton",
     "as_rows": "presses",
-    "misfit": "newton",
     "mix": "mixing",
     "shipped": "neighbours",
     "shipped_inverse": "neighbours",
@@ -35,7 +34,6 @@ __all__ = [
     "PinPicture",
     "Solution",
     "as_rows",
-    "misfit",
     "mix",
     "shipped",
     "shipped_inverse",

@@ -28,20 +28,11 @@ class Solution:
     normal: Array
 
 
-def solve(
-    field: Field,
-    moved: Array,
-    start: Array,
-    weight: Array,
-    steps: int = _STEPS,
-    knee: float = np.inf,
-) -> Solution:
-    """Minimise sum_q weight_q rho(moved_q - sum_k field_q(contact_k)) over the contacts.
+def solve(field: Field, moved: Array, start: Array, weight: Array, steps: int = _STEPS) -> Solution:
+    """Minimise sum_q weight_q (moved_q - sum_k field_q(contact_k))^2 over the contacts.
 
-    moved: (S, Q). start: (S, K, 3) mm. weight: (Q,) or (S, Q), 1 / variance. rho(r) = r^2, or with
-    a knee, in the units of moved, r^2 / (1 + (r / knee)^2) (Geman and McClure), so that a pin taken
-    for its neighbour counts no more than knee^2. Levenberg-Marquardt with one damping a frame; a
-    step that does not help is taken back.
+    moved: (S, Q). start: (S, K, 3) mm. weight: (Q,) or (S, Q), 1 / variance. Levenberg-Marquardt
+    with one damping a frame; a step that does not help is taken back.
     """
     low = np.array([*field.low[:2], _SHALLOWEST_MM])
     high = field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
@@ -50,8 +41,8 @@ def solve(
     weights = np.broadcast_to(weight, moved.shape)
     damping = np.full(frames, _DAMPING)
     left, slopes = _residual(field, moved, contacts)
-    cost = misfit(left, weights, knee)
-    normal, pull = _normal(slopes, weights, left, knee)
+    cost = (weights * left**2).sum(axis=1)
+    normal, pull = _normal(slopes, weights, left)
     active = np.arange(frames)
     for _ in range(steps):
         scale = np.diagonal(normal[active], axis1=1, axis2=2)
@@ -64,27 +55,18 @@ def solve(
         step /= np.maximum(longest, 1.0)[:, None, None]
         tried = (contacts[active] + step).clip(low, high)
         new_left, new_slopes = _residual(field, moved[active], tried)
-        new_cost = misfit(new_left, weights[active], knee)
+        new_cost = (weights[active] * new_left**2).sum(axis=1)
         better = new_cost <= cost[active]
         moving = np.abs(tried - contacts[active]).max(axis=(1, 2)) > _STILL_MM
         took = active[better]
         contacts[took], left[took], cost[took] = tried[better], new_left[better], new_cost[better]
         if len(took):
-            normal[took], pull[took] = _normal(
-                new_slopes[better], weights[took], new_left[better], knee
-            )
+            normal[took], pull[took] = _normal(new_slopes[better], weights[took], new_left[better])
         damping[active] = np.where(better, damping[active] / 8, damping[active] * 10)
         active = active[moving & (damping[active] < 1e6)]
         if not len(active):
             break
     return Solution(contacts, left, normal)
-
-
-def misfit(left: Array, weight: Array, knee: float) -> Array:
-    """(S,) sum of weight rho(left); see ``solve``."""
-    square = left * left
-    total: Array = (weight * square / (1 + square / knee**2)).sum(axis=1)
-    return total
 
 
 def _residual(field: Field, moved: Array, contacts: Array) -> tuple[Array, Array]:
@@ -94,9 +76,7 @@ def _residual(field: Field, moved: Array, contacts: Array) -> tuple[Array, Array
     return moved - values[:, :, 0].sum(axis=1), slopes
 
 
-def _normal(slopes: Array, weights: Array, left: Array, knee: float) -> tuple[Array, Array]:
-    """J^T W J and J^T W r, W = weight rho'(r) / (2 r)."""
-    weights = weights / (1 + left * left / knee**2) ** 2
+def _normal(slopes: Array, weights: Array, left: Array) -> tuple[Array, Array]:
     weighted = slopes * weights[:, None]
     normal: Array = weighted @ slopes.transpose(0, 2, 1)
     pull: Array = (weighted @ left[..., None])[..., 0]

@@ -29,9 +29,14 @@ class Eye:
     tracker: Tracker
 
     @classmethod
-    def of(cls, frames: Sequence[Frame]) -> Self:
-        """From the rest image that the frames carry. Raises UserError where there is none."""
+    def of(cls, frames: Sequence[Frame], otherwise: Frame | None = None) -> Self:
+        """From the rest image that the frames carry, or else from a frame that is hardly pressed.
+
+        Raises UserError where there is neither.
+        """
         rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+        if rest is None and otherwise is not None:
+            rest = otherwise.image
         if rest is None:
             raise UserError(
                 "the frames carry no rest image, from which the pins' places are taken; record one "

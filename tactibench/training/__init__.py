@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from tactibench.training.mixture_reading import FAINT, MixtureReader, read_mixture
     from tactibench.training.network import count_parameters, state_hash
+    from tactibench.training.packed import pack_image, unpack_image
     from tactibench.training.precision import autocast, resolve_precision
     from tactibench.training.recipe import RECIPES, Recipe
     from tactibench.training.seeds import Seeds, seeded
@@ -50,6 +51,7 @@ _HOME = {
     "mixture_loss": "mixture",
     "mixture_values": "mixture",
     "pack_contacts": "mixture",
+    "pack_image": "packed",
     "position_error_mm": "targets",
     "read_mixture": "mixture_reading",
     "resolve_precision": "precision",
@@ -59,6 +61,7 @@ _HOME = {
     "state_hash": "network",
     "std_factors": "calibration",
     "train": "loop",
+    "unpack_image": "packed",
 }
 
 __all__ = [
@@ -82,6 +85,7 @@ __all__ = [
     "mixture_loss",
     "mixture_values",
     "pack_contacts",
+    "pack_image",
     "position_error_mm",
     "read_mixture",
     "resolve_precision",
@@ -91,6 +95,7 @@ __all__ = [
     "state_hash",
     "std_factors",
     "train",
+    "unpack_image",
 ]
 
 

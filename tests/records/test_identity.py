@@ -12,6 +12,7 @@ from tactibench.records.identity import (
     canonical,
     code_commit,
     code_hash,
+    code_mentions,
     combined,
     digest,
     installed_versions,
@@ -104,3 +105,16 @@ def test_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert cache_folder() == Path.home() / "x"
     monkeypatch.delenv(VARIABLE)
     assert "tactibench" in str(cache_folder())
+
+
+def test_a_package_mentions_what_its_source_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pinned").mkdir()
+    (tmp_path / "pinned" / "__init__.py").write_text('"""Nothing."""\n')
+    (tmp_path / "pinned" / "model.py").write_text("from tactibench.markers import Tracker\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert code_mentions("pinned", ["tactibench.superposition", "tactibench.markers"])
+    assert not code_mentions("pinned", ["tactibench.superposition"])
+    with pytest.raises(ModuleNotFoundError):
+        code_mentions("not_there_at_all", ["x"])

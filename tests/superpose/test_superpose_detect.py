@@ -75,6 +75,16 @@ def test_as_many_are_found_as_there_are(usual, field, count, seed):
     assert ((taken > 0) & (taken <= 1)).all()
 
 
+@pytest.mark.parametrize("distance", [5.5, 6.5, 8.0])
+@pytest.mark.parametrize("angle", [0.2, 1.3, 2.6])
+def test_two_near_ones_are_not_taken_for_one(usual, field, distance, angle):
+    half = distance / 2 * np.array([np.cos(angle), np.sin(angle)])
+    wanted = np.array([[*(0.5 - half), 2.0], [*(0.5 + half), 3.0]])
+    solution, taken = usual.find(field(wanted).sum(axis=0) + noise(9), SURE)
+    assert len(taken) == 2
+    np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
+
+
 def test_noise_and_nothing_are_no_contact(usual):
     for moved in (np.zeros(2 * len(PINS)), *(noise(seed) for seed in range(20))):
         solution, taken = usual.find(moved, SURE)

@@ -77,6 +77,7 @@ def test_drawn_frames_have_the_mean_and_the_variance_of_the_real_ones(picture, s
     assert drawn.shape == real.shape
     off = drawn.mean(axis=0) - real.mean(axis=0)
     assert np.sqrt((off**2).mean()) < 0.03 * BRIGHT
+    assert abs(off.mean()) < 0.25
     spread = [np.sqrt(one.astype(float).var(axis=0).mean()) for one in (drawn, real)]
     assert spread[0] == pytest.approx(spread[1], rel=0.2)
     # Bright pixels are noisier than the ground in both.
