@@ -16,7 +16,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
             summary="U-Net from frame to heatmap, contacts read by the encoder (TactiVerse)",
             parameters=(
                 Parameter("recipe", "default", "training recipe", choices=("default", "paper")),
-                Parameter("width", 16, "channels of the first level", choices=(8, 16, 32, 64)),
+                Parameter("width", 8, "channels of the first level", choices=(8, 16, 32, 64)),
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
                 Parameter("stem", 2, "stride of the first convolution", choices=(1, 2)),
                 Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000),

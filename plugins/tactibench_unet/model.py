@@ -42,7 +42,7 @@ class UNet(LearnedModel):
         self,
         context: ModelContext,
         recipe: str = "default",
-        width: int = 16,
+        width: int = 8,
         size: int = 128,
         stem: int = 2,
         epochs: int = 0,
