@@ -65,33 +65,30 @@ class Detector:
         return cls(field, eye, weight, gain, most, places, shapes.astype(np.float32), energy)
 
     def find(self, moved: Array, sure: npt.NDArray[np.bool_]) -> tuple[Solution, Array]:
-        """The contacts of one frame, and (K,) the share of the misfit each one took.
+        """The contacts of one frame, and (K,) the share of the misfit that each one takes away.
 
         moved: (Q,) px, sure: (P,), as ``Eye.watch`` gives them. Doubtful pins wait until the
         contacts are found, which then say which place is theirs.
         """
         weight = self.weight * np.tile(sure, 2)
         best = Solution(np.zeros((1, 0, 3)), moved[None].copy(), np.zeros((1, 0, 0)))
-        taken: list[float] = []
-        cost = _cost(best, weight)
-        while len(taken) < self.most:
-            tried = self._with_more(moved, weight, best, cost)
-            if tried is None:
+        while best.contacts.shape[1] < self.most:
+            more = self._with_more(moved, weight, best)
+            if more is None:
                 break
-            now = _cost(tried, weight)
-            taken.append(1 - now / cost)
-            best, cost = tried, now
-        if not taken:
+            best = more
+        if not best.contacts.size:
             return best, np.empty(0)
         if not sure.all():
             moved, sure = self._named(moved, sure, best.left[0])
             weight = self.weight * np.tile(sure, 2)
-        return solve(self.field, moved[None], best.contacts, weight, _FINISH), np.array(taken)
+        found = solve(self.field, moved[None], best.contacts, weight, _FINISH)
+        without = found.left + self.field(found.contacts[0])
+        return found, 1 - _cost(found, weight) / (weight * without**2).sum(axis=1)
 
-    def _with_more(
-        self, moved: Array, weight: Array, known: Solution, cost: float
-    ) -> Solution | None:
+    def _with_more(self, moved: Array, weight: Array, known: Solution) -> Solution | None:
         """The best solution with one contact more: a new one or, failing that, one split in two."""
+        cost = _cost(known, weight)
         if cost < _NOISE * np.count_nonzero(weight):
             return None
         worth = _WORTH * (1 - 1 / self.gain) * cost

@@ -10,6 +10,9 @@ import math
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
+from scipy import special
+from scipy.spatial.distance import cdist
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
@@ -45,11 +48,60 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
     return error / std, std, pairs.trial[has]
 
 
+def gaussian_loss(z: FloatArray, std: FloatArray) -> FloatArray:
+    """(P,) sum over the columns of -log N(error; 0, std), errors of z std; std in mm."""
+    each = z**2 / 2 + np.log(std) + math.log(2 * math.pi) / 2
+    return np.asarray(each.sum(axis=1), dtype=np.float64)
+
+
+def in_ellipse(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
+    """(P,) whether z (P, 2) lies inside the ellipse that holds ``percent`` of two Gaussians.
+
+    z_x^2 + z_y^2 <= r^2 = -2 log(1 - percent / 100).
+    """
+    inside = (z[:, :2] ** 2).sum(axis=1) <= -2 * math.log(1 - percent / 100)
+    return np.asarray(inside, dtype=np.bool_)
+
+
+def in_interval(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
+    """Whether each z lies in the symmetric interval that holds ``percent`` of one Gaussian.
+
+    |z| <= sqrt(2) erfinv(percent / 100).
+    """
+    inside = np.abs(z) <= math.sqrt(2) * float(special.erfinv(percent / 100))
+    return np.asarray(inside, dtype=np.bool_)
+
+
+def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(A,) RMSE and (A,) bias of errors (P, A), both over the root mean square bound (P, A).
+
+    sqrt(sum e^2 / sum b^2) and mean e / sqrt(mean b^2): rmse^2 = bias^2 + scatter^2, and 1 is the
+    least that an unbiased estimate can have. Pairs whose b is not finite are left out, axis by
+    axis; nan for an axis without any other.
+    """
+    known = np.isfinite(bound)
+    count = known.sum(axis=0)
+    e, b = np.where(known, error, 0.0), np.where(known, bound, 0.0)
+    with np.errstate(invalid="ignore"):
+        scale = np.sqrt((b**2).sum(axis=0) / count)
+        rmse = np.sqrt((e**2).sum(axis=0) / count) / scale
+        bias = e.sum(axis=0) / count / scale
+    return np.asarray(rmse, dtype=np.float64), np.asarray(bias, dtype=np.float64)
+
+
+def spacing(xy: FloatArray) -> FloatArray:
+    """(K,) mm to the nearest other of K contacts (K, 2) in the plane; inf for one alone."""
+    if not len(xy):
+        return np.empty(0)
+    apart = cdist(xy, xy)
+    np.fill_diagonal(apart, np.inf)
+    return np.asarray(apart.min(axis=1), dtype=np.float64)
+
+
 def log_loss(trials: Trials) -> Sample:
     """Gaussian negative log likelihood of x, y and depth together, one value per pair."""
     z, std, trial = standardised(trials)
-    each = z**2 / 2 + np.log(std) + math.log(2 * math.pi) / 2
-    return Sample(each.sum(axis=1), trial)
+    return Sample(gaussian_loss(z, std), trial)
 
 
 def squared_z(trials: Trials) -> Sample:
@@ -59,14 +111,9 @@ def squared_z(trials: Trials) -> Sample:
 
 
 def inside_ellipse(trials: Trials, percent: int) -> Sample:
-    """1 where the truth lies inside the stated ellipse in the plane: z_x^2 + z_y^2 <= r^2.
-
-    For two independent Gaussians r^2 = -2 log(1 - percent / 100).
-    """
+    """1 where the truth lies inside the stated ellipse in the plane, see ``in_ellipse``."""
     z, _, trial = standardised(trials)
-    radius_squared = -2 * math.log(1 - percent / 100)
-    hits = (z[:, :2] ** 2).sum(axis=1) <= radius_squared
-    return Sample(hits.astype(np.float64), trial)
+    return Sample(in_ellipse(z, percent).astype(np.float64), trial)
 
 
 SPECS = (

@@ -179,5 +179,10 @@ def _noise(images: Images, clean: npt.NDArray[np.float32]) -> Array:
 
 
 def _variance(values: npt.NDArray[np.floating]) -> float:
-    middle = np.median(values)
-    return float((1.4826 * np.median(np.abs(values - middle))) ** 2)
+    """Variance without what lies beyond four robust deviations of the median.
+
+    A median deviation alone would jump from one whole grey level to the next.
+    """
+    off = np.abs(values - np.median(values))
+    inside = values[off <= 4 * 1.4826 * max(float(np.median(off)), 0.5)]
+    return float(np.var(inside))

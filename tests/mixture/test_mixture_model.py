@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -155,6 +156,17 @@ def test_plates_are_learned_with_labels_of_any_sign(make_mixture, fit, make_pres
 def test_a_model_without_training_knows_no_pins(make_mixture, make_presses):
     with pytest.raises(UserError, match="train it"):
         make_mixture().predict(make_presses(1, 5)[0])
+
+
+def test_frames_without_a_rest_image_take_the_least_pressed(make_mixture, make_presses, draw):
+    press, _, _ = draw
+    frames, truth = make_presses(8, 5)
+    still = press(Contacts.none())
+    frames = [replace(frame, rest=None) for frame in [*frames[:4], still, *frames[4:]]]
+    model = make_mixture()
+    model.prepare(frames, [*truth[:4], Contacts.none(), *truth[4:]])
+    assert model.inputs([still]).abs().max() < 1e-6
+    assert model.inputs(frames[:1]).abs().max() > 0.05
 
 
 def test_training_without_frames_is_refused(make_mixture, silent):

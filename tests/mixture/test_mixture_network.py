@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from tactibench import UserError
+from tactibench.superposition import Eye
 from tactibench.training import fold_batch_norm, seeded
 from tactibench_mixture.architecture import MixtureNetwork, mirrored
 from tactibench_mixture.displacement import DisplacementField
@@ -80,10 +81,14 @@ def test_outputs_are_float32_within_autocast(network):
         assert network(fields()).dtype == torch.float32
 
 
+def field_of(rest):
+    return DisplacementField(Eye.at(rest), 32)
+
+
 def test_the_field_is_what_the_pins_do(draw):
     _, picture, pins = draw
     rest = pins()
-    field = DisplacementField(picture(rest), 32)
+    field = field_of(picture(rest))
     assert np.abs(field(picture(rest)[None])).max() < 0.02
     moved = field(picture(rest + np.array([0.8, -0.5]))[None])
     np.testing.assert_allclose(moved[0, 0], 0.8, atol=0.06)
@@ -94,7 +99,7 @@ def test_the_field_is_what_the_pins_do(draw):
 def test_a_stretched_layout_gives_a_field_that_grows_along_x(draw):
     _, picture, pins = draw
     rest = pins()
-    field = DisplacementField(picture(rest), 32)
+    field = field_of(picture(rest))
     stretched = rest + np.column_stack([0.03 * (rest[:, 0] - 31.5), np.zeros(len(rest))])
     found = field(picture(stretched)[None])[0]
     middle = (np.arange(32) + 0.5) * 2 - 0.5
@@ -105,7 +110,7 @@ def test_a_stretched_layout_gives_a_field_that_grows_along_x(draw):
 
 def test_the_same_field_comes_back_from_plain_values(draw):
     _, picture, pins = draw
-    field = DisplacementField(picture(pins()), 32)
+    field = field_of(picture(pins()))
     again = DisplacementField.of_plain(field.plain())
     image = picture(pins() + 0.4)[None]
     assert np.array_equal(field(image), again(image))
@@ -113,10 +118,10 @@ def test_the_same_field_comes_back_from_plain_values(draw):
 
 def test_symmetry_is_seen_in_the_pins_at_rest(draw):
     _, picture, pins = draw
-    assert DisplacementField(picture(pins()), 32).symmetric == (True, True)
-    assert DisplacementField(picture(pins(shift=0.3)), 32).symmetric == (False, True)
+    assert field_of(picture(pins())).symmetric == (True, True)
+    assert field_of(picture(pins(shift=0.3))).symmetric == (False, True)
 
 
 def test_an_image_without_pins_is_refused():
     with pytest.raises(UserError, match="pins"):
-        DisplacementField(np.zeros((64, 64), np.uint8), 32)
+        field_of(np.zeros((64, 64), np.uint8))

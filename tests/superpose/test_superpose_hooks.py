@@ -1,5 +1,7 @@
 """What the plugin declares."""
 
+import inspect
+
 import pytest
 
 from tactibench import UserError
@@ -8,9 +10,12 @@ from tactibench import UserError
 def test_the_model_is_declared(host):
     spec = host.models["superpose"]
     assert spec.max_contacts is None
-    assert spec.settings({}) == {"neighbours": "dome", "gain": 1.3, "max_count": 6}
     assert not spec.uses_encoder
-    assert spec.load().__name__ == "Superpose"
+    # The class agrees on every parameter and its default.
+    declared = inspect.signature(spec.load()).parameters
+    assert spec.settings({}) == {
+        name: one.default for name, one in declared.items() if name != "context"
+    }
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ def test_two_far_apart_are_found_as_two(duals_found, presses):
     assert np.abs(error).mean() < 0.06
     assert np.abs(error).max() < 0.5
     assert (np.abs(error) < 1.96 * std).mean() > 0.9
+    assert np.sqrt(((error / std) ** 2).mean()) < 1.2
 
 
 def test_scores_are_shares_and_fall(duals_found):

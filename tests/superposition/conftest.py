@@ -86,8 +86,8 @@ def random_contacts():
 
 @pytest.fixture(scope="session")
 def singles():
-    """120 drawn single presses: (frames, truth)."""
-    contacts = some(120, np.random.default_rng(11))
+    """80 drawn single presses: (frames, truth)."""
+    contacts = some(80, np.random.default_rng(11))
     frames, truth = zip(*(pressed(one[None]) for one in contacts), strict=True)
     return list(frames), list(truth)
 

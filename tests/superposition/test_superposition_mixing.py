@@ -101,9 +101,8 @@ def test_frames_of_several_contacts_are_never_looked_at(singles, duals):
     assert_same(mix(frames, truth, 6, np.random.default_rng(3)), made(singles, 6))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_garbage_in_their_place_changes_nothing(singles, duals, seed):
-    rng = np.random.default_rng(seed)
+def test_garbage_in_their_place_changes_nothing(singles, duals):
+    rng = np.random.default_rng(0)
     garbage = [
         Frame(rng.integers(0, 256, (80, 80), dtype=np.uint8), 0.0, Pose(), None) for _ in duals[0]
     ]
@@ -122,7 +121,7 @@ def test_frames_are_pictures_of_the_same_sensor(mixed, singles):
         np.testing.assert_array_equal(frame.rest, singles[0][0].rest)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 7, 30])
+@pytest.mark.parametrize("count", [0, 1, 7])
 def test_as_many_as_were_asked_for(singles, count):
     frames, truth = made(singles, count)
     assert len(frames) == len(truth) == count
@@ -155,8 +154,8 @@ def test_two_and_three_are_equally_frequent(singles, monkeypatch):
 
 def test_the_same_rng_the_same_frames(singles, mixed):
     assert_same(mixed, made(singles))
-    other = made(singles, seed=4)
-    assert any((a.image != b.image).any() for a, b in zip(mixed[0], other[0], strict=True))
+    other = made(singles, 3, seed=4)
+    assert any((a.image != b.image).any() for a, b in zip(mixed[0], other[0], strict=False))
     rng = np.random.default_rng(3)
     mix(*singles, 2, rng)
     first = mix(*singles, 2, rng)

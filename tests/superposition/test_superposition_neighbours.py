@@ -149,7 +149,7 @@ def test_far_beyond_what_was_seen_the_law_stays_bounded():
 
 def test_a_law_of_pairs_is_found_again():
     rng = np.random.default_rng(7)
-    law, contacts = random_law(rng), apart(1500, 2, rng)
+    law, contacts = random_law(rng), apart(900, 2, rng)
     found = Neighbours.learn([contacts], [law.shift(contacts)], Neighbours.none())
     others = apart(200, 2, rng)
     wanted = law.shift(others)
@@ -162,7 +162,7 @@ def test_a_law_of_pairs_is_found_again():
 def test_a_law_of_pairs_and_crowds_is_found_again():
     rng = np.random.default_rng(8)
     law = random_law(rng)
-    sets = [apart(1500, 2, rng), apart(800, 3, rng)]
+    sets = [apart(900, 2, rng), apart(400, 3, rng)]
     shifts = [law.shift(one) for one in sets]
     first = Neighbours.learn(sets[:1], shifts[:1], Neighbours.none())
     found = Neighbours.learn(sets, shifts, first)
@@ -175,9 +175,9 @@ def test_a_law_of_pairs_and_crowds_is_found_again():
 
 def test_lost_contacts_hardly_disturb_what_is_learned():
     rng = np.random.default_rng(9)
-    law, contacts = random_law(rng), apart(1500, 2, rng)
+    law, contacts = random_law(rng), apart(900, 2, rng)
     shifts = law.shift(contacts) + 0.005 * rng.normal(size=contacts.shape)
-    shifts[rng.random(1500) < 0.05] += rng.uniform(1, 3, 3)
+    shifts[rng.random(900) < 0.05] += rng.uniform(1, 3, 3)
     found = Neighbours.learn([contacts], [shifts], Neighbours.none())
     others = apart(200, 2, rng)
     assert np.abs(found.shift(others) - law.shift(others)).mean() < 0.01

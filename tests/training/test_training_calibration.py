@@ -49,6 +49,29 @@ def test_too_few_contacts_leave_the_std_as_stated():
 def test_frames_with_another_number_of_contacts_do_not_count():
     _, truth = drawn(40, [1] * 3, [0.1] * 3)
     assert np.array_equal(std_factors([Contacts.none()] * 40, truth), np.ones((2, 3)))
+    found, truth = drawn(500, [0.02] * 3, [0.02] * 3)
+    wrong = [*drawn(50, [1] * 3, [0.02] * 3, contacts=2)[0], *[Contacts.none()] * 50]
+    more = std_factors([*found, *wrong], [*truth, *truth[:100]])
+    assert np.array_equal(more, std_factors(found, truth))
+
+
+def test_the_order_of_the_answers_does_not_matter():
+    found, truth = drawn(500, [0.02] * 3, [0.02] * 3, contacts=2)
+    turned = [Contacts(f.xy[::-1], f.depth[::-1], f.score, f.std[::-1]) for f in found]
+    np.testing.assert_allclose(std_factors(turned, truth), std_factors(found, truth))
+
+
+def test_95_percent_lie_inside_whatever_the_distribution():
+    rng, std = np.random.default_rng(2), np.array([0.1, 0.2, 0.05])
+    truth = [Contacts.truth([[0, 0]], [1])] * 500
+    errors = rng.standard_t(2, (500, 3))
+    found = [Contacts([e[:2]], [1 + e[2]], [1], [std]) for e in errors]
+    factors = std_factors(found, truth)
+    scaled = [scale_std(contacts, factors) for contacts in found]
+    assert coverage(scaled, truth) == pytest.approx(0.95, abs=2e-3)
+    assert np.mean(np.abs(errors[:, 2] / (std * factors[0])[2]) <= 1.96) == pytest.approx(
+        0.95, abs=3e-3
+    )
 
 
 def test_contacts_without_std_stay_without():

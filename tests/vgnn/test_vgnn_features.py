@@ -11,7 +11,6 @@ from tactibench import Contacts, UserError
 from tactibench.markers import Tracks, pin_graph
 from tactibench_vgnn.features import NEAREST, NOBODY, NODE, neighbours, node_features
 from tactibench_vgnn.layout import PinLayout
-from tactibench_vgnn.packed import packed_image, unpacked_image
 
 QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
 """(x, y) @ QUARTER turns x towards y."""
@@ -193,11 +192,3 @@ def test_presses_that_move_nothing_are_refused(rest_pins):
     still = tracked(*[rest_pins] * 5)
     with pytest.raises(UserError, match="at least 3"):
         PinLayout.learn(still, tracked(rest_pins), [Contacts.truth([[0, 0]], [1])] * 5)
-
-
-@given(arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9))))
-@settings(max_examples=30, deadline=None)
-def test_an_image_is_the_same_after_json(image):
-    other = unpacked_image(json.loads(json.dumps(packed_image(image))))
-    assert np.array_equal(other, image)
-    assert other.dtype == np.uint8

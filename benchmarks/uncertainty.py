@@ -1,0 +1,358 @@
+"""How near the bound the answers of stored runs are, and whether their stated errors are honest.
+
+    python benchmarks/uncertainty.py runs/exp1-* runs/exp2-* runs/exp3-*
+    python benchmarks/uncertainty.py NAME NAME --out runs       names in a store
+
+The presses are drawn again from the protocol, compared with the truth of the run, and the sensor of
+the run tells their Cramer-Rao bounds. A press of one contact is answered by the top-scored
+prediction without a gate; of several, the pairs inside the protocol's gate count, and the share
+that is missed stands beside them. Prints figures by number of contacts, then for runs that differ
+in their seed alone the verdict on the means. Exit code 1 when no model reaches some target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Contacts, FloatArray, Scene
+from tactibench.errors import UserError
+from tactibench.geometry import true_contacts
+from tactibench.metrics.trials import Trials
+from tactibench.metrics.uncertainty import (
+    gaussian_loss,
+    in_ellipse,
+    in_interval,
+    over_bound,
+    spacing,
+)
+from tactibench.plugins.host import PluginHost
+from tactibench.plugins.interfaces import KnowsBound, SensorContext
+from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.pressable import pressable
+from tactibench.records.answers import unpack_contacts
+from tactibench.records.identity import digest
+from tactibench.records.store import StoredRun, open_run
+
+AXES = ("x", "y", "z")
+PERCENT = (50, 90, 95)
+DEPTH_MM = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+SPACING_MM = (6.25, 7.25, 8.25, 9.25, 10.25, 11.25, 12.25)
+"""Between the distances that the protocols press, so that none lies on an edge."""
+NAMES = {1: "single", 2: "dual", 3: "triple"}
+BUDGET_S = 60.0
+"""For the bounds of one run; beyond it every n-th press is asked."""
+FEWEST = 20
+"""Pairs in a bin that is judged."""
+SINGLE, DUAL = 4.0, 6.0
+OVERALL, BIN = (0.92, 0.98), 0.85
+
+LINES = (
+    ("rmse_over_bound", 2), ("typical_over_bound", 2), ("bias_over_bound", 2), ("bias_mm", 5),
+    ("std_over_bound", 2), ("std_over_bound_p50", 2), ("rms_z", 3), ("typical_z", 3),
+)  # fmt: skip
+"""Figures by axis and their digits; `typical` are medians in place of root mean squares."""
+
+SEEDED = {"seed", "weights", "weights_hash", "predictions_hash", "stored", "commit", "machine"}
+"""Parts of a run's identity that its seed changes, or that change no figure."""
+
+MEDIAN = 0.674490
+"""Of the size of a unit Gaussian."""
+
+Figures = dict[str, float]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Pairs of a run with one number of contacts.
+
+    error, std, bound: (P, 3) mm of x, y, depth, predicted - true; nan where there is none.
+    depth, spacing: (P,) mm, true. missed: share of the true contacts. spurious: by frame.
+    """
+
+    error: FloatArray
+    std: FloatArray
+    bound: FloatArray
+    depth: FloatArray
+    spacing: FloatArray
+    missed: float
+    spurious: float
+
+
+def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene], Any]:
+    """The presses of a run, drawn again, and its sensor. Raises UserError for other presses."""
+    keys = load_protocol(stored.record["protocol"]["id"]).keys
+    spec = PluginHost().sensors[stored.record["sensor"]["name"]]
+    if spec.needs_data:
+        raise UserError(f"{stored.folder.name} has recorded frames, of which nobody knows a bound.")
+    given = {name: str(value) for name, value in stored.record["sensor"]["parameters"].items()}
+    sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings(given))
+    pressed = pressable(keys, sensor)
+    names = [str(name).rpartition("-") for name in stored.arrays("truth")["press"]]
+    draws = {name: draw_scenes(pressed, name).scenes for name in {draw for draw, _, _ in names}}
+    scenes = [draws[draw][int(row)] for draw, _, row in names]
+    for scene, true in zip(scenes, truth, strict=True):
+        again = true_contacts(scene, pressed.workspace.dome_radius_mm)
+        same = again.xy.shape == true.xy.shape and (
+            np.allclose(again.xy, true.xy, rtol=0, atol=1e-6)
+            and np.allclose(again.depth, true.depth, rtol=0, atol=1e-6)
+        )
+        if not same:
+            raise UserError(
+                f"{stored.folder.name} was not made of the presses that its protocol draws now; "
+                "run the protocol again."
+            )
+    return scenes, sensor
+
+
+def bounds(sensor: Any, scenes: Sequence[Scene], truth: Sequence[Contacts]) -> list[FloatArray]:
+    """(K, 3) mm of every press; nan for those that are left out or of which nothing is known."""
+    unknown = [np.full((len(true), 3), np.nan) for true in truth]
+    if not isinstance(sensor, KnowsBound):
+        print("bounds: the sensor knows none")
+        return unknown
+    began = time.perf_counter()
+    tried = np.linspace(0, len(scenes) - 1, min(20, len(scenes))).astype(int)
+    known = {int(row): sensor.bound(scenes[row]) for row in tried}
+    each = (time.perf_counter() - began) / len(tried)
+    step = max(1, int(np.ceil(each * len(scenes) / BUDGET_S)))
+    for row in range(0, len(scenes), step):
+        known.setdefault(row, sensor.bound(scenes[row]))
+    took = time.perf_counter() - began
+    print(
+        f"bounds: {len(known):,} of {len(scenes):,} presses, {took:.1f} s, {each * 1e3:.1f} ms each"
+    )
+    return [known.get(row, nothing) for row, nothing in enumerate(unknown)]
+
+
+def tables(stored: StoredRun) -> dict[int, Table]:
+    """Pairs by number of true contacts. Raises UserError for a run that cannot be read."""
+    arrays = stored.arrays("truth")
+    if "xy" not in arrays:
+        raise UserError(f"{stored.folder.name} was answered with plates; name runs of contacts.")
+    truth = unpack_contacts(arrays)
+    found = unpack_contacts(stored.arrays("predictions"))
+    scenes, sensor = scenes_of(stored, truth)
+    bound = bounds(sensor, scenes, truth)
+    gate = load_protocol(stored.record["protocol"]["id"]).keys.test.gate_mm
+    out = {}
+    for count in sorted({len(true) for true in truth} - {0}):
+        rows = [row for row, true in enumerate(truth) if len(true) == count]
+        out[count] = _table(
+            Trials(
+                tuple(truth[row] for row in rows),
+                tuple(found[row] for row in rows),
+                arrays["press"][rows],
+                ("all",) * len(rows),
+                gate=gate,
+            ),
+            [bound[row] for row in rows],
+            count,
+        )
+    return out
+
+
+def _table(trials: Trials, bound: Sequence[FloatArray], count: int) -> Table:
+    gated = trials.matched
+    true = len(trials) * count
+    missed = 1 - len(gated.trial) / true
+    spurious = float(trials.predicted_counts.sum() - len(gated.trial)) / len(trials)
+    if count == 1:
+        first = tuple(_first(answer) for answer in trials.predictions)
+        trials = replace(trials, predictions=first, gate=np.inf)
+    pairs = trials.matched
+    at = list(zip(pairs.trial, pairs.truth, strict=True))
+    error = np.column_stack(
+        [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
+    )
+    stated = [
+        np.full(3, np.nan) if (std := trials.predictions[i].std) is None else std[j]
+        for i, j in zip(pairs.trial, pairs.prediction, strict=True)
+    ]
+    near = [spacing(one.xy) for one in trials.truth]
+    return Table(
+        error,
+        np.array(stated).reshape(-1, 3),
+        np.array([bound[i][j] for i, j in at]).reshape(-1, 3),
+        pairs.true_depth,
+        np.array([near[i][j] for i, j in at]),
+        missed,
+        spurious,
+    )
+
+
+def _first(answer: Contacts) -> Contacts:
+    std = None if answer.std is None else answer.std[:1]
+    return Contacts(answer.xy[:1], answer.depth[:1], answer.score[:1], std)
+
+
+def figures(table: Table) -> Figures:
+    """All figures of a table by name; those about std only where the model gives it."""
+    out: Figures = {"missed": table.missed, "spurious": table.spurious, "pairs": len(table.error)}
+    rmse, bias = over_bound(table.error, table.bound)
+    for a, axis in enumerate(AXES):
+        out[f"rmse_over_bound {axis}"] = float(rmse[a])
+        out[f"bias_over_bound {axis}"] = float(bias[a])
+        out[f"bias_mm {axis}"] = float(table.error[:, a].mean()) if len(table.error) else np.nan
+        out[f"typical_over_bound {axis}"] = (
+            _median(np.abs(table.error[:, a] / table.bound[:, a])) / MEDIAN
+        )
+    has = np.isfinite(table.std).all(axis=1)
+    if not has.any():
+        return out
+    std, bound = table.std[has], table.bound[has]
+    z = table.error[has] / std
+    out["nll"] = float(gaussian_loss(z, std).mean())
+    for a, axis in enumerate(AXES):
+        out[f"rms_z {axis}"] = float(np.sqrt((z[:, a] ** 2).mean()))
+        out[f"typical_z {axis}"] = _median(np.abs(z[:, a])) / MEDIAN
+        out[f"std_over_bound {axis}"] = float(over_bound(std, bound)[0][a])
+        out[f"std_over_bound_p50 {axis}"] = _median(std[:, a] / bound[:, a])
+    depth, near = table.depth[has], table.spacing[has]
+    for name, chosen in _bins(depth, near):
+        out[f"pairs {name}"] = float(chosen.sum())
+        for percent in PERCENT:
+            out[f"ellipse_{percent} {name}"] = float(in_ellipse(z[chosen], percent).mean())
+            out[f"depth_{percent} {name}"] = float(in_interval(z[chosen, 2], percent).mean())
+    return out
+
+
+def _median(values: FloatArray) -> float:
+    """Of the finite values; nan without any."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+def _bins(depth: FloatArray, near: FloatArray) -> Iterator[tuple[str, Mask]]:
+    """Name and members of all pairs together and of every bin that holds some."""
+    yield "all", np.ones(len(depth), dtype=np.bool_)
+    for label, values, edges in (("depth", depth, DEPTH_MM), ("spacing", near, SPACING_MM)):
+        # The last edge belongs to the last bin: a tip is pressed exactly that deep.
+        place = np.digitize(values.round(9), (*edges[:-1], np.nextafter(edges[-1], np.inf)))
+        for k in np.unique(place[np.isfinite(values)]):
+            low = f"{edges[k - 1]:g}" if k else ""
+            high = f"{edges[k]:g}" if k < len(edges) else ""
+            yield f"{label} {low}..{high} mm", (place == k) & np.isfinite(values)
+
+
+def show(found: Figures) -> None:
+    """Print the figures of one table."""
+
+    def line(name: str, digits: int) -> str:
+        values = [found.get(f"{name} {axis}", np.nan) for axis in AXES]
+        return f"  {name:20}" + "".join(f"{_text(v, digits):>10}" for v in values)
+
+    print(
+        f"  {found['pairs']:.0f} pairs, missed {found['missed']:.4f}, "
+        f"spurious {found['spurious']:.4f} by frame\n  {'':20}" + "".join(f"{a:>10}" for a in AXES)
+    )
+    for name, digits in LINES:
+        print(line(name, digits))
+    print(f"  {'nll':20}{_text(found.get('nll', np.nan), 3):>10}")
+    if "nll" not in found:
+        print("  coverage: n/a, the model states no std")
+        return
+    heads = [f"{kind}_{percent}" for kind in ("ellipse", "depth") for percent in PERCENT]
+    print(f"  {'coverage':24}{'pairs':>8}" + "".join(f"{head:>12}" for head in heads))
+    for name in _bin_names(found):
+        values = "".join(f"{found[f'{head} {name}']:12.3f}" for head in heads)
+        print(f"  {name:24}{found[f'pairs {name}']:8.0f}{values}")
+
+
+def _bin_names(found: Figures) -> list[str]:
+    return [name.removeprefix("pairs ") for name in found if name.startswith("pairs ")]
+
+
+def _text(value: float, digits: int) -> str:
+    return "n/a" if np.isnan(value) else f"{value:.{digits}f}"
+
+
+def mean(of: Sequence[Figures]) -> Figures:
+    """Mean over runs of what all of them have."""
+    return {
+        name: float(np.mean([one[name] for one in of]))
+        for name in of[0]
+        if all(name in one for one in of)
+    }
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was asked (equal for all models), what was found, and whether that is enough."""
+
+    asked: str
+    found: str
+    met: bool
+
+
+def judge(regime: str, count: int, found: Figures) -> Iterator[Verdict]:
+    """Of every target that is about such a table; those on std only where the model gives it."""
+    kind = NAMES.get(count, str(count))
+    most = SINGLE if count == 1 else DUAL if (count, regime) == (2, "multiple") else None
+    ratios = [found[f"rmse_over_bound {axis}"] for axis in AXES]
+    if most is not None and not np.isnan(ratios).any():
+        told = " ".join(f"{axis} {ratio:.2f}" for axis, ratio in zip(AXES, ratios, strict=True))
+        yield Verdict(f"{kind} rmse_over_bound <= {most:g}", told, max(ratios) <= most)
+    if "nll" not in found:
+        return
+    share, (low, high) = found["ellipse_95 all"], OVERALL
+    yield Verdict(
+        f"{kind} 95 % ellipses {low:g} to {high:g} overall", f"{share:.3f}", low <= share <= high
+    )
+    judged = [n for n in _bin_names(found) if n != "all" and found[f"pairs {n}"] >= FEWEST]
+    if judged:
+        worst = min(judged, key=lambda name: found[f"ellipse_95 {name}"])
+        share = found[f"ellipse_95 {worst}"]
+        yield Verdict(
+            f"{kind} 95 % ellipses >= {BIN:g} in any bin", f"{share:.3f} in {worst}", share >= BIN
+        )
+
+
+def _but_seed(record: dict[str, Any]) -> str:
+    """What runs that differ in their seed alone have in common."""
+    identity = {k: v for k, v in record["identity"].items() if k not in SEEDED}
+    return digest([record["model"], record["regime"], identity])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs", nargs="+", help="names in the store, or folders")
+    parser.add_argument("--out", type=Path, default=Path("runs"), help="the run store")
+    asked = parser.parse_args()
+    groups: dict[tuple[str, str, str, int], list[Figures]] = {}
+    for name in asked.runs:
+        stored = open_run(asked.out, name)
+        record = stored.record
+        print(f"\n{stored.folder.name}", flush=True)
+        title = " ".join((record["protocol"]["id"], record["model"]["name"], record["regime"]))
+        for count, table in tables(stored).items():
+            print(f"{title}, {NAMES.get(count, count)}")
+            found = figures(table)
+            show(found)
+            key = (_but_seed(record), title, record["regime"], count)
+            groups.setdefault(key, []).append(found)
+    print(f"\nmeans over seeds; bins of fewer than {FEWEST} pairs are shown and not judged")
+    met: dict[str, bool] = {}
+    for (_, title, regime, count), of in groups.items():
+        for verdict in judge(regime, count, mean(of)):
+            word = "PASS" if verdict.met else "FAIL"
+            print(f"{word:6}{title} ({len(of)}): {verdict.asked}: {verdict.found}")
+            target = f"{title.split()[0]} {regime}: {verdict.asked}"
+            met[target] = met.get(target, False) or verdict.met
+    print("\nany of these models")
+    for target, reached in met.items():
+        print(f"{'PASS' if reached else 'FAIL':6}{target}")
+    return int(not all(met.values()))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
