@@ -165,8 +165,8 @@ def test_frames_without_a_rest_image_take_the_least_pressed(make_mixture, make_p
     frames = [replace(frame, rest=None) for frame in [*frames[:4], still, *frames[4:]]]
     model = make_mixture()
     model.prepare(frames, [*truth[:4], Contacts.none(), *truth[4:]])
-    assert model.inputs([still]).abs().max() < 1e-6
-    assert model.inputs(frames[:1]).abs().max() > 0.05
+    assert model.inputs([still]).abs().max() < 0.02
+    assert model.inputs(frames[:1]).abs().max() > 0.1
 
 
 def test_training_without_frames_is_refused(make_mixture, silent):
