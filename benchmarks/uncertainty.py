@@ -60,14 +60,14 @@ LINES = (
     ("std_over_bound", 2), ("std_over_bound_p50", 2), ("rms_z", 3), ("typical_z", 3),
 )  # fmt: skip
 """Figures by axis and their digits; `typical` are medians in place of root mean squares."""
-
 SEEDED = {"seed", "weights", "weights_hash", "predictions_hash", "stored", "commit", "machine"}
 """Parts of a run's identity that its seed changes, or that change no figure."""
-
 MEDIAN = 0.674490
 """Of the size of a unit Gaussian."""
 
 Figures = dict[str, float]
+Verdict = tuple[str, str, bool]
+"""What is asked (in equal words for all models), what was found, and whether that is enough."""
 Mask = npt.NDArray[np.bool_]
 
 
@@ -100,18 +100,22 @@ def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene]
     names = [str(name).rpartition("-") for name in stored.arrays("truth")["press"]]
     draws = {name: draw_scenes(pressed, name).scenes for name in {draw for draw, _, _ in names}}
     scenes = [draws[draw][int(row)] for draw, _, row in names]
-    for scene, true in zip(scenes, truth, strict=True):
-        again = true_contacts(scene, pressed.workspace.dome_radius_mm)
-        same = again.xy.shape == true.xy.shape and (
-            np.allclose(again.xy, true.xy, rtol=0, atol=1e-6)
-            and np.allclose(again.depth, true.depth, rtol=0, atol=1e-6)
+    if digest(sensor.describe()) != digest(stored.record["identity"]["sensor"]["describe"]):
+        print("note: the sensor is not quite the one of the run")
+    again = [true_contacts(scene, pressed.workspace.dome_radius_mm) for scene in scenes]
+    if not all(_same(one, true) for one, true in zip(again, truth, strict=True)):
+        raise UserError(
+            f"{stored.folder.name} was not made of the presses that its protocol draws now; "
+            "run the protocol again."
         )
-        if not same:
-            raise UserError(
-                f"{stored.folder.name} was not made of the presses that its protocol draws now; "
-                "run the protocol again."
-            )
     return scenes, sensor
+
+
+def _same(one: Contacts, other: Contacts) -> bool:
+    return len(one) == len(other) and all(
+        np.allclose(a, b, rtol=0, atol=1e-6)
+        for a, b in ((one.xy, other.xy), (one.depth, other.depth))
+    )
 
 
 def bounds(sensor: Any, scenes: Sequence[Scene], truth: Sequence[Contacts]) -> list[FloatArray]:
@@ -259,7 +263,7 @@ def show(found: Figures) -> None:
         print(line(name, digits))
     print(f"  {'nll':20}{_text(found.get('nll', np.nan), 3):>10}")
     if "nll" not in found:
-        print("  coverage: n/a, the model states no std")
+        print(f"  {'coverage':20}{'n/a':>10}   the model states no std")
         return
     heads = [f"{kind}_{percent}" for kind in ("ellipse", "depth") for percent in PERCENT]
     print(f"  {'coverage':24}{'pairs':>8}" + "".join(f"{head:>12}" for head in heads))
@@ -285,15 +289,6 @@ def mean(of: Sequence[Figures]) -> Figures:
     }
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What was asked (equal for all models), what was found, and whether that is enough."""
-
-    asked: str
-    found: str
-    met: bool
-
-
 def judge(regime: str, count: int, found: Figures) -> Iterator[Verdict]:
     """Of every target that is about such a table; those on std only where the model gives it."""
     kind = NAMES.get(count, str(count))
@@ -301,20 +296,22 @@ def judge(regime: str, count: int, found: Figures) -> Iterator[Verdict]:
     ratios = [found[f"rmse_over_bound {axis}"] for axis in AXES]
     if most is not None and not np.isnan(ratios).any():
         told = " ".join(f"{axis} {ratio:.2f}" for axis, ratio in zip(AXES, ratios, strict=True))
-        yield Verdict(f"{kind} rmse_over_bound <= {most:g}", told, max(ratios) <= most)
+        yield f"{kind} rmse_over_bound <= {most:g}", told, max(ratios) <= most
     if "nll" not in found:
         return
     share, (low, high) = found["ellipse_95 all"], OVERALL
-    yield Verdict(
-        f"{kind} 95 % ellipses {low:g} to {high:g} overall", f"{share:.3f}", low <= share <= high
-    )
+    asked = f"{kind} 95 % ellipses {low:g} to {high:g} overall"
+    yield asked, f"{share:.3f}", low <= share <= high
     judged = [n for n in _bin_names(found) if n != "all" and found[f"pairs {n}"] >= FEWEST]
     if judged:
         worst = min(judged, key=lambda name: found[f"ellipse_95 {name}"])
         share = found[f"ellipse_95 {worst}"]
-        yield Verdict(
-            f"{kind} 95 % ellipses >= {BIN:g} in any bin", f"{share:.3f} in {worst}", share >= BIN
-        )
+        asked = f"{kind} 95 % ellipses >= {BIN:g} in any bin"
+        yield asked, f"{share:.3f} in {worst}", share >= BIN
+
+
+def _word(met: bool) -> str:
+    return "PASS  " if met else "FAIL  "
 
 
 def _but_seed(record: dict[str, Any]) -> str:
@@ -343,14 +340,13 @@ def main() -> int:
     print(f"\nmeans over seeds; bins of fewer than {FEWEST} pairs are shown and not judged")
     met: dict[str, bool] = {}
     for (_, title, regime, count), of in groups.items():
-        for verdict in judge(regime, count, mean(of)):
-            word = "PASS" if verdict.met else "FAIL"
-            print(f"{word:6}{title} ({len(of)}): {verdict.asked}: {verdict.found}")
-            target = f"{title.split()[0]} {regime}: {verdict.asked}"
-            met[target] = met.get(target, False) or verdict.met
+        for asked_for, told, reached in judge(regime, count, mean(of)):
+            print(f"{_word(reached)}{title} ({len(of)}): {asked_for}: {told}")
+            target = f"{title.split()[0]} {regime}: {asked_for}"
+            met[target] = met.get(target, False) or reached
     print("\nany of these models")
     for target, reached in met.items():
-        print(f"{'PASS' if reached else 'FAIL':6}{target}")
+        print(_word(reached) + target)
     return int(not all(met.values()))
 
 

@@ -6,6 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
+from tactibench.training import mirrored, random_turns
+
 LEVELS = 4
 
 
@@ -21,9 +23,18 @@ class UNetNetwork(nn.Module):
     mean: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(self, width: int, stem: int, cells: tuple[int, int], channels: int) -> None:
+    def __init__(
+        self,
+        width: int,
+        stem: int,
+        cells: tuple[int, int],
+        channels: int,
+        mirror: tuple[bool, bool] = (False, False),
+    ) -> None:
+        """mirror: whether frames may be seen with x, and with y, reversed while it is trained."""
         super().__init__()
         self.cells = cells
+        self.mirror = mirror
         widths = [width * 2**level for level in range(LEVELS + 1)]
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
@@ -55,6 +66,12 @@ class UNetNetwork(nn.Module):
             self.head.bias.copy_(torch.logit(heat))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
+        if not (self.training and any(self.mirror)):
+            return self._logits(images)
+        turned = random_turns(len(images), self.mirror, images.device)
+        return mirrored(self._logits(mirrored(images, turned)), turned)
+
+    def _logits(self, images: torch.Tensor) -> torch.Tensor:
         x = self.stem((images.float() - self.mean) * self.scale)
         x = _to_cells(x, self.cells)
         skips = []

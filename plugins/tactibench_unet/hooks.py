@@ -21,6 +21,12 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("stem", 2, "stride of the first convolution", choices=(1, 2)),
                 Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000),
                 Parameter(
+                    "mirror",
+                    "recipe",
+                    "train on mirrored frames, auto: where the rest frame is symmetric",
+                    choices=("recipe", "auto", "never"),
+                ),
+                Parameter(
                     "precision",
                     "recipe",
                     "training arithmetic, recipe: as the recipe has it",

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench import Answer, Frame, ModelContext, UserError
+from tactibench import Answer, Contacts, Encoder, Frame, Grid, ModelContext, UserError
 from tactibench.training import (
     RECIPES,
     Examples,
@@ -18,6 +18,7 @@ from tactibench.training import (
     PlateScale,
     heatmaps,
     image_tensor,
+    own_mirror,
 )
 from tactibench_unet.architecture import LEVELS, UNetNetwork
 from tactibench_unet.features import layer_features
@@ -48,6 +49,7 @@ class UNet(LearnedModel):
         epochs: int = 0,
         precision: str = "recipe",
         mixing: float = 0.0,
+        mirror: str = "recipe",
     ) -> None:
         if context.encoder is None:
             raise UserError("model 'unet' learns heatmaps and needs an encoder; name one.")
@@ -70,11 +72,15 @@ class UNet(LearnedModel):
         self._encoder = context.encoder
         self._scale = PlateScale()
         self._headroom = _HEADROOM[recipe]
+        self._may_mirror = mirror == "auto" or (mirror == "recipe" and recipe == "default")
+        self._mirror = (False, False)
 
     def build(self) -> UNetNetwork:
         shape = self.architecture
         rows, columns = shape["cells"]
-        return UNetNetwork(shape["width"], shape["stem"], (rows, columns), shape["channels"])
+        return UNetNetwork(
+            shape["width"], shape["stem"], (rows, columns), shape["channels"], self._mirror
+        )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         return image_tensor(frames, self.architecture["size"])
@@ -110,8 +116,17 @@ class UNet(LearnedModel):
         """Layer -> (C, H, W) activations, see ``features``."""
         return layer_features(self.network, self.inputs([frame]).to(self.context.device))
 
-    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
+    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
+        self._mirror = self._symmetry(frames) if self._may_mirror else (False, False)
+
+    def _symmetry(self, frames: Sequence[Frame]) -> tuple[bool, bool]:
+        """Whether the sensor, and with it the encoder's maps, is its own mirror image."""
+        rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+        if rest is None or not _mirrors(self._encoder, self.context.grid):
+            return False, False
+        still = Frame(rest, 0.0, frames[0].pose)
+        return own_mirror(image_tensor([still], self.architecture["size"])[0, 0].numpy())
 
     def start(self, network: UNetNetwork, training: Examples) -> None:
         network.start_from(training.images, training.targets * self._headroom)
@@ -122,3 +137,12 @@ class UNet(LearnedModel):
     def use_extra(self, extra: dict[str, Any]) -> None:
         self._scale = PlateScale(extra["depth_offset_mm"])
         self._headroom = extra["headroom"]
+
+
+def _mirrors(encoder: Encoder, grid: Grid) -> bool:
+    """Whether a mirrored contact gives the mirrored maps; not where maps hold steps."""
+    x, y = grid.xy(0.6 * grid.shape[0], 0.7 * grid.shape[1])
+    middle = grid.xy((grid.shape[0] - 1) / 2, (grid.shape[1] - 1) / 2)
+    across = encoder.encode(Contacts.truth([[2 * middle[0] - x, y]], [2.0]), grid)
+    own = encoder.encode(Contacts.truth([[x, y]], [2.0]), grid)
+    return bool(np.allclose(across[..., ::-1], own, atol=1e-4))

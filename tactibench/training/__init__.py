@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tactibench.training.fold import fold_batch_norm
     from tactibench.training.learned import LearnedModel
     from tactibench.training.loop import train
+    from tactibench.training.mirror import mirrored, own_mirror, random_turns
     from tactibench.training.mixture import (
         MixtureScale,
         count_nll,
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
     from tactibench.training.weights import load_weights, save_weights
 
 _HOME = {
+    "random_turns": "mirror",
+    "own_mirror": "mirror",
+    "mirrored": "mirror",
     "FAINT": "mixture_reading",
     "RECIPES": "recipe",
     "Examples": "examples",
@@ -82,11 +86,14 @@ __all__ = [
     "held_back",
     "image_tensor",
     "load_weights",
+    "mirrored",
     "mixture_loss",
     "mixture_values",
+    "own_mirror",
     "pack_contacts",
     "pack_image",
     "position_error_mm",
+    "random_turns",
     "read_mixture",
     "resolve_precision",
     "save_weights",
