@@ -25,14 +25,8 @@ import numpy.typing as npt
 from tactibench.contacts import Contacts, FloatArray, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
+from tactibench.metrics import uncertainty
 from tactibench.metrics.trials import Trials
-from tactibench.metrics.uncertainty import (
-    gaussian_loss,
-    in_ellipse,
-    in_interval,
-    over_bound,
-    spacing,
-)
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import KnowsBound, SensorContext
 from tactibench.protocols.draws import draw_scenes
@@ -124,6 +118,7 @@ def bounds(sensor: Any, scenes: Sequence[Scene], truth: Sequence[Contacts]) -> l
     if not isinstance(sensor, KnowsBound):
         print("bounds: the sensor knows none")
         return unknown
+    sensor.bound(scenes[0])  # compiles what it computes with
     began = time.perf_counter()
     tried = np.linspace(0, len(scenes) - 1, min(20, len(scenes))).astype(int)
     known = {int(row): sensor.bound(scenes[row]) for row in tried}
@@ -182,7 +177,7 @@ def _table(trials: Trials, bound: Sequence[FloatArray], count: int) -> Table:
         np.full(3, np.nan) if (std := trials.predictions[i].std) is None else std[j]
         for i, j in zip(pairs.trial, pairs.prediction, strict=True)
     ]
-    near = [spacing(one.xy) for one in trials.truth]
+    near = [uncertainty.spacing(one.xy) for one in trials.truth]
     return Table(
         error,
         np.array(stated).reshape(-1, 3),
@@ -202,7 +197,7 @@ def _first(answer: Contacts) -> Contacts:
 def figures(table: Table) -> Figures:
     """All figures of a table by name; those about std only where the model gives it."""
     out: Figures = {"missed": table.missed, "spurious": table.spurious, "pairs": len(table.error)}
-    rmse, bias = over_bound(table.error, table.bound)
+    rmse, bias = uncertainty.over_bound(table.error, table.bound)
     for a, axis in enumerate(AXES):
         out[f"rmse_over_bound {axis}"] = float(rmse[a])
         out[f"bias_over_bound {axis}"] = float(bias[a])
@@ -215,18 +210,18 @@ def figures(table: Table) -> Figures:
         return out
     std, bound = table.std[has], table.bound[has]
     z = table.error[has] / std
-    out["nll"] = float(gaussian_loss(z, std).mean())
+    out["nll"] = float(uncertainty.gaussian_loss(z, std).mean())
     for a, axis in enumerate(AXES):
         out[f"rms_z {axis}"] = float(np.sqrt((z[:, a] ** 2).mean()))
         out[f"typical_z {axis}"] = _median(np.abs(z[:, a])) / MEDIAN
-        out[f"std_over_bound {axis}"] = float(over_bound(std, bound)[0][a])
+        out[f"std_over_bound {axis}"] = float(uncertainty.over_bound(std, bound)[0][a])
         out[f"std_over_bound_p50 {axis}"] = _median(std[:, a] / bound[:, a])
     depth, near = table.depth[has], table.spacing[has]
     for name, chosen in _bins(depth, near):
         out[f"pairs {name}"] = float(chosen.sum())
-        for percent in PERCENT:
-            out[f"ellipse_{percent} {name}"] = float(in_ellipse(z[chosen], percent).mean())
-            out[f"depth_{percent} {name}"] = float(in_interval(z[chosen, 2], percent).mean())
+        for q in PERCENT:
+            inside = uncertainty.in_ellipse(z[chosen], q), uncertainty.in_interval(z[chosen, 2], q)
+            out[f"ellipse_{q} {name}"], out[f"depth_{q} {name}"] = (float(i.mean()) for i in inside)
     return out
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.optimize import linear_sum_assignment
 
 from tactibench import Answer, Contacts, FitReport, Frame, ModelContext, Progress, UserError
 from tactibench.superposition import (
@@ -25,14 +26,14 @@ from tactibench.superposition import (
 )
 from tactibench.training import load_weights, save_weights
 from tactibench_superpose.detect import Detector
-from tactibench_superpose.spread import Spread, law_errors, noise_factors
+from tactibench_superpose.spread import GROUPS, SHIPPED, Clues, Spread
 
 Array = npt.NDArray[np.float64]
 
 _QUIETEST_PX = 0.003
 """No displacement is believed to be known better than this."""
-_LAW_ERRORS = ((0.45, 0.45, 0.37), (0.9, 0.9, 0.4))
-"""Of the shipped neighbour law, as benchmarks/neighbours.py prints them (``Spread.law``)."""
+_EVERY = 4
+"""Every so many training presses with several contacts are answered, to see the errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +89,8 @@ class Superpose:
         field = Field.learn(single, eye.moved(eye.images([frames[int(row)] for row in rows])))
         held = single_presses(validation[1])
         seen = eye.moved(eye.images([validation[0][int(row)] for row in held]))
-        wanted = _of(validation[1], held)[:, 0] if len(held) else single[:0]
-        off = seen - field(wanted)
+        wanted = _of(validation[1], held) if len(held) else np.empty((0, 1, 3))
+        off = seen - field(wanted[:, 0])
         weight = np.full(field.coefficients.shape[-1], 1 / _QUIETEST_PX**2)
         if len(off):
             # Robust: a pin that was mistaken for another in one frame is no noise.
@@ -97,51 +98,60 @@ class Superpose:
         detector = Detector.of(
             field, eye, weight, self._settings["gain"], self._settings["max_count"]
         )
-        law, errors = self._law(eye, detector, frames, truth)
-        self._learned = _Learned(detector, law, Spread(np.ones(3), errors))
-        factors = self._noise_factors(seen, wanted)
-        self._learned = _Learned(detector, law, Spread(factors, errors))
+        law = self._law(detector, frames, truth)
+        self._learned = _Learned(detector, law, SHIPPED)
+        spread = self._spread((seen, np.ones((len(seen), len(eye.rest)), dtype=np.bool_)), wanted)
+        counts = _counts(truth)
+        for count in sorted(set(counts[counts > 1].tolist())):
+            some = np.flatnonzero(counts == count)[::_EVERY]
+            pins = eye.watch(eye.images([frames[int(row)] for row in some]))
+            spread = self._spread(pins, _of(truth, some), spread)
+        self._learned = _Learned(detector, law, spread)
         progress.step(float(np.mean(off**2)) if len(off) else 0.0)
         progress.epoch(1, float(np.mean(off**2)) if len(off) else 0.0, None)
         notes = {"single_presses": len(rows), "others": len(frames) - len(rows)}
         return FitReport(1, time.perf_counter() - began, notes=notes)
 
     def _law(
-        self, eye: Eye, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer]
-    ) -> tuple[Neighbours, Array]:
-        """What contacts do to each other, and how well that is known."""
+        self, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer]
+    ) -> Neighbours:
+        """What contacts do to each other: as shipped, or fitted to presses with several."""
         if self._settings["neighbours"] == "none":
-            return Neighbours.none(), np.array(_LAW_ERRORS)
-        law, errors = shipped_inverse(), np.array(_LAW_ERRORS)
-        counts = np.array([len(answer) if isinstance(answer, Contacts) else 0 for answer in truth])
-        known: list[tuple[Array, Array]] = []
+            return Neighbours.none()
+        counts = _counts(truth)
+        equivalents, shifts = [], []
         for count in sorted(set(counts[counts > 1].tolist())):
             rows = np.flatnonzero(counts == count)
-            moved, sure = eye.watch(eye.images([frames[int(row)] for row in rows]))
+            moved, sure = detector.eye.watch(
+                detector.eye.images([frames[int(row)] for row in rows])
+            )
             contacts = _of(truth, rows)
             weight = detector.weight * np.tile(sure, (1, 2))
             found = solve(detector.field, moved, contacts, weight).contacts
-            known.append((found, contacts - found))
-        if not known:
-            return law, errors
-        law = Neighbours.learn([e for e, _ in known], [shift for _, shift in known], law)
-        for group in (0, 1):
-            mine = [one for one in known if min(one[0].shape[1], 3) - 2 == group]
-            if mine:
-                errors[group] = np.mean(
-                    [law_errors(shift, shift - law.shift(e)) for e, shift in mine], axis=0
-                )
-        return law, errors
+            equivalents.append(found)
+            shifts.append(contacts - found)
+        return Neighbours.learn(equivalents, shifts, shipped_inverse())
 
-    def _noise_factors(self, moved: Array, wanted: Array) -> Array:
-        sure = np.ones((len(moved), moved.shape[1] // 2), dtype=np.bool_)
-        found = self._contacts(self._found((moved, sure)))
-        error, std = [], []
-        for contacts, true in zip(found, wanted, strict=True):
-            if len(contacts) == 1 and contacts.std is not None:
-                error.append(np.append(contacts.xy[0], contacts.depth[0]) - true)
-                std.append(contacts.std[0])
-        return noise_factors(np.array(error).reshape(-1, 3), np.array(std).reshape(-1, 3))
+    def _spread(
+        self,
+        pins: tuple[Array, npt.NDArray[np.bool_]],
+        wanted: Array,
+        before: Spread = SHIPPED,
+    ) -> Spread:
+        """``before`` with the terms of frames of as many contacts as ``wanted`` (N, K, 3) has."""
+        if not len(wanted):
+            return before
+        count = wanted.shape[1]
+        clues, errors = [], []
+        for (solution, taken), true in zip(self._found(pins), wanted, strict=True):
+            if len(taken) != count:
+                continue
+            contacts, clue = self._corrected(solution)
+            apart = np.hypot(*(contacts[:, None, :2] - true[None, :, :2]).transpose(2, 0, 1))
+            order = linear_sum_assignment(apart)[1]
+            clues.append(clue)
+            errors.append(contacts - true[order])
+        return before.with_group(min(count, GROUPS), clues, errors)
 
     def predict(self, frames: Sequence[Frame]) -> list[Contacts]:
         """Contacts of every frame, with their standard deviations."""
@@ -172,24 +182,25 @@ class Superpose:
         return [self._ready().detector.find(*one) for one in zip(*pins, strict=True)]
 
     def _contacts(self, found: list[tuple[Solution, Array]]) -> list[Contacts]:
-        learned = self._ready()
+        spread, deepest = self._ready().spread, self._context.max_depth * 1.2
         out = []
         for solution, taken in found:
-            count = len(taken)
-            if not count:
+            if not len(taken):
                 out.append(Contacts.none())
                 continue
-            equivalents = solution.contacts
-            shift = learned.law.shift(equivalents)[0] if count > 1 else np.zeros((1, 3))
-            chi2 = float((learned.detector.weight * solution.left[0] ** 2).sum())
-            freedom = solution.left.shape[1] - 3 * count
-            std = learned.spread.std(solution.normal[0], chi2, freedom, shift)
-            x, y, depth = (equivalents[0] + shift).T
-            deepest = self._context.max_depth * 1.2
-            out.append(
-                Contacts(np.stack([x, y], axis=1), depth.clip(0.0, deepest), taken.clip(0, 1), std)
-            )
+            contacts, clues = self._corrected(solution)
+            depth = contacts[:, 2].clip(0.0, deepest)
+            out.append(Contacts(contacts[:, :2], depth, taken.clip(0, 1), spread.std(clues)))
         return out
+
+    def _corrected(self, solution: Solution) -> tuple[Array, Clues]:
+        """(K, 3) contacts behind the equivalents that were found, and what their errors hang on."""
+        learned = self._ready()
+        count = solution.contacts.shape[1]
+        shift = learned.law.shift(solution.contacts)[0] if count > 1 else np.zeros((1, 3))
+        chi2 = float((learned.detector.weight * solution.left[0] ** 2).sum())
+        misfit = chi2 / max(solution.left.shape[1] - 3 * count, 1)
+        return solution.contacts[0] + shift, Clues.of(solution.normal[0], misfit, shift)
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""
@@ -199,7 +210,7 @@ class Superpose:
             "coefficients": field.coefficients, "low": field.low, "step": field.step,
             "weight": learned.detector.weight, "still": learned.detector.eye.still,
             "pair": learned.law.pair, "crowd": learned.law.crowd,
-            "noise": learned.spread.noise, "law": learned.spread.law,
+            "spread": learned.spread.terms,
         }  # fmt: skip
         save_weights(
             directory,
@@ -224,7 +235,7 @@ class Superpose:
         self._learned = _Learned(
             detector,
             Neighbours(read["pair"], read["crowd"]),
-            Spread(read["noise"], read["law"]),
+            Spread(read["spread"]),
         )
 
     def _ready(self) -> _Learned:
@@ -235,3 +246,8 @@ class Superpose:
 
 def _of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:
     return as_rows([truth[int(row)] for row in rows])
+
+
+def _counts(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
+    """(N,) contacts of every frame."""
+    return np.array([len(one) if isinstance(one, Contacts) else 0 for one in truth], dtype=np.intp)

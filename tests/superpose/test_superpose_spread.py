@@ -1,81 +1,73 @@
 """How far off answers are said to be."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
-from tactibench_superpose.spread import Spread, law_errors, noise_factors
-
-LAW = np.array([[0.4, 0.4, 0.3], [0.8, 0.8, 0.6]])
+from tactibench_superpose.spread import SHIPPED, Clues, Spread
 
 
 def normal_of(std):
     return np.diag(1 / np.asarray(std, dtype=float).ravel() ** 2)
 
 
-def test_one_contact_has_the_std_of_the_fit():
-    spread = Spread(np.ones(3), LAW)
-    std = spread.std(normal_of([0.01, 0.02, 0.03]), 90.0, 100, np.zeros((1, 3)))
-    np.testing.assert_allclose(std, [[0.01, 0.02, 0.03]])
+def with_terms(*rows):
+    return Spread(np.array([rows] * 3, dtype=float))
 
 
-def test_a_frame_that_fits_badly_is_known_less_well():
-    spread = Spread(np.ones(3), LAW)
-    std = spread.std(normal_of([0.01, 0.02, 0.03]), 400.0, 100, np.zeros((1, 3)))
-    np.testing.assert_allclose(std, 2 * np.array([[0.01, 0.02, 0.03]]))
+def test_the_variance_is_the_sum_that_the_docstring_states():
+    spread = with_terms([0.01, 2.0, 0.1, 1e-3], [0.02, 1.0, 0.2, 2e-3])
+    fit = np.array([[0.01, 0.01, 0.5], [0.03, 0.03, 0.5]])
+    shift = np.array([[0.3, 0.4, 0.0], [0.0, 0.0, 0.1]])
+    std = spread.std(Clues.of(normal_of(fit), 7.0, shift))
+    way, noise = np.array([0.5, 0.1]), fit[:, 0]
+    plane = np.sqrt(0.01**2 + (2 * noise) ** 2 + (0.1 * way) ** 2 + 7e-3**2)
+    depth = np.sqrt(0.02**2 + noise**2 + (0.2 * way) ** 2 + 14e-3**2)
+    np.testing.assert_allclose(std, np.stack([plane, plane, depth], axis=1), rtol=1e-3)
 
 
-def test_factors_stretch_every_axis():
-    spread = Spread(np.array([1.0, 2.0, 3.0]), LAW)
-    std = spread.std(normal_of([0.01, 0.01, 0.01]), 0.0, 100, np.zeros((1, 3)))
-    np.testing.assert_allclose(std, [[0.01, 0.02, 0.03]])
+def test_the_noise_is_that_of_correlated_unknowns():
+    root = np.random.default_rng(0).normal(size=(3, 3))
+    normal = 100 * (root @ root.T + np.eye(3))
+    clues = Clues.of(normal, 0.5, np.zeros((1, 3)))
+    variance = np.diagonal(np.linalg.inv(normal + np.eye(3) / 9))
+    np.testing.assert_allclose(clues.noise, np.sqrt(variance[:2].mean()))
 
 
-@pytest.mark.parametrize(("count", "row"), [(2, 0), (3, 1), (5, 1)])
-def test_several_contacts_carry_the_error_of_their_law(count, row):
-    spread = Spread(np.ones(3), LAW)
-    fit = np.linspace(0.01, 0.05, 3 * count).reshape(count, 3)
-    shift = np.zeros((count, 3))
-    shift[0] = [0.3, 0.4, 0.0]
-    # chi^2 says nothing more: the law's error is in it.
-    std = spread.std(normal_of(fit), 1e4, 100, shift)
-    way = np.array([0.55] + [0.05] * (count - 1))[:, None]
-    np.testing.assert_allclose(std, np.hypot(fit, LAW[row] * way))
+def test_one_contact_that_fits_badly_is_known_less_well_by_its_noise():
+    good, bad = (Clues.of(normal_of([0.01] * 3), m, np.zeros((1, 3))) for m in (0.3, 4.0))
+    np.testing.assert_allclose(bad.noise, 2 * good.noise)
 
 
-def test_contacts_that_cannot_be_told_apart_are_no_error():
-    spread = Spread(np.ones(3), LAW)
-    for normal in (np.zeros((6, 6)), np.ones((6, 6)), normal_of([[1e-9] * 3] * 2)):
-        std = spread.std(normal, 1.0, 0, np.zeros((2, 3)))
-        assert std.shape == (2, 3)
-        assert np.isfinite(std).all()
-        assert (std >= 1e-4).all()
+@pytest.mark.parametrize("normal", [np.zeros((6, 6)), np.ones((6, 6)), normal_of([[1e-9] * 3] * 2)])
+def test_contacts_that_cannot_be_told_apart_are_no_error(normal):
+    std = SHIPPED.std(Clues.of(normal, 1.0, np.zeros((2, 3))))
+    assert std.shape == (2, 3)
+    assert np.isfinite(std).all()
+    assert (std >= 1e-4).all()
+    assert (std <= 3.0).all()
 
 
-def test_the_std_is_that_of_correlated_unknowns():
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(3, 3))
-    normal = root @ root.T + np.eye(3)
-    std = Spread(np.ones(3), LAW).std(normal, 0.0, 9, np.zeros((1, 3)))
-    np.testing.assert_allclose(std[0], np.sqrt(np.diagonal(np.linalg.inv(normal))))
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_terms_that_made_the_errors_are_found_again(count):
+    rng = np.random.default_rng(count)
+    truth = with_terms([0.02, 3.0, 0.2 * (count > 1), 0.0], [0.01, 2.0, 0.1 * (count > 1), 0.0])
+    clues, errors = [], []
+    for _ in range(3000 // count):
+        fit = np.repeat(rng.uniform(0.002, 0.03, (count, 1)), 3, axis=1)
+        clue = Clues.of(normal_of(fit), 0.5, rng.uniform(0, 0.4, (count, 3)) * (count > 1))
+        clues.append(clue)
+        errors.append(truth.std(clue) * rng.standard_normal((count, 3)))
+    fitted = SHIPPED.with_group(count, clues, errors)
+    wanted = np.concatenate([truth.std(clue) for clue in clues])
+    found = np.concatenate([fitted.std(clue) for clue in clues])
+    np.testing.assert_allclose(found, wanted, rtol=0.2)
+    z = np.concatenate(errors) / found
+    assert 0.94 < np.mean(np.hypot(z[:, 0], z[:, 1]) < 2.447747) < 0.96
+    assert 0.94 < np.mean(np.abs(z[:, 2]) < 1.959964) < 0.96
 
 
-def test_noise_factors_are_found_again():
-    rng = np.random.default_rng(1)
-    std = rng.uniform(0.01, 0.1, (20_000, 3))
-    error = std * rng.normal(size=std.shape) * [0.5, 1.0, 2.0]
-    np.testing.assert_allclose(noise_factors(error, std), [0.5, 1.0, 2.0], rtol=0.03)
-    np.testing.assert_array_equal(noise_factors(error[:0], std[:0]), np.ones(3))
-
-
-def test_law_errors_are_found_again_and_x_and_y_are_alike():
-    rng = np.random.default_rng(2)
-    shift = rng.uniform(-0.5, 0.5, (8000, 2, 3))
-    way = np.linalg.norm(shift, axis=-1, keepdims=True) + 0.05
-    error = way * rng.normal(size=shift.shape) * [0.3, 0.3, 0.1]
-    np.testing.assert_allclose(law_errors(shift, error), [0.3, 0.3, 0.1], rtol=0.03)
-    # As the model reads them: 95 % within 1.96.
-    spread = Spread(np.ones(3), np.stack([law_errors(shift, error)] * 2))
-    std = np.stack([spread.std(normal_of([[1e-5] * 3] * 2), 0, 9, one) for one in shift[:2000]])
-    assert (np.abs(error[:2000]) < 1.96 * std).mean() == pytest.approx(0.95, abs=0.01)
-    uneven = law_errors(shift, error * [2, 0.5, 1])
-    assert uneven[0] == uneven[1]
+def test_few_errors_leave_the_terms_as_they_are():
+    clue = Clues.of(normal_of([[0.01] * 3] * 2), 1.0, np.zeros((2, 3)))
+    assert SHIPPED.with_group(2, [clue] * 5, [np.ones((2, 3))] * 5) is SHIPPED
