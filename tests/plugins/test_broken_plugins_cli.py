@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -82,7 +84,9 @@ def test_doctor_names_every_broken_plugin_and_why(tactibench: Any, broken: None)
     assert lines[-1] == f"{len(complaints)} problems found"
     assert len(complaints) == 11
     healthy = [line for line in lines if line.startswith("plugin ")]
-    assert sum("(tactibench " in line and line.endswith(": ok") for line in healthy) == 6
+    own = list(Path(__file__).resolve().parents[2].glob("plugins/*/hooks.py"))
+    fine = ["(tactibench " in line and line.endswith(": ok") for line in healthy]
+    assert sum(fine) == len(own)
 
 
 def test_list_works_beside_broken_plugins(tactibench: Any, broken: None) -> None:
@@ -102,7 +106,7 @@ def test_a_terminal_that_lacks_a_letter_is_no_reason_to_stop(
     monkeypatch.setenv("PYTHONIOENCODING", "latin-1")
     done = tactibench("list", "models")
     assert done.returncode == 0, done.stderr
-    assert "outsider  ? of 0.1 mm" in done.stdout
+    assert re.search(r"outsider +\? of 0.1 mm", done.stdout)
 
 
 def test_a_plugin_verb_is_offered_and_called(tactibench: Any, outsider: None) -> None:
