@@ -44,13 +44,15 @@ def scene_of(contacts: Array) -> Scene:
     return Scene(indenter, Pose(*middle, depth=float(depth)))
 
 
-def free_contacts(count: int, each: int, rng: np.random.Generator) -> Array:
-    """(count, each, 3) mm at random places and depths, CLOSEST_MM apart or more."""
+def free_contacts(
+    count: int, each: int, rng: np.random.Generator, closest: float = CLOSEST_MM
+) -> Array:
+    """(count, each, 3) mm at random places and depths, ``closest`` mm apart or more."""
     found: list[Array] = []
     while len(found) < count:
         xy = rng.uniform(-HALF_MM, HALF_MM, (each, 2))
         apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1)[np.triu_indices(each, 1)]
-        if apart.min() >= CLOSEST_MM:
+        if apart.min() >= closest:
             found.append(np.column_stack([xy, rng.uniform(*DEPTHS_MM, each)]))
     return np.array(found)
 
@@ -63,9 +65,6 @@ def report(name: str, law: Neighbours, given: Array, wanted: Array) -> None:
             f"{name:22s} {kind:6s} place: mean {place.mean():.3f}, median {np.median(place):.3f}, "
             f"95 % {np.quantile(place, 0.95):.3f} mm; depth: {np.abs(off[..., 2]).mean():.3f} mm"
         )
-    way = np.linalg.norm(law.shift(given), axis=-1, keepdims=True) + 0.05
-    ratio = np.quantile(np.abs(given + law.shift(given) - wanted) / way, 0.95, axis=(0, 1)) / 1.96
-    print(f"{name:22s} error by mm of shift: {', '.join(f'{r:.2f}' for r in ratio)}")
 
 
 def main() -> None:

@@ -34,7 +34,7 @@ _NOISE = 8.0
 _TURNS, _ASIDE_MM, _SHARE = 6, 3.5, 0.75
 """A contact is parted in so many directions, so far to either side, at this share of its depth."""
 _FIRST = 50.0
-"""chi^2 by which the first contact must explain a frame."""
+"""chi^2 below which no misfit is worth a contact, however large its share."""
 
 
 @dataclass(frozen=True, eq=False)

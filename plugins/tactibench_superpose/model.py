@@ -26,7 +26,7 @@ from tactibench.superposition import (
 )
 from tactibench.training import load_weights, save_weights
 from tactibench_superpose.detect import Detector
-from tactibench_superpose.spread import GROUPS, SHIPPED, Clues, Spread
+from tactibench_superpose.spread import GROUPS, Clues, Spread, shipped
 
 Array = npt.NDArray[np.float64]
 
@@ -99,13 +99,15 @@ class Superpose:
             field, eye, weight, self._settings["gain"], self._settings["max_count"]
         )
         law = self._law(detector, frames, truth)
-        self._learned = _Learned(detector, law, SHIPPED)
-        spread = self._spread((seen, np.ones((len(seen), len(eye.rest)), dtype=np.bool_)), wanted)
+        spread = shipped()
+        self._learned = _Learned(detector, law, spread)
+        held_frames = [validation[0][int(row)] for row in held]
+        spread = spread.with_group(1, *self.errors(held_frames, wanted))
         counts = _counts(truth)
         for count in sorted(set(counts[counts > 1].tolist())):
             some = np.flatnonzero(counts == count)[::_EVERY]
-            pins = eye.watch(eye.images([frames[int(row)] for row in some]))
-            spread = self._spread(pins, _of(truth, some), spread)
+            found = self.errors([frames[int(row)] for row in some], _of(truth, some))
+            spread = spread.with_group(min(count, GROUPS), *found)
         self._learned = _Learned(detector, law, spread)
         progress.step(float(np.mean(off**2)) if len(off) else 0.0)
         progress.epoch(1, float(np.mean(off**2)) if len(off) else 0.0, None)
@@ -132,26 +134,20 @@ class Superpose:
             shifts.append(contacts - found)
         return Neighbours.learn(equivalents, shifts, shipped_inverse())
 
-    def _spread(
-        self,
-        pins: tuple[Array, npt.NDArray[np.bool_]],
-        wanted: Array,
-        before: Spread = SHIPPED,
-    ) -> Spread:
-        """``before`` with the terms of frames of as many contacts as ``wanted`` (N, K, 3) has."""
-        if not len(wanted):
-            return before
-        count = wanted.shape[1]
+    def errors(self, frames: Sequence[Frame], wanted: Array) -> tuple[list[Clues], list[Array]]:
+        """What the stated errors hang on, and the errors (K, 3) mm, of frames with contacts wanted.
+
+        wanted: (N, K, 3) x, y, depth mm. Frames in which as many were found.
+        """
         clues, errors = [], []
-        for (solution, taken), true in zip(self._found(pins), wanted, strict=True):
-            if len(taken) != count:
+        for (solution, taken), true in zip(self._found(self._moved(frames)), wanted, strict=True):
+            if len(taken) != len(true):
                 continue
             contacts, clue = self._corrected(solution)
             apart = np.hypot(*(contacts[:, None, :2] - true[None, :, :2]).transpose(2, 0, 1))
-            order = linear_sum_assignment(apart)[1]
             clues.append(clue)
-            errors.append(contacts - true[order])
-        return before.with_group(min(count, GROUPS), clues, errors)
+            errors.append(contacts - true[linear_sum_assignment(apart)[1]])
+        return clues, errors
 
     def predict(self, frames: Sequence[Frame]) -> list[Contacts]:
         """Contacts of every frame, with their standard deviations."""
