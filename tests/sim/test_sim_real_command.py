@@ -97,6 +97,14 @@ def test_a_missing_frame_is_refused(tmp_path) -> None:
         read(tmp_path, 1.0, 1)
 
 
+def test_a_rest_frame_without_pins_is_refused(tmp_path) -> None:
+    (tmp_path / "targets.csv").write_text(HEADER + "\na.png,1,2,0,0")
+    (tmp_path / "frames_bw").mkdir()
+    cv2.imwrite(str(tmp_path / "frames_bw" / "init_0.png"), frame([]))
+    with pytest.raises(UserError, match="the rest frame shows 0 pins"):
+        read(tmp_path, 1.0, 1)
+
+
 def test_the_command_refuses_before_it_works(tmp_path) -> None:
     result = CliRunner().invoke(real, [str(tmp_path), "--out", str(tmp_path / "no" / "p.png")])
     assert isinstance(result.exception, UserError)

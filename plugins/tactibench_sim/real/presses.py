@@ -1,4 +1,4 @@
-"""Recorded plate presses: labels from targets.csv, pins found and matched in the frames."""
+"""Recorded plate presses: labels from targets.csv, pins found and followed in the frames."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import UserError
-from tactibench.markers import detect, match
+from tactibench.markers import Tracker
 from tactibench_sim.real.simulate import Labels
 
 Array = npt.NDArray[np.float64]
@@ -45,8 +45,8 @@ class Presses:
 def read(folder: Path, largest_move: float, least: int) -> Presses:
     """The presses that moved along the plate by less than ``largest_move`` mm (|move_1|).
 
-    Raises UserError for a folder without targets.csv, its columns, its frames or init_0.png, and
-    for fewer than ``least`` such presses.
+    Raises UserError for a folder without targets.csv, its columns, its frames or init_0.png, for
+    a rest frame without pins, and for fewer than ``least`` such presses.
     """
     import pandas as pd
 
@@ -78,12 +78,13 @@ def read(folder: Path, largest_move: float, least: int) -> Presses:
     labels = Labels(*(numbers.loc[chosen.index, c].to_numpy(float) for c in COLUMNS.values()))
     frames = folder / "frames_bw"
     first = _gray(frames / REST)
-    rest = detect(first).xy
+    tracker = Tracker(first)
     names = tuple(str(name) for name in chosen["image_name"])
-    moved = np.empty((len(names), *rest.shape))
+    moved = np.empty((len(names), *tracker.rest.shape))
     for k, name in enumerate(names):
-        moved[k] = match(detect(_gray(frames / name, first.shape)), rest) - rest
-    return Presses(names, labels, rest, moved, first.shape[1])
+        found = tracker.track(_gray(frames / name, first.shape)[None])
+        moved[k] = np.where(found.seen[0, :, None], found.xy[0] - tracker.rest, np.nan)
+    return Presses(names, labels, tracker.rest, moved, first.shape[1])
 
 
 def _gray(path: Path, shape: tuple[int, ...] | None = None) -> npt.NDArray[np.uint8]:
