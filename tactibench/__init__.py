@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Sensor,
         SensorContext,
     )
+    from tactibench.plugins.parameters import training_parameters
     from tactibench.plugins.specs import (
         CommandSpec,
         EncoderSpec,
@@ -66,6 +67,7 @@ _HOME = {
     "UserError": "errors",
     "gray_frames": "images",
     "hookimpl": "plugins.hookspecs",
+    "training_parameters": "plugins.parameters",
 }
 
 __all__ = [
@@ -93,6 +95,7 @@ __all__ = [
     "__version__",
     "gray_frames",
     "hookimpl",
+    "training_parameters",
 ]
 
 

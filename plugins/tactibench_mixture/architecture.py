@@ -8,6 +8,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
+from tactibench.training import mirrored, random_turns
+
 CHANNELS = 7
 """Raw outputs of a cell, as ``tactibench.training.mixture_values`` reads them."""
 _FIRST_LOG_STD = 0.3
@@ -67,7 +69,7 @@ class MixtureNetwork(nn.Module):
     def forward(self, fields: torch.Tensor) -> torch.Tensor:
         if not self.training:
             return self._cells(fields)
-        turned = self._turns(len(fields), fields.device)
+        turned = random_turns(len(fields), self.mirror, fields.device)
         signs = 1 - 2 * turned.to(fields.dtype)
         raw = mirrored(self._cells(mirrored(fields, turned) * signs[:, :, None, None]), turned)
         steps = raw[:, 1:3] * signs[:, :, None, None]
@@ -82,12 +84,6 @@ class MixtureNetwork(nn.Module):
         fine = self.fine_up(fine + self.further_lift(F.relu(middle)))
         raw: torch.Tensor = self.head(F.relu(self.widen(F.relu(fine))))
         return raw
-
-    def _turns(self, count: int, device: torch.device) -> torch.Tensor:
-        """(count, 2) whether x and y of a frame are reversed, at random where they may be."""
-        return (torch.rand(count, 2, device=device) < 0.5) & torch.tensor(
-            self.mirror, device=device
-        )
 
 
 class Residual(nn.Module):
@@ -133,9 +129,3 @@ class Head(nn.Module):
         with torch.autocast(x.device.type, enabled=False):
             weight = (self.gain * self.weight)[:, :, None, None]
             return F.conv2d(x.float(), weight, self.gain[:, 0] * self.bias)
-
-
-def mirrored(maps: torch.Tensor, turned: torch.Tensor) -> torch.Tensor:
-    """Maps (B, C, H, W) with x and y reversed in the frames that ``turned`` (B, 2) names."""
-    maps = torch.where(turned[:, 0, None, None, None], maps.flip(-1), maps)
-    return torch.where(turned[:, 1, None, None, None], maps.flip(-2), maps)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tactibench import ModelSpec, Parameter, hookimpl
+from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 
 @hookimpl
@@ -23,20 +23,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "train on mirrored frames, auto: where the pins at rest are symmetric",
                     choices=("auto", "never"),
                 ),
-                Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000),
-                Parameter(
-                    "precision",
-                    "recipe",
-                    "training arithmetic, recipe: as the recipe has it",
-                    choices=("recipe", "auto", "float32", "bf16"),
-                ),
-                Parameter(
-                    "mixing",
-                    0.0,
-                    "extra multi-contact frames made from single presses, share of the presses",
-                    low=0.0,
-                    high=10.0,
-                ),
+                *training_parameters(mixing=True),
             ),
             answers=("contacts", "plate"),
             uses_encoder=True,

@@ -3,36 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
-from tactibench import (
-    Answer,
-    Contacts,
-    FitReport,
-    Frame,
-    Grid,
-    ModelContext,
-    Progress,
-    UserError,
-)
-from tactibench.superposition import Eye
-from tactibench.training import (
-    Examples,
-    LearnedModel,
-    MixtureScale,
-    PlateScale,
-    Recipe,
-    held_back,
-    mixture_loss,
-    mixture_values,
-    pack_contacts,
-    scale_std,
-    std_factors,
-)
+from tactibench import Answer, Contacts, Frame, Grid, ModelContext, UserError
+from tactibench.training import Examples, MixtureModel, Recipe
 from tactibench_mixture.architecture import CHANNELS, MixtureNetwork
 from tactibench_mixture.displacement import DisplacementField
 
@@ -44,17 +22,14 @@ _FINER = 2
 _REACH = 0.75
 """Cells that a contact may lie from the centre of the cell that speaks of it, in x and in y. The
 nearest cell needs half a cell; the further others reach, the later they agree on who speaks."""
-_AS_STATED = np.ones((2, 3))
 
 
-class Mixture(LearnedModel):
+class Mixture(MixtureModel):
     """Each of some coarse cells says with which probability it holds a contact, where and how deep
-    that is, and how sure it is; trained by the likelihood of the true contacts (compare DECODE,
-    Speiser et al. 2021).
+    that is, and how sure it is; compare DECODE (Speiser et al. 2021).
 
     What goes in is the displacement field of the pins, tracked from the rest image of the first
-    training frame or from the frame that is pressed least. The stated std are scaled so that 95 %
-    of the errors on validation frames lie inside the 95 % ellipses.
+    training frame or from the frame that is pressed least.
 
     Raises UserError without an encoder of this kind and for a grid that ``cells`` do not divide.
     """
@@ -78,51 +53,13 @@ class Mixture(LearnedModel):
         self._encoder = context.encoder
         self._grid = _coarse(context.grid, cells)
         x, y = self._grid.axes()
-        self._centres = torch.from_numpy(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
-        self._scale = MixtureScale(_REACH * self._grid.pitch, context.max_depth)
-        self._plate = PlateScale()
-        self._factors = _AS_STATED
+        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        self._use_anchors(centres, _REACH * self._grid.pitch)
         self._field: DisplacementField | None = None
 
-    def fit(
-        self,
-        frames: Sequence[Frame],
-        truth: Sequence[Answer],
-        *,
-        validation: tuple[Sequence[Frame], Sequence[Answer]],
-        rng: np.random.Generator,
-        progress: Progress,
-    ) -> FitReport:
-        """Train, then scale the std. Frames with several contacts are kept back for the latter:
-        one of twenty of those given, and as many new mixtures as validation frames if it mixes."""
-        used, kept = held_back(truth)
-        seen = [*validation[0], *(frames[row] for row in kept)]
-        known = [*validation[1], *(truth[row] for row in kept)]
-        report = super().fit(
-            [frames[row] for row in used],
-            [truth[row] for row in used],
-            validation=(seen, known),
-            rng=rng,
-            progress=progress,
-        )
-        if self.mixing and seen:
-            from tactibench.superposition import mix
-
-            mixed, contacts = mix(frames, truth, len(seen), rng)
-            seen, known = [*seen, *mixed], [*known, *contacts]
-        if seen:
-            found = self._read(self.evaluate(seen))
-            self._factors = std_factors(found, [self._plate.contacts(one) for one in known])
-        notes = {"kept_for_std": len(kept), "std_factors": self._factors.round(4).tolist()}
-        return replace(report, notes={**report.notes, **notes})
-
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
-        self._factors = _AS_STATED
-        self._plate = PlateScale.of(truth, self.context.max_depth)
-        contacts = [self._plate.contacts(answer) for answer in truth]
-        least = int(np.argmin([one.depth.sum() for one in contacts]))
-        eye = Eye.of(frames, otherwise=frames[least])
-        self._field = DisplacementField(eye, _FINER * self._cells)
+        super().prepare(frames, truth)
+        self._field = DisplacementField(self._resting_eye(frames, truth), _FINER * self._cells)
 
     def build(self) -> MixtureNetwork:
         mirror = (False, False)
@@ -138,48 +75,26 @@ class Mixture(LearnedModel):
             raise UserError("model 'mixture' knows no pins yet; train it or load weights first.")
         return torch.from_numpy(self._field(self._field.eye.images(frames)))
 
-    def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        return pack_contacts([self._plate.contacts(answer) for answer in truth])
-
-    def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        centres = self._centres.to(outputs)
-        return mixture_loss(outputs.flatten(2), centres, targets, self._scale)
-
-    def outputs(self, raw: torch.Tensor) -> np.ndarray:
+    def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
         """(N, 7, cells, cells) float32 maps as the encoder reads them."""
-        centres = self._centres.to(raw.device, torch.float32)
-        presence, mean, std = mixture_values(raw.flatten(2), centres, self._scale)
-        offset, depth = mean[..., :2] - centres, mean[..., 2:]
-        maps = torch.cat([presence[..., None], offset, depth, std], dim=-1)
-        return super().outputs(maps.transpose(1, 2).reshape(len(raw), CHANNELS, *self._grid.shape))
+        values = super().outputs(raw)
+        values[..., 1:3] -= self._anchors.numpy()
+        return values.transpose(0, 2, 1).reshape(len(raw), CHANNELS, *self._grid.shape)
 
-    def answers(self, outputs: np.ndarray) -> list[Answer | None]:
-        """Contacts of every frame, or its plate pose (None where there is no contact)."""
-        found = [scale_std(contacts, self._factors) for contacts in self._read(outputs)]
-        if self.context.answer == "plate":
-            return [self._plate.plate(contacts) for contacts in found]
-        return list(found)
+    def read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
+        return self._encoder.decode_batch(outputs, self._grid)
 
     def extra(self) -> dict[str, Any]:
         field = None if self._field is None else self._field.plain()
-        return {
-            "depth_offset_mm": self._plate.offset,
-            "std_factors": self._factors.tolist(),
-            "field": field,
-        }
+        return {**super().extra(), "field": field}
 
     def use_extra(self, extra: dict[str, Any]) -> None:
-        self._plate = PlateScale(extra["depth_offset_mm"])
-        self._factors = np.array(extra["std_factors"])
+        super().use_extra(extra)
         self._field = None if extra["field"] is None else DisplacementField.of_plain(extra["field"])
 
     @property
     def _cells(self) -> int:
         return int(self.architecture["cells"])
-
-    def _read(self, maps: np.ndarray) -> list[Contacts]:
-        """Contacts with the std as the network states it."""
-        return self._encoder.decode_batch(maps, self._grid)
 
 
 def _coarse(grid: Grid, cells: int) -> Grid:

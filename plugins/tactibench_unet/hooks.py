@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tactibench import ModelSpec, Parameter, hookimpl
+from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 
 @hookimpl
@@ -19,26 +19,13 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("width", 8, "channels of the first level", choices=(8, 16, 32, 64)),
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
                 Parameter("stem", 2, "stride of the first convolution", choices=(1, 2)),
-                Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000),
                 Parameter(
                     "mirror",
                     "recipe",
                     "train on mirrored frames, auto: where the rest frame is symmetric",
                     choices=("recipe", "auto", "never"),
                 ),
-                Parameter(
-                    "precision",
-                    "recipe",
-                    "training arithmetic, recipe: as the recipe has it",
-                    choices=("recipe", "auto", "float32", "bf16"),
-                ),
-                Parameter(
-                    "mixing",
-                    0.0,
-                    "extra multi-contact frames made from single presses, share of the presses",
-                    low=0,
-                    high=10,
-                ),
+                *training_parameters(mixing=True),
             ),
             answers=("contacts", "plate"),
             max_contacts=None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tactibench import ModelSpec, Parameter, hookimpl
+from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 
 @hookimpl
@@ -23,20 +23,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "who is whose neighbour, rest: in the undeformed sensor, frame: in each frame",
                     choices=("rest", "frame"),
                 ),
-                Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000),
-                Parameter(
-                    "precision",
-                    "recipe",
-                    "training arithmetic, recipe: as the recipe has it",
-                    choices=("recipe", "auto", "float32", "bf16"),
-                ),
-                Parameter(
-                    "mixing",
-                    0.0,
-                    "frames with several contacts made from single presses, as a share of them",
-                    low=0.0,
-                    high=4.0,
-                ),
+                *training_parameters(mixing=True),
             ),
             answers=("contacts", "plate"),
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,33 +10,10 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from tactibench import (
-    Answer,
-    Contacts,
-    FitReport,
-    Frame,
-    ModelContext,
-    Pose,
-    Progress,
-    UserError,
-)
+from tactibench import Answer, Contacts, Frame, ModelContext, Pose, UserError
 from tactibench.markers import Tracks, pin_graph
 from tactibench.superposition import Eye
-from tactibench.training import (
-    LearnedModel,
-    MixtureScale,
-    PlateScale,
-    Recipe,
-    held_back,
-    mixture_loss,
-    mixture_values,
-    pack_contacts,
-    pack_image,
-    read_mixture,
-    scale_std,
-    std_factors,
-    unpack_image,
-)
+from tactibench.training import MixtureModel, Recipe, pack_image, read_mixture, unpack_image
 from tactibench_vgnn.architecture import GraphNetwork
 from tactibench_vgnn.features import NOBODY, neighbours, node_features
 from tactibench_vgnn.layout import PinLayout
@@ -54,12 +30,11 @@ _SURVEYED = 400
 """Training frames, spread evenly, from which the scales of the layout are learned."""
 _BLANK = 0.02
 """Frames at rest that are added to a training, as a share of its frames."""
-_AS_STATED = np.ones((2, 3))
 _NO_PINS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """Stands for the layout until there is one."""
 
 
-class VGNN(LearnedModel):
+class VGNN(MixtureModel):
     """Voronoi graph network (compare Fan et al. 2023, Tac-VGNN) with a set of contacts as answer.
 
     Every pin is an anchor of a mixture of Gaussians: it says with which probability it speaks of a
@@ -81,59 +56,22 @@ class VGNN(LearnedModel):
     ) -> None:
         architecture = {"width": width, "layers": layers, "graph": graph, "answer": context.answer}
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
-        self._plate = PlateScale()
-        self._factors = _AS_STATED
         self._eye: Eye | None = None
         self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
 
-    def fit(
-        self,
-        frames: Sequence[Frame],
-        truth: Sequence[Answer],
-        *,
-        validation: tuple[Sequence[Frame], Sequence[Answer]],
-        rng: np.random.Generator,
-        progress: Progress,
-    ) -> FitReport:
-        """Train, also on the frame of the sensor at rest, which every frame brings: no contact.
-
-        Then scale the std that the network states, on frames it has not learned from.
-        """
-        used, kept = held_back(truth)
-        rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
-        blank = [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / _BLANK)]]
+    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:
+        """The sensor at rest, as the frames bring it: no contact, which is no plate pose."""
         if self.context.answer == "plate":
-            blank = []
-        seen = [*validation[0], *(frames[row] for row in kept)]
-        known = [*validation[1], *(truth[row] for row in kept)]
-        report = super().fit(
-            [*(frames[row] for row in used), *blank],
-            [*(truth[row] for row in used), *(Contacts.none() for _ in blank)],
-            validation=(seen, known),
-            rng=rng,
-            progress=progress,
-        )
-        if self.mixing and seen:  # other frames than those that were learned from
-            from tactibench.superposition import mix
-
-            mixed, contacts = mix(frames, truth, len(seen), rng)
-            seen, known = [*seen, *mixed], [*known, *contacts]
-        if seen:
-            found = self._read(self.evaluate(seen))
-            self._factors = std_factors(found, [self._plate.contacts(one) for one in known])
-        notes = {"kept_for_std": len(kept), "std_factors": self._factors.round(4).tolist()}
-        return replace(report, notes={**report.notes, **notes})
+            return []
+        rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
+        return [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / _BLANK)]]
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
-        self._factors = _AS_STATED
-        if self.context.answer == "plate":
-            self._plate = PlateScale.of(truth, self.context.max_depth)
-        contacts = [self._plate.contacts(answer) for answer in truth]
-        least = int(np.argmin([one.depth.sum() for one in contacts]))
-        self._eye = Eye.of(frames, otherwise=frames[least])
+        super().prepare(frames, truth)
+        self._eye = self._resting_eye(frames, truth)
         rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _SURVEYED)).astype(int))
         tracks = self._track([frames[row] for row in rows])
-        known = [contacts[row] for row in rows]
+        known = [self._plate.contacts(truth[row]) for row in rows]
         rest = self._eye.tracker.track(self._eye.still[None])
         self._use_layout(PinLayout.learn(tracks, rest, known))
 
@@ -150,50 +88,27 @@ class VGNN(LearnedModel):
         features = node_features(self._track(frames), self._layout, self.architecture["graph"])
         return torch.from_numpy(features)
 
-    def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        return pack_contacts([self._plate.contacts(answer) for answer in truth])
-
-    def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        anchors = self._anchors.to(outputs.device)
-        return mixture_loss(outputs, anchors, targets, self._scale)
-
-    def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
-        """(N, P, 7): probability, mean and std of x, y and depth, mm, that every pin gives."""
-        probability, *gaussian = mixture_values(raw, self._anchors.to(raw.device), self._scale)
-        values = torch.cat([probability[..., None], *gaussian], dim=-1)
-        array: npt.NDArray[Any] = values.float().cpu().numpy()
-        return array
-
-    def answers(self, outputs: npt.NDArray[Any]) -> list[Answer | None]:
-        found = [scale_std(contacts, self._factors) for contacts in self._read(outputs)]
-        if self.context.answer == "plate":
-            return [self._plate.plate(contacts) for contacts in found]
-        return list(found)
+    def read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
+        probability, mean, std = np.split(outputs, [1, 4], axis=-1)
+        return read_mixture(
+            probability[..., 0], mean, std, threshold=_THRESHOLD, merge_mm=_MERGE_MM
+        )
 
     def extra(self) -> dict[str, Any]:
         return {
             "rest": None if self._eye is None else pack_image(self._eye.still),
             "layout": self._layout.plain(),
-            "depth_offset_mm": self._plate.offset,
-            "std_factors": self._factors.tolist(),
+            **super().extra(),
         }
 
     def use_extra(self, extra: dict[str, Any]) -> None:
-        self._plate = PlateScale(extra["depth_offset_mm"])
-        self._factors = np.array(extra["std_factors"])
+        super().use_extra(extra)
         self._eye = None if extra["rest"] is None else Eye.at(unpack_image(extra["rest"]))
         self._use_layout(PinLayout.of_plain(extra["layout"]))
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
         assert isinstance(network, GraphNetwork)  # noqa: S101
         return super().fold(network.settled(), precision)
-
-    def _read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
-        """Contacts with the std as the network states it."""
-        probability, mean, std = np.split(outputs, [1, 4], axis=-1)
-        return read_mixture(
-            probability[..., 0], mean, std, threshold=_THRESHOLD, merge_mm=_MERGE_MM
-        )
 
     def _track(self, frames: Sequence[Frame]) -> Tracks:
         if self._eye is None:
@@ -202,5 +117,4 @@ class VGNN(LearnedModel):
 
     def _use_layout(self, layout: PinLayout) -> None:
         self._layout = layout
-        self._scale = MixtureScale(layout.reach_mm, self.context.max_depth)
-        self._anchors = torch.from_numpy(layout.anchors).float()
+        self._use_anchors(layout.anchors, layout.reach_mm)

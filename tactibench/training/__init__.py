@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         mixture_values,
         pack_contacts,
     )
+    from tactibench.training.mixture_model import MixtureModel
     from tactibench.training.mixture_reading import FAINT, MixtureReader, read_mixture
     from tactibench.training.network import count_parameters, state_hash
     from tactibench.training.packed import pack_image, unpack_image
@@ -39,6 +40,7 @@ _HOME = {
     "RECIPES": "recipe",
     "Examples": "examples",
     "LearnedModel": "learned",
+    "MixtureModel": "mixture_model",
     "MixtureReader": "mixture_reading",
     "MixtureScale": "mixture",
     "PlateScale": "targets",
@@ -73,6 +75,7 @@ __all__ = [
     "RECIPES",
     "Examples",
     "LearnedModel",
+    "MixtureModel",
     "MixtureReader",
     "MixtureScale",
     "PlateScale",

@@ -8,8 +8,9 @@ import torch
 
 from tactibench import UserError
 from tactibench.superposition import Eye
-from tactibench.training import fold_batch_norm, seeded
-from tactibench_mixture.architecture import MixtureNetwork, mirrored
+from tactibench.training import fold_batch_norm, mirrored, seeded
+from tactibench_mixture import architecture
+from tactibench_mixture.architecture import MixtureNetwork
 from tactibench_mixture.displacement import DisplacementField
 
 
@@ -42,7 +43,7 @@ def test_shapes_and_the_first_guess():
 def test_mirroring_in_training_mirrors_what_the_network_says(network, monkeypatch, turned):
     x = fields()
     flags = torch.tensor(turned).expand(3, 2)
-    monkeypatch.setattr(network, "_turns", lambda count, device: flags)
+    monkeypatch.setattr(architecture, "random_turns", lambda count, allowed, device: flags)
     sign = torch.tensor([-1.0 if t else 1.0 for t in turned])
     network.eval()
     with torch.no_grad():
@@ -55,18 +56,18 @@ def test_mirroring_in_training_mirrors_what_the_network_says(network, monkeypatc
     torch.testing.assert_close(found, expected)
 
 
-def test_mirrored_reverses_the_axes_that_are_named():
-    maps = torch.arange(12.0).reshape(2, 1, 2, 3)
-    found = mirrored(maps, torch.tensor([[True, False], [False, True]]))
-    assert found[0, 0].tolist() == [[2, 1, 0], [5, 4, 3]]
-    assert found[1, 0].tolist() == [[9, 10, 11], [6, 7, 8]]
+def test_frames_are_mirrored_only_where_they_may_be(network, monkeypatch):
+    asked = []
 
+    def turns(count, allowed, device):
+        asked.append((count, allowed))
+        return torch.zeros(count, 2, dtype=torch.bool, device=device)
 
-def test_frames_are_mirrored_only_where_they_may_be():
-    with seeded(3):
-        turns = MixtureNetwork(8, 32, (True, False))._turns(200, torch.device("cpu"))
-    assert not turns[:, 1].any()
-    assert 60 < turns[:, 0].sum() < 140
+    monkeypatch.setattr(architecture, "random_turns", turns)
+    with torch.no_grad():
+        network.train()(fields())
+        network.eval()(fields())
+    assert asked == [(3, (True, True))]
 
 
 def test_the_copy_for_inference_says_the_same(network):

@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench import CommandSpec, EncoderSpec, ModelSpec, Parameter, SensorSpec, UserError
+from tactibench import (
+    CommandSpec,
+    EncoderSpec,
+    ModelSpec,
+    Parameter,
+    SensorSpec,
+    UserError,
+    training_parameters,
+)
 
 WIDTH = Parameter("width", 16, "channels", low=1, high=64)
 RATE = Parameter("rate", 0.5, "a rate")
@@ -117,3 +125,13 @@ def test_a_target_that_does_not_load_is_one_sentence(target: str, reason: str) -
         assert str(caught.value).startswith(f"'e' cannot be used, because {target} does not load (")
         assert reason in str(caught.value)
         assert caught.value.__cause__ is not None
+
+
+def test_what_a_training_can_be_told_is_the_same_for_all_models() -> None:
+    spec = ModelSpec("m", "a:B", "", (WIDTH, *training_parameters(mixing=True)))
+    defaults = {"width": 16, "epochs": 0, "precision": "recipe", "mixing": 0.0}
+    assert spec.settings({}) == defaults
+    assert spec.settings({"mixing": "10"})["mixing"] == 10.0
+    with pytest.raises(UserError, match="<= 10"):
+        spec.settings({"mixing": "10.5"})
+    assert training_parameters(mixing=False) == training_parameters(mixing=True)[:2]
