@@ -15,14 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Contacts, Grid, UserError
+from tactibench_heatmaps.encoder import MapEncoder, MapStack
 from tactibench_heatmaps.kernel import relative_depth
-from tactibench_heatmaps.peaks import FloatArray, MapStack, checked, split
+from tactibench_heatmaps.peaks import FloatArray, split
 
 _STEPS = 3
 _RIDGE = 1e-12
 
 
-class Axes:
+class Axes(MapEncoder):
     """At most one contact <-> (3, H, W): its profiles along x and y, and d / max_depth everywhere.
 
     Profiles are Gaussians of height 1, read by least squares over ``window`` cells. There is no
@@ -50,16 +51,11 @@ class Axes:
         self.threshold = threshold
         self.window = window
 
-    def encode(self, contacts: Contacts, grid: Grid) -> npt.NDArray[np.float32]:
-        """Return (3, H, W) float32 maps.
+    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
+        """Return (N, 3, H, W) float32 maps.
 
-        Raises UserError for more than one contact, or a depth outside 0..max_depth.
+        Raises UserError for more than one contact a frame, or a depth outside 0..max_depth.
         """
-        maps: npt.NDArray[np.float32] = self.encode_batch([contacts], grid)[0]
-        return maps
-
-    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> npt.NDArray[np.float32]:
-        """Return (N, 3, H, W) float32 maps, the same as ``encode`` one by one."""
         out = np.zeros((len(contacts), self.channels, *grid.shape), dtype=np.float32)
         counts = np.array([len(c) for c in contacts], dtype=np.intp)
         if counts.size and counts.max() > 1:
@@ -80,17 +76,6 @@ class Axes:
     def _profile(self, away: FloatArray) -> FloatArray:
         profile: FloatArray = np.exp(-0.5 * (away / self.sigma) ** 2)
         return profile
-
-    def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
-        """Read at most one contact from (3, H, W) maps.
-
-        Raises ValueError for another shape, UserError for values that are not finite.
-        """
-        return self._decode(checked(maps, (self.channels, *grid.shape)), grid)[0]
-
-    def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
-        """Read contacts from (N, 3, H, W) maps, the same as ``decode`` one by one."""
-        return self._decode(checked(maps, (None, self.channels, *grid.shape)), grid)
 
     def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
         variance = (self.sigma / grid.pitch) ** 2

@@ -14,38 +14,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from tactibench import Contacts, Grid, UserError
 from tactibench_heatmaps.disc_loops import draw, read
+from tactibench_heatmaps.encoder import MapEncoder, MapStack
 from tactibench_heatmaps.kernel import relative_depth
-from tactibench_heatmaps.peaks import MapStack, PeakReader, checked, split
+from tactibench_heatmaps.peaks import PeakReader, split
 
 _RIM = 1.0  # cells inside the rim of a disc that are not read
 _LEAST_REACH = 2.0  # cells
 
 
-class DiscEncoder:
+class DiscEncoder(MapEncoder):
     """Contacts <-> heat and discs; the depth is the last channel, d / max_depth.
 
     peaks: how the heat is read, mm. reach: radius of the discs, mm.
     """
-
-    channels: int
 
     def __init__(self, max_depth: float, reach: float, peaks: PeakReader) -> None:
         self.max_depth = max_depth
         self.reach = reach
         self.peaks = peaks
 
-    def encode(self, contacts: Contacts, grid: Grid) -> npt.NDArray[np.float32]:
-        """Return (C, H, W) float32 maps. Raises UserError for a depth outside 0..max_depth, or
-        for discs of less than two cells."""
-        maps: npt.NDArray[np.float32] = self.encode_batch([contacts], grid)[0]
-        return maps
+    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
+        """Return (N, C, H, W) float32 maps.
 
-    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> npt.NDArray[np.float32]:
-        """Return (N, C, H, W) float32 maps, the same as ``encode`` one by one."""
+        Raises UserError for a depth outside 0..max_depth, or for discs of less than two cells.
+        """
         out = np.empty((len(contacts), self.channels, *grid.shape), dtype=np.float32)
         ends = np.cumsum([0, *map(len, contacts)])
         xy = np.concatenate([np.empty((0, 2)), *(c.xy for c in contacts)])
@@ -53,17 +48,6 @@ class DiscEncoder:
         place = np.column_stack([*grid.cells(xy), relative_depth(depth, self.max_depth)])
         draw(place, ends, self.peaks.base / grid.pitch**2, self._reach(grid), out)
         return out
-
-    def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
-        """Read contacts from (C, H, W) maps, best first.
-
-        Raises ValueError for another shape, UserError for values that are not finite.
-        """
-        return self._decode(checked(maps, (self.channels, *grid.shape)), grid)[0]
-
-    def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
-        """Read contacts from (N, C, H, W) maps, the same as ``decode`` one by one."""
-        return self._decode(checked(maps, (None, self.channels, *grid.shape)), grid)
 
     def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
         found = self.peaks.read(stack[:, 0], grid.pitch)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from tactibench import Contacts, Grid
+from tactibench_heatmaps.encoder import MapEncoder, MapStack
 from tactibench_heatmaps.kernel import Kernel
-from tactibench_heatmaps.peaks import TOLERANCE, MapStack, PeakReader, checked, split
+from tactibench_heatmaps.peaks import TOLERANCE, PeakReader, split
 
 
-class HertzGaussian:
+class HertzGaussian(MapEncoder):
     """Contacts <-> one map of Gaussians: height d / max_depth, sigma^2 = R d / 9 + blur^2.
 
     Parameters as declared in ``hooks``. Kernels combine by maximum and are never rounded to a cell.
@@ -56,24 +56,9 @@ class HertzGaussian:
         self.separation = 8.0 if decoder == "dark" else 6.5
         self.tolerance = TOLERANCE[decoder]
 
-    def encode(self, contacts: Contacts, grid: Grid) -> npt.NDArray[np.float32]:
-        """Return the (1, H, W) float32 map. Raises UserError for a depth outside 0..max_depth."""
-        return self.kernel.render([contacts], grid)
-
-    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> npt.NDArray[np.float32]:
-        """Return (N, 1, H, W) float32 maps, the same as ``encode`` one by one."""
+    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
+        """Return (N, 1, H, W) float32 maps. Raises UserError for a depth outside 0..max_depth."""
         return self.kernel.render(contacts, grid)[:, None]
-
-    def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
-        """Read contacts from one (1, H, W) map, best first.
-
-        Raises ValueError for another shape, UserError for values that are not finite.
-        """
-        return self._decode(checked(maps, (self.channels, *grid.shape)), grid)[0]
-
-    def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
-        """Read contacts from (N, 1, H, W) maps, the same as ``decode`` one by one."""
-        return self._decode(checked(maps, (None, self.channels, *grid.shape)), grid)
 
     def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
         found = self.peaks.read(stack[:, 0], grid.pitch)

@@ -9,14 +9,13 @@ import numpy.typing as npt
 
 from tactibench import Contacts, Grid, UserError
 from tactibench.training import FAINT, MixtureReader
-from tactibench_heatmaps.peaks import checked
+from tactibench_heatmaps.encoder import MapEncoder, MapStack
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
-Stack = npt.NDArray[np.float32]
 
 
-class Mixture:
+class Mixture(MapEncoder):
     """Contacts <-> 7 maps: presence, dx, dy, depth, and the std of x, y and depth.
 
     The cell nearest to a contact speaks of it: with which probability there is one, how far it lies
@@ -39,16 +38,11 @@ class Mixture:
         self._reader = MixtureReader(threshold, merge, max_count)
         self.separation = merge + self.tolerance
 
-    def encode(self, contacts: Contacts, grid: Grid) -> Stack:
-        """Return (7, H, W) float32 maps; a contact off the grid belongs to the nearest cell.
+    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
+        """Return (N, 7, H, W) float32 maps; a contact off the grid belongs to the nearest cell.
 
         Raises UserError for more contacts than cells.
         """
-        maps: Stack = self.encode_batch([contacts], grid)[0]
-        return maps
-
-    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> Stack:
-        """Return (N, 7, H, W) float32 maps, the same as ``encode`` one by one."""
         maps = np.zeros((len(contacts), self.channels, *grid.shape), dtype=np.float32)
         frame = np.repeat(np.arange(len(contacts)), [len(one) for one in contacts])
         if not len(frame):
@@ -64,18 +58,7 @@ class Mixture:
         maps[frame, :, row, column] = np.stack(columns, axis=1)
         return maps
 
-    def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
-        """Read contacts from (7, H, W) maps, best first.
-
-        Raises ValueError for another shape, UserError for values that are not finite.
-        """
-        return self._decode(checked(maps, (self.channels, *grid.shape)), grid)[0]
-
-    def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
-        """Read contacts from (N, 7, H, W) maps, the same as ``decode`` one by one."""
-        return self._decode(checked(maps, (None, self.channels, *grid.shape)), grid)
-
-    def _decode(self, stack: Stack, grid: Grid) -> list[Contacts]:
+    def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
         frame, row, column = np.nonzero(stack[:, 0] >= FAINT)
         cells = stack[frame, :, row, column].astype(np.float64)
         mean = cells[:, 1:4]

@@ -36,13 +36,13 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Contacts, UserError
+from tactibench import Contacts
+from tactibench_heatmaps.encoder import MapStack
 from tactibench_heatmaps.maxima import find
 from tactibench_heatmaps.subcell import DARK, LEAST_SQUARES, refine
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-MapStack = npt.NDArray[np.float32]
 
 WIDE = 17
 _DECODERS = {"least-squares": LEAST_SQUARES, "wide": LEAST_SQUARES, "dark": DARK}
@@ -105,29 +105,6 @@ class PeakReader:
             decoder = _DECODERS[self.decoder]
             refine(cells, decoder, half, self.free, stray, slope, base, counts, place)
         return Found(counts, place)
-
-
-def checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
-    """Contiguous (N, C, H, W) float32 of maps with the given shape; the input is left as it is.
-
-    Raises ValueError for another shape, UserError for values that are not finite.
-    """
-    given = np.asarray(maps)
-    fits = given.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(given.shape, shape, strict=True)
-    )
-    if not fits:
-        wanted = ", ".join("N" if size is None else str(size) for size in shape)
-        raise ValueError(f"maps have shape {given.shape}, expected ({wanted})")
-    stack = np.ascontiguousarray(given, dtype=np.float32).reshape(-1, *given.shape[-3:])
-    if not np.isfinite(stack.sum()) and not np.isfinite(stack).all():
-        bad = int((~np.isfinite(stack)).sum())
-        raise UserError(
-            f"the heatmaps hold {bad} of {stack.size} values that are not finite; the model that "
-            "drew them has diverged: train it again, with a lower learning rate."
-        )
-    # a compiled loop for arrays that may not be written to would be compiled apart
-    return stack if stack.flags.writeable else stack.copy()
 
 
 def split(counts: IntArray, xy: FloatArray, depth: FloatArray, score: FloatArray) -> list[Contacts]:

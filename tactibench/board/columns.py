@@ -53,6 +53,8 @@ def _contacts(group: str, title: str) -> Block:
     )
 
 
+_MISSED = _aside("missed", "all", "missed, %", 2)
+
 _STATED = Block(
     "Stated uncertainty",
     (
@@ -61,7 +63,7 @@ _STATED = Block(
         Column("ellipse_50", "all", "in 50 %, %", 1, interval=False),
         Column("ellipse_90", "all", "in 90 %, %", 1, interval=False),
         Column("ellipse_95", "all", "in 95 %, %", 1, interval=False),
-        _aside("missed", "all", "missed, %", 2),
+        _MISSED,
     ),
     "Models that state a standard deviation for every contact: Gaussian negative log likelihood, "
     "rms of the standardised errors (1 is honest), and how many true contacts lie inside the "
@@ -74,7 +76,7 @@ _BOUND = Block(
     "RMSE over the Cramer-Rao bound",
     (
         *(Column("rmse_over_bound", axis, axis, 1) for axis in "xyz"),
-        _aside("missed", "all", "missed, %", 2),
+        _MISSED,
     ),
     "1 is what the noise of the sensor's frames allows.",
     optional=True,
@@ -82,11 +84,12 @@ _BOUND = Block(
 
 _SURFACE = Block(
     "Heatmap as deformed surface",
-    (Column("surface_rmse_mm", "all", "surface RMSE, mm", 4),
-     _aside("missed", "all", "missed, %", 2)),
+    (Column("surface_rmse_mm", "all", "surface RMSE, mm", 4), _MISSED),
     "Heatmap x 6 mm against the true inward displacement of the skin.",
     optional=True,
 )  # fmt: skip
+
+_FOR_SOME = (_BOUND, _SURFACE, _STATED)
 
 DISTANCES = tuple(f"{0.5 * k:.1f}" for k in range(13, 25))
 
@@ -107,13 +110,11 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
             (
                 *(Column("mae_mm", axis, f"MAE {axis}, mm", 4) for axis in "xyz"),
                 *(_aside("rmse_mm", axis, f"RMSE {axis}, mm", 4) for axis in "xyz"),
-                _aside("missed", "all", "missed, %", 2),
+                _MISSED,
             ),
             "z is depth.",
         ),
-        _BOUND,
-        _SURFACE,
-        _STATED,
+        *_FOR_SOME,
     ),
     "exp2": (
         Block(
@@ -123,7 +124,7 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
                 Column("distance_mae_mm", "all", "error, mm", 3),
                 Column("resolved", "all", "resolved, %", 1),
                 Column("threshold_mm", "all", "threshold, mm", 2),
-                _aside("missed", "all", "missed, %", 2),
+                _MISSED,
             ),
             "Error: over resolved pairs only. Penalised: an unresolved pair counts its true "
             "distance. Threshold: the distance at which 75 % are resolved; \"<\": below all "
@@ -149,20 +150,16 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
                 Column("catch_resolved", "all", "single seen as two, %", 1),
                 Column("d_prime", "all", "d'", 2),
                 Column("orientation_mae_deg", "all", "turn, deg", 2),
-                _aside("missed", "all", "missed, %", 2),
+                _MISSED,
             ),
         ),
-        _BOUND,
-        _SURFACE,
-        _STATED,
+        *_FOR_SOME,
     ),
     "exp3": (
         _contacts("all", "All frames"),
         _contacts("dual", "Two contacts"),
         _contacts("triple", "Three contacts"),
-        _BOUND,
-        _SURFACE,
-        _STATED,
+        *_FOR_SOME,
     ),
     "surface": (
         Block(

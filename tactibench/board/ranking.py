@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tactibench.board.rows import Row
+from tactibench.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,13 @@ RANKING = {
 }
 """exp1 scores the best prediction without a gate, so that a poor one cannot hide as a miss; surface
 has no such metric, and coverage stands beside it."""
+
+
+def ranking_error(protocol: str) -> RankingError:
+    """The error that orders the board of a protocol. Raises UserError where none does."""
+    if protocol not in RANKING:
+        raise UserError(f"no error of {protocol} orders its board; take {', '.join(RANKING)}.")
+    return RANKING[protocol]
 
 
 def ordered(protocol: str, rows: Iterable[Row]) -> list[Row]:

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, json_option, picture_option
+from tactibench.cli.options import (
+    board_option,
+    json_option,
+    more_runs_option,
+    one_sensor_option,
+    picture_option,
+)
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -22,9 +28,8 @@ if TYPE_CHECKING:
 @click.argument("protocol")
 @picture_option
 @board_option
-@click.option("--runs", type=click.Path(path_type=Path, file_okay=False, exists=True),
-              help="Take the complete runs of this store, too.")  # fmt: skip
-@click.option("--sensor", help="Such as 'tactip-127, instance=1'; default: the nominal one.")
+@more_runs_option
+@one_sensor_option
 @json_option
 def curve(
     protocol: str,
@@ -44,14 +49,13 @@ def curve(
     """
     from tactibench.board.choose import gathered, of_sensor
     from tactibench.board.curve import curves
-    from tactibench.board.ranking import RANKING
+    from tactibench.board.ranking import ranking_error
     from tactibench.cli.output import Terminal
     from tactibench.records.files import write_json
 
     records = gathered(protocol, board_folder, runs)
-    if protocol not in RANKING:
-        raise UserError(f"no error of {protocol} orders its board; take {', '.join(RANKING)}.")
-    section, error = of_sensor(records, sensor, protocol), RANKING[protocol]
+    error = ranking_error(protocol)
+    section = of_sensor(records, sensor, protocol)
     found = curves(section.rows, error)
     if not found:
         raise UserError(

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, json_option, picture_option
+from tactibench.cli.options import (
+    board_option,
+    json_option,
+    more_runs_option,
+    one_sensor_option,
+    picture_option,
+)
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -20,9 +26,8 @@ if TYPE_CHECKING:
 @click.argument("protocol")
 @picture_option
 @board_option
-@click.option("--runs", type=click.Path(path_type=Path, file_okay=False, exists=True),
-              help="Take the complete runs of this store, too.")  # fmt: skip
-@click.option("--sensor", help="Such as 'tactip-127, instance=1'; default: the nominal one.")
+@more_runs_option
+@one_sensor_option
 @click.option("--machine", help="Fingerprint of the machine; default: that of most runs.")
 @json_option
 def frontier(
@@ -45,16 +50,14 @@ def frontier(
     from tactibench.board.choose import gathered, left_out, of_sensor
     from tactibench.board.frontier import frontiers
     from tactibench.board.labels import whole
-    from tactibench.board.ranking import RANKING
+    from tactibench.board.ranking import ranking_error
     from tactibench.cli.output import Terminal
     from tactibench.cli.report.frontier import print_frontiers
     from tactibench.records.files import write_json
 
     records = whole(gathered(protocol, board_folder, runs))
     section = of_sensor(records, sensor, protocol)
-    if protocol not in RANKING:
-        raise UserError(f"no error of {protocol} orders its board; take {', '.join(RANKING)}.")
-    error = RANKING[protocol]
+    error = ranking_error(protocol)
     found = frontiers(section.rows, error, _known(machine, section.rows))
     subject = f"{protocol}, {section.title.lower()}{_machine(found)}"
     terminal = Terminal()

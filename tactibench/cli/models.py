@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option
+from tactibench.cli.options import json_option, request_of, request_options
 
 if TYPE_CHECKING:
     from tactibench.plugins.host import PluginHost
@@ -53,31 +53,15 @@ def list_weights(json_file: Path | None) -> None:
 @models.command("train")
 @click.argument("model")
 @click.option("--protocol", default="exp1", show_default=True, help="Whose training presses.")
-@click.option("--regime", help="Frames handed to training; default: the protocol's first.")
-@click.option("--sensor", help="Sensor that makes the frames; default: the protocol's.")
-@click.option("--encoder", help="Encoder, for models that use one.")
-@click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option(
-    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
-)
-@click.option(
-    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
-)
+@request_options()
 @click.option("--presses", type=click.IntRange(min=1), help="Learn from so many presses only.")
 @json_option
 def train_weights(
     model: str,
     protocol: str,
-    regime: str | None,
-    sensor: str | None,
-    encoder: str | None,
-    data: Path | None,
-    seed: int,
-    device: str,
-    params: tuple[str, ...],
     presses: int | None,
     json_file: Path | None,
+    **asked: Any,
 ) -> None:
     """Train MODEL and keep its weights.
 
@@ -89,23 +73,22 @@ def train_weights(
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
     from tactibench.running.plan import make_plan
-    from tactibench.running.request import RunRequest, read_parameters
     from tactibench.running.training import trained_model
 
-    request = RunRequest(protocol, model, regime, sensor, encoder, data, seed, device,
-                         read_parameters(params), presses=presses)  # fmt: skip
+    request = request_of(protocol, model, asked, presses=presses)
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
     _, trained = trained_model(plan, terminal)
     report = trained.report
     how = "found in the cache, trained" if trained.reused else "trained"
     terminal.say(
-        f"{plan.parts.model.label()} ({plan.parts.regime}), seed {seed}: {how} {report['epochs']} "
-        f"epochs on {plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
+        f"{plan.parts.model.label()} ({plan.parts.regime}), seed {request.seed}: {how} "
+        f"{report['epochs']} epochs on {plan.frames.count('fit'):,} presses in "
+        f"{duration(report['seconds'])}"
     )
     terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
     if json_file is not None:
-        who = {"group": plan.parts.model.label(), "regime": plan.parts.regime, "seed": seed,
+        who = {"group": plan.parts.model.label(), "regime": plan.parts.regime, "seed": request.seed,
                "weights": trained.hash, "reused": trained.reused}  # fmt: skip
         write_json(json_file, [
             {"metric": "training_s", "value": report["seconds"], "unit": "s", **who},

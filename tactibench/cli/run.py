@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from tactibench.cli.options import json_option, out_option
+from tactibench.cli.options import json_option, out_option, request_of, request_options
 
 
 @click.command()
 @click.argument("protocol")
 @click.option("--model", required=True, help="Model to score; mean and nearest are baselines.")
-@click.option("--regime", help="Frames handed to training; default: the protocol's first.")
-@click.option("--sensor", help="Sensor that makes the frames; default: the protocol's.")
-@click.option("--encoder", help="Heatmap encoder, for models that use one.")
-@click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of training."
-)
-@click.option(
-    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
-)
-@click.option(
-    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
-)
+@request_options(encoder="Heatmap encoder, for models that use one.", seed="Of training.")
 @click.option(
     "--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: only proves the path."
 )
@@ -41,13 +30,6 @@ from tactibench.cli.options import json_option, out_option
 def run(
     protocol: str,
     model: str,
-    regime: str | None,
-    sensor: str | None,
-    encoder: str | None,
-    data: Path | None,
-    seed: int,
-    device: str,
-    params: tuple[str, ...],
     quick: bool,
     limit: int | None,
     presses: int | None,
@@ -55,6 +37,7 @@ def run(
     out: Path,
     fresh: bool,
     dry_run: bool,
+    **asked: Any,
 ) -> None:
     """Run PROTOCOL (exp1, exp2, exp3, surface, or a .toml file) with a model and score it.
 
@@ -67,12 +50,8 @@ def run(
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
     from tactibench.running.plan import make_plan, plan_lines
-    from tactibench.running.request import RunRequest, read_parameters
 
-    request = RunRequest(
-        protocol, model, regime, sensor, encoder, data, seed, device,
-        read_parameters(params), quick, limit, presses,
-    )  # fmt: skip
+    request = request_of(protocol, model, asked, quick=quick, limit=limit, presses=presses)
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
     stored = not fresh and (out / plan.name / RECORD).is_file()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option
+from tactibench.cli.options import json_option, request_of, request_options
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -20,17 +20,7 @@ UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may tak
 @click.command()
 @click.argument("model")
 @click.option("--protocol", default="exp1", show_default=True, help="Whose weights and frames.")
-@click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
-@click.option("--sensor", help="Sensor that makes the frames; default: the protocol's.")
-@click.option("--encoder", help="Encoder, for models that use one.")
-@click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option(
-    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
-)
-@click.option(
-    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
-)
+@request_options(regime="Frames the weights were trained on; default: the protocol's first.")
 @click.option("--train", is_flag=True, help="Train the weights where they are not in the cache.")
 @click.option("--untrained", is_flag=True, help="Time random weights; errors then say nothing.")
 @click.option(
@@ -44,19 +34,13 @@ UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may tak
 def speed(
     model: str,
     protocol: str,
-    regime: str | None,
-    sensor: str | None,
-    encoder: str | None,
-    data: Path | None,
-    seed: int,
-    device: str,
-    params: tuple[str, ...],
     train: bool,
     untrained: bool,
     compiled: bool,
     frames: int,
     calls: int,
     json_file: Path | None,
+    **asked: Any,
 ) -> None:
     """Time the ways in which MODEL can compute: float32, folded, frozen, bf16, ONNX Runtime.
 
@@ -72,15 +56,11 @@ def speed(
     from tactibench.running.environment import environment_facts
     from tactibench.running.plan import make_plan
     from tactibench.running.race import metric_rows, run_race, steps
-    from tactibench.running.request import RunRequest, read_parameters
     from tactibench.running.training import open_frames
 
     if train and untrained:
         raise UserError("--train and --untrained exclude each other; leave one of them out.")
-    request = RunRequest(
-        protocol, model, regime, sensor, encoder, data, seed, device, read_parameters(params),
-        limit=frames,
-    )  # fmt: skip
+    request = request_of(protocol, model, asked, limit=frames)
     plan = make_plan(request, PluginHost(), cache_folder())
     terminal = Terminal()
     timed = _model(plan, terminal, train=train, untrained=untrained)

@@ -46,6 +46,11 @@ def model_stages(model: Model) -> list[Stage]:
     return [("predict", model.predict)]
 
 
+def timed_as(model: Model) -> str:
+    """What its own stages compute with, in words."""
+    return str(getattr(model, "timed_as", "as the model predicts"))
+
+
 def answers_of(stages: Sequence[Stage], frames: Sequence[Frame]) -> list[Answer | None]:
     """Answers at batch 1, frame by frame."""
     found: list[Answer | None] = []
@@ -68,11 +73,12 @@ def configurations(
 ) -> Configurations:
     """Make every way ready and compare its answers with the float32 ones of the frames.
 
-    A model that has no choice is timed as it is. compiled: try torch.compile, too.
+    A model that has no choice is timed as it is. compiled: try torch.compile, too. Raises UserError
+    when none works.
     """
     if not isinstance(model, ConfiguredModel):
         stages = model_stages(model)
-        words = str(getattr(model, "timed_as", "as the model predicts"))
+        words = timed_as(model)
         gap = compare(answers_of(stages, frames), scored, truth)
         return Configurations((Configuration("default", words, stages, gap),), {})
     usable, skipped = [], {}
@@ -88,6 +94,9 @@ def configurations(
             gap = compare(answers_of(stages, frames), scored, truth)
             usable.append(Configuration(name, words, stages, gap))
         advance(1)
+    if not usable:
+        reasons = "; ".join(f"{name}: {reason.rstrip('.')}" for name, reason in skipped.items())
+        raise UserError(f"the model cannot be timed, none of its ways to compute works: {reasons}.")
     return Configurations(tuple(usable), skipped)
 
 

@@ -18,10 +18,10 @@ from tactibench.running.configurations import (
 )
 from tactibench.running.device import machine
 from tactibench.running.predictions import blinded
+from tactibench.running.speed import BATCHES
 from tactibench.timing.latency import time_in_rounds, torch_threads
 from tactibench.timing.rows import speed_rows
 
-BATCHES = (1, 8, 32, 128)
 ROUNDS, OFFLINE_ROUNDS = 10, 9
 WAIT_S = 15.0
 """Seconds that the warm-ups of one scenario may take together, and its rounds as many again."""

@@ -15,6 +15,7 @@ from tactibench.running.configurations import (
     configurations,
     fastest,
     model_stages,
+    timed_as,
 )
 from tactibench.running.device import machine
 from tactibench.running.frames import spread
@@ -88,7 +89,7 @@ def measure_speed(
             raw[f"offline_{batch}_frames_ms"] = np.asarray(sample.raw_ms)
     gap = compare(answers_of(stages, seen), scored, true)
     timed = {
-        "configuration": words or str(getattr(model, "timed_as", "as the model predicts")),
+        "configuration": words or timed_as(model),
         **gap.as_row(),
         "raced": raced,
     }

@@ -63,9 +63,7 @@ def compare(
     return Difference(median, len(scored), changed, _change(found, scored, truth))
 
 
-def mean_error_mm(
-    answers: Sequence[Answer | None], truth: Sequence[Answer]
-) -> float | None:  # fmt: skip
+def mean_error_mm(answers: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
     """Mean distance (x, y, depth) from each true contact to the nearest one answered, mm.
 
     Of a plate: the mean error of its depth. Frames without an answer are left out; None when that

@@ -149,24 +149,6 @@ def batches(frames: Sequence[Any], batch: int) -> list[list[Any]]:
     return [list(islice(endless, batch)) for _ in range(-(-len(frames) // batch))]
 
 
-def joined(samples: Sequence[LatencySample]) -> LatencySample:
-    """One sample of several rounds of the same model, as models are timed in turns.
-
-    Raises ValueError when phases, threads or batch differ.
-    """
-    if len({(s.phases, s.threads, s.batch) for s in samples}) != 1:
-        raise ValueError("only samples of the same phases, threads and batch can be joined")
-    first = samples[0]
-    return LatencySample(
-        first.phases,
-        np.concatenate([s.raw_ms for s in samples]),
-        all(s.settled for s in samples),
-        sum(s.warmup_calls for s in samples),
-        first.threads,
-        first.batch,
-    )
-
-
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
     """Let torch compute with ``count`` threads inside the block, and as before after it."""

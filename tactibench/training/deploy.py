@@ -101,13 +101,10 @@ def _frozen_bf16(network: nn.Module, example: torch.Tensor, device: str) -> Forw
 
 
 def _compiled(network: nn.Module, example: torch.Tensor) -> Forward:
-    with _quietly():
-        try:
-            compiled: Any = torch.compile(network, dynamic=False)
-            with torch.no_grad():
-                compiled(example)
-        except Exception as error:
-            raise Unavailable(f"torch.compile failed: {_first_line(error)}") from error
+    """It is compiled in its first call, so that is where a missing compiler shows."""
+    with _quietly(), torch.no_grad():
+        compiled: Any = torch.compile(network, dynamic=False)
+        _check(compiled, network, example)
     return compiled  # type: ignore[no-any-return]
 
 

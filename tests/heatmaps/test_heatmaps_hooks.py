@@ -7,9 +7,10 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from tactibench import EncoderSpec
+from tactibench import Contacts, EncoderSpec, Grid
 from tactibench_heatmaps.hooks import tactibench_encoders
 
 SPECS = {spec.name: spec for spec in tactibench_encoders()}
@@ -37,11 +38,27 @@ def test_what_shapes_the_maps_is_not_decode_only(name: str) -> None:
     assert {p.name for p in SPECS[name].parameters if not p.decode_only} == SHAPING[name]
 
 
-@pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
-def test_every_choice_can_be_built(spec: EncoderSpec) -> None:
-    for parameter in spec.parameters:
-        for choice in parameter.choices:
-            spec.load()(**spec.settings({parameter.name: str(choice)}))
+CHOICES = [
+    pytest.param(spec, {parameter.name: str(choice)}, id=f"{name}, {parameter.name}={choice}")
+    for name, spec in SPECS.items()
+    for parameter in spec.parameters
+    for choice in parameter.choices
+]
+
+
+@pytest.mark.parametrize(("spec", "chosen"), CHOICES)
+def test_every_choice_reads_what_it_drew(spec: EncoderSpec, chosen: dict[str, str]) -> None:
+    encoder, usual = (spec.load()(**spec.settings(given)) for given in (chosen, {}))
+    assert encoder.channels == usual.channels
+    assert encoder.separation > 0
+    assert encoder.tolerance > 0
+    grid, truth = Grid.centred(64, 0.4), Contacts.truth([[1.31, -2.17]], [3.4])
+    maps = encoder.encode(truth, grid)
+    np.testing.assert_array_equal(maps, usual.encode(truth, grid))  # choices are of the decoder
+    found = encoder.decode(maps, grid)
+    assert len(found) == 1
+    np.testing.assert_allclose(found.xy, truth.xy, rtol=0, atol=encoder.tolerance)
+    np.testing.assert_allclose(found.depth, truth.depth, rtol=0, atol=encoder.tolerance)
 
 
 def test_kinds_and_counts() -> None:

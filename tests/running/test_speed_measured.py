@@ -97,6 +97,12 @@ def test_a_model_without_a_choice_is_timed_as_it_is() -> None:
     assert timed.efficiency["flops_per_frame"] is None
 
 
+def test_a_model_of_which_no_way_works_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Ways, "configurations", {"gone": "not here", "compiled": "compiled"})
+    with pytest.raises(UserError, match=r"gone: gone is not here; compiled: .*--compile\.$"):
+        configurations(Ways(), blinded(FRAMES), [None] * 10, TRUTH)
+
+
 def sample(ms: float) -> LatencySample:
     return LatencySample(("all",), [[ms], [ms], [99.0]], True, 40, 1)
 

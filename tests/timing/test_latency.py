@@ -10,7 +10,6 @@ import pytest
 
 from tactibench.timing.latency import (
     LatencySample,
-    joined,
     time_offline,
     time_single,
     torch_threads,
@@ -156,16 +155,6 @@ def test_impossible_jobs_are_refused(stages, frames, calls):
 def test_the_real_clock_runs_forward():
     sample = time_single([("sum", lambda frames: sum(range(1000)))], [0], threads=1, calls=50)
     assert (sample.raw_ms > 0).all()
-
-
-def test_rounds_are_joined():
-    one = LatencySample(("a",), [[1.0], [2.0]], True, 40, 1)
-    two = LatencySample(("a",), [[3.0]], False, 500, 1)
-    both = joined([one, two])
-    assert both.raw_ms.ravel().tolist() == [1, 2, 3]
-    assert (both.settled, both.warmup_calls) == (False, 540)
-    with pytest.raises(ValueError, match="joined"):
-        joined([one, LatencySample(("a",), [[3.0]], True, 40, 2)])
 
 
 def test_a_sample_checks_its_shape():

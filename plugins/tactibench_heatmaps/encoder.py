@@ -1,0 +1,75 @@
+"""What all encoders here share: batches are what counts, and maps are checked before they are read.
+
+An encoder gives ``encode_batch`` and ``_decode``, the reading of maps that were checked.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Contacts, Grid, UserError
+
+MapStack = npt.NDArray[np.float32]
+
+
+class MapEncoder(ABC):
+    """Contacts <-> C = ``channels`` maps on the H x W cells of a grid.
+
+    separation: contacts farther apart, mm, are told apart. tolerance: largest error of a round
+    trip, mm.
+    """
+
+    channels: int
+    separation: float
+    tolerance: float
+
+    def encode(self, contacts: Contacts, grid: Grid) -> MapStack:
+        """Return (C, H, W) float32 maps. Raises UserError for contacts that they cannot show."""
+        maps: MapStack = self.encode_batch([contacts], grid)[0]
+        return maps
+
+    @abstractmethod
+    def encode_batch(self, contacts: Sequence[Contacts], grid: Grid) -> MapStack:
+        """Return (N, C, H, W) float32 maps, the same as ``encode`` one by one."""
+
+    def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
+        """Read contacts from (C, H, W) maps, best first.
+
+        Raises ValueError for another shape, UserError for values that are not finite.
+        """
+        return self._decode(_checked(maps, (self.channels, *grid.shape)), grid)[0]
+
+    def decode_batch(self, maps: npt.ArrayLike, grid: Grid) -> list[Contacts]:
+        """Read contacts from (N, C, H, W) maps, the same as ``decode`` one by one."""
+        return self._decode(_checked(maps, (None, self.channels, *grid.shape)), grid)
+
+    @abstractmethod
+    def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
+        """Contacts of every one of (N, C, H, W) finite, contiguous, writeable maps, best first."""
+
+
+def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
+    """Contiguous (N, C, H, W) float32 of maps with the given shape; the input is left as it is.
+
+    Raises ValueError for another shape, UserError for values that are not finite.
+    """
+    given = np.asarray(maps)
+    fits = given.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(given.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("N" if size is None else str(size) for size in shape)
+        raise ValueError(f"maps have shape {given.shape}, expected ({wanted})")
+    stack = np.ascontiguousarray(given, dtype=np.float32).reshape(-1, *given.shape[-3:])
+    if not np.isfinite(stack.sum()) and not np.isfinite(stack).all():
+        bad = int((~np.isfinite(stack)).sum())
+        raise UserError(
+            f"the heatmaps hold {bad} of {stack.size} values that are not finite; the model that "
+            "drew them has diverged: train it again, with a lower learning rate."
+        )
+    # a compiled loop for arrays that may not be written to would be compiled apart
+    return stack if stack.flags.writeable else stack.copy()
