@@ -103,7 +103,10 @@ def _frozen_bf16(network: nn.Module, example: torch.Tensor, device: str) -> Forw
 def _compiled(network: nn.Module, example: torch.Tensor) -> Forward:
     """It is compiled in its first call, so that is where a missing compiler shows."""
     with _quietly(), torch.no_grad():
-        compiled: Any = torch.compile(network, dynamic=False)
+        try:
+            compiled: Any = torch.compile(network, dynamic=False)
+        except Exception as error:
+            raise Unavailable(f"torch.compile failed: {_first_line(error)}") from error
         _check(compiled, network, example)
     return compiled  # type: ignore[no-any-return]
 

@@ -107,6 +107,25 @@ def test_a_compiler_that_fails_is_a_reason(network, images, monkeypatch):
         deployed("compiled", network, fold_batch_norm, images[:1], "cpu")
 
 
+@pytest.mark.parametrize(
+    ("computed", "reason"),
+    [
+        (lambda _: _no_compiler(), "does not run on 1 frames"),
+        (lambda x: x[:, 0] * 0 + 9, "outputs"),
+    ],
+)
+def test_a_compiled_network_is_compared_with_the_network(
+    network, images, monkeypatch, computed, reason
+):
+    monkeypatch.setattr(torch, "compile", lambda *_, **__: computed)
+    with pytest.raises(Unavailable, match=reason):
+        deployed("compiled", network, fold_batch_norm, images[:1], "cpu")
+
+
+def _no_compiler():
+    raise RuntimeError("no C++ compiler")
+
+
 def test_what_torch_compile_gives_is_called_outside_of_inference_mode(network, images, monkeypatch):
     modes = []
 
