@@ -30,10 +30,10 @@ GRID = Grid.centred(64, 0.4)
 MAPS = 1500
 ENCODERS: dict[str, Any] = {
     "hertz maximum": HertzGaussian(decoder="maximum"),
-    "hertz least-squares 7": HertzGaussian(window=7),
-    "hertz least-squares": HertzGaussian(),
-    "hertz kernel width": HertzGaussian(width="kernel"),
-    "hertz wide": HertzGaussian(decoder="wide"),
+    "hertz least-squares 7": HertzGaussian(decoder="least-squares", window=7),
+    "hertz least-squares": HertzGaussian(decoder="least-squares"),
+    "hertz wide, free width": HertzGaussian(width="free"),
+    "hertz wide": HertzGaussian(),
     "hertz dark": HertzGaussian(decoder="dark"),
     "depth maximum": HeatAndDepth(decoder="maximum"),
     "depth least-squares": HeatAndDepth(),

@@ -34,12 +34,12 @@ class HertzGaussian(MapEncoder):
         max_depth: float = 6.0,
         radius: float = 3.0,
         blur: float = 2.0,
-        decoder: str = "least-squares",
+        decoder: str = "wide",
         threshold: float = 0.25 / 6.0,
         min_distance: float = 3.0,
         max_count: int = 6,
         window: int = 11,
-        width: str = "free",
+        width: str = "kernel",
     ) -> None:
         self.kernel = Kernel(max_depth, radius, blur)
         self.peaks = PeakReader(

@@ -39,7 +39,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 Parameter("blur", 2.0, "width added for the skin's compliance, mm", low=0.1),
                 Parameter(
                     "decoder",
-                    "least-squares",
+                    "wide",
                     "how peaks are read: sub-cell fit (wide: over 17 x 17 cells), expansion of the "
                     "blurred map, or the cell of the maximum",
                     choices=("least-squares", "wide", "dark", "maximum"),
@@ -51,9 +51,9 @@ def tactibench_encoders() -> list[EncoderSpec]:
                 _window("side of the window of decoder least-squares, cells (odd)"),
                 Parameter(
                     "width",
-                    "free",
-                    "width of the fitted peak: free, or that of the kernel at its depth",
-                    choices=("free", "kernel"),
+                    "kernel",
+                    "width of the fitted peak: that of the kernel at its depth, or free",
+                    choices=("kernel", "free"),
                     decode_only=True,
                 ),
             ),

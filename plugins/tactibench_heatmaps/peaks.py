@@ -21,6 +21,10 @@ three cells an axis, and that to the cell itself.
 
 ``wide``: the same over ``WIDE`` cells a side.
 
+In both, the curvature is free or that of the kernel whose height the estimate has, which is then
+linearised in the height like the rest. The latter is the better reading of networks that have
+learned to draw the kernel; a free one takes the heat of peaks of another width for what it is.
+
 ``dark``: Zhang et al., "Distribution-Aware Coordinate Representation for Human Pose Estimation",
 CVPR 2020: the map is blurred by a Gaussian of 2 cells over 11 x 11 cells, and the second-order
 Taylor expansion of its logarithm at the peak's cell is maximised, with the differences of the

@@ -140,13 +140,22 @@ def _fit(one, peaks, theta, k, rivals, half, slope, base, free, out):  # type: i
     wanted = np.array([r, rx, ry, rq])
     for a in range(4):
         normal[a, a] += _RIDGE
-    if not free:  # hold the curvature at that of the kernel whose height the estimate has
+    fixed = gain = 0.0
+    if not free:  # the kernel's curvature at its height, linearised: t3 = fixed + gain t0
         rise = t0 - (t1 * t1 + t2 * t2) / (4.0 * t3)
-        held = -0.5 / (slope * math.exp(min(rise, _CEILING)) + base)
+        heat = math.exp(min(rise, _CEILING))
+        held = -0.5 / (slope * heat + base)
+        gain = 2.0 * slope * heat * held * held
+        fixed = held - gain * t0
         for a in range(3):
-            wanted[a] -= normal[3, a] * held
-        out[3] = held
+            wanted[a] -= normal[3, a] * fixed
+        wanted[0] += gain * (wanted[3] - normal[3, 3] * fixed)
+        normal[0, 0] += gain * (2.0 * normal[3, 0] + gain * normal[3, 3])
+        normal[1, 0] += gain * normal[3, 1]
+        normal[2, 0] += gain * normal[3, 2]
     _solve(normal, wanted, 4 if free else 3, out)
+    if not free:
+        out[3] = fixed + gain * out[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -12,7 +12,7 @@ LEVELS = 4
 
 
 class UNetNetwork(nn.Module):
-    """(B, 1, S, S) uint8 frames -> (B, channels, H, W) logits of the heatmap.
+    """(B, seen, S, S) uint8 frames -> (B, channels, H, W) logits of the heatmap.
 
     A stem brings the frame to the heatmap's cells: a convolution of the given stride, then
     pooling or resizing for what is left. Level k has ``width * 2**k`` channels. Weights are those
@@ -29,16 +29,21 @@ class UNetNetwork(nn.Module):
         stem: int,
         cells: tuple[int, int],
         channels: int,
+        *,
+        seen: int = 1,
         mirror: tuple[bool, bool] = (False, False),
     ) -> None:
-        """mirror: whether frames may be seen with x, and with y, reversed while it is trained."""
+        """seen: images of a frame: itself, or itself and the sensor at rest.
+
+        mirror: whether frames may be seen with x, and with y, reversed while it is trained.
+        """
         super().__init__()
         self.cells = cells
         self.mirror = mirror
         widths = [width * 2**level for level in range(LEVELS + 1)]
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
-        self.stem = _convolution(1, width, stride=stem)
+        self.stem = _convolution(seen, width, stride=stem)
         self.down = nn.ModuleList(
             _block(width if level == 0 else widths[level - 1], widths[level])
             for level in range(LEVELS)

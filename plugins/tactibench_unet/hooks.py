@@ -25,6 +25,12 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "train on mirrored frames, auto: where the rest frame is symmetric",
                     choices=("recipe", "auto", "never"),
                 ),
+                Parameter(
+                    "rest",
+                    "recipe",
+                    "show the network the sensor at rest too, auto: where every frame brings it",
+                    choices=("recipe", "auto", "never"),
+                ),
                 *training_parameters(mixing=True),
             ),
             answers=("contacts", "plate"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch.nn import functional as F  # noqa: N812
 
@@ -19,9 +20,12 @@ from tactibench.training import (
     heatmaps,
     image_tensor,
     own_mirror,
+    pack_image,
+    unpack_image,
 )
 from tactibench_unet.architecture import LEVELS, UNetNetwork
 from tactibench_unet.features import layer_features
+from tactibench_unet.rest import rest_image, rest_images
 
 _RECIPES = RECIPES | {
     "default": replace(RECIPES["default"], epochs=18, optimiser="muon", learning_rate=8e-3)
@@ -50,6 +54,7 @@ class UNet(LearnedModel):
         precision: str = "recipe",
         mixing: float = 0.0,
         mirror: str = "recipe",
+        rest: str = "recipe",
     ) -> None:
         if context.encoder is None:
             raise UserError("model 'unet' learns heatmaps and needs an encoder; name one.")
@@ -74,16 +79,27 @@ class UNet(LearnedModel):
         self._headroom = _HEADROOM[recipe]
         self._may_mirror = mirror == "auto" or (mirror == "recipe" and recipe == "default")
         self._mirror = (False, False)
+        self._may_compare = rest == "auto" or (rest == "recipe" and recipe == "default")
+        self._rest: npt.NDArray[np.uint8] | None = None
 
     def build(self) -> UNetNetwork:
         shape = self.architecture
         rows, columns = shape["cells"]
         return UNetNetwork(
-            shape["width"], shape["stem"], (rows, columns), shape["channels"], self._mirror
+            shape["width"],
+            shape["stem"],
+            (rows, columns),
+            shape["channels"],
+            seen=1 if self._rest is None else 2,
+            mirror=self._mirror,
         )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        return image_tensor(frames, self.architecture["size"])
+        """(N, 1 or 2, S, S) uint8: the frames and, if the network compares, the sensor at rest."""
+        images = image_tensor(frames, self.architecture["size"])
+        if self._rest is None:
+            return images
+        return torch.cat([images, rest_images(frames, self._rest)], dim=1)
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         contacts = [self._scale.contacts(answer) for answer in truth]
@@ -118,25 +134,27 @@ class UNet(LearnedModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
-        self._mirror = self._symmetry(frames) if self._may_mirror else (False, False)
-
-    def _symmetry(self, frames: Sequence[Frame]) -> tuple[bool, bool]:
-        """Whether the sensor, and with it the encoder's maps, is its own mirror image."""
-        rest = next((frame.rest for frame in frames if frame.rest is not None), None)
-        if rest is None or not _mirrors(self._encoder, self.context.grid):
-            return False, False
-        still = Frame(rest, 0.0, frames[0].pose)
-        return own_mirror(image_tensor([still], self.architecture["size"])[0, 0].numpy())
+        rest = rest_image(frames, self.architecture["size"])
+        every = all(frame.rest is not None for frame in frames)
+        self._rest = rest if self._may_compare and every else None
+        self._mirror = (False, False)
+        if self._may_mirror and rest is not None and _mirrors(self._encoder, self.context.grid):
+            self._mirror = own_mirror(rest)
 
     def start(self, network: UNetNetwork, training: Examples) -> None:
         network.start_from(training.images, training.targets * self._headroom)
 
     def extra(self) -> dict[str, Any]:
-        return {"depth_offset_mm": self._scale.offset, "headroom": self._headroom}
+        return {
+            "depth_offset_mm": self._scale.offset,
+            "headroom": self._headroom,
+            "rest": None if self._rest is None else pack_image(self._rest),
+        }
 
     def use_extra(self, extra: dict[str, Any]) -> None:
         self._scale = PlateScale(extra["depth_offset_mm"])
         self._headroom = extra["headroom"]
+        self._rest = None if extra["rest"] is None else unpack_image(extra["rest"])
 
 
 def _mirrors(encoder: Encoder, grid: Grid) -> bool:

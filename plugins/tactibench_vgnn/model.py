@@ -21,7 +21,7 @@ from tactibench_vgnn.layout import PinLayout
 RECIPE = Recipe(
     epochs=20, batch=32, learning_rate=3e-3, warmup=0.2, weight_decay=1e-2, precision="float32"
 )
-_THRESHOLD = 0.1
+_THRESHOLD = 0.05
 """Expected number of contacts from which one is reported. Low, for between two pins each may leave
 a contact to the other: at 0.5 one press in 130 was missed on the default sensor (validation)."""
 _MERGE_MM = 3.0

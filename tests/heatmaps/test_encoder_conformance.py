@@ -37,9 +37,9 @@ class Case:
 # The Cramer-Rao bound of a peak of height A in noise s is s sqrt(2 / pi) / A cells, whatever its
 # width: 0.016 for the heats of height 1, 0.028 on average over depths of 2 to 6 mm for "hertz".
 CASES = {
-    "hertz least-squares": Case(HertzGaussian(), 0.08),
-    "hertz kernel width": Case(HertzGaussian(width="kernel"), 0.08),
-    "hertz wide": Case(HertzGaussian(decoder="wide"), 0.06),
+    "hertz least-squares": Case(HertzGaussian(decoder="least-squares"), 0.08),
+    "hertz free width": Case(HertzGaussian(decoder="least-squares", width="free"), 0.08),
+    "hertz wide": Case(HertzGaussian(), 0.06),
     "hertz dark": Case(HertzGaussian(decoder="dark"), 0.3),
     "hertz maximum": Case(HertzGaussian(decoder="maximum"), 1.5, {"refine": CELLS}),
     "depth least-squares": Case(HeatAndDepth(), 0.03),

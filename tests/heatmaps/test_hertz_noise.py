@@ -38,7 +38,7 @@ def cramer_rao(truth, sigma, window):
 def test_white_noise_error_reaches_the_cramer_rao_bound(window, width):
     rng = np.random.default_rng(10)
     truth = [Contacts.truth(rng.uniform(-6, 6, (1, 2)), rng.uniform(2, 6, 1)) for _ in range(400)]
-    encoder = HertzGaussian(window=window, width=width)
+    encoder = HertzGaussian(decoder="least-squares", window=window, width=width)
     maps = encoder.encode_batch(truth, GRID)
     noisy = maps + 0.003 * rng.standard_normal(maps.shape)
     z = position_errors(encoder, noisy, truth)[:, 0] / cramer_rao(truth, 0.003, window)
@@ -63,8 +63,8 @@ def test_wide_windows_average_network_noise():
         np.abs(position_errors(encoder, noisy, truth)).mean()
         for encoder in (
             HertzGaussian(decoder="maximum"),
-            HertzGaussian(window=7),
-            HertzGaussian(window=11),
+            HertzGaussian(decoder="least-squares", window=7),
+            HertzGaussian(decoder="least-squares", window=11),
         )
     )
     assert wide < 0.8 * narrow < 0.8 * 0.5 * cell
@@ -99,8 +99,8 @@ def test_a_blurred_kernel_does_not_bias_the_free_fit(scale):
     cx, cy, d = 1.13, -2.71, 3.0
     variance = (4 + d / 3) * scale**2
     maps = d / 6 * np.exp(-((x - cx) ** 2 + (y[:, None] - cy) ** 2) / (2 * variance))[None]
-    free = HertzGaussian().decode(maps, GRID)
+    free = HertzGaussian(width="free").decode(maps, GRID)
     assert np.abs(free.xy - [cx, cy]).max() < 0.002
     assert abs(free.depth[0] - d) < 0.002
-    held = HertzGaussian(width="kernel").decode(maps, GRID)
+    held = HertzGaussian().decode(maps, GRID)
     assert abs(held.depth[0] - d) > 0.05
