@@ -14,14 +14,22 @@ def tactibench_sensors() -> list[SensorSpec]:
         SensorSpec(
             "recorded",
             "tactibench_recorded.sensor:RecordedSensor",
-            "a folder of recorded frames with a targets.csv (plate presses)",
+            "a folder of recorded frames: targets.csv, CSV, Hugging Face, or a data set",
             (
                 Parameter(
                     "depth_offset_mm",
                     5.0,
-                    "added to the depth label, so that depth is counted from about first touch",
+                    "added to the depth label, so that depth is counted from about first touch; "
+                    "presses that a data set knows are taken as they are",
                     low=-100.0,
                     high=100.0,
+                ),
+                Parameter(
+                    "pivot_mm",
+                    0.0,
+                    "p of depth = label + offset + p (1 - cos tilt), see `tactibench data fit`",
+                    low=-1000.0,
+                    high=1000.0,
                 ),
                 Parameter(
                     "depth",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from functools import cached_property
 from types import TracebackType
 from typing import Any, Self
@@ -14,40 +14,47 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Frame, Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_recorded.content import read_content
-from tactibench_recorded.labels import read_labels
-from tactibench_recorded.layout import find_layout
-from tactibench_recorded.png import decode_png, read_file
+from tactibench import Frame, Pose, Scene, SensorContext, UserError
+from tactibench.datasets.importing import ImportOptions, Recording
+from tactibench_recorded.scenes import Pressed, kinds_of, pressed
 
 _THREADS = min(8, os.cpu_count() or 1)
 _AHEAD = 8 * _THREADS
 
 
 class RecordedSensor:
-    """Plate presses of a folder with a targets.csv.
+    """The presses of a folder: Bristol, CSV, Hugging Face image folder, or v1 data set.
 
-    depth of a scene = depth label + ``depth_offset_mm``; tilt = tilt label. The default offset is
-    the travel of about 5 mm between the labelled pose and first touch in the Tac-VGNN recordings;
-    it moves every depth alike and so changes no error within one recording. Everything is checked
-    here, once: raises UserError, which names the file and the row.
+    Scenes that the folder knows (v1 data sets, tables with x_mm, y_mm and depth_mm) are taken as
+    they are. Other labels are read as a plate's: depth = depth label + ``depth_offset_mm`` +
+    ``pivot_mm`` (1 - cos tilt), tilt = tilt label. The default offset is the travel of about 5 mm
+    between the labelled pose and first touch in the Tac-VGNN recordings; it moves every depth alike
+    and so changes no error within one recording. Everything is checked here, once: raises
+    UserError, which names the file and the row.
     """
 
     def __init__(
         self,
         context: SensorContext,
         depth_offset_mm: float = 5.0,
+        pivot_mm: float = 0.0,
         depth: str = "pose_2",
         tilt: str = "pose_6",
         frames: str = "auto",
     ) -> None:
-        self._layout = find_layout(context.data, frames)
-        targets = read_file(self._layout.targets)
-        self._labels = read_labels(self._layout.targets, targets, depth, tilt)
-        self._content = read_content(self._layout, targets, self._labels.names)
-        self._offset = depth_offset_mm
-        self._scenes = _distinct_scenes(self._labels.depth + depth_offset_mm, self._labels.tilt)
-        self._row = {scene: row for row, scene in enumerate(self._scenes)}
+        if context.data is None:
+            raise UserError(
+                "sensor 'recorded' needs --data FOLDER, a folder that holds targets.csv and its "
+                "frames, or a data set."
+            )
+        options = ImportOptions(
+            frames=frames, depth=depth, tilt=tilt, offset_mm=depth_offset_mm, pivot_mm=pivot_mm
+        )
+        self._pressed = pressed(context.data, options)
+        self._row = {scene: number for number, scene in enumerate(self._pressed.scenes)}
+        radius = self._recording.dome_radius_mm
+        if radius is not None and self._recording.dataset is not None:
+            self.dome_radius_mm, self.deepest_mm = radius, math.inf
 
     def __enter__(self) -> Self:
         return self
@@ -61,14 +68,18 @@ class RecordedSensor:
         """Nothing stays open between two presses."""
 
     def scenes(self) -> dict[str, Scene]:
-        """Frame name -> scene, in the order of targets.csv; no two scenes are equal."""
-        return dict(zip(self._labels.names, self._scenes, strict=True))
+        """Frame name -> scene, in the order of the table; no two scenes are equal."""
+        return dict(zip(self._pressed.names, self._pressed.scenes, strict=True))
+
+    def presses(self) -> dict[str, str]:
+        """Frame name -> press; frames of one press share it."""
+        return dict(zip(self._pressed.names, self._pressed.presses, strict=True))
 
     def rest(self) -> Frame:
         """The undeformed sensor. Raises UserError when the recording has no such frame."""
         if self._rest_image is None:
             raise UserError(
-                f"{self._layout.frames} has no frame of the undeformed sensor; "
+                f"{self._recording.frames} has no frame of the undeformed sensor; "
                 "add one as init_0.png."
             )
         return Frame(self._rest_image, -1.0, Pose(), self._rest_image)
@@ -94,61 +105,52 @@ class RecordedSensor:
 
     def describe(self) -> dict[str, Any]:
         """What determines the frames; the folder's place on this machine does not."""
-        kind = self._content.kind
+        recording, options = self._recording, self._pressed.options
+        rest = None if recording.rest is None else recording.rest.name
+        if recording.dataset is not None and self._rest_image is not None:
+            rest = "rest"
         return {
-            "folder": self._layout.folder.resolve().name,
-            "frames": self._layout.frames.name,
-            "sha256": self._content.sha256,
-            "count": len(self._scenes),
-            "image": [kind.height, kind.width],
-            "channels": 3 if kind.colour else 1,
-            "rest": None if self._content.rest is None else self._content.rest.name,
-            "columns": dict(self._labels.columns),
-            "depth_offset_mm": float(self._offset),
+            "format": recording.format,
+            "folder": recording.folder.resolve().name,
+            "frames": recording.frames.name,
+            "sha256": recording.sha256,
+            "count": len(self._pressed.scenes),
+            "image": [recording.kind.height, recording.kind.width],
+            "channels": recording.channels,
+            "rest": rest,
+            "columns": dict(self._pressed.columns),
+            "depth_offset_mm": float(options.offset_mm),
+            "pivot_mm": float(options.pivot_mm),
         }
+
+    @property
+    def _recording(self) -> Recording:
+        return self._pressed.recording
 
     @cached_property
     def _rest_image(self) -> npt.NDArray[np.uint8] | None:
-        path = self._content.rest
-        return None if path is None else decode_png(path, self._content.kind)
+        return self._recording.rest_image()
 
-    def _frame(self, row: int) -> Frame:
-        image = decode_png(self._content.paths[row], self._content.kind)
-        return Frame(image, float(row), self._scenes[row].pose, self._rest_image)
+    def _frame(self, number: int) -> Frame:
+        image = self._recording.image(self._pressed.rows[number])
+        return Frame(image, float(number), self._pressed.scenes[number].pose, self._rest_image)
 
     def _find(self, scene: Scene) -> int:
-        row = self._row.get(scene)
-        if row is None:
-            pose, depth, tilt = scene.pose, *_ranges(self._scenes)
-            raise UserError(
-                f"{self._layout.folder} is a recording of {len(self._scenes):,} plate presses "
-                f"(depth {depth} mm, tilt {tilt} deg) and has no press of {scene.indenter.name!r} "
-                f"at x {pose.x:g} mm, y {pose.y:g} mm, depth {pose.depth:g} mm, "
-                f"tilt {pose.tilt:g} deg; use it with a protocol that takes its own presses, "
-                "as 'surface' does."
-            )
-        return row
+        number = self._row.get(scene)
+        if number is None:
+            raise UserError(_not_there(self._pressed, scene))
+        return number
 
 
-def _distinct_scenes(
-    depth: npt.NDArray[np.float64], tilt: npt.NDArray[np.float64]
-) -> tuple[Scene, ...]:
-    """One scene a row.
-
-    A pose that was recorded before gets an indenter named 'plate #2', 'plate #3' ..., so that every
-    row keeps a scene of its own and can be asked for.
-    """
-    plate, seen, scenes = Indenter.plate(), Counter[Pose](), []
-    for d, t in zip(depth.tolist(), tilt.tolist(), strict=True):
-        pose = Pose(tilt=t, depth=d)
-        seen[pose] += 1
-        again = seen[pose] > 1
-        indenter = replace(plate, name=f"{plate.name} #{seen[pose]}") if again else plate
-        scenes.append(Scene(indenter, pose))
-    return tuple(scenes)
-
-
-def _ranges(scenes: tuple[Scene, ...]) -> tuple[str, str]:
-    depth = [scene.pose.depth for scene in scenes]
-    tilt = [scene.pose.tilt for scene in scenes]
-    return f"{min(depth):.2f} to {max(depth):.2f}", f"{min(tilt):.1f} to {max(tilt):.1f}"
+def _not_there(pressed: Pressed, scene: Scene) -> str:
+    poses, pose = [scene.pose for scene in pressed.scenes], scene.pose
+    depth, tilt = [pose.depth for pose in poses], [pose.tilt for pose in poses]
+    kinds = kinds_of(pressed.scenes)
+    what = "plate presses" if kinds == ["plate"] else f"presses by {', '.join(kinds)}"
+    return (
+        f"{pressed.recording.folder} is a recording of {len(poses):,} {what} "
+        f"(depth {min(depth):.2f} to {max(depth):.2f} mm, tilt {min(tilt):.1f} to {max(tilt):.1f} "
+        f"deg) and has no press of {scene.indenter.name!r} at x {pose.x:g} mm, y {pose.y:g} mm, "
+        f"depth {pose.depth:g} mm, tilt {pose.tilt:g} deg; use it with a protocol that takes its "
+        "own presses, as 'surface' does."
+    )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from tactibench.board.boards import records_of
-from tactibench.board.labels import Record
+from tactibench.board.labels import Record, trained_for
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import slot
 from tactibench.errors import UserError, did_you_mean
@@ -17,7 +17,8 @@ from tactibench.records.store import stored_runs
 def gathered(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     """Committed records of the present version of a protocol, and complete runs of a store.
 
-    Of one row and seed the newest run is taken. Raises UserError.
+    Of one row and seed the newest run is taken. Runs that were tested on something else than they
+    were trained for belong to tables of their own and are left out. Raises UserError.
     """
     found: dict[str, Record] = {slot(record): record for record in records_of(board, protocol)}
     stored = [run.record for run in stored_runs(runs)] if runs is not None else []
@@ -25,7 +26,7 @@ def gathered(protocol: str, board: Path, runs: Path | None) -> list[Record]:
         if record["protocol"]["id"] == protocol and not record["partial"]:
             found[slot(record)] = record
     asked = read_protocol(protocol_files()[protocol]).hash
-    return [record for record in found.values() if record["protocol"]["hash"] == asked]
+    return trained_for(r for r in found.values() if r["protocol"]["hash"] == asked)
 
 
 def of_sensor(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:

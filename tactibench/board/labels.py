@@ -77,8 +77,34 @@ def row_key(record: Record) -> Any:
 def section_key(record: Record) -> Any:
     """All that two records must share to stand in one table: question, sensor, test frames."""
     sensor = record["sensor"]
-    return [record["protocol"]["id"], record["protocol"]["hash"], sensor["origin"], sensor["name"],
-            sensor["parameters"], record["identity"].get("data")]  # fmt: skip
+    key = [record["protocol"]["id"], record["protocol"]["hash"], sensor["origin"], sensor["name"],
+           sensor["parameters"], record["identity"].get("data")]  # fmt: skip
+    tested = tested_of(record)
+    return key if tested is None else [*key, tested["name"], tested["parameters"]]
+
+
+def tested_of(record: Record) -> Mapping[str, Any] | None:
+    """What pressed the test scenes, where it was not the sensor (see ``TestedId``)."""
+    tested: Mapping[str, Any] | None = record["sensor"].get("tested")
+    return tested
+
+
+def asked_of(record: Record) -> str:
+    """The options that ask for what a run was tested on: " --test reference", or ""."""
+    tested = tested_of(record)
+    return "" if tested is None else "".join(f" --test {text}" for text in tested["asked"])
+
+
+def measured_on(record: Record) -> str:
+    """ "simulated sensor tactip-127", and what it was tested on, where that is something else."""
+    sensor, tested = record["sensor"], tested_of(record)
+    text = f"{sensor['origin']} sensor {sensor['name']}"
+    return text if tested is None else f"{text}, tested on {tested['on']}"
+
+
+def trained_for(records: Iterable[Record]) -> list[Record]:
+    """Those that were tested on the sensor that they were trained for."""
+    return [record for record in records if tested_of(record) is None]
 
 
 def whole(records: Iterable[Record]) -> list[Record]:

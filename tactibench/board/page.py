@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from tactibench.board.columns import BLOCKS, Block, Column
 from tactibench.board.cost import cost_lines
 from tactibench.board.curve import curve_lines, curves
-from tactibench.board.labels import TRIVIAL, Record, section_key, whole
+from tactibench.board.labels import TRIVIAL, Record, asked_of, section_key, tested_of, whole
 from tactibench.board.markdown import code, details, plain
 from tactibench.board.printed import published_lines
 from tactibench.board.published import PublishedTable
@@ -69,19 +69,34 @@ def _section(
     if stated["hash"] != protocol.hash:
         lines += [f"Made with version {stated['version']} of the protocol (`{stated['hash'][:8]}`),"
                   f" which is not the present one (`{protocol.hash[:8]}`).", ""]  # fmt: skip
+    lines += _tested(section.record)
     lines += _account(section.record)
     for block in BLOCKS.get(name) or (_all_metrics(rows),):
         lines += block_lines(block, rows)
     if name in RANKING:
         here = [r for r in records if section_key(r) == section_key(section.record)]
         lines += curve_lines(curves(rows_of(here), RANKING[name]), RANKING[name])
-    lines += cost_lines(rows)
+    if tested_of(section.record) is None:  # the same weights cost the same
+        lines += cost_lines(rows)
     lines += _missing_trivial(name, rows)
     runs = [record for row in rows for record in row.records]
     lines += _code(runs)
     signatures = (record["signature"] for record in runs)
     plural = "s" if len(runs) > 1 else ""
     return [*lines, *details(f"Signature{plural} of {len(runs)} run{plural}", signatures), ""]
+
+
+def _tested(record: Record) -> list[str]:
+    """How many frames of how many presses, where they are not those of the protocol's draws."""
+    tested = tested_of(record)
+    if tested is None:
+        return []
+    frames, presses = int(record["data"]["test"]), int(tested["presses"])
+    counted = f"{presses:,} presses"
+    if frames != presses:
+        counted = f"{frames:,} frames of {counted}"
+    return [f"Trained on the sensor itself and tested on {counted}: {code(asked_of(record)[1:])}.",
+            ""]  # fmt: skip
 
 
 def _account(record: Record) -> list[str]:
@@ -102,11 +117,12 @@ def _code(runs: Sequence[Record]) -> list[str]:
     return [f"Runs by commit of tactibench: {'; '.join(made)}.", ""]
 
 
-def _missing_trivial(name: str, rows: Iterable[Row]) -> list[str]:
+def _missing_trivial(name: str, rows: Sequence[Row]) -> list[str]:
     """A board without its trivial rows says how to make them."""
     there = {row.first["model"]["name"] for row in rows}
     absent = sorted(TRIVIAL - there)
-    made = " and ".join(f"`tactibench run {name} --model {model}`" for model in absent)
+    asked = "".join({asked_of(row.first) for row in rows})
+    made = " and ".join(f"`tactibench run {name} --model {model}{asked}`" for model in absent)
     return [f"Trivial rows are missing: {made} on this sensor.", ""] if made else []
 
 

@@ -32,11 +32,25 @@ class PublishedSpeed(_Frozen):
     hardware: Text
 
 
+class ReleasedAnswers(_Frozen):
+    """Answers released to every test frame, in a CSV file that ships beside the data.
+
+    Its rows stand in the order of the protocol's test frames. sha256: of the file. depth, tilt:
+    columns of the answer and of the label that it was meant for.
+    """
+
+    file: Annotated[str, Field(pattern=r"^[\w-][\w.-]*$")]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    depth: tuple[Text, Text]
+    tilt: tuple[Text, Text]
+
+
 class PublishedRow(_Frozen):
     """One row of a published table.
 
     metrics: name -> group -> value. decimals: of the values as printed. comparable: whether it may
-    be read against a row measured here; note says why or why not.
+    be read against a row measured here; note says why or why not. released: where its answers to
+    the single frames are, for a comparison frame for frame.
     """
 
     protocol: Text
@@ -52,6 +66,7 @@ class PublishedRow(_Frozen):
         dict[Text, Annotated[dict[Text, FiniteFloat], Field(min_length=1)]], Field(min_length=1)
     ]
     speed: PublishedSpeed | None = None
+    released: ReleasedAnswers | None = None
 
     @property
     def label(self) -> str:

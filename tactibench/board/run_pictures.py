@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.board.labels import TRIVIAL, label_of, part_of
+from tactibench.board.labels import TRIVIAL, label_of, measured_on, part_of
 from tactibench.board.published import load_published
 from tactibench.contacts import Contacts, Grid
 from tactibench.protocols.loader import protocol_files, read_protocol
@@ -40,8 +40,7 @@ class _Opened:
 
     @property
     def measured_on(self) -> str:
-        sensor = self.run.record["sensor"]
-        return f"{sensor['origin']} sensor {sensor['name']}"
+        return measured_on(self.run.record)
 
     def map_of(self, row: int) -> Any:
         """(H, W) heatmap 0..1 of a test frame, None for a model without maps."""

@@ -6,13 +6,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tactibench.board.labels import Part, Record, part_of, section_key
+from tactibench.board.labels import Part, Record, part_of, section_key, tested_of
 from tactibench.board.rows import Row, rows_of
 from tactibench.records.identity import canonical, digest
 
-NOMINAL, OTHER, PERTURBED, FINITE_ELEMENTS = range(4)
+NOMINAL, TESTED, OTHER, PERTURBED, FINITE_ELEMENTS = range(5)
 KINDS = {
     NOMINAL: "",
+    TESTED: "",
     OTHER: "another setting of the sensor",
     PERTURBED: "a perturbed individual",
     FINITE_ELEMENTS: "finite-element scenes",
@@ -37,7 +38,9 @@ class Section:
 
     @property
     def kind(self) -> int:
-        """NOMINAL, OTHER, PERTURBED or FINITE_ELEMENTS."""
+        """NOMINAL, TESTED (on what it was not trained for), OTHER, PERTURBED, FINITE_ELEMENTS."""
+        if tested_of(self.record) is not None:
+            return TESTED
         values: Mapping[str, Any] = self.record["sensor"]["parameters"]
         if values.get("tier") == "fem":
             return FINITE_ELEMENTS
@@ -49,6 +52,8 @@ class Section:
     def title(self) -> str:
         """ "Simulated sensor tactip-127, instance=1: a perturbed individual"."""
         text = f"{self.origin.capitalize()} sensor {self.sensor.text()}"
+        if tested := tested_of(self.record):
+            text += f", tested on {tested['on']}"
         if why := KINDS[self.kind]:
             text += f": {why}"
         return text + (f" (test frames {self.mark})" if self.mark else "")

@@ -37,8 +37,9 @@ class Added:
 def compact(record: Record) -> Record:
     """The record as it is committed."""
     identity = dict(record["identity"])
-    if isinstance(identity.get("sensor"), dict):
-        identity["sensor"] = digest(identity["sensor"])
+    for name in ("sensor", "tested"):
+        if isinstance(identity.get(name), dict):
+            identity[name] = digest(identity[name])
     training = {name: value for name, value in record["training"].items() if name != "history"}
     return {**record, "identity": identity, "training": training}
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 VERBS = {
     "board": ("tactibench.cli.board:board", "write or check the leaderboards, add runs to them"),
     "curve": ("tactibench.cli.curve:curve", "the learning curve: error against training presses"),
+    "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
     "frontier": ("tactibench.cli.frontier:frontier", "speed against error, and who is dominated"),

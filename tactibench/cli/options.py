@@ -23,7 +23,7 @@ def _writable_place(
     return path
 
 
-def _picture(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
+def picture(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
     """A PNG file in a folder that is there."""
     if path is not None and path.suffix.lower() != ".png":
         raise click.BadParameter(f"{path.name} is no PNG file; call it {path.stem}.png.")
@@ -62,7 +62,7 @@ runs_option = click.option(
 picture_option = click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    callback=_picture,
+    callback=picture,
     metavar="FILE.png",
     help="Draw the picture.",
 )

@@ -23,6 +23,20 @@ from tactibench.cli.options import json_option, out_option, request_of, request_
     type=click.IntRange(min=1),
     help="Learn from so many presses only; such a run is for the learning curve.",
 )
+@click.option(
+    "--test",
+    "tests",
+    multiple=True,
+    metavar="reference|sensor.NAME=VALUE",
+    help="Test on other frames than the model is trained for: the sensor's reference scenes, or "
+    "a sensor with other parameters.",
+)
+@click.option(
+    "--published",
+    "released",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="Released answers to the test frames; default: looked for beside --data.",
+)
 @json_option
 @out_option
 @click.option("--fresh", is_flag=True, help="Predict, time and score again, even if stored.")
@@ -33,6 +47,7 @@ def run(
     quick: bool,
     limit: int | None,
     presses: int | None,
+    tests: tuple[str, ...],
     json_file: Path | None,
     out: Path,
     fresh: bool,
@@ -50,8 +65,11 @@ def run(
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
     from tactibench.running.plan import make_plan, plan_lines
+    from tactibench.running.request import read_tested
 
-    request = request_of(protocol, model, asked, quick=quick, limit=limit, presses=presses)
+    request = request_of(
+        protocol, model, asked, quick=quick, limit=limit, presses=presses, tested=read_tested(tests)
+    )
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
     stored = not fresh and (out / plan.name / RECORD).is_file()

@@ -13,6 +13,7 @@ from tactibench.metrics import (
     location,
     plate,
     position,
+    released,
     separation,
     surface,
     threshold,
@@ -25,7 +26,7 @@ METRICS: Mapping[str, MetricSpec] = MappingProxyType(
         spec.name: spec
         for family in (
             location, position, depth, separation, threshold, detection, gospa, surface, plate,
-            uncertainty,
+            released, uncertainty,
         )
         for spec in family.SPECS
     }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -94,6 +96,8 @@ class Trials:
 class PlateTrials:
     """N test frames answered with plate poses; None: the frame was not answered.
 
+    released: by published table, the answers that somebody released to the same N frames.
+
     Raises ValueError on lengths that do not fit, a truth of None, values that are not finite.
     """
 
@@ -101,14 +105,15 @@ class PlateTrials:
     predictions: tuple[PlatePose | None, ...]
     press: Labels
     level: float = 0.95
+    released: Mapping[str, tuple[PlatePose | None, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _lengths(len(self.truth), predictions=self.predictions, press=self.press)
+        _lengths(len(self.truth), predictions=self.predictions, press=self.press, **self.released)
         object.__setattr__(self, "press", np.asarray(self.press))
         _limits(self.level)
         if any(pose is None for pose in self.truth):
             raise ValueError("a plate trial has no truth and cannot be scored")
-        for pose in (*self.truth, *self.predictions):
+        for pose in (*self.truth, *self.predictions, *chain(*self.released.values())):
             if pose is not None:
                 finite([pose.depth, pose.tilt], "plate pose")
 

@@ -234,6 +234,17 @@ class HasScenes(Protocol):
 
 
 @runtime_checkable
+class HasPresses(Protocol):
+    """Optional: a sensor with scenes of which several belong to one press that was pushed on.
+
+    Their frames are not independent: intervals take a press as one."""
+
+    def presses(self) -> dict[str, str]:
+        """Frame name -> name of its press."""
+        ...
+
+
+@runtime_checkable
 class KnowsSurface(Protocol):
     """Optional: a sensor that knows how far its skin really moved (simulators)."""
 

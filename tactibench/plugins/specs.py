@@ -150,15 +150,24 @@ class ModelSpec(_Spec):
 
 @dataclass(frozen=True)
 class SensorSpec(_Spec):
-    """A sensor: scenes -> frames. origin: "simulated" or "real"; needs_data: takes ``--data``."""
+    """A sensor: scenes -> frames. origin: "simulated" or "real"; needs_data: takes ``--data``.
+
+    reference_of: name of the sensor whose reference scenes this one is: a sensor that has scenes
+    (see ``HasScenes``) and to be tested on alone (``--test reference``). scenes: what they are
+    called, such as "finite-element scenes". It takes those parameters of the other that it has.
+    """
 
     origin: str = "simulated"
     needs_data: bool = False
+    reference_of: str = ""
+    scenes: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.origin not in ORIGINS:
             raise ValueError(f"{self.name!r} has origin {self.origin!r}; one of {ORIGINS}")
+        if bool(self.reference_of) != bool(self.scenes):
+            raise ValueError(f"{self.name!r} needs both reference_of and scenes, or neither")
 
 
 @dataclass(frozen=True)

@@ -56,11 +56,23 @@ class PartId(_Strict):
     parameters: dict[str, bool | int | float | str]
 
 
+class TestedId(PartId):
+    """What pressed the test scenes, where it was not the sensor. asked: with ``--test``.
+
+    on: in words, "finite-element scenes". presses: how many the test frames are of.
+    """
+
+    asked: list[str]
+    on: str
+    presses: NonNegativeInt
+
+
 class SensorId(PartId):
     """account: by role, how many scenes the sensor made in which way, if in more than one."""
 
     origin: Literal["simulated", "real"]
     account: dict[str, dict[str, int]] = {}
+    tested: TestedId | None = None
 
 
 class Identity(BaseModel):

@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 from tactibench.contacts import Scene
 from tactibench.datasets.presses import Presses
 from tactibench.errors import UserError
+from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import combined
-from tactibench.running.parts import Parts
+from tactibench.running.parts import Part, Parts
 from tactibench.running.request import QUICK_TEST, RunRequest
 
 Advance = Callable[[int], None]
@@ -25,6 +26,7 @@ class Wanted:
 
     role: "fit", "validation" or "test". groups: of every press, in the result tables. cached:
     whether the frames are there already. key: identity of the frames, known before they are made.
+    presses: of every frame, the press that it belongs to; (): each is one of its own.
     """
 
     role: str
@@ -34,6 +36,7 @@ class Wanted:
     cached: bool
     key: str
     open: Callable[[Advance], Presses] = field(repr=False)
+    presses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class FramePlan:
 
     rejected: candidates that geometry refused in the test draws. published: whether the test
     frames are those of a publication, so that its numbers may be compared frame for frame.
+    tested_identity: of what presses the test scenes, where it is not the sensor.
     """
 
     fit: tuple[Wanted, ...]
@@ -50,6 +54,7 @@ class FramePlan:
     rejected: int
     sensor_identity: dict[str, Any]
     published: bool = False
+    tested_identity: dict[str, Any] | None = None
 
     def __iter__(self) -> Iterator[Wanted]:
         return iter((*self.fit, *self.validation, *self.test))
@@ -79,12 +84,12 @@ def plan_frames(
     return drawn_frames(request, protocol.keys, protocol.keys.split, parts, cache)
 
 
-def sensor_identity(parts: Parts, describe: dict[str, Any]) -> dict[str, Any]:
+def sensor_identity(sensor: Part[SensorSpec], describe: dict[str, Any]) -> dict[str, Any]:
     """All of a sensor that determines its frames, but the seed."""
     return {
-        "name": parts.sensor.name,
-        "parameters": dict(parts.sensor.values),
-        "code": parts.sensor.code(),
+        "name": sensor.name,
+        "parameters": dict(sensor.values),
+        "code": sensor.code(),
         "describe": describe,
     }
 

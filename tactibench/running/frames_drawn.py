@@ -5,24 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from tactibench.contacts import Scene
-from tactibench.datasets.generated import FrameRequest, folder_of, is_cached, open_frames
-from tactibench.plugins.interfaces import SensorContext
-from tactibench.protocols.draws import Drawn, draw_scenes
-from tactibench.protocols.pressable import pressable
+from tactibench.protocols.draws import Drawn
 from tactibench.protocols.schema import Protocol, Split
+from tactibench.protocols.split import Parts as Divided
 from tactibench.protocols.split import split_presses
-from tactibench.running.frames import (
-    FramePlan,
-    Wanted,
-    fewer,
-    scored_limit,
-    sensor_identity,
-    spread,
-)
+from tactibench.running.frames import FramePlan, Wanted, fewer, scored_limit, spread
 from tactibench.running.parts import Parts
+from tactibench.running.presser import Presser
 from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 
 FIT, VALIDATION, TEST, WHOLE = 0, 1, 2, 3
@@ -36,75 +25,79 @@ def drawn_frames(
     request: RunRequest, keys: Protocol, split: Split, parts: Parts, cache: Path
 ) -> FramePlan:
     """Draw the presses and divide them; frames are keyed, not made."""
-    extra = keys.regimes[parts.regime]
-    sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0)))
-    pressed = pressable(keys, sensor)
-    draws = {name: draw_scenes(pressed, name) for name in {split.draw, *extra, *keys.test.sets}}
-    whole: Rows = {name: range(len(drawn.scenes)) for name, drawn in draws.items()}
-    divided = split_presses(len(whole[split.draw]), split, keys.data_seed)
+    from tactibench.running.frames_reference import reference_frames
 
-    fit: Rows = {split.draw: fewer(divided.fit, request), **{name: whole[name] for name in extra}}
+    extra = keys.regimes[parts.regime]
+    presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
+    draws = {name: presser.draw(name) for name in {split.draw, *extra}}
+    divided = split_presses(len(draws[split.draw].scenes), split, keys.data_seed)
+
+    fit: Rows = {
+        split.draw: fewer(divided.fit, request),
+        **{name: range(len(draws[name].scenes)) for name in extra},
+    }
     validation: Sequence[int] = divided.validation
     if request.quick:
         share = max(1, QUICK_FIT // len(fit))
         fit = {name: rows[:share] for name, rows in fit.items()}
         validation = validation[:QUICK_VALIDATION]
-    test: Rows = {
-        name: divided.test if name == split.draw else whole[name] for name in keys.test.sets
-    }
-    test = _thinned(test, scored_limit(request))
 
-    identity = sensor_identity(parts, sensor.describe())
-    radius = pressed.workspace.dome_radius_mm
-
-    def want(role: str, name: str, rows: Sequence[int], part: int) -> Wanted:
-        stream = keys.draw(name).stream
-        frames = FrameRequest(
-            name,
-            parts.build_sensor,
-            identity,
-            tuple(draws[name].scenes[row] for row in rows),
-            tuple(f"{name}-{row}" for row in rows),
-            (keys.data_seed, stream, part if name == split.draw else WHOLE),
-            None if radius == keys.workspace.dome_radius_mm else radius,
-        )
-        key = frames.key
-        folder = folder_of(cache, key)
-        groups = tuple(_group(keys, name, scene) for scene in frames.scenes)
-        return Wanted(
-            role,
-            name,
-            frames.scenes,
-            groups,
-            is_cached(folder),
-            key,
-            lambda advance: open_frames(frames, cache, advance),
-        )
-
+    tester = Presser(keys, parts.test_sensor, parts.build_test_sensor, cache)
+    if request.tested.reference:
+        test, rejected = reference_frames(request, tester)
+    else:
+        known = draws if tester.pressed == presser.pressed else {}
+        test, rejected = _drawn_test(request, tester, known, split, divided)
     return FramePlan(
-        tuple(want("fit", name, rows, FIT) for name, rows in fit.items()),
-        (want("validation", split.draw, validation, VALIDATION),),
-        tuple(want("test", name, rows, TEST) for name, rows in test.items()),
-        _rejected(draws, set(keys.test.sets) - {split.draw}),
-        identity,
+        tuple(_wanted(presser, draws[name], split, "fit", name, rows, FIT)
+              for name, rows in fit.items()),
+        (_wanted(presser, draws[split.draw], split, "validation", split.draw, validation,
+                 VALIDATION),),
+        test,
+        rejected,
+        presser.identity,
+        tested_identity=None if parts.tested is None else tester.identity,
+    )  # fmt: skip
+
+
+def _drawn_test(
+    request: RunRequest,
+    tester: Presser,
+    known: dict[str, Drawn],
+    split: Split,
+    divided: Divided,
+) -> tuple[tuple[Wanted, ...], int]:
+    """The test draws, and how many of their candidates geometry refused."""
+    sets = tester.keys.test.sets
+    draws = {name: known.get(name) or tester.draw(name) for name in sets}
+    rows: Rows = {
+        name: divided.test if name == split.draw else range(len(drawn.scenes))
+        for name, drawn in draws.items()
+    }
+    wanted = (
+        _wanted(tester, draws[name], split, "test", name, kept, TEST)
+        for name, kept in thinned(rows, scored_limit(request)).items()
     )
+    rejected = sum(drawn.rejected for name, drawn in draws.items() if name != split.draw)
+    return tuple(wanted), rejected
 
 
-def _rejected(draws: dict[str, Drawn], tested: set[str]) -> int:
-    return sum(drawn.rejected for name, drawn in draws.items() if name in tested)
+def _wanted(
+    presser: Presser,
+    drawn: Drawn,
+    split: Split,
+    role: str,
+    name: str,
+    rows: Sequence[int],
+    part: int,
+) -> Wanted:
+    scenes = [drawn.scenes[row] for row in rows]
+    names = [f"{name}-{row}" for row in rows]
+    return presser.want(role, name, scenes, names, part if name == split.draw else WHOLE)
 
 
-def _thinned(test: Rows, limit: int | None) -> Rows:
+def thinned(test: Rows, limit: int | None) -> Rows:
     """At most ``limit`` presses of all sets together, evenly spread over them."""
     kept = spread([(name, row) for name, rows in test.items() for row in rows], limit)
-    thinned = {name: [row for of, row in kept if of == name] for name in test}
-    return {name: rows for name, rows in thinned.items() if rows}
-
-
-def _group(keys: Protocol, draw: str, scene: Scene) -> str:
-    if draw == keys.test.catch:
-        return "catch"
-    if keys.test.group == "distance":
-        offsets = np.array(scene.indenter.offsets)
-        return str(round(float(np.linalg.norm(offsets[0] - offsets[-1])), 6))
-    return scene.indenter.name if keys.test.group == "indenter" else "all"
+    found = {name: [row for of, row in kept if of == name] for name in test}
+    return {name: rows for name, rows in found.items() if rows}

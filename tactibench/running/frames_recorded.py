@@ -2,77 +2,133 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
-from tactibench.contacts import Frame
-from tactibench.datasets.presses import Presses
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import HasScenes, Sensor, SensorContext
+from tactibench.plugins.interfaces import HasScenes, SensorContext
 from tactibench.protocols.loader import LoadedProtocol
+from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import RECORDED, Protocol
 from tactibench.protocols.split import split_recorded
-from tactibench.records.identity import digest
+from tactibench.running.folder import Folder
 from tactibench.running.frames import (
-    Advance,
     FramePlan,
-    Wanted,
     fewer,
     scored_limit,
     sensor_identity,
     spread,
 )
+from tactibench.running.frames_drawn import thinned
+from tactibench.running.frames_matched import Matched, match, needs
 from tactibench.running.parts import Parts
+from tactibench.running.presser import group_of
 from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 
 
 def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Parts) -> FramePlan:
     """Look the presses of a folder up and divide them. Raises UserError."""
-    keys = protocol.keys
     sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0), request.data))
-    if keys.recorded is None:
-        raise UserError(_lacking(request, keys, sensor))
     if not isinstance(sensor, HasScenes):
         raise UserError(
             f"sensor {parts.sensor.name!r} does not say which presses it has, which protocol "
-            f"{keys.id!r} needs; use --sensor recorded."
+            f"{protocol.keys.id!r} needs; use --sensor recorded."
         )
-    scenes = sensor.scenes()
-    names = list(scenes)
-    identity = sensor_identity(parts, sensor.describe())
-    published = published_split(protocol, names, identity["describe"].get("image"))
-    split = split_recorded(names, keys.recorded, keys.data_seed, published)
-
-    def want(role: str, rows: Sequence[int]) -> Wanted:
-        chosen = tuple(names[row] for row in rows)
-        picked = tuple(scenes[name] for name in chosen)
-        key = digest({"sensor": identity, "frames": chosen})
-
-        def read(advance: Advance) -> Presses:
-            frames: list[Frame] = []
-            with sensor:
-                for frame in sensor.press_many(picked):
-                    frames.append(frame)
-                    advance(1)
-            return Presses(RECORDED, picked, frames, chosen, key)
-
-        return Wanted(role, RECORDED, picked, ("all",) * len(chosen), True, key, read)
-
-    fit, validation = split.fit, split.validation
+    folder = Folder.of(sensor, sensor_identity(parts.sensor, sensor.describe()))
+    if protocol.keys.recorded is None:
+        return _matched_frames(request, protocol.keys, parts, folder)
+    folder = _plates(request, protocol.keys, folder)
+    published = published_split(protocol, folder.names, folder.identity["describe"].get("image"))
+    fit, validation, test = _divided(protocol.keys, folder, published)
     if request.presses is not None:  # evenly: a recording has an order
         fewer(fit, request)
         fit = spread(fit, request.presses)
     if request.quick:
         fit, validation = spread(fit, QUICK_FIT), spread(validation, QUICK_VALIDATION)
     return FramePlan(
-        (want("fit", fit),),
-        (want("validation", validation),),
-        (want("test", spread(split.test, scored_limit(request))),),
+        (folder.want("fit", RECORDED, fit),),
+        (folder.want("validation", RECORDED, validation),),
+        (folder.want("test", RECORDED, spread(test, scored_limit(request))),),
         0,
-        identity,
+        folder.identity,
         published is not None and not request.partial,
     )
+
+
+def _divided(
+    keys: Protocol, folder: Folder, published: tuple[str, ...] | None
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """Rows that train, validate and test. Frames of one press are in one part. Raises UserError."""
+    assert keys.recorded is not None  # noqa: S101 - the caller looked
+    units = folder.names if published else tuple(dict.fromkeys(folder.presses))
+    split = split_recorded(units, keys.recorded, keys.data_seed, published)
+    if len(units) == len(folder.names):
+        found = split.fit, split.validation, split.test
+    else:
+        rows: dict[str, list[int]] = {}
+        for row, press in enumerate(folder.presses):
+            rows.setdefault(press, []).append(row)
+        fit, validation, test = (
+            tuple(row for unit in part for row in rows[units[unit]])
+            for part in (split.fit, split.validation, split.test)
+        )
+        found = fit, validation, test
+    refuse_shared(folder.presses, found)
+    return found
+
+
+def _plates(request: RunRequest, keys: Protocol, folder: Folder) -> Folder:
+    """The frames in which a plate pressed, for a protocol that asks for its pose."""
+    if keys.answer != "plate":
+        return folder
+    plates = [row for row, scene in enumerate(folder.scenes) if scene.indenter.is_plate]
+    if not plates:
+        raise UserError(
+            f"{request.data} holds {_kinds(folder)}, but protocol "
+            f"{keys.id!r} needs presses by a plate; take another folder or another protocol."
+        )
+    return folder.take(plates)
+
+
+def refuse_shared(presses: Sequence[str], parts: Sequence[Sequence[int]]) -> None:
+    """Raises UserError when frames of one press are in two parts: the test would not be fair."""
+    seen: dict[str, int] = {}
+    for number, rows in enumerate(parts):
+        for row in rows:
+            if seen.setdefault(presses[row], number) != number:
+                raise UserError(
+                    f"frames of press {presses[row]!r} are in two parts of the split; a press "
+                    "trains or tests, never both: divide the data set by press."
+                )
+
+
+def _matched_frames(request: RunRequest, keys: Protocol, parts: Parts, folder: Folder) -> FramePlan:
+    """The presses that a protocol could have drawn. Raises UserError, saying what is lacking."""
+    assert keys.split is not None  # noqa: S101 - a protocol that draws divides its draws
+    pressed = pressable(keys, folder.sensor)
+    found = match(pressed, keys.split, parts.regime, folder.scenes, folder.presses)
+    if found.lacking:
+        raise UserError(_lacking(request, pressed, folder, found))
+    fit = {**found.fit, keys.split.draw: list(fewer(found.fit[keys.split.draw], request))}
+    validation: Sequence[int] = found.validation[keys.split.draw]
+    if request.quick:
+        share = max(1, QUICK_FIT // len(fit))
+        fit = {name: list(spread(rows, share)) for name, rows in fit.items()}
+        validation = spread(validation, QUICK_VALIDATION)
+    test = thinned(dict(found.test), scored_limit(request))
+    return FramePlan(
+        tuple(folder.want("fit", name, rows) for name, rows in fit.items()),
+        (folder.want("validation", keys.split.draw, validation),),
+        tuple(
+            folder.want("test", name, rows,
+                        lambda scene, name=name: group_of(keys, name, scene))  # type: ignore[misc]
+            for name, rows in test.items()
+        ),
+        found.left_out,
+        folder.identity,
+    )  # fmt: skip
 
 
 def published_split(
@@ -86,14 +142,25 @@ def published_split(
     return listed if same else None
 
 
-def _lacking(request: RunRequest, keys: Protocol, sensor: Sensor) -> str:
-    have = "its own presses"
-    if isinstance(sensor, HasScenes):
-        scenes = sensor.scenes().values()
-        kinds = sorted({scene.indenter.name.partition(" #")[0] for scene in scenes})
-        have = f"{len(scenes):,} presses by {', '.join(kinds)}"
-    lacks = sorted({draw.indenter for draw in keys.draws})
+def _lacking(request: RunRequest, keys: Protocol, folder: Folder, found: Matched) -> str:
+    space = keys.workspace
+    lacks = "; ".join(f"{name}: {needs(keys.draw(name))}" for name in found.lacking)
+    spheres = any(not scene.indenter.is_plate for scene in folder.scenes)
+    do = "record those presses" if spheres else "run protocol 'surface' on it"
     return (
-        f"{request.data} holds {have}, but protocol {keys.id!r} needs presses by spherical tips "
-        f"({', '.join(lacks)}); run protocol 'surface' on it."
+        f"{request.data} holds {_kinds(folder)}, but protocol "
+        f"{keys.id!r} lacks presses by spherical tips to train, validate and test on "
+        f"({lacks}; all with x, y within {space.half_width_mm:g} mm and "
+        f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep); {do}."
     )
+
+
+def _kinds(folder: Folder) -> str:
+    """ "30 presses by plate" or "12 presses by dual, 40 by single"."""
+    owned = {
+        (scene.indenter.name.partition(" #")[0], press)
+        for scene, press in zip(folder.scenes, folder.presses, strict=True)
+    }
+    kinds = sorted(Counter(kind for kind, _ in owned).items())
+    texts = [f"{count:,} by {kind}" for kind, count in kinds]
+    return ", ".join([texts[0].replace(" by ", " presses by ", 1), *texts[1:]])

@@ -14,6 +14,7 @@ from tactibench.records.store import Arrays
 from tactibench.running.environment import environment_facts
 from tactibench.running.plan import RunPlan
 from tactibench.running.speed import Speed
+from tactibench.running.tested import tested_record
 from tactibench.running.weights import Trained
 
 
@@ -26,11 +27,12 @@ def make_record(
     *,
     data: list[str],
     account: dict[str, dict[str, int]],
+    presses: int,
 ) -> dict[str, Any]:
     """JSON values for ``write_run``.
 
     predicted: as packed. data: hashes of the test frames. account: by role, how the sensor made
-    its scenes (see ``KeepsAccount``).
+    its scenes (see ``KeepsAccount``). presses: how many the test frames are of.
     """
     protocol, request, parts = plan.protocol, plan.request, plan.parts
     environment = environment_facts()
@@ -56,6 +58,7 @@ def make_record(
             "origin": parts.sensor.spec.origin,
             "parameters": dict(parts.sensor.values),
             **({"account": account} if account else {}),
+            **tested_record(parts, request.tested, presses),
         },
         "seed": request.seed,
         "partial": request.partial,
@@ -106,6 +109,7 @@ def signature(plan: RunPlan, trained: Trained, machine: str) -> str:
         "sensor": plan.parts.sensor.label(),
         "seed": plan.request.seed,
         **({"presses": plan.request.presses} if plan.request.presses is not None else {}),
+        **({"test": ",".join(plan.request.tested.texts)} if plan.request.tested else {}),
         "weights": trained.hash[:8],
         "partial": "yes" if plan.request.partial else "no",
         "machine": machine,

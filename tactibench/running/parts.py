@@ -16,6 +16,10 @@ from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import code_hash, code_mentions
 from tactibench.running.request import QUICK_EPOCHS, RunRequest
 
+REFERENCE_FRAMES = "reference_frames"
+"""Folder of a plugin's package that makes reference frames. Models are tested on them, never
+trained, so that it is no part of the code behind what else is in the package."""
+
 SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec)
 
 
@@ -33,8 +37,10 @@ class Part(Generic[SpecT]):
 
     def code(self) -> str:
         """Hash of the source of the package behind the spec. Raises UserError without one."""
+        package, *inside = self.spec.target.partition(":")[0].split(".")
+        alone = frozenset() if inside[:1] == [REFERENCE_FRAMES] else frozenset({REFERENCE_FRAMES})
         try:
-            return code_hash(self.spec.target.partition(":")[0].partition(".")[0])
+            return code_hash(package, alone)
         except ModuleNotFoundError:
             self.spec.load()  # says in one sentence what does not load
             raise
@@ -52,16 +58,27 @@ class Part(Generic[SpecT]):
 
 @dataclass(frozen=True)
 class Parts:
-    """Model, sensor and encoder of a run."""
+    """Model, sensor and encoder of a run.
+
+    tested: what presses the test scenes, None where it is the sensor.
+    """
 
     model: Part[ModelSpec]
     sensor: Part[SensorSpec]
     encoder: Part[EncoderSpec] | None
     regime: str
+    tested: Part[SensorSpec] | None = None
 
     def build_sensor(self, context: SensorContext) -> Sensor:
-        sensor: Sensor = self.sensor.spec.load()(context, **self.sensor.values)
-        return sensor
+        return _opened(self.sensor, context)
+
+    @property
+    def test_sensor(self) -> Part[SensorSpec]:
+        """What presses the test scenes."""
+        return self.tested or self.sensor
+
+    def build_test_sensor(self, context: SensorContext) -> Sensor:
+        return _opened(self.test_sensor, context)
 
     def build_encoder(self) -> Encoder | None:
         if self.encoder is None:
@@ -131,6 +148,11 @@ def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHos
     )
 
 
+def _opened(part: Part[SensorSpec], context: SensorContext) -> Sensor:
+    sensor: Sensor = part.spec.load()(context, **part.values)
+    return sensor
+
+
 def _part(catalogue: Catalogue[SpecT], name: str, given: Mapping[str, str]) -> Part[SpecT]:
     spec = catalogue[name]
     return Part(spec, spec.settings(given), catalogue.origins[name])
@@ -183,7 +205,7 @@ def data_folder(path: Path | None) -> Path | None:
 
 def plugin_versions(parts: Parts) -> dict[str, Any]:
     """Plugin -> distribution, version and source hash."""
-    found = {part.origin: part.code() for part in (parts.model, parts.sensor)}
+    found = {part.origin: part.code() for part in (parts.model, parts.sensor, parts.test_sensor)}
     if parts.encoder is not None:
         found[parts.encoder.origin] = parts.encoder.code()
     return {

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import ModelContext
 from tactibench.protocols.loader import LoadedProtocol, load_protocol
@@ -14,7 +16,9 @@ from tactibench.records.identity import code_hash, digest, installed_versions
 from tactibench.running.device import choose_device, machine
 from tactibench.running.frames import FramePlan, Wanted, plan_frames
 from tactibench.running.parts import Parts, data_folder, plugin_versions, resolve_parts
+from tactibench.running.released import Released, find_released
 from tactibench.running.request import RunRequest
+from tactibench.running.tested import with_test_sensor, words
 from tactibench.running.weights import WeightsPlan, plan_weights
 from tactibench.timing.fingerprint import fingerprint_hash
 
@@ -32,11 +36,12 @@ class RunPlan:
     device: str
     frames: FramePlan
     weights: WeightsPlan
+    released: tuple[Released, ...] = ()
 
     @cached_property
     def identity(self) -> dict[str, Any]:
         """Whatever could change the record; its digest names the run."""
-        encoder = self.parts.encoder
+        encoder, tested = self.parts.encoder, self.frames.tested_identity
         return {
             "protocol": f"{self.protocol.label} {self.protocol.hash}",
             "weights": digest(self.weights.identity),
@@ -44,7 +49,9 @@ class RunPlan:
             if encoder is None
             else {"name": encoder.name, "parameters": dict(encoder.values)},
             "sensor": self.frames.sensor_identity,
+            **({} if tested is None else {"tested": tested}),
             "test_frames": [wanted.key for wanted in self.frames.test],
+            **self._against(),
             "seed": self.request.seed,
             "quick": self.request.quick,
             "limit": self.request.limit,
@@ -63,7 +70,14 @@ class RunPlan:
             parts.append("quick")
         if self.request.presses is not None:
             parts.append(f"n{self.request.presses}")
+        if self.request.tested:
+            asked = (text.removeprefix("sensor.") for text in self.request.tested.texts)
+            parts.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', '-'.join(asked))}")
         return "-".join([*parts, f"s{self.request.seed}", digest(self.identity)[:8]])
+
+    def _against(self) -> dict[str, Any]:
+        found = [one.identity for one in self.released if one.path is not None]
+        return {"released": found} if found else {}
 
     @property
     def answers_file(self) -> Path:
@@ -86,8 +100,9 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     """Resolve a request. Raises UserError for anything that does not exist or fit."""
     protocol = load_protocol(request.protocol)
     data_folder(request.data)
-    parts = resolve_parts(request, protocol, host)
+    parts = with_test_sensor(request, resolve_parts(request, protocol, host), host)
     frames = plan_frames(request, protocol, parts, cache)
+    released = _released(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(
         protocol.keys,
@@ -97,7 +112,21 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         device=device,
         cache=cache,
     )
-    return RunPlan(request, protocol, parts, device, frames, weights)
+    return RunPlan(request, protocol, parts, device, frames, weights, released)
+
+
+def _released(
+    request: RunRequest, protocol: LoadedProtocol, frames: FramePlan
+) -> tuple[Released, ...]:
+    """Published answers to the very test frames of this run; others cannot be compared."""
+    if frames.published:
+        return find_released(protocol, request.data, request.released)
+    if request.released is not None:
+        raise UserError(
+            f"--published {request.released} holds answers to the published test frames, which "
+            "this run is not tested on; leave it out, or run the whole protocol on their recording."
+        )
+    return ()
 
 
 def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
@@ -112,15 +141,22 @@ def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
     return [
         f"plan: {plan.name}",
         f"  train: {train}",
-        f"  test:  {_frames(plan, plan.frames.test)}; predict, time, score",
+        f"  test:  {_tested(plan)}{_frames(plan, plan.frames.test)}; predict, time, score",
+        *(f"  against {one.words()}" for one in plan.released),
     ]
+
+
+def _tested(plan: RunPlan) -> str:
+    if plan.parts.tested is None:
+        return ""
+    return f"on {words(plan.parts, plan.request.tested)}: "
 
 
 def _frames(plan: RunPlan, wanted: tuple[Wanted, ...]) -> str:
     """``generate 3,600 (singles); take 400 (singles, validation) from the cache``."""
     ways: dict[str, list[str]] = {}
-    sensor = plan.parts.sensor
     for one in wanted:
+        sensor = plan.parts.test_sensor if one.role == "test" else plan.parts.sensor
         what = f"{one.name}, validation" if one.role == "validation" else one.name
         if sensor.spec.needs_data:
             way = "read {} frames"

@@ -6,10 +6,36 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactibench.errors import UserError
+from tactibench.errors import UserError, did_you_mean
 
 QUICK_FIT, QUICK_VALIDATION, QUICK_TEST, QUICK_EPOCHS = 200, 40, 40, 2
 """--quick: 200 training presses, 2 epochs, 40 test presses. It proves the path, nothing else."""
+
+
+REFERENCE = "reference"
+
+
+@dataclass(frozen=True)
+class TestedOn:
+    """What presses the test scenes, where it is not what presses those of the training.
+
+    reference: the sensor's reference scenes, in place of the protocol's. parameters: of the sensor,
+    in place of those of the training.
+    """
+
+    __test__ = False  # not a test case, whatever its name
+
+    reference: bool = False
+    parameters: Mapping[str, str] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return self.reference or bool(self.parameters)
+
+    @property
+    def texts(self) -> list[str]:
+        """As they are given with ``--test``."""
+        changed = [f"sensor.{name}={value}" for name, value in self.parameters.items()]
+        return [REFERENCE, *changed] if self.reference else changed
 
 
 @dataclass(frozen=True)
@@ -18,6 +44,7 @@ class RunRequest:
 
     presses: learn from that many of the presses that the protocol's split trains on, for a learning
     curve; None: from all. The validation presses and those that a regime adds stay.
+    released: file of published answers to the test frames; None: looked for beside the data.
     """
 
     protocol: str
@@ -32,6 +59,8 @@ class RunRequest:
     quick: bool = False
     limit: int | None = None
     presses: int | None = None
+    tested: TestedOn = field(default_factory=TestedOn)
+    released: Path | None = None
 
     @property
     def partial(self) -> bool:
@@ -54,3 +83,27 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
             raise UserError(f"--param {kind}.{key} is given twice; give it once.")
         found[kind][key] = value
     return found
+
+
+def read_tested(texts: tuple[str, ...]) -> TestedOn:
+    """``("reference",)`` or ``("sensor.instance=1",)`` -> what to test on. Raises UserError."""
+    parameters: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        kind, _, key = name.partition(".")
+        if text == REFERENCE:
+            continue
+        if not equals:
+            raise UserError(
+                f"--test {text!r} is neither the word {REFERENCE!r} nor sensor.NAME=VALUE, for "
+                f"example sensor.instance=1; {did_you_mean(text, [REFERENCE])}"
+            )
+        if kind != "sensor" or not key:
+            raise UserError(
+                f"--test {text!r} changes no sensor; write sensor.NAME=VALUE, for example "
+                "sensor.instance=1, and what the model is made with in --param."
+            )
+        if key in parameters:
+            raise UserError(f"--test sensor.{key} is given twice; give it once.")
+        parameters[key] = value
+    return TestedOn(REFERENCE in texts, parameters)

@@ -21,6 +21,7 @@ from tactibench.running.examples import example_arrays
 from tactibench.running.make_record import make_record
 from tactibench.running.plan import RunPlan
 from tactibench.running.predictions import predict_all
+from tactibench.running.released import released_arrays
 from tactibench.running.scoring import score_arrays
 from tactibench.running.speed import measure_speed
 from tactibench.running.training import Reporter, open_frames, trained_model
@@ -35,21 +36,18 @@ Known = TypeVar("Known")
 
 @dataclass(frozen=True)
 class TestData:
-    """The test frames of a run with their truth and groups, in order."""
+    """The test frames of a run with their truth, groups and presses' names, in order."""
 
     __test__ = False  # not a test case, whatever its name
 
     presses: tuple[Presses, ...]
     groups: tuple[str, ...]
     truth: tuple[Answer, ...]
+    names: tuple[str, ...]
 
     @property
     def frames(self) -> list[Frame]:
         return [frame for presses in self.presses for frame in presses.frames]
-
-    @property
-    def names(self) -> list[str]:
-        return [name for presses in self.presses for name in presses.names]
 
 
 def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = False) -> StoredRun:
@@ -79,6 +77,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         **pack(test.truth, keys.answer),
         "press": np.array(test.names),
         "group": np.array(test.groups),
+        **_released(plan, test),
     }
     if not plan.parts.sensor.spec.needs_data:
         _add_known(plan, test, reporter, truth, maps)
@@ -97,6 +96,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         predicted,
         data=[presses.hash for presses in test.presses],
         account=_account(plan),
+        presses=len(set(test.names)),
     )
     parts = {
         "truth": truth,
@@ -108,6 +108,12 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
     return write_run(store, record, parts)
 
 
+def _released(plan: RunPlan, test: TestData) -> Arrays:
+    """What others answered to these frames, kept with the truth so that it is scored again."""
+    frames = [name for presses in test.presses for name in presses.names]
+    return released_arrays(plan.released, plan.protocol.test_frames, frames, test.truth)
+
+
 def _test_data(plan: RunPlan, reporter: Reporter) -> TestData:
     keys = plan.protocol.keys
     opened = tuple(open_frames(wanted, reporter) for wanted in plan.frames.test)
@@ -117,7 +123,12 @@ def _test_data(plan: RunPlan, reporter: Reporter) -> TestData:
         for answer in presses.truth(keys.answer, keys.workspace.dome_radius_mm)
     ]
     groups = tuple(group for wanted in plan.frames.test for group in wanted.groups)
-    return TestData(opened, groups, tuple(truth))
+    names = tuple(
+        name
+        for wanted, presses in zip(plan.frames.test, opened, strict=True)
+        for name in wanted.presses or presses.names
+    )
+    return TestData(opened, groups, tuple(truth), names)
 
 
 def _add_known(
@@ -125,7 +136,8 @@ def _add_known(
 ) -> None:
     """What only a simulator can add: true surfaces beside heatmaps, and Cramer-Rao bounds."""
     keys = plan.protocol.keys
-    with plan.parts.build_sensor(SensorContext(np.random.SeedSequence(keys.data_seed))) as sensor:
+    seed = np.random.SeedSequence(keys.data_seed)
+    with plan.parts.build_test_sensor(SensorContext(seed)) as sensor:
         scored = "surface_rmse_mm" in keys.metrics.names and plan.parts.shows_surface
         if scored and "maps" in maps:
             grid = keys.grid.grid()
@@ -153,16 +165,20 @@ def _account(plan: RunPlan) -> dict[str, dict[str, int]]:
     if plan.parts.sensor.spec.needs_data:
         return {}
     seed = np.random.SeedSequence(plan.protocol.keys.data_seed)
-    sensor = plan.parts.build_sensor(SensorContext(seed))
-    if not isinstance(sensor, KeepsAccount):
-        return {}
+    sensor, tester = (
+        build(SensorContext(seed))
+        for build in (plan.parts.build_sensor, plan.parts.build_test_sensor)
+    )
     frames = plan.frames
     found = {
-        role: sensor.account([scene for wanted in sets for scene in wanted.scenes])
-        for role, sets in (
-            ("fit", frames.fit), ("validation", frames.validation), ("test", frames.test)
+        role: one.account([scene for wanted in sets for scene in wanted.scenes])
+        for role, sets, one in (
+            ("fit", frames.fit, sensor),
+            ("validation", frames.validation, sensor),
+            ("test", frames.test, tester),
         )
-    }  # fmt: skip
+        if isinstance(one, KeepsAccount)
+    }
     return {role: counts for role, counts in found.items() if counts}
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
+from tactibench.running.released import unpack_released
 
 SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
@@ -20,7 +21,9 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 def score_arrays(
     keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays
 ) -> list[dict[str, Any]]:
-    """Rows of ``record["metrics"]``. truth also holds ``press`` and ``group`` of every frame."""
+    """Rows of ``record["metrics"]``. truth also holds ``press`` and ``group`` of every frame,
+    and the answers that others released to them."""
+    from tactibench.metrics.released import NAMES as RELEASED
     from tactibench.metrics.score import score
     from tactibench.metrics.trials import PlateTrials, Trials
 
@@ -30,7 +33,11 @@ def score_arrays(
     trials: Trials | PlateTrials
     if keys.answer == "plate":
         trials = PlateTrials(
-            unpack_plates(truth), unpack_plates(predicted), press, level=keys.test.level
+            unpack_plates(truth),
+            unpack_plates(predicted),
+            press,
+            level=keys.test.level,
+            released=unpack_released(truth),
         )
     else:
         bound = truth.get("bound")
@@ -47,4 +54,7 @@ def score_arrays(
             surface=maps.get("surface"),
             bound=None if bound is None else tuple(np.split(bound, counts)),
         )
-    return [row.as_json() for row in score(keys.metrics.names, trials, rng=rng)]
+    names = keys.metrics.names
+    if isinstance(trials, PlateTrials) and trials.released:
+        names = (*names, *(name for name in RELEASED if name not in names))
+    return [row.as_json() for row in score(names, trials, rng=rng)]

@@ -223,3 +223,18 @@ def test_a_table_has_a_ruler():
     assert table([Head("a", right=False), Head("b")], [["1", "2"]]) == [
         "| a | b |", "| --- | ---: |", "| 1 | 2 |"
     ]  # fmt: skip
+
+
+def test_a_comparison_with_released_predictions_has_a_table_of_its_own(fabricate):
+    title = "Against the released predictions, frame for frame"
+    plain = fabricate("surface", "cnn", encoder=None, origin="real")
+    assert title not in tables(made([plain], "surface"))
+    rows = (("depth_mae_minus_published_mm", "tac-vgnn", -0.03),
+            ("depth_mae_minus_published_p", "tac-vgnn", 1e-4),
+            ("coverage", "all", 1.0))  # fmt: skip
+    compared = fabricate("surface", "pins", encoder=None, origin="real", metrics=rows)
+    text = made([plain, compared], "surface")
+    found = {row["model"]: row for row in tables(text)[title][0]}
+    assert found["pins"]["depth MAE, mm"].startswith("-0.0300<br>")
+    assert found["cnn"]["depth MAE, mm"] == "n/a"
+    assert "below zero where this row is nearer to the label" in text

@@ -9,6 +9,7 @@ import pytest
 from tactibench import UserError
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.metrics.registry import METRICS
+from tactibench.metrics.released import NAMES as RELEASED
 from tactibench.metrics.score import score
 from tactibench.metrics.trials import PlateTrials, Trials
 
@@ -173,7 +174,7 @@ def test_every_metric_says_what_it_is():
         assert spec.formula
         assert spec.contacts or spec.plates
     uncertainty = {"nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95"}
-    plates = {"tilt_mae_deg", "coverage"}
+    plates = {"tilt_mae_deg", "coverage", *RELEASED}
     assert set(EXP1) | set(EXP2) | set(EXP3) | plates | uncertainty == set(METRICS)
 
 

@@ -98,6 +98,7 @@ def test_settings_fill_in_defaults_and_refuse_strangers() -> None:
         (lambda: EncoderSpec("e", "m:C", "", kind=""), "kind ''"),
         (lambda: EncoderSpec("e", "m:C", "", max_contacts=0), "max_contacts"),
         (lambda: SensorSpec("s", "m:C", "", origin="imagined"), "origin"),
+        (lambda: SensorSpec("s", "m:C", "", reference_of="t"), "both reference_of and scenes"),
     ],
 )
 def test_a_spec_that_cannot_be_right_is_refused_when_it_is_made(make: Any, reason: str) -> None:

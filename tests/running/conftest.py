@@ -73,6 +73,15 @@ def host(tiny: Any) -> Any:
         sensors=catalogue(
             "sensor",
             SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny", (offset,)),
+            SensorSpec("other", "tiny_tactile.parts:TinySensor", "tiny"),
+            SensorSpec(
+                "known",
+                "tiny_tactile.parts:TinyReference",
+                "reference of tactip-127",
+                (offset,),
+                reference_of="tactip-127",
+                scenes="known scenes",
+            ),
             SensorSpec("recorded", "tiny_tactile.parts:TinySensor", "tiny", needs_data=True),
         ),
         encoders=catalogue(

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.labels import measured_on
 from tactibench.board.published import PublishedTable, rows_for
 from tactibench.cli.report.origin import (
     Record,
     comparability,
     label_of,
-    measured_on,
     partial_line,
     same_question,
 )
@@ -69,8 +69,11 @@ def _heading(console: Console, record: Record) -> None:
              measured_on(record), f"seed {record['seed']}")  # fmt: skip
     console.print(Text(", ".join(parts)))
     rejected = f"; {data['rejected']:,} rejected by geometry" if data.get("rejected") else ""
+    tested = record["sensor"].get("tested")
+    again = tested is not None and tested["presses"] != data["test"]
+    frames = f"frames of {tested['presses']:,} " if again else ""
     console.print(Text(f"{data['train']:,} training, {data['validation']:,} validation, "
-                       f"{data['test']:,} test presses{rejected}"))  # fmt: skip
+                       f"{data['test']:,} test {frames}presses{rejected}"))  # fmt: skip
     training = record.get("training")
     if training and training["epochs"]:
         when = "weights reused, trained" if training.get("reused") else "trained"

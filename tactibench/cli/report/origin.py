@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from tactibench.board.labels import tested_of
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
 
 Record = Mapping[str, Any]
@@ -14,12 +15,6 @@ def label_of(record: Record) -> str:
     """Model, with its regime where there is one, as published rows are labelled."""
     regime = record.get("regime")
     return f"{record['model']['name']} ({regime})" if regime else str(record["model"]["name"])
-
-
-def measured_on(record: Record) -> str:
-    """What a run was measured on, such as "simulated sensor tactip-127"."""
-    sensor = record["sensor"]
-    return f"{sensor['origin']} sensor {sensor['name']}"
 
 
 def published_head(table: PublishedTable) -> str:
@@ -63,8 +58,10 @@ def partial_line(record: Record) -> str | None:
 
 
 def same_question(one: Record, other: Record) -> bool:
-    """Whether two different records answer the same version of the same protocol."""
+    """Whether two different records answer the same version of a protocol, tested alike."""
     asked = ("id", "version", "hash")
-    return one["name"] != other["name"] and all(
-        one["protocol"][key] == other["protocol"][key] for key in asked
+    return (
+        one["name"] != other["name"]
+        and tested_of(one) == tested_of(other)
+        and all(one["protocol"][key] == other["protocol"][key] for key in asked)
     )

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.labels import measured_on
 from tactibench.board.numbers import number
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
 from tactibench.cli.report.cells import Cells, Row, aligned, estimate, print_grid, span
 from tactibench.cli.report.origin import (
     Record,
     label_of,
-    measured_on,
     partial_line,
     published_head,
     published_label,

@@ -76,6 +76,8 @@ NAMES = {
     "catch_resolved": "single presses seen as two",
     "coverage": "coverage",
     "d_prime": "d' of one against two",
+    "depth_mae_minus_published_mm": "depth error minus released",
+    "depth_mae_minus_published_p": "p of that",
     "depth_mae_mm": "depth error",
     "distance_mae_mm": "distance error",
     "distance_penalised_mm": "penalised distance error",
@@ -96,6 +98,8 @@ NAMES = {
     "surface_rmse_mm": "surface RMSE of the heatmap",
     "threshold_mm": "two-point threshold (75 %)",
     "tilt_mae_deg": "tilt error",
+    "tilt_mae_minus_published_deg": "tilt error minus released",
+    "tilt_mae_minus_published_p": "p of that",
 }
 """Names in sentences and lists."""
 

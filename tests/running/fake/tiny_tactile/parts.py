@@ -9,7 +9,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tactibench import Contacts, FitReport, Frame, Grid, ModelContext, Pose, Scene, SensorContext
+from tactibench import (
+    Contacts,
+    FitReport,
+    Frame,
+    Grid,
+    Indenter,
+    ModelContext,
+    Pose,
+    Scene,
+    SensorContext,
+)
 from tactibench.geometry import true_contacts
 
 SCALE = 18.0  # grey levels a millimetre
@@ -54,6 +64,27 @@ class TinySensor:
 
     def bound(self, scene: Scene) -> np.ndarray:
         return np.full((len(scene.indenter.offsets), 3), 0.01)
+
+
+class TinyReference(TinySensor):
+    """Four presses that were pushed on to two depths, and one tip outside every workspace."""
+
+    def scenes(self) -> dict[str, Scene]:
+        places = {
+            "one": (Indenter.single(), 0.0),
+            "far": (Indenter.single(), 9.0),
+            "pair": (Indenter.dual(7.0), 0.0),
+            "wide": (Indenter.dual(12.0), 0.0),
+            "three": (Indenter.triple((0.0, 0.0, 0.0)), 0.0),
+        }
+        return {
+            f"{name} {depth}": Scene(indenter, Pose(x, 0.0, 0.0, 0.0, depth))
+            for name, (indenter, x) in places.items()
+            for depth in (2.0, 4.0)
+        }
+
+    def presses(self) -> dict[str, str]:
+        return {name: name.partition(" ")[0] for name in self.scenes()}
 
 
 class TinyModel:

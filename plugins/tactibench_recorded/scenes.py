@@ -1,0 +1,73 @@
+"""What was pressed in every frame of a recording, so that each frame can be asked for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tactibench import Scene, UserError
+from tactibench.datasets.importing import (
+    ImportOptions,
+    Recording,
+    open_recording,
+    plate_scenes,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """Frames whose scene is known. names, scenes, presses, rows of the recording: of every frame.
+
+    columns: role -> column that was read. options: what labels were read by.
+    """
+
+    recording: Recording
+    names: tuple[str, ...]
+    scenes: tuple[Scene, ...]
+    presses: tuple[str, ...]
+    rows: tuple[int, ...]
+    columns: Mapping[str, str]
+    options: ImportOptions
+
+
+def pressed(folder: Path, options: ImportOptions) -> Pressed:
+    """Open a folder; where no scene is known, its labels are a plate's. Raises UserError."""
+    recording = open_recording(folder, ImportOptions(frames=options.frames))
+    scenes, columns = recording.scenes, dict(recording.columns)
+    if not any(scenes):
+        scenes, roles = plate_scenes(recording, options)
+        columns |= roles
+    rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
+    if not rows:
+        raise UserError(f"{folder} has no frame of which it is known what was pressed.")
+    return Pressed(
+        recording,
+        tuple(recording.names[row] for row in rows),
+        _distinct(scene for scene in scenes if scene is not None),
+        tuple(recording.presses[row] for row in rows),
+        rows,
+        columns,
+        options,
+    )
+
+
+def kinds_of(scenes: Iterable[Scene]) -> list[str]:
+    """Names of the indenters, without the numbers that ``_distinct`` adds."""
+    return sorted({scene.indenter.name.partition(" #")[0] for scene in scenes})
+
+
+def _distinct(scenes: Iterable[Scene]) -> tuple[Scene, ...]:
+    """A press that was made before gets an indenter named 'plate #2', 'plate #3' ..., so that every
+    frame keeps a scene of its own and can be asked for."""
+    seen: Counter[Scene] = Counter()
+    found = []
+    for scene in scenes:
+        seen[scene] += 1
+        name = f"{scene.indenter.name} #{seen[scene]}"
+        again = seen[scene] > 1
+        found.append(
+            replace(scene, indenter=replace(scene.indenter, name=name)) if again else scene
+        )
+    return tuple(found)

@@ -1,0 +1,114 @@
+"""A TacTip that was pressed in 3-D finite elements: it has the scenes that ship and no others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.geometry import DOME_RADIUS_MM
+from tactibench_sim.reference import RADIUS_MM, ReferenceScene, shipped_file
+from tactibench_sim.rendered import RenderedSensor
+from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
+from tactibench_sim.validate_frames import _tips as tips_in
+
+Array = npt.NDArray[np.float64]
+NAMES = {1: "single", 2: "dual", 3: "triple"}
+_ALONG_NORMAL = re.compile(r"(s\d+)_[\d.]+")
+"""Scenes s20_1, s20_2 ... are one tip that moves along the skin's normal."""
+
+
+class ReferenceTacTip(RenderedSensor):
+    """The camera, pins and noise of a nominal TacTip; where its pins are, finite elements said."""
+
+    nominal: type[SimulatedTacTip]
+
+    def __init__(
+        self,
+        context: SensorContext,
+        *,
+        instance: int = 0,
+        table: str = "",
+        pin_length: float | None = None,
+        threads: int | None = None,
+        **optical: Any,
+    ) -> None:
+        """instance, table: of another dome, which the scenes are not of. Raises UserError."""
+        if instance or table:
+            given = f"instance={instance}" if instance else f"table={table}"
+            raise UserError(
+                f"the finite-element scenes are of the nominal dome, and sensor.{given} is "
+                "another; train on the nominal one, or leave --test reference out."
+            )
+        self._sensor = self.nominal(context, pin_length=pin_length, **optical)
+        self._reference = shipped_file()
+        self._scenes = {one.label: scene_of(one) for one in self._reference.scenes}
+        self._fields = dict(zip(self._scenes.values(), self._reference.scenes, strict=True))
+        resting = (self._sensor.mechanics.inner - self._sensor.pin_length) * self._sensor.directions
+        super().__init__(context, self._sensor.renderer, resting, threads)
+
+    def scenes(self) -> dict[str, Scene]:
+        """ "p7_eq at 2 mm" -> scene, for all that ship."""
+        return dict(self._scenes)
+
+    def presses(self) -> dict[str, str]:
+        """Scene -> run: an indenter that is pushed on to several depths presses once."""
+        return {one.label: press_of(one) for one in self._reference.scenes}
+
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        return np.stack([tips_in(self._sensor, self._field(scene)) for scene in scenes])
+
+    def _field(self, scene: Scene) -> ReferenceScene:
+        if scene not in self._fields:
+            raise UserError(
+                f"the sensor has the {len(self._fields)} finite-element scenes that ship and can "
+                "press no others; test on it with --test reference."
+            )
+        return self._fields[scene]
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that determines the frames, but the seed."""
+        own = self._sensor.describe()
+        for name in ("tier", "tables"):
+            del own[name]
+        return {
+            **own,
+            "sensor": f"{own['sensor']}-fem",
+            "reference": {**self._reference.parameters, "sha256": self._reference.digest},
+        }
+
+
+class Reference127(ReferenceTacTip):
+    """127 pins, hexagonal."""
+
+    nominal = TacTip127
+
+
+class Reference331(ReferenceTacTip):
+    """331 pins in ten rings."""
+
+    nominal = TacTip331
+
+
+def scene_of(one: ReferenceScene) -> Scene:
+    """The scene as a rigid indenter that brings every tip to its depth.
+
+    With height h_k = sqrt((R_d + R)^2 - rho_k^2) of a tip's first touch, tip k reaches further by
+    d_k - h_k, up to a constant.
+    """
+    xy, depth = one.tips[:, :2], one.tips[:, 2]
+    reach = depth - np.sqrt((DOME_RADIUS_MM + RADIUS_MM) ** 2 - (xy**2).sum(axis=1))
+    middle = xy.mean(axis=0)
+    offsets = np.column_stack([xy - middle, reach - reach.min()])
+    indenter = Indenter(RADIUS_MM, tuple(map(tuple, offsets.tolist())), NAMES[len(xy)])
+    return Scene(indenter, Pose(*middle.tolist(), 0.0, 0.0, float(depth.max())))
+
+
+def press_of(one: ReferenceScene) -> str:
+    """Name of the run that a scene is a moment of."""
+    found = _ALONG_NORMAL.fullmatch(one.name)
+    return found[1] if found else one.name

@@ -1,0 +1,1 @@
+"""What a recording holds: labels, pins, a sheet of frames."""

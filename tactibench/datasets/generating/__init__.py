@@ -1,0 +1,1 @@
+"""Data sets that a sensor presses: what is to be pressed, and pressing it."""

@@ -1,0 +1,123 @@
+"""PNG files: a cheap check of the bytes, decoding and encoding (W3C PNG specification, section 5).
+
+An image's pixels are counted before it is decoded, so that a small file cannot fill the memory.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.errors import UserError
+
+__all__ = ["ImageKind", "check_png", "decode_png", "encode_png", "read_file"]
+
+MOST_PIXELS = 64_000_000
+"""Of one image: several times what the cameras of tactile sensors have."""
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEADER = b"\x00\x00\x00\rIHDR"
+_GRAY_TYPES = (0, 4)  # gray, gray with alpha
+
+
+@dataclass(frozen=True)
+class ImageKind:
+    """Height and width in pixels, and whether it has colours."""
+
+    height: int
+    width: int
+    colour: bool
+
+    def __str__(self) -> str:
+        return f"{self.height}x{self.width} {'colour' if self.colour else 'gray'}"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(H, W) or (H, W, 3)."""
+        size = (self.height, self.width)
+        return (*size, 3) if self.colour else size
+
+
+def read_file(path: Path) -> bytes:
+    """The bytes of a file. Raises UserError when it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+
+
+def check_png(name: Path | str, data: bytes) -> ImageKind:
+    """Walk the chunks of a PNG from header to end, checksums included; nothing is decoded.
+
+    name: what error sentences call it. Raises UserError for a file that is no PNG, is cut short or
+    is damaged.
+    """
+    view = memoryview(data)
+    if not _has_header(data):
+        raise UserError(f"{name} is not a PNG file; replace it or remove its row.")
+    at, kind = 8, b""
+    while kind != b"IEND":
+        length = int.from_bytes(view[at : at + 4], "big")
+        end = at + 12 + length
+        if end > len(view):
+            raise UserError(f"{name} is cut short; replace it or remove its row.")
+        kind = bytes(view[at + 4 : at + 8])
+        if zlib.crc32(view[at + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
+            raise UserError(f"{name} is damaged (checksum); replace it or remove its row.")
+        at = end
+    return _kind(data)
+
+
+def decode_png(name: Path | str, data: bytes, kind: ImageKind) -> npt.NDArray[np.uint8]:
+    """(H, W) or RGB (H, W, 3) uint8 of a PNG that should be of this kind.
+
+    Raises UserError when it cannot be decoded, has another size or more pixels than any sensor.
+    """
+    import cv2
+
+    if _has_header(data) and len(data) > 25:  # before any memory is taken for the pixels
+        found = _kind(data)
+        if (found.height, found.width) != (kind.height, kind.width):
+            raise UserError(
+                f"{name} changed its size to {found.height}x{found.width} meanwhile, it was "
+                f"{kind.height}x{kind.width}; restore it."
+            )
+    if kind.height * kind.width > MOST_PIXELS:
+        raise UserError(
+            f"{name} cannot be decoded: it claims {kind.height:,} x {kind.width:,} pixels, allowed "
+            f"are {MOST_PIXELS:,}; replace it or remove its row."
+        )
+    way = cv2.IMREAD_COLOR if kind.colour else cv2.IMREAD_GRAYSCALE
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), way)
+    except cv2.error:  # no bytes at all, or a header that OpenCV refuses
+        image = None
+    if image is None or image.shape != kind.shape:
+        raise UserError(f"{name} cannot be decoded as PNG; replace it or remove its row.")
+    if kind.colour:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def encode_png(image: npt.NDArray[np.uint8]) -> bytes:
+    """The bytes of a PNG file of (H, W) gray or (H, W, 3) RGB uint8, without loss."""
+    import cv2
+
+    if image.ndim == 3:
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2BGR), dtype=np.uint8)
+    # OpenCV's own level: of all the fastest, and the smallest but for a percent (measured).
+    _, data = cv2.imencode(".png", image)
+    return data.tobytes()
+
+
+def _has_header(data: bytes) -> bool:
+    return data[:8] == _SIGNATURE and data[8:16] == _HEADER
+
+
+def _kind(data: bytes) -> ImageKind:
+    width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))
+    return ImageKind(height, width, data[25] not in _GRAY_TYPES)

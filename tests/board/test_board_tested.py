@@ -1,0 +1,103 @@
+"""Rows that were tested on something else than they were trained for stand in their own tables."""
+
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+
+import pytest
+
+from tactibench.board.choose import gathered, of_sensor
+from tactibench.board.labels import measured_on, trained_for
+from tactibench.board.page import page
+from tactibench.board.sections import NOMINAL, PERTURBED, TESTED, sections_of
+from tactibench.board.submissions import FOLDER, compact, slot, text_of
+from tactibench.protocols.loader import load_protocol
+from tactibench.records.record import checked
+
+REFERENCE = {
+    "name": "tactip-127-fem", "parameters": {"noise": True}, "asked": ["reference"],
+    "on": "finite-element scenes", "presses": 7,
+}  # fmt: skip
+OTHER = {
+    "name": "tactip-127", "parameters": {"instance": 1}, "asked": ["sensor.instance=1"],
+    "on": "another individual (instance=1)", "presses": 1000,
+}  # fmt: skip
+
+
+@pytest.fixture
+def tested(fabricate):
+    def made(on, test=1000, **more):
+        record = deepcopy(fabricate(**more))
+        record["sensor"]["tested"] = on
+        record["identity"]["data"] = [on["on"]]
+        record["data"]["test"] = test
+        record["name"] += f"-{on['name']}-{on['presses']}"
+        return record
+
+    return made
+
+
+@pytest.fixture
+def records(fabricate, tested):
+    return [
+        tested(OTHER), tested(REFERENCE, 35), fabricate(), fabricate(sensor={"instance": 1}),
+        tested(OTHER, seed=1), tested(REFERENCE, 35, model="mean", encoder=None),
+    ]  # fmt: skip
+
+
+def test_they_follow_the_sensor_and_never_share_a_table(records):
+    sections = sections_of(records)
+    assert [section.kind for section in sections] == [NOMINAL, TESTED, TESTED, PERTURBED]
+    assert [section.title for section in sections] == [
+        "Simulated sensor tactip-127",
+        "Simulated sensor tactip-127, tested on another individual (instance=1)",
+        "Simulated sensor tactip-127, tested on finite-element scenes",
+        "Simulated sensor tactip-127, instance=1: a perturbed individual",
+    ]
+    assert [len(section.rows) for section in sections] == [1, 1, 2, 1]
+    assert sections[1].rows[0].seeds == (0, 1)
+
+
+def test_they_differ_although_their_test_frames_were_not_recorded(fabricate, tested):
+    one, two = fabricate(), tested(OTHER)
+    two["identity"]["data"] = one["identity"]["data"]
+    assert len(sections_of([one, two])) == 2
+    assert slot(one) != slot(two)
+
+
+def test_the_page_says_how_many_frames_and_how_to_add_trivial_rows(records):
+    text = page(load_protocol("exp1"), records, [])
+    heads = re.findall(r"^## (.*)$", text, flags=re.MULTILINE)
+    assert heads[2] == "Simulated sensor tactip-127, tested on finite-element scenes"
+    part = text.partition(heads[2])[2]
+    assert "tested on 35 frames of 7 presses: `--test reference`." in part
+    assert "tactibench run exp1 --model nearest --test reference`" in part
+    assert "tested on 1,000 presses: `--test sensor.instance=1`." in text
+    assert "### Cost" not in part.partition("## Simulated")[0]
+    assert page(load_protocol("exp1"), records[::-1], []) == text
+
+
+def test_curves_and_frontiers_leave_them_out(records, tmp_path):
+    folder = tmp_path / FOLDER / "exp1"
+    folder.mkdir(parents=True)
+    for record in records:
+        (folder / f"{record['name']}.json").write_text(text_of(record), encoding="utf-8")
+    found = gathered("exp1", tmp_path, None)
+    assert len(found) == 2
+    assert of_sensor(found, None, "exp1").kind == NOMINAL
+    assert trained_for(records) == [records[2], records[3]]
+
+
+def test_a_record_is_valid_and_committed_without_the_sensors_description(tested):
+    record = tested(REFERENCE)
+    checked(record, "it")
+    record["identity"]["tested"] = {"describe": "long"}
+    assert len(compact(record)["identity"]["tested"]) == 64
+
+
+def test_what_it_was_measured_on(fabricate, tested):
+    assert measured_on(fabricate()) == "simulated sensor tactip-127"
+    assert measured_on(tested(REFERENCE)) == (
+        "simulated sensor tactip-127, tested on finite-element scenes"
+    )

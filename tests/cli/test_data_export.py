@@ -1,0 +1,112 @@
+"""``tactibench data export``."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene
+from tactibench.cli.data.export import FORMATS
+from tactibench.datasets import exporting
+from tactibench.datasets.v1 import Header, Writer
+
+
+@pytest.fixture
+def taps(tmp_path: Path) -> Path:
+    """Four good samples and a bad one, with a split."""
+    folder = tmp_path / "taps"
+    header = Header("taps", {"name": "tactip-127"}, (6, 5), dome_radius_mm=20.0)
+    with Writer(folder, header, fsync=False) as writer:
+        for number in range(5):
+            writer.add(
+                np.full((6, 5), number, np.uint8),
+                id=number,
+                scene=Scene(Indenter.single(), Pose(depth=0.5 * number)),
+                status="bad" if number == 4 else "ok",
+            )
+        writer.split("mine", train=[0, 1], validation=[], test=[2, 3])
+    return folder
+
+
+def test_it_says_what_was_written_and_what_was_left_out(
+    taps: Path, cli: Any, tmp_path: Path
+) -> None:
+    code, out, err = cli("data", "export", "taps", "tars", "--format", "webdataset",
+                         "--json", "figures.json")  # fmt: skip
+    assert (code, err) == (0, "")
+    assert out.startswith("tars: 4 samples (train 2, test 2); 1 marked bad left out; 4 files, 0.")
+    rows = json.loads((tmp_path / "figures.json").read_text("utf-8"))
+    found = {(row["metric"], row["group"]): row["value"] for row in rows}
+    files = list((tmp_path / "tars").iterdir())
+    assert found == {
+        ("samples", "all"): 4, ("samples", "train"): 2, ("samples", "test"): 2,
+        ("left_out", "bad"): 1, ("files", "all"): len(files),
+        ("size", "all"): sum(path.stat().st_size for path in files),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("format_", "file"),
+    [("bristol", "out/targets.csv"), ("card", "out"), ("webdataset", "out/test-000000.tar")],
+)
+def test_a_second_export_to_the_same_place_is_refused(
+    taps: Path, cli: Any, tmp_path: Path, format_: str, file: str
+) -> None:
+    command = ("data", "export", "taps", "out", "--format", format_)
+    code, _, err = cli(*command)
+    assert (code, err) == (0, "")
+    before = (tmp_path / file).read_bytes()
+    code, out, err = cli(*command)
+    assert (code, out) == (2, "")
+    assert "nothing is overwritten" in err
+    assert (tmp_path / file).read_bytes() == before
+
+
+def test_descriptions_go_into_the_folder(taps: Path, cli: Any) -> None:
+    for format_, name in (("card", "README.md"), ("croissant", "croissant.json")):
+        code, out, err = cli("data", "export", "taps", "taps", "--format", format_)
+        assert (code, err) == (0, "")
+        assert out.startswith(f"taps/{name}: 5 samples; 1 file, 0.0 MB")
+        assert (taps / name).is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("taps", "out", "--format", "zip"), "'zip' is not one of"),
+        (("nowhere", "out", "--format", "card"), "'nowhere' does not exist"),
+        ((".", "out", "--format", "bristol"), "is no data set: it holds no dataset.json"),
+        (("taps", "out", "--format", "bristol", "--split", "min"), "did you mean 'mine'?"),
+        (("taps", "taps/out", "--format", "bristol"), "lies in the data set taps"),
+        (("taps", "out", "--format", "croissant"), "lies outside of taps"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(
+    taps: Path, cli: Any, tmp_path: Path, arguments: tuple[str, ...], sentence: str
+) -> None:
+    code, out, err = cli("data", "export", *arguments)
+    assert (code, out) == (2, "")
+    assert sentence in " ".join(err.split())
+    assert err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["taps"]
+
+
+def test_the_options_are_those_of_the_exporters() -> None:
+    assert FORMATS == exporting.FORMATS
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from tactibench.cli.data.export import export; "
+        "print(*{'numpy', 'pandas', 'torch', 'cv2', 'pyarrow'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == ""

@@ -1,0 +1,103 @@
+"""`tactibench data import` and `data fit`, called as a person does."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from tactibench.cli.main import call
+from tactibench.datasets.v1 import open_dataset
+
+COUNT = 60
+
+
+@pytest.fixture
+def plates(tmp_path):
+    """Frames in which a grid of pins spreads as a plate of known offset and pivot would."""
+    folder = tmp_path / "plates"
+    (folder / "frames_bw").mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    grid = np.stack(np.meshgrid(np.linspace(20, 108, 7), np.linspace(20, 108, 7)), -1).reshape(
+        -1, 2
+    )
+
+    def draw(name, scale):
+        image = np.zeros((129, 129), np.uint8)
+        for x, y in (grid - 64) * scale + 64:
+            cv2.circle(image, (round(x * 16), round(y * 16)), 48, 255, -1, cv2.LINE_AA, 4)
+        assert cv2.imwrite(str(folder / "frames_bw" / name), image)
+
+    draw("init_0.png", 1.0)
+    lines = ["image_name,pose_2,pose_6"]
+    for i in range(COUNT):
+        depth, tilt = rng.uniform(1, 5), rng.uniform(-20, 20)
+        draw(f"frame_{i}.png", 1 + 0.02 * depth**1.37)
+        label = depth - 4 - 10 * (1 - np.cos(np.radians(tilt)))
+        lines.append(f"frame_{i}.png,{float(label)!r},{float(tilt)!r}")
+    (folder / "targets.csv").write_text("\n".join(lines))
+    return folder
+
+
+def test_fit_prints_the_command_that_imports_with_it(plates, tmp_path, capsys):
+    assert call(["data", "fit", str(plates), "--json", str(tmp_path / "fit.json")]) == 0
+    shown = capsys.readouterr().out
+    rows = {row["metric"]: row for row in json.loads((tmp_path / "fit.json").read_text())}
+    assert rows["offset"]["value"] == pytest.approx(4, abs=0.1)
+    assert rows["pivot"]["value"] == pytest.approx(10, abs=2.5)
+    line = shown.strip().splitlines()[-1].replace("TARGET", str(tmp_path / "out"))
+    assert line.startswith("tactibench data import ")
+    assert call(line.split()[1:]) == 0
+    dataset = open_dataset(tmp_path / "out")
+    assert all(1 < s.scene.pose.depth < 5.2 for s in dataset.samples)
+
+
+def test_import_says_what_it_made(plates, tmp_path, capsys):
+    (plates / "frames_bw" / "spare.png").write_bytes(b"")
+    assert call(["data", "import", str(plates), str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    assert "60 frames of 129x129 gray, labels without contacts" in shown
+    assert "1 PNG file that no row names left out, first spare.png" in shown
+    assert len(open_dataset(tmp_path / "out").samples) == COUNT
+
+
+def test_params_are_listed(capsys):
+    assert call(["data", "import", "--params"]) == 0
+    shown = capsys.readouterr().out
+    for name in ("indenter", "offset_mm", "pivot_mm", "press", "missing"):
+        assert f"  {name} " in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["import", "nowhere", "out"], "nowhere does not exist"),
+        (["import", "plates", "plates"], "lies in"),
+        (["import", "plates", "out", "--format", "zip"], "no format 'zip'"),
+        (["import", "plates", "out", "--param", "pivot=3"], "did you mean 'pivot_mm'"),
+        (["fit", "plates", "--depth", "pose_4"], "no column pose_4"),
+        (["fit", "nowhere"], "does not exist"),
+    ],
+)
+def test_mistakes_are_sentences(plates, monkeypatch, capsys, arguments, says):
+    monkeypatch.chdir(plates.parent)
+    assert call(["data", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+    assert sorted(p.name for p in plates.parent.iterdir()) == ["plates"]
+
+
+def test_help_needs_no_numpy():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from tactibench.cli.main import call; "
+        "[call(['data', a, '--help']) for a in ('import', 'fit', 'info')]; "
+        "print([m for m in ('numpy', 'torch', 'cv2', 'pandas') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")

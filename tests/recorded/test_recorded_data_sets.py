@@ -1,0 +1,104 @@
+"""The sensor reads v1 data sets, CSV folders and image folders like Bristol folders."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.datasets.importing import ImportOptions, import_folder
+from tactibench.datasets.v1 import Header, Writer
+
+
+def image(index):
+    return np.random.default_rng(index).integers(0, 256, (12, 10), dtype=np.uint8)
+
+
+@pytest.fixture
+def data_set(tmp_path):
+    """Scene or None of every sample -> a folder; two samples a press."""
+
+    def made(scenes, rest=True, **keys):
+        folder = tmp_path / "set"
+        header = Header("set", {"name": "tactip"}, (12, 10), **keys)
+        with Writer(folder, header, fsync=False) as writer:
+            if rest:
+                writer.reference(image(99))
+            for i, scene in enumerate(scenes):
+                writer.add(image(i), id=i, scene=scene, press=f"p{i // 2}")
+        return folder
+
+    return made
+
+
+SINGLE = [Scene(Indenter.single(), Pose(float(i), -1.0, depth=1.0 + i)) for i in range(4)]
+
+
+def test_scenes_are_taken_as_they_are(data_set, open_recording):
+    sensor = open_recording(data_set(SINGLE, dome_radius_mm=25.0), depth_offset_mm=9.0)
+    assert list(sensor.scenes().values()) == SINGLE
+    assert list(sensor.presses().values()) == ["p0", "p0", "p1", "p1"]
+    assert (sensor.dome_radius_mm, sensor.deepest_mm) == (25.0, math.inf)
+    with sensor:
+        for i, frame in enumerate(sensor.press_many(SINGLE)):
+            np.testing.assert_array_equal(frame.image, image(i))
+            np.testing.assert_array_equal(frame.rest, image(99))
+            assert frame.pose == SINGLE[i].pose
+    assert sensor.describe()["format"] == "v1"
+    assert sensor.describe()["rest"] == "rest"
+
+
+def test_repeated_presses_stay_apart(data_set, open_recording):
+    sensor = open_recording(data_set([SINGLE[0], SINGLE[0], SINGLE[1]]))
+    scenes = list(sensor.scenes().values())
+    assert [scene.indenter.name for scene in scenes] == ["single", "single #2", "single"]
+    assert [frame.timestamp for frame in sensor.press_many(scenes[::-1])] == [2, 1, 0]
+
+
+def test_an_imported_recording_answers_as_it_did(recording, tmp_path, open_recording):
+    import_folder(recording, tmp_path / "labels")
+    before, after = open_recording(recording), open_recording(tmp_path / "labels")
+    assert after.scenes() == before.scenes()
+    for scene in before.scenes().values():
+        np.testing.assert_array_equal(after.press(scene).image, before.press(scene).image)
+    options = ImportOptions(indenter="plate", offset_mm=5.0)
+    import_folder(recording, tmp_path / "pressed", options)
+    assert open_recording(tmp_path / "pressed").scenes() == before.scenes()
+
+
+def test_the_pivot_lifts_tilted_presses(recording, open_recording):
+    flat, lifted = (open_recording(recording, pivot_mm=p).scenes() for p in (0.0, 20.0))
+    for name, scene in flat.items():
+        tilt = math.radians(scene.pose.tilt)
+        expected = scene.pose.depth + 20 * (1 - math.cos(tilt))
+        assert lifted[name].pose.depth == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_csv_with_contacts(tmp_path, recording, open_recording):
+    lines = "".join(f"frame_{i}_0.png,{i},0,2\n" for i in range(5))
+    (recording / "targets.csv").unlink()
+    (recording / "presses.csv").write_text("file_name,x_mm,y_mm,depth_mm\n" + lines)
+    scenes = list(open_recording(recording).scenes().values())
+    assert scenes == [Scene(Indenter.single(), Pose(float(i), depth=2.0)) for i in range(5)]
+
+
+def test_no_rest_frame_and_no_scene(data_set, open_recording):
+    folder = data_set(SINGLE, rest=False)
+    with pytest.raises(UserError, match="no frame of the undeformed sensor"):
+        open_recording(folder).rest()
+
+
+def test_samples_of_which_nothing_is_known(data_set, open_recording):
+    with pytest.raises(UserError, match="no column pose_2"):
+        open_recording(data_set([None, None]))
+
+
+def test_a_damaged_sample_is_named(data_set, open_recording):
+    folder = data_set(SINGLE)
+    sensor = open_recording(folder)
+    path = folder / "images" / "000000" / "000002.png"
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(UserError, match=r"000002\.png.*cut short"):
+        list(sensor.press_many(SINGLE))
