@@ -24,8 +24,6 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
     BT.601) or 4 (RGB and alpha, which is ignored); uint8 or any integers in 0..255, booleans, or
     floats in 0..1 or 0..255. Raises UserError for anything else, NaN and infinity included.
     """
-    import cv2
-
     out = np.empty((len(frames), size, size), dtype=np.uint8)
     for number, (row, frame) in enumerate(zip(out, frames, strict=True), 1):
         image: npt.NDArray[Any] = frame.image
@@ -34,14 +32,29 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
                 image = _levels(_channels_last(np.asarray(image)))
             except ValueError as error:
                 raise UserError(f"frame {number} of {len(frames)} {error}") from None
-            if image.ndim == 3:
-                image = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        if image.shape != (size, size):
-            shrink = image.shape[0] >= size and image.shape[1] >= size
-            way = cv2.INTER_AREA if shrink else cv2.INTER_LINEAR
-            image = cv2.resize(image, (size, size), interpolation=way)
-        row[...] = image
+            image = gray(image)
+        row[...] = resized(image, (size, size))
     return out
+
+
+def gray(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """(H, W) of (H, W) or RGB (H, W, 3) uint8, colours weighted as in ITU-R BT.601."""
+    import cv2
+
+    if image.ndim == 2:
+        return image
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def resized(image: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """(H, W) uint8 in another shape: area averaging, linear where a side grows."""
+    import cv2
+
+    if image.shape == shape:
+        return image
+    shrink = image.shape[0] >= shape[0] and image.shape[1] >= shape[1]
+    way = cv2.INTER_AREA if shrink else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, shape[::-1], interpolation=way), dtype=np.uint8)
 
 
 def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from tactibench.superposition import Eye, Field, Solution, solve
 
 Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
 
 _PITCH_MM = 0.8
 _DEPTHS_MM = (0.6, 1.2, 2.4, 4.2)
@@ -20,8 +21,18 @@ _FINISH = 12
 _OWN = 0.35
 """A doubtful pin's place is the one that was seen within this share of the pins' spacing of where
 the contacts put it."""
+_DOUBT = 0.04
+"""Weight of a doubtful pin while contacts are looked for: most of those around a crowd are where
+they should be, and without them nothing would tell what presses there."""
+_ROUNDS, _KEPT, _NEAR = 4, 0.22, 0.5
+"""Crowded pins are followed again so often. A pin this near to where it is expected, in spacings,
+starts from where it was; one that ends farther off than the other stays doubtful."""
 SHALLOWEST_MM = (0.15, 0.35)
 """A fit shallower than this is no contact: alone, and beside others, whose misfit it may take."""
+FIRM = 0.3
+"""Share of the misfit that a contact takes away from which it is surely there: of training pairs
+with a third contact too many, that had less in 99 of 100. Fainter ones, which may be none, are
+answered but have no say in where the firm ones are."""
 CLOSEST_MM = 4.0
 """Two fits closer than this are one."""
 _WORTH = 0.1
@@ -64,27 +75,78 @@ class Detector:
         energy = (weight * shapes**2).sum(axis=1)
         return cls(field, eye, weight, gain, most, places, shapes.astype(np.float32), energy)
 
-    def find(self, moved: Array, sure: npt.NDArray[np.bool_]) -> tuple[Solution, Array]:
+    def find(
+        self, image: Image, moved: Array, sure: npt.NDArray[np.bool_]
+    ) -> tuple[Solution, Array]:
         """The contacts of one frame, and (K,) the share of the misfit that each one takes away.
 
-        moved: (Q,) px, sure: (P,), as ``Eye.watch`` gives them. Doubtful pins wait until the
-        contacts are found, which then say which place is theirs.
+        image: (H, W), moved: (Q,) px, sure: (P,), as ``Eye.watch`` gives them. Doubtful pins wait
+        until contacts are found, which then say where each one is to be looked for.
         """
-        weight = self.weight * np.tile(sure, 2)
-        best = Solution(np.zeros((1, 0, 3)), moved[None].copy(), np.zeros((1, 0, 0)))
+        weight = self.weight * np.tile(np.where(sure, 1.0, _DOUBT), 2)
+        nothing = Solution(np.zeros((1, 0, 3)), moved[None].copy(), np.zeros((1, 0, 0)))
+        best = self._grown(moved, weight, nothing)
+        if best.contacts.size and not sure.all():
+            moved, sure, _ = self._again(image, moved, sure, best)
+            weight = self.weight * np.tile(sure, 2)
+            # From nothing: a contact may have been put where pins had been taken for others.
+            best = self._grown(moved, weight, replace(nothing, left=moved[None].copy()))
+        if not best.contacts.size:
+            return best, np.empty(0)
+        found = solve(self.field, moved[None], best.contacts, weight, _FINISH)
+        without = found.left + self.field(found.contacts[0])
+        taken = 1 - _cost(found, weight) / (weight * without**2).sum(axis=1)
+        firm = taken >= FIRM
+        if 0 < np.count_nonzero(firm) < len(firm):  # where they would be if the others were none
+            alone = solve(self.field, moved[None], found.contacts[:, firm], weight, _FINISH)
+            found.contacts[:, firm] = alone.contacts
+        return found, taken
+
+    def explain(self, images: Image, contacts: Array) -> Array:
+        """(S, K, 3) equivalents of contacts that are known, of frames (S, H, W)."""
+        moved, sure = self.eye.watch(images)
+        best = solve(self.field, moved, contacts, self.weight * np.tile(sure, (1, 2)), _FINISH)
+        found = best.contacts
+        for row in np.flatnonzero(~sure.all(axis=1)):
+            one = Solution(found[row : row + 1], best.left[row : row + 1], best.normal[:0])
+            found[row] = self._again(images[row], moved[row], sure[row], one)[2].contacts[0]
+        return found
+
+    def _grown(self, moved: Array, weight: Array, best: Solution) -> Solution:
+        """The solution with as many contacts as are worth it."""
         while best.contacts.shape[1] < self.most:
             more = self._with_more(moved, weight, best)
             if more is None:
                 break
             best = more
-        if not best.contacts.size:
-            return best, np.empty(0)
-        if not sure.all():
-            moved, sure = self._named(moved, sure, best.left[0])
+        return best
+
+    def _again(
+        self, image: Image, moved: Array, sure: npt.NDArray[np.bool_], best: Solution
+    ) -> tuple[Array, npt.NDArray[np.bool_], Solution]:
+        """Pins, those that are sure and the contacts, all pins followed from where these put them.
+
+        Repeated, because better contacts put the pins of a crowd better.
+        """
+        for turn in range(_ROUNDS):
+            expected = self.field(best.contacts[0]).sum(axis=0)
+            kept = sure if turn == 0 else self._off(moved, expected) < _KEPT
+            start = np.where(np.tile(kept, 2), moved, expected)
+            again, found = self.eye.again(image[None], start[None])
+            if not found.any():  # pins without a profile: only places that were seen can be taken
+                moved, sure = self._named(moved, sure, expected)
+            else:
+                moved, sure = again[0], found[0] & (self._off(again[0], expected) < _NEAR)
             weight = self.weight * np.tile(sure, 2)
-        found = solve(self.field, moved[None], best.contacts, weight, _FINISH)
-        without = found.left + self.field(found.contacts[0])
-        return found, 1 - _cost(found, weight) / (weight * without**2).sum(axis=1)
+            best = solve(self.field, moved[None], best.contacts, weight, _STEPS)
+            if not found.any():
+                break
+        return moved, sure, best
+
+    def _off(self, moved: Array, expected: Array) -> Array:
+        """(P,) how far pins are from where they are expected, in spacings."""
+        off: Array = np.hypot(*(moved - expected).reshape(2, -1)) / self.eye.pitch
+        return off
 
     def _with_more(self, moved: Array, weight: Array, known: Solution) -> Solution | None:
         """The best solution with one contact more: a new one or, failing that, one split in two."""
@@ -132,13 +194,13 @@ class Detector:
         return best if cost >= max(self.gain * _cost(best, weight), _FIRST) else None
 
     def _named(
-        self, moved: Array, sure: npt.NDArray[np.bool_], left: Array
+        self, moved: Array, sure: npt.NDArray[np.bool_], expected: Array
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Doubtful pins at the seen places nearest to where the contacts put them, where near."""
         seen = self.eye.rest + moved.reshape(2, -1).T
-        expected = seen - left.reshape(2, -1).T
+        wanted = self.eye.rest + expected.reshape(2, -1).T
         doubtful = np.flatnonzero(~sure)
-        apart = np.hypot(*(expected[doubtful, None] - seen).transpose(2, 0, 1))
+        apart = np.hypot(*(wanted[doubtful, None] - seen).transpose(2, 0, 1))
         nearest = apart.argmin(axis=1)
         near = apart[np.arange(len(doubtful)), nearest] < _OWN * self.eye.pitch
         named, known = moved.reshape(2, -1).copy(), sure.copy()

@@ -18,17 +18,19 @@ from tactibench.superposition import (
     Eye,
     Field,
     Neighbours,
+    Remainder,
     Solution,
     as_rows,
     shipped_inverse,
     single_presses,
-    solve,
 )
 from tactibench.training import load_weights, save_weights
-from tactibench_superpose.detect import Detector
+from tactibench_superpose.detect import FIRM, Detector
 from tactibench_superpose.spread import GROUPS, Clues, Spread, shipped
 
 Array = npt.NDArray[np.float64]
+_Pins = tuple[npt.NDArray[np.uint8], Array, npt.NDArray[np.bool_]]
+"""Images (N, H, W), displacements (N, Q) px, and (N, P) whether a pin is surely itself."""
 
 _QUIETEST_PX = 0.003
 """No displacement is believed to be known better than this."""
@@ -40,7 +42,12 @@ _EVERY = 4
 class _Learned:
     detector: Detector
     law: Neighbours
+    remainder: Remainder
     spread: Spread
+
+    def shift(self, equivalents: Array) -> Array:
+        """(1, K, 3) mm from equivalents (1, K, 3) to the contacts behind them."""
+        return self.law.shift(equivalents) + self.remainder.shift(equivalents)
 
 
 class Superpose:
@@ -98,9 +105,9 @@ class Superpose:
         detector = Detector.of(
             field, eye, weight, self._settings["gain"], self._settings["max_count"]
         )
-        law = self._law(detector, frames, truth)
+        law, remainder = self._law(detector, frames, truth)
         spread = shipped()
-        self._learned = _Learned(detector, law, spread)
+        self._learned = _Learned(detector, law, remainder, spread)
         held_frames = [validation[0][int(row)] for row in held]
         spread = spread.with_group(1, *self.errors(held_frames, wanted))
         counts = _counts(truth)
@@ -108,7 +115,7 @@ class Superpose:
             some = np.flatnonzero(counts == count)[::_EVERY]
             found = self.errors([frames[int(row)] for row in some], _of(truth, some))
             spread = spread.with_group(min(count, GROUPS), *found)
-        self._learned = _Learned(detector, law, spread)
+        self._learned = _Learned(detector, law, remainder, spread)
         progress.step(float(np.mean(off**2)) if len(off) else 0.0)
         progress.epoch(1, float(np.mean(off**2)) if len(off) else 0.0, None)
         notes = {"single_presses": len(rows), "others": len(frames) - len(rows)}
@@ -116,23 +123,24 @@ class Superpose:
 
     def _law(
         self, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer]
-    ) -> Neighbours:
+    ) -> tuple[Neighbours, Remainder]:
         """What contacts do to each other: as shipped, or fitted to presses with several."""
         if self._settings["neighbours"] == "none":
-            return Neighbours.none()
+            return Neighbours.none(), Remainder.none()
         counts = _counts(truth)
         equivalents, shifts = [], []
         for count in sorted(set(counts[counts > 1].tolist())):
             rows = np.flatnonzero(counts == count)
-            moved, sure = detector.eye.watch(
-                detector.eye.images([frames[int(row)] for row in rows])
-            )
+            images = detector.eye.images([frames[int(row)] for row in rows])
             contacts = _of(truth, rows)
-            weight = detector.weight * np.tile(sure, (1, 2))
-            found = solve(detector.field, moved, contacts, weight).contacts
+            found = detector.explain(images, contacts)
             equivalents.append(found)
             shifts.append(contacts - found)
-        return Neighbours.learn(equivalents, shifts, shipped_inverse())
+        law = Neighbours.learn(equivalents, shifts, shipped_inverse())
+        for found, shift in zip(equivalents, shifts, strict=True):
+            if found.shape[1] == 2:
+                return law, Remainder.learn(found, shift - law.shift(found))
+        return law, Remainder.none()
 
     def errors(self, frames: Sequence[Frame], wanted: Array) -> tuple[list[Clues], list[Array]]:
         """What the stated errors hang on, and the errors (K, 3) mm, of frames with contacts wanted.
@@ -140,10 +148,10 @@ class Superpose:
         wanted: (N, K, 3) x, y, depth mm. Frames in which as many were found.
         """
         clues, errors = [], []
-        for (solution, taken), true in zip(self._found(self._moved(frames)), wanted, strict=True):
+        for (solution, taken), true in zip(self._found(self._pins(frames)), wanted, strict=True):
             if len(taken) != len(true):
                 continue
-            contacts, clue = self._corrected(solution)
+            contacts, clue = self._corrected(solution, taken)
             apart = np.hypot(*(contacts[:, None, :2] - true[None, :, :2]).transpose(2, 0, 1))
             clues.append(clue)
             errors.append(contacts - true[linear_sum_assignment(apart)[1]])
@@ -151,12 +159,12 @@ class Superpose:
 
     def predict(self, frames: Sequence[Frame]) -> list[Contacts]:
         """Contacts of every frame, with their standard deviations."""
-        return self._contacts(self._found(self._moved(frames)))
+        return self._contacts(self._found(self._pins(frames)))
 
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """The phases of ``predict``: pins, fit, neighbours."""
         return [
-            ("preprocess", self._moved),
+            ("preprocess", self._pins),
             ("forward", self._found),
             ("decode", self._contacts),
         ]
@@ -168,13 +176,15 @@ class Superpose:
         """Numbers that were learned."""
         learned = self._ready()
         law = learned.law.pair.size + learned.law.crowd.size
+        law += learned.remainder.along.size + learned.remainder.across.size
         return int(learned.detector.field.coefficients.size + law)
 
-    def _moved(self, frames: Sequence[Frame]) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _pins(self, frames: Sequence[Frame]) -> _Pins:
         eye = self._ready().detector.eye
-        return eye.watch(eye.images(frames))
+        images = eye.images(frames)
+        return images, *eye.watch(images)
 
-    def _found(self, pins: tuple[Array, npt.NDArray[np.bool_]]) -> list[tuple[Solution, Array]]:
+    def _found(self, pins: _Pins) -> list[tuple[Solution, Array]]:
         return [self._ready().detector.find(*one) for one in zip(*pins, strict=True)]
 
     def _contacts(self, found: list[tuple[Solution, Array]]) -> list[Contacts]:
@@ -184,16 +194,21 @@ class Superpose:
             if not len(taken):
                 out.append(Contacts.none())
                 continue
-            contacts, clues = self._corrected(solution)
+            contacts, clues = self._corrected(solution, taken)
             depth = contacts[:, 2].clip(0.0, deepest)
             out.append(Contacts(contacts[:, :2], depth, taken.clip(0, 1), spread.std(clues)))
         return out
 
-    def _corrected(self, solution: Solution) -> tuple[Array, Clues]:
-        """(K, 3) contacts behind the equivalents that were found, and what their errors hang on."""
-        learned = self._ready()
-        count = solution.contacts.shape[1]
-        shift = learned.law.shift(solution.contacts)[0] if count > 1 else np.zeros((1, 3))
+    def _corrected(self, solution: Solution, taken: Array) -> tuple[Array, Clues]:
+        """(K, 3) contacts behind the equivalents that were found, and what their errors hang on.
+
+        Faint contacts do not shift the firm ones.
+        """
+        learned, equivalents = self._ready(), solution.contacts
+        count, firm = equivalents.shape[1], taken >= FIRM
+        shift = learned.shift(equivalents)[0]
+        if 0 < np.count_nonzero(firm) < count:
+            shift[firm] = learned.shift(equivalents[:, firm])[0]
         chi2 = float((learned.detector.weight * solution.left[0] ** 2).sum())
         misfit = chi2 / max(solution.left.shape[1] - 3 * count, 1)
         return solution.contacts[0] + shift, Clues.of(solution.normal[0], misfit, shift)
@@ -206,6 +221,9 @@ class Superpose:
             "coefficients": field.coefficients, "low": field.low, "step": field.step,
             "weight": learned.detector.weight, "still": learned.detector.eye.still,
             "pair": learned.law.pair, "crowd": learned.law.crowd,
+            "pairs": learned.remainder.known, "pairs_along": learned.remainder.along,
+            "pairs_across": learned.remainder.across,
+            "pairs_length": np.array(learned.remainder.length),
             "spread": learned.spread.terms,
         }  # fmt: skip
         save_weights(
@@ -231,6 +249,12 @@ class Superpose:
         self._learned = _Learned(
             detector,
             Neighbours(read["pair"], read["crowd"]),
+            Remainder(
+                read["pairs"],
+                read["pairs_along"],
+                read["pairs_across"],
+                float(read["pairs_length"]),
+            ),
             Spread(read["spread"]),
         )
 

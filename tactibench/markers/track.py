@@ -101,7 +101,7 @@ class Tracker:
 
     def track(self, images: npt.NDArray[Any]) -> Tracks:
         """The pins of (N, H, W) uint8 frames, N from 0 on. Raises UserError for other arrays."""
-        from tactibench.markers.frame import refine, track
+        from tactibench.markers.frame import track
 
         if (
             not isinstance(images, np.ndarray)
@@ -119,11 +119,31 @@ class Tracker:
         seen = np.empty(xy.shape[:2], dtype=np.bool_)
         radius = np.full(xy.shape[:2], np.nan)
         track(images, *self._near, xy, seen)
-        if self.look is not None:
-            usual = np.ascontiguousarray(self.look.disc[:, 2])
-            parts = self.look.dark, self.look.contrast, self.look.edge
-            refine(images, *parts, usual, self._near.pitch, SWEEPS, xy, seen, radius)
+        self._fit(images, xy, seen, radius)
         return Tracks(xy, seen, radius)
+
+    def refit(self, images: Images, xy: Array) -> Tracks:
+        """The pins of frames (N, H, W) of which is known roughly where they are.
+
+        xy: (N, P, 2) px, within about half a spacing. Discs are fitted from there, which tells pins
+        apart that overlap; no blob is looked for. Where pins are centroids nothing can be fitted:
+        xy comes back, and no pin is seen.
+        """
+        found = np.array(xy, dtype=np.float64, order="C")
+        seen = np.full(found.shape[:2], self.look is not None)
+        radius = np.full(seen.shape, np.nan)
+        self._fit(np.ascontiguousarray(images), found, seen, radius)
+        return Tracks(found, seen, radius)
+
+    def _fit(self, images: Images, xy: Array, seen: npt.NDArray[np.bool_], radius: Array) -> None:
+        """Improve xy and seen, and set the radius, where the discs are known."""
+        from tactibench.markers.frame import refine
+
+        if self.look is None:
+            return
+        usual = np.ascontiguousarray(self.look.disc[:, 2])
+        parts = self.look.dark, self.look.contrast, self.look.edge
+        refine(images, *parts, usual, self._near.pitch, SWEEPS, xy, seen, radius)
 
 
 def _pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:

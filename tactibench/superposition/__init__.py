@@ -12,12 +12,14 @@ if TYPE_CHECKING:
     from tactibench.superposition.newton import Solution, solve
     from tactibench.superposition.picture import PinPicture
     from tactibench.superposition.presses import Eye, as_rows, single_presses
+    from tactibench.superposition.remainder import Remainder
 
 _HOME = {
     "Eye": "presses",
     "Field": "field",
     "Neighbours": "neighbours",
     "PinPicture": "picture",
+    "Remainder": "remainder",
     "Solution": "newton",
     "as_rows": "presses",
     "mix": "mixing",
@@ -32,6 +34,7 @@ __all__ = [
     "Field",
     "Neighbours",
     "PinPicture",
+    "Remainder",
     "Solution",
     "as_rows",
     "mix",

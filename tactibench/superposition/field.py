@@ -61,7 +61,7 @@ class Field:
         knots = np.maximum(4, np.ceil((high - low) / PITCH_MM).astype(int) + 1)
         step = (high - low) / (knots - 1)
         axes = [a + s * np.arange(n) for a, s, n in zip(low, step, knots, strict=True)]
-        weights = _kriging(known, wanted, _best_ridge(contacts, values))
+        weights = kriging(_kernel(known, known), wanted, _best_ridge(contacts, values))
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         lattice = np.concatenate(
             [
@@ -86,22 +86,29 @@ class Field:
         return found.reshape(*given.shape[:-1], *found.shape[1:]).astype(np.float64)
 
 
-def _kernel(a: Array, b: Array) -> Array:
-    """Matern-5/2: (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length."""
+def matern(a: Array, b: Array, length: float) -> Array:
+    """Matern-5/2 kernel: (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length."""
     from scipy.spatial.distance import cdist
 
-    r = cdist(a, b) * (np.sqrt(5.0) / LENGTH_MM)
+    r = cdist(a, b) * (np.sqrt(5.0) / length)
     value: Array = (1 + r + r * r / 3) * np.exp(-r)
     return value
 
 
-def _kriging(known: Array, wanted: Array, ridge: float) -> Array:
+def kriging(kernel: Array, wanted: Array, ridge: float) -> Array:
+    """(N, Q) weights with which kernel (M, N) values give what is wanted (N, Q).
+
+    kernel: (N, N) of the known places, which is overwritten. ridge: variance of the noise.
+    """
     from scipy.linalg import cho_factor, cho_solve
 
-    kernel = _kernel(known, known)
-    kernel[np.diag_indices(len(known))] += ridge
+    kernel[np.diag_indices(len(kernel))] += ridge
     weights: Array = cho_solve(cho_factor(kernel, overwrite_a=True), wanted)
     return weights
+
+
+def _kernel(a: Array, b: Array) -> Array:
+    return matern(a, b, LENGTH_MM)
 
 
 def _best_ridge(contacts: Array, values: Array) -> float:
@@ -115,7 +122,7 @@ def _best_ridge(contacts: Array, values: Array) -> float:
     test = np.flatnonzero(held)[:200]
     kernel = _kernel(contacts[test], known)
     errors = [
-        float(((kernel @ _kriging(known, wanted, ridge) - values[test]) ** 2).sum())
+        float(((kernel @ kriging(_kernel(known, known), wanted, ridge) - values[test]) ** 2).sum())
         for ridge in RIDGES
     ]
     return RIDGES[int(np.argmin(errors))]

@@ -59,11 +59,11 @@ class Neighbours:
     def shift(self, contacts: Array) -> Array:
         """(S, K, 3) mm from each contact to its equivalent."""
         out = np.zeros_like(contacts)
-        for pair in _pairs(contacts):
+        for pair in pairs(contacts):
             out[:, pair.i] += pair.in_frame(self._of(pair, contacts))
         return out
 
-    def _of(self, pair: _Pair, contacts: Array) -> Array:
+    def _of(self, pair: Pair, contacts: Array) -> Array:
         value = _powers(pair.features, PAIR_DEGREE) @ self.pair
         if contacts.shape[1] > 2:
             value = value + _crowd(pair, self._taken(contacts)) @ self.crowd
@@ -72,7 +72,7 @@ class Neighbours:
     def _taken(self, contacts: Array) -> Array:
         """(S, K, K) depth that contact k takes off contact i, mm, as a pair would have it."""
         taken = np.zeros((*contacts.shape[:2], contacts.shape[1]))
-        for pair in _pairs(contacts):
+        for pair in pairs(contacts):
             taken[:, pair.i, pair.j] = _powers(pair.features, PAIR_DEGREE) @ self.pair[:, 2]
         return taken
 
@@ -98,7 +98,7 @@ class Neighbours:
         terms = len(self.pair) + len(self.crowd)
         taken = self._taken(contacts)
         design = np.zeros((frames, count, 3, 3, terms))
-        for pair in _pairs(contacts):
+        for pair in pairs(contacts):
             parts = [_powers(pair.features, PAIR_DEGREE), _crowd(pair, taken)]
             if count < 3:
                 parts[1] = np.zeros_like(parts[1])
@@ -129,7 +129,7 @@ def _stored(name: str) -> Neighbours:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
+class Pair:
     """Contact i as it sees j. features: (S, 5) scaled. towards, beside: (S, 2) unit vectors."""
 
     i: int
@@ -143,17 +143,23 @@ class _Pair:
         xy = self.towards * value[:, :1] + self.beside * value[:, 1:2]
         return np.concatenate([xy, value[:, 2:]], axis=1)
 
+    def to_frame(self, value: Array) -> Array:
+        """(S, 3) towards, beside, depth of (S, 3) x, y, depth."""
+        along, across = ((value[:, :2] * axis).sum(axis=1) for axis in (self.towards, self.beside))
+        return np.stack([along, across, value[:, 2]], axis=1)
 
-def _pairs(contacts: Array) -> list[_Pair]:
+
+def pairs(contacts: Array) -> list[Pair]:
+    """Every contact of (S, K, 3) as every other sees it."""
     return [
-        _pair(contacts, i, j)
+        _pair_of(contacts, i, j)
         for i in range(contacts.shape[1])
         for j in range(contacts.shape[1])
         if i != j
     ]
 
 
-def _pair(contacts: Array, i: int, j: int) -> _Pair:
+def _pair_of(contacts: Array, i: int, j: int) -> Pair:
     apart = contacts[:, j, :2] - contacts[:, i, :2]
     distance = np.maximum(np.hypot(*apart.T), 1e-6)
     towards = apart / distance[:, None]
@@ -161,10 +167,10 @@ def _pair(contacts: Array, i: int, j: int) -> _Pair:
     own = contacts[:, i, :2]
     place = [(own * towards).sum(axis=1), (own * beside).sum(axis=1)]
     raw = np.stack([distance, contacts[:, i, 2], contacts[:, j, 2], *place], axis=1)
-    return _Pair(i, j, ((raw - _CENTRE) / _SCALE).clip(-_REACH, _REACH), towards, beside)
+    return Pair(i, j, ((raw - _CENTRE) / _SCALE).clip(-_REACH, _REACH), towards, beside)
 
 
-def _crowd(pair: _Pair, taken: Array) -> Array:
+def _crowd(pair: Pair, taken: Array) -> Array:
     """(S, 2 U): what the others take off i, and off j, each times the powers of the pair."""
     powers = _powers(pair.features, CROWD_DEGREE)
     off_i = taken[:, pair.i].sum(axis=1) - taken[:, pair.i, pair.j]

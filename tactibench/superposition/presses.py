@@ -78,6 +78,15 @@ class Eye:
             sure[row] = ~self._around[:, ~tracks.seen[row]].any(axis=1)
         return moved.reshape(len(images), 2 * len(self.rest)), sure
 
+    def again(self, images: Images, moved: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """``moved`` and (N, P) whether a pin was found, of pins that are about ``moved`` (N, 2 P).
+
+        Tells crowded pins apart that ``watch`` could not.
+        """
+        xy = self.rest + moved.reshape(len(images), 2, -1).transpose(0, 2, 1)
+        tracks = self.tracker.refit(images, xy)
+        return (tracks.xy - self.rest).transpose(0, 2, 1).reshape(moved.shape), tracks.seen
+
     @cached_property
     def pitch(self) -> float:
         """Median distance of a pin at rest from its nearest neighbour, px."""

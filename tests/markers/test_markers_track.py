@@ -275,3 +275,25 @@ def test_every_pin_of_real_presses_is_followed(pins) -> None:
     assert found.seen[: 1 + len(little)].all()
     assert found.seen.mean() > 0.999
     assert np.abs(found.xy[0] - tracker.rest).max() < 0.2
+
+
+def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexagon) -> None:
+    """Three discs of 7 px within 5 px are one blob; known to half a spacing they are three."""
+    whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
+    assert whole.refine == "profile"
+    middle = np.argsort(np.hypot(*(whole.rest - 100).T))[:3]
+    true = whole.rest.copy()
+    true[middle] = true[middle].mean(axis=0) + 0.35 * (true[middle] - true[middle].mean(axis=0))
+    image = drawn(true, 3.5, 200, soft=True)
+    off = np.random.default_rng(4).normal(0, 1.2, true.shape)
+    found = whole.refit(image[None], (true + off)[None])
+    assert found.seen.all()
+    np.testing.assert_allclose(found.xy[0], true, atol=0.1)
+
+
+def test_centroids_cannot_be_fitted_again(tracker, sketch) -> None:
+    places = (tracker.rest + 1.0)[None]
+    found = tracker.refit(sketch(tracker.rest)[None], places)
+    np.testing.assert_array_equal(found.xy, places)
+    assert not found.seen.any()
+    assert np.isnan(found.radius).all()

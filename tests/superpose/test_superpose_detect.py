@@ -13,6 +13,12 @@ PITCH = 1.8 * 4  # px
 AXIS = np.arange(-7.2, 7.3, 1.8)
 PINS = np.stack(np.meshgrid(AXIS, AXIS), axis=-1).reshape(-1, 2)  # mm
 SURE = np.ones(len(PINS), dtype=bool)
+IMAGE = np.zeros((8, 8), dtype=np.uint8)
+
+
+def nothing_found(images, moved):
+    """Pins without a profile cannot be followed again."""
+    return moved, np.zeros((len(images), len(PINS)), dtype=bool)
 
 
 def push(contacts):
@@ -30,7 +36,7 @@ def field():
 
 
 def detector(field, gain=1.3, most=6):
-    eye = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH)
+    eye = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH, again=nothing_found)
     weight = np.full(field.coefficients.shape[-1], 1 / SIGMA**2)
     return Detector.of(field, eye, weight, gain, most)
 
@@ -69,7 +75,7 @@ def test_the_lattice_of_starts_covers_the_field(usual, field):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_as_many_are_found_as_there_are(usual, field, count, seed):
     wanted = far_apart(count) + np.random.default_rng(seed).uniform(-0.8, 0.8, (count, 3))
-    solution, taken = usual.find(field(wanted).sum(axis=0) + noise(seed), SURE)
+    solution, taken = usual.find(IMAGE, field(wanted).sum(axis=0) + noise(seed), SURE)
     assert len(taken) == count == solution.contacts.shape[1]
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
     assert ((taken > 0) & (taken <= 1)).all()
@@ -80,27 +86,27 @@ def test_as_many_are_found_as_there_are(usual, field, count, seed):
 def test_two_near_ones_are_not_taken_for_one(usual, field, distance, angle):
     half = distance / 2 * np.array([np.cos(angle), np.sin(angle)])
     wanted = np.array([[*(0.5 - half), 2.0], [*(0.5 + half), 3.0]])
-    solution, taken = usual.find(field(wanted).sum(axis=0) + noise(9), SURE)
+    solution, taken = usual.find(IMAGE, field(wanted).sum(axis=0) + noise(9), SURE)
     assert len(taken) == 2
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
 
 
 def test_noise_and_nothing_are_no_contact(usual):
     for moved in (np.zeros(2 * len(PINS)), *(noise(seed) for seed in range(20))):
-        solution, taken = usual.find(moved, SURE)
+        solution, taken = usual.find(IMAGE, moved, SURE)
         assert len(taken) == 0
         assert solution.contacts.shape == (1, 0, 3)
         np.testing.assert_array_equal(solution.left[0], moved)
 
 
 def test_a_touch_too_shallow_is_no_contact(usual, field):
-    _, taken = usual.find(field([1.0, 1.0, 0.05]), SURE)
+    _, taken = usual.find(IMAGE, field([1.0, 1.0, 0.05]), SURE)
     assert len(taken) == 0
 
 
 @pytest.mark.parametrize("most", [1, 2])
 def test_no_more_than_are_allowed(field, most):
-    solution, taken = detector(field, most=most).find(field(far_apart(4)).sum(axis=0), SURE)
+    solution, taken = detector(field, most=most).find(IMAGE, field(far_apart(4)).sum(axis=0), SURE)
     assert len(taken) == solution.contacts.shape[1] == most
 
 
@@ -109,7 +115,7 @@ def test_two_fits_are_never_closer_than_told(usual, field):
     several = 0
     for seed in range(20):
         wanted = rng.uniform([-5, -5, 1], [5, 5, 5], (2, 3))
-        solution, taken = usual.find(field(wanted).sum(axis=0) + noise(seed), SURE)
+        solution, taken = usual.find(IMAGE, field(wanted).sum(axis=0) + noise(seed), SURE)
         found = solution.contacts[0]
         apart = np.hypot(*(found[:, None, :2] - found[None, :, :2]).transpose(2, 0, 1))
         # Moved apart on the way, they may end a little closer.
@@ -122,14 +128,14 @@ def test_a_higher_gain_asks_more_of_a_further_contact(field):
     """A weak second contact beside a strong one."""
     strong, weak = np.array([-4.0, -4.0, 5.0]), np.array([4.5, 4.5, 0.5])
     moved = field(strong) + field(weak) + noise(5)
-    counts = [len(detector(field, gain).find(moved, SURE)[1]) for gain in (1.05, 1.3, 100.0)]
+    counts = [len(detector(field, gain).find(IMAGE, moved, SURE)[1]) for gain in (1.05, 1.3, 100.0)]
     assert counts[:2] == [2, 2]
     assert counts[2] == 1
 
 
 def test_what_is_left_is_the_noise(usual, field):
     disturbed = noise(6)
-    solution, _ = usual.find(field(far_apart(2)).sum(axis=0) + disturbed, SURE)
+    solution, _ = usual.find(IMAGE, field(far_apart(2)).sum(axis=0) + disturbed, SURE)
     chi2 = ((solution.left[0] / SIGMA) ** 2).sum()
     assert chi2 < ((disturbed / SIGMA) ** 2).sum() + 1
     assert chi2 > 0.8 * (len(disturbed) - 6)
@@ -146,8 +152,8 @@ def test_doubtful_pins_are_named_by_the_contacts_that_were_found(usual, field):
     mistaken = (places - (PINS * 4 + 40)).T.reshape(-1)
     doubtful = SURE.copy()
     doubtful[pair] = False
-    clean, _ = usual.find(moved, SURE)
-    solution, taken = usual.find(mistaken, doubtful)
+    clean, _ = usual.find(IMAGE, moved, SURE)
+    solution, taken = usual.find(IMAGE, mistaken, doubtful)
     assert len(taken) == 2
     # Both pins count again, each at its own place.
     np.testing.assert_allclose(solution.contacts, clean.contacts, atol=2e-3)
@@ -162,11 +168,11 @@ def test_a_doubtful_pin_that_was_seen_nowhere_near_is_left_out(usual, field):
     lost[[30, 30 + len(PINS)]] += 0.5 * PITCH
     doubtful = SURE.copy()
     doubtful[30] = False
-    solution, taken = usual.find(lost, doubtful)
+    solution, taken = usual.find(IMAGE, lost, doubtful)
     assert len(taken) == 2
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
 
 
 def test_a_frame_in_which_no_pin_is_sure_has_no_contact(usual, field):
-    _, taken = usual.find(field(far_apart(1))[0], ~SURE)
+    _, taken = usual.find(IMAGE, field(far_apart(1))[0], ~SURE)
     assert len(taken) == 0

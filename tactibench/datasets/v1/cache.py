@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.datasets.v1.layout import CACHE
-from tactibench.datasets.v1.sizing import gray, resized
 from tactibench.errors import UserError
+from tactibench.images import gray, resized
 from tactibench.records.cache import cache_folder
 from tactibench.records.files import file_hash, locked, read_json, write_json
 from tactibench.records.identity import digest
