@@ -1,0 +1,51 @@
+"""Principal components of pin displacements: few numbers, each a pattern of all pins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_LEAST = 1e-6
+"""Spreads below this share of the largest are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """mean: (2 P,) displacement, px. basis: (2 P, K) orthonormal. spread: (K,) standard deviations
+    over the frames that they were fitted to, px, descending."""
+
+    mean: Array
+    basis: Array
+    spread: Array
+
+    @classmethod
+    def fit(cls, moved: Array, count: int) -> Self:
+        """The first ``count`` components of displacements (N, 2 P), at most as many as there are
+        with any spread."""
+        mean = moved.mean(axis=0)
+        centred = moved - mean
+        variance, basis = np.linalg.eigh(centred.T @ centred / len(moved))
+        spread = np.sqrt(np.maximum(variance[::-1], 0.0))
+        there = max(1, int(np.count_nonzero(spread[:count] > _LEAST * spread[0])))
+        return cls(mean, np.ascontiguousarray(basis[:, ::-1][:, :there]), spread[:there])
+
+    def __len__(self) -> int:
+        return len(self.spread)
+
+    def first(self, count: int) -> Self:
+        """The first ones alone."""
+        return type(self)(self.mean, self.basis[:, :count], self.spread[:count])
+
+    def weights(self, whitening: float) -> Array:
+        """(K,) 1 / spread^whitening, 1 for the first: 0 keeps pixels, 1 makes all spread alike."""
+        least = np.maximum(self.spread, 1e-9)
+        return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
+
+    def of(self, moved: Array, whitening: float) -> Array:
+        """(N, K) of displacements (N, 2 P), the first with unit spread."""
+        return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))

@@ -1,0 +1,35 @@
+"""Declares the models ``kernel`` and ``pins``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
+
+_ANSWERS = ("contacts", "plate")
+
+
+@hookimpl
+def tactibench_models() -> Iterable[ModelSpec]:
+    return [
+        ModelSpec(
+            name="kernel",
+            target="tactibench_pins.kernel:Kernel",
+            summary="kernel regression of pin displacements, one contact or plate pose",
+            parameters=(),
+            answers=_ANSWERS,
+            max_contacts=1,
+        ),
+        ModelSpec(
+            name="pins",
+            target="tactibench_pins.model:Pins",
+            summary="averaged networks over pin displacements, one contact or plate pose",
+            parameters=(
+                Parameter("members", 4, "networks whose answers are averaged", low=1, high=32),
+                Parameter("width", 256, "units of a layer", low=8, high=1024),
+                *training_parameters(mixing=False),
+            ),
+            answers=_ANSWERS,
+            max_contacts=1,
+        ),
+    ]

@@ -1,0 +1,156 @@
+"""The model ``kernel``: frames -> displacements of the pins -> components -> kernel regression."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from tactibench import Answer, FitReport, Frame, ModelContext, Progress, UserError
+from tactibench.superposition import Eye
+from tactibench.training import load_weights, pack_image, save_weights, unpack_image
+from tactibench_pins.choose import MOST, START, Features, best
+from tactibench_pins.components import Components
+from tactibench_pins.eye import displacements, eye_of
+from tactibench_pins.ridge import Setting, kernel, weights
+from tactibench_pins.targets import WIDTH, Scale, answers, usable, vectors
+
+Array = npt.NDArray[np.float64]
+
+_BATCH = 32
+"""Frames that are tracked at once in ``predict``."""
+
+
+class Kernel:
+    """Kernel ridge regression with reweighting towards the median: one answer for every frame.
+
+    Its setting is chosen on the validation frames; without such frames it is ``START``.
+    """
+
+    name = "kernel"
+
+    def __init__(self, context: ModelContext) -> None:
+        self.context = context
+        count = WIDTH[context.answer]
+        self._eye: Eye | None = None
+        self._setting = START
+        self._scale = Scale(np.zeros(count), np.ones(count))
+        self._components = Components(np.zeros(1), np.zeros((1, 1)), np.ones(1))
+        self._places, self._alpha = np.zeros((0, 1)), np.zeros((0, count))
+        self._length = 1.0
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: tuple[Sequence[Frame], Sequence[Answer]],
+        rng: np.random.Generator,  # noqa: ARG002 - nothing here is random
+        progress: Progress,  # noqa: ARG002 - there are no epochs
+    ) -> FitReport:
+        """Choose the setting, then fit. Raises UserError for frames it cannot learn from."""
+        began = time.perf_counter()
+        given = len(frames)
+        frames, known = self._known(frames, truth)
+        if len(frames) < 2:
+            raise UserError(
+                f"model {self.name!r} was given {len(frames)} training frames that it can learn "
+                "from, but needs two; raise the training count."
+            )
+        self._eye = eye_of(frames, known)
+        self._scale = Scale.of(known)
+        moved = displacements(self._eye, frames, self.name)
+        components = Components.fit(moved, min(MOST, len(frames) - 1))
+        seen, wanted = self._known(*validation)
+        held = displacements(self._eye, seen, self.name) if seen else moved[:0]
+        learned = Features(components, moved, self._scale.apply(known))
+        self._setting = best(learned, held, self._scale.apply(wanted)) if seen else START
+        self._components = components.first(self._setting.components)
+        self._places, self._length = learned.places(self._setting)
+        self._alpha = weights(
+            kernel(self._places, self._places, self._length), learned.targets, self._setting
+        )
+        notes = {"left_out": given - len(frames), **asdict(self._setting)}
+        return FitReport(seconds=time.perf_counter() - began, notes=notes)
+
+    def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
+        """One answer per frame, computed in float64."""
+        found: list[Answer | None] = []
+        for start in range(0, len(frames), _BATCH):
+            value: Any = frames[start : start + _BATCH]
+            for _, stage in self.stages():
+                value = stage(value)
+            found += value
+        return found
+
+    timed_as = "float64"
+
+    def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
+        """Pins, regression, answers."""
+        return [
+            ("preprocess", lambda frames: displacements(self._eye, frames, self.name)),
+            ("forward", self._regress),
+            ("decode", lambda values: answers(values, self.context.answer)),
+        ]
+
+    def save(self, directory: Path) -> None:
+        """Write all that ``predict`` needs into the folder. Raises UserError before a training."""
+        if self._eye is None:
+            raise UserError(f"model {self.name!r} has learned nothing yet; train it first.")
+        arrays = {
+            "places": self._places,
+            "alpha": self._alpha,
+            "mean": self._components.mean,
+            "basis": self._components.basis,
+            "spread": self._components.spread,
+        }
+        save_weights(
+            directory,
+            {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()},
+            model=self.name,
+            architecture={"answer": self.context.answer},
+            extra={
+                "rest": pack_image(self._eye.still),
+                "setting": asdict(self._setting),
+                "scale": self._scale.plain(),
+                "length": self._length,
+            },
+        )
+
+    def load(self, directory: Path) -> None:
+        """Read weights. Raises UserError for those of another model or answer."""
+        architecture = {"answer": self.context.answer}
+        tensors, extra = load_weights(directory, model=self.name, architecture=architecture)
+        arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
+        self._eye = Eye.at(unpack_image(extra["rest"]))
+        self._setting = Setting(**extra["setting"])
+        self._scale = Scale.of_plain(extra["scale"])
+        self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
+        self._places, self._alpha = arrays["places"], arrays["alpha"]
+        self._length = extra["length"]
+
+    @property
+    def parameters(self) -> int:
+        """Numbers that a training leaves: places of the frames, their weights, the components."""
+        kept = (self._places, self._alpha, self._components.mean, self._components.basis)
+        return sum(array.size for array in kept)
+
+    def flops(self, frame: Frame) -> int | None:  # noqa: ARG002 - the same for every frame
+        """Of the two products and the distances; exponentials and the tracking are not counted."""
+        return 2 * self._components.basis.size + 3 * self._places.size + 2 * self._alpha.size
+
+    def _regress(self, moved: Array) -> Array:
+        """(N, T) in mm and deg of displacements (N, 2 P)."""
+        places = self._components.of(moved, self._setting.whitening)
+        return self._scale.invert(kernel(places, self._places, self._length) @ self._alpha)
+
+    def _known(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> tuple[list[Frame], Array]:
+        rows = usable(truth, self.context.answer, self.name)
+        known = vectors(truth, self.context.answer, self.name)[rows]
+        return [frames[row] for row in rows], known

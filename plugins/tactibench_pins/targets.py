@@ -1,0 +1,74 @@
+"""Truth as vectors that are regressed, and answers back from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Answer, Contacts, PlatePose, UserError
+
+Array = npt.NDArray[np.float64]
+WIDTH = {"contacts": 3, "plate": 2}
+
+
+def vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
+    """(N, 3) x, y, depth mm of single contacts, or (N, 2) depth mm, tilt deg of plates.
+
+    A frame without contact becomes a row of NaN. Raises UserError for a frame with several.
+    """
+    rows = np.full((len(truth), WIDTH[answer]), np.nan)
+    for row, true in zip(rows, truth, strict=True):
+        if isinstance(true, PlatePose):
+            row[:] = true.depth, true.tilt
+        elif len(true) > 1:
+            raise UserError(
+                f"model {model!r} answers one contact, but a training frame holds {len(true)}; "
+                "train it with --regime single or choose a model of several, such as unet."
+            )
+        elif len(true):
+            row[:] = *true.xy[0], true.depth[0]
+    return rows
+
+
+def answers(values: npt.NDArray[np.floating], answer: str) -> list[Answer | None]:
+    """One contact with score 1, or one plate pose, per row."""
+    if answer == "plate":
+        return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]
+    return [Contacts(row[np.newaxis, :2], row[2:], np.ones(1)) for row in values]
+
+
+def usable(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
+    """Rows with something to regress."""
+    return np.flatnonzero(np.isfinite(vectors(truth, answer, model)).all(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Mean and standard deviation of targets or features over the training frames."""
+
+    mean: Array
+    deviation: Array
+
+    @classmethod
+    def of(cls, values: Array) -> Self:
+        """Of (N, T) values; one that never varies keeps its unit."""
+        deviation = values.std(axis=0)
+        return cls(values.mean(axis=0), np.where(deviation > 1e-6, deviation, 1.0))
+
+    def apply(self, values: Array) -> Array:
+        return np.asarray((values - self.mean) / self.deviation, dtype=np.float64)
+
+    def invert(self, normal: npt.NDArray[np.floating]) -> Array:
+        return np.asarray(normal * self.deviation + self.mean, dtype=np.float64)
+
+    def plain(self) -> dict[str, list[float]]:
+        """JSON values from which ``Scale(**values)`` is made again, as arrays."""
+        return {"mean": self.mean.tolist(), "deviation": self.deviation.tolist()}
+
+    @classmethod
+    def of_plain(cls, values: dict[str, list[float]]) -> Self:
+        return cls(np.array(values["mean"]), np.array(values["deviation"]))

@@ -1,0 +1,158 @@
+"""Both models: what they learn, refuse, keep and say of themselves."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactibench import Contacts, Frame, Pose, UserError
+from tactibench.running.speed import measure_speed
+
+NAMES = ("kernel", "pins")
+FAR = {"kernel": 0.1, "pins": 0.35}
+"""Error beside that of the mean answer: networks need more presses than a test can make."""
+both = pytest.mark.parametrize("name", NAMES)
+
+
+def poses(answers):
+    return np.array([[pose.depth, pose.tilt] for pose in answers])
+
+
+@both
+def test_plates_are_read_far_better_than_by_their_mean(taught, make_presses, name):
+    frames, truth = make_presses(60, 7)
+    found = poses(taught[name][0].predict(frames))
+    error = np.abs(found - poses(truth)).mean(axis=0)
+    alone = np.abs(poses(truth) - poses(truth).mean(axis=0)).mean(axis=0)
+    assert (error < FAR[name] * alone).all(), error / alone
+
+
+@both
+def test_single_contacts_are_read_too(make_model, fit, make_presses, name):
+    model = make_model(name, answer="contacts")
+    fit(model, plate=False, count=200)
+    frames, truth = make_presses(40, 8, plate=False)
+    found = model.predict(frames)
+    assert all(len(contacts) == 1 for contacts in found)
+    apart = [np.linalg.norm(f.xy[0] - t.xy[0]) for f, t in zip(found, truth, strict=True)]
+    assert np.mean(apart) < 1.0
+
+
+@both
+def test_what_was_saved_answers_alike(taught, make_model, make_presses, name, tmp_path):
+    model = taught[name][0]
+    frames, _ = make_presses(5, 9)
+    model.save(tmp_path)
+    again = make_model(name)
+    again.load(tmp_path)
+    np.testing.assert_array_equal(poses(again.predict(frames)), poses(model.predict(frames)))
+    with pytest.raises(UserError, match="answer"):
+        make_model(name, answer="contacts").load(tmp_path)
+    other = "pins" if name == "kernel" else "kernel"
+    with pytest.raises(UserError, match=f"holds weights of model '{name}', not of '{other}'"):
+        make_model(other).load(tmp_path)
+
+
+@both
+def test_the_same_seed_gives_the_same_answers(make_model, fit, make_presses, name):
+    frames, _ = make_presses(4, 9)
+    parameters = {"epochs": 2} if name == "pins" else {}
+    found = []
+    for _ in range(2):
+        model = make_model(name, **parameters)
+        fit(model, count=40)
+        found.append(poses(model.predict(frames)))
+    np.testing.assert_array_equal(*found)
+
+
+@both
+def test_a_frame_alone_is_answered_as_among_others(taught, make_presses, name):
+    frames, _ = make_presses(6, 10)
+    together = poses(taught[name][0].predict(frames))
+    alone = poses([taught[name][0].predict([frame])[0] for frame in frames])
+    np.testing.assert_allclose(alone, together, atol=1e-4)
+
+
+@both
+def test_no_frame_is_dropped_and_missing_pins_are_foretold(taught, make_presses, name):
+    (frame,), (true,) = make_presses(1, 11)
+    image = frame.image.copy()
+    image[28:38, 28:38] = 10  # a pin or two are gone
+    (found,) = taught[name][0].predict([replace(frame, image=image)])
+    assert abs(found.depth - true.depth) < 1.0
+    (blank,) = taught[name][0].predict([replace(frame, image=np.zeros_like(image))])
+    assert np.isfinite([blank.depth, blank.tilt]).all()
+
+
+@both
+def test_a_frame_with_nan_is_refused(taught, make_presses, name):
+    (frame,), _ = make_presses(1, 12)
+    image = frame.image / 255.0
+    image[3, 3] = np.nan
+    with pytest.raises(UserError, match="frame 1 of 1"):
+        taught[name][0].predict([Frame(image, 0.0, Pose())])
+
+
+@both
+def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
+    frames, truth = make_presses(4, 13, plate=False)
+    two = Contacts.truth([[0, 0], [3, 0]], [1, 1])
+
+    def learn(answers):
+        model = make_model(name, answer="contacts", epochs=1) if name == "pins" else make_model(
+            name, answer="contacts"
+        )  # fmt: skip
+        rng = np.random.default_rng(0)
+        progress = type("P", (), {m: lambda *_: None for m in ("start", "step", "epoch")})()
+        return model.fit(frames, answers, validation=([], []), rng=rng, progress=progress)
+
+    with pytest.raises(UserError, match=f"model '{name}' answers one contact, but .* holds 2"):
+        learn([*truth[:3], two])
+    assert 1 in learn([*truth[:3], Contacts.none()]).notes.values()
+    with pytest.raises(UserError, match="raise the training count"):
+        learn([Contacts.none()] * 4)
+
+
+@both
+def test_before_a_training_there_is_nothing_to_say(make_model, make_presses, name):
+    frames, _ = make_presses(1, 14)
+    with pytest.raises(UserError, match="knows no pins yet"):
+        make_model(name).predict(frames)
+
+
+@both
+def test_without_a_rest_image_the_least_pressed_frame_stands_in(
+    make_model, fit, make_presses, name
+):
+    model = make_model(name)
+    fit(model, rest=False)
+    frames, truth = make_presses(30, 15, rest=False)
+    error = np.abs(poses(model.predict(frames)) - poses(truth)).mean(axis=0)
+    assert (error < [0.5, 3.0]).all()
+
+
+@both
+def test_times_and_costs_are_known(taught, make_presses, name):
+    model, report = taught[name]
+    frames, _ = make_presses(8, 16)
+    assert model.parameters > 100
+    assert model.flops(frames[0]) > 1000
+    answers = model.predict(frames)
+    speed = measure_speed(model, frames, answers, 5, 0.05)
+    phases = {row["phase"] for row in speed.rows}
+    assert phases == {"preprocess", "forward", "decode", "total"}
+    assert report.seconds > 0
+    json.dumps(report.notes)
+
+
+def test_members_differ_and_their_mean_is_the_answer(taught, make_presses):
+    import torch
+
+    model = taught["pins"][0]
+    frames, _ = make_presses(5, 17)
+    with torch.no_grad():
+        raw = model.network(model.inputs(frames))
+    assert raw.shape == (5, 2, 2)
+    assert float((raw[:, 0] - raw[:, 1]).abs().max()) > 1e-4
+    np.testing.assert_allclose(model.outputs(raw), poses(model.predict(frames)), atol=1e-5)
