@@ -84,7 +84,7 @@ def test_doctor_names_every_broken_plugin_and_why(tactibench: Any, broken: None)
     assert lines[-1] == f"{len(complaints)} problems found"
     assert len(complaints) == 11
     healthy = [line for line in lines if line.startswith("plugin ")]
-    own = list(Path(__file__).resolve().parents[2].glob("plugins/*/hooks.py"))
+    own = list(Path(__file__).resolve().parents[2].glob("plugins/**/hooks.py"))
     fine = ["(tactibench " in line and line.endswith(": ok") for line in healthy]
     assert sum(fine) == len(own)
 
