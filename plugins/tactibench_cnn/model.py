@@ -12,9 +12,18 @@ import torch
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench import Answer, Frame, ModelContext
-from tactibench.training import RECIPES, Examples, LearnedModel, image_tensor
+from tactibench.training import (
+    ANSWER_WIDTH,
+    RECIPES,
+    Examples,
+    LearnedModel,
+    Normalisation,
+    answer_vectors,
+    image_tensor,
+    regressable,
+    vector_answers,
+)
 from tactibench_cnn.architecture import CNNNetwork
-from tactibench_cnn.targets import NAMES, Normalisation, answers, vectors
 
 _RECIPES = RECIPES | {
     "default": replace(RECIPES["default"], epochs=16, optimiser="muon", learning_rate=4e-3)
@@ -49,42 +58,42 @@ class CNN(LearnedModel):
             "answer": context.answer,
         }
         super().__init__(context, _RECIPES[recipe].with_choices(epochs, precision), architecture)
-        outputs = len(NAMES[context.answer])
+        outputs = ANSWER_WIDTH[context.answer]
         self._normalisation = Normalisation(np.zeros(outputs), np.ones(outputs))
 
     def build(self) -> CNNNetwork:
         shape = self.architecture
         return CNNNetwork(
-            shape["width"], shape["size"], shape["hidden"], len(NAMES[shape["answer"]])
+            shape["width"], shape["size"], shape["hidden"], ANSWER_WIDTH[shape["answer"]]
         )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         return image_tensor(frames, self.architecture["size"])
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        return torch.from_numpy(self._normalisation.apply(vectors(truth, self.context.answer)))
+        known = answer_vectors(truth, self.context.answer, self.name)
+        return torch.from_numpy(self._normalisation.apply(known)).float()
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
         """Huber with a knee at a tenth of a deviation: the metric is an absolute error."""
         return F.huber_loss(outputs, targets, delta=0.1) * 10
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
-        return answers(self._normalisation.invert(outputs), self.context.answer)
+        return vector_answers(self._normalisation.invert(outputs), self.context.answer)
 
     def usable(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
-        return np.flatnonzero(np.isfinite(vectors(truth, self.context.answer)).all(axis=1))
+        return regressable(truth, self.context.answer, self.name)
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
-        self._normalisation = Normalisation.of(vectors(truth, self.context.answer))
+        self._normalisation = Normalisation.of(
+            answer_vectors(truth, self.context.answer, self.name)
+        )
 
     def start(self, network: CNNNetwork, training: Examples) -> None:
         network.start_from(training.images)
 
     def extra(self) -> dict[str, Any]:
-        return {
-            "mean": self._normalisation.mean.tolist(),
-            "deviation": self._normalisation.deviation.tolist(),
-        }
+        return self._normalisation.plain()
 
     def use_extra(self, extra: dict[str, Any]) -> None:
-        self._normalisation = Normalisation(np.array(extra["mean"]), np.array(extra["deviation"]))
+        self._normalisation = Normalisation.of_plain(extra)

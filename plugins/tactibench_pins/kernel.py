@@ -14,12 +14,21 @@ import torch
 
 from tactibench import Answer, FitReport, Frame, ModelContext, Progress, UserError
 from tactibench.superposition import Eye
-from tactibench.training import load_weights, pack_image, save_weights, unpack_image
+from tactibench.training import (
+    ANSWER_WIDTH,
+    Normalisation,
+    answer_vectors,
+    load_weights,
+    pack_image,
+    regressable,
+    save_weights,
+    unpack_image,
+    vector_answers,
+)
 from tactibench_pins.choose import MOST, START, Features, best
 from tactibench_pins.components import Components
 from tactibench_pins.eye import displacements, eye_of
 from tactibench_pins.ridge import Setting, kernel, weights
-from tactibench_pins.targets import WIDTH, Scale, answers, usable, vectors
 
 Array = npt.NDArray[np.float64]
 
@@ -37,10 +46,10 @@ class Kernel:
 
     def __init__(self, context: ModelContext) -> None:
         self.context = context
-        count = WIDTH[context.answer]
+        count = ANSWER_WIDTH[context.answer]
         self._eye: Eye | None = None
         self._setting = START
-        self._scale = Scale(np.zeros(count), np.ones(count))
+        self._scale = Normalisation(np.zeros(count), np.ones(count))
         self._components = Components(np.zeros(1), np.zeros((1, 1)), np.ones(1))
         self._places, self._alpha = np.zeros((0, 1)), np.zeros((0, count))
         self._length = 1.0
@@ -64,7 +73,7 @@ class Kernel:
                 "from, but needs two; raise the training count."
             )
         self._eye = eye_of(frames, known)
-        self._scale = Scale.of(known)
+        self._scale = Normalisation.of(known)
         moved = displacements(self._eye, frames, self.name)
         components = Components.fit(moved, min(MOST, len(frames) - 1))
         seen, wanted = self._known(*validation)
@@ -96,7 +105,7 @@ class Kernel:
         return [
             ("preprocess", lambda frames: displacements(self._eye, frames, self.name)),
             ("forward", self._regress),
-            ("decode", lambda values: answers(values, self.context.answer)),
+            ("decode", lambda values: vector_answers(values, self.context.answer)),
         ]
 
     def save(self, directory: Path) -> None:
@@ -130,7 +139,7 @@ class Kernel:
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
         self._eye = Eye.at(unpack_image(extra["rest"]))
         self._setting = Setting(**extra["setting"])
-        self._scale = Scale.of_plain(extra["scale"])
+        self._scale = Normalisation.of_plain(extra["scale"])
         self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
@@ -151,6 +160,6 @@ class Kernel:
         return self._scale.invert(kernel(places, self._places, self._length) @ self._alpha)
 
     def _known(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> tuple[list[Frame], Array]:
-        rows = usable(truth, self.context.answer, self.name)
-        known = vectors(truth, self.context.answer, self.name)[rows]
+        rows = regressable(truth, self.context.answer, self.name)
+        known = answer_vectors(truth, self.context.answer, self.name)[rows]
         return [frames[row] for row in rows], known

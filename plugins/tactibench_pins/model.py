@@ -11,11 +11,21 @@ import torch
 
 from tactibench import Answer, Frame, ModelContext
 from tactibench.superposition import Eye
-from tactibench.training import Examples, LearnedModel, Recipe, pack_image, unpack_image
+from tactibench.training import (
+    ANSWER_WIDTH,
+    Examples,
+    LearnedModel,
+    Normalisation,
+    Recipe,
+    answer_vectors,
+    pack_image,
+    regressable,
+    unpack_image,
+    vector_answers,
+)
 from tactibench_pins.architecture import Members
 from tactibench_pins.components import Components
 from tactibench_pins.eye import displacements, eye_of
-from tactibench_pins.targets import WIDTH, Scale, answers, usable, vectors
 
 RECIPE = Recipe(
     epochs=300,
@@ -55,21 +65,21 @@ class Pins(LearnedModel):
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture)
         self._eye: Eye | None = None
         self._pins = self._components = 1
-        count = WIDTH[context.answer]
-        self._scale = Scale(np.zeros(count), np.ones(count))
+        count = ANSWER_WIDTH[context.answer]
+        self._scale = Normalisation(np.zeros(count), np.ones(count))
 
     def build(self) -> Members:
         shape = self.architecture
         hidden = [shape["width"]] * _LAYERS
-        sizes = [self._components, *hidden, WIDTH[self.context.answer]]
+        sizes = [self._components, *hidden, ANSWER_WIDTH[self.context.answer]]
         return Members(self._pins, sizes, shape["members"])
 
     def usable(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
-        return usable(truth, self.context.answer, self.name)
+        return regressable(truth, self.context.answer, self.name)
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
-        known = vectors(truth, self.context.answer, self.name)
-        self._scale = Scale.of(known)
+        known = answer_vectors(truth, self.context.answer, self.name)
+        self._scale = Normalisation.of(known)
         self._eye = eye_of(frames, known)
         self._pins = len(self._eye.rest)
         self._components = min(_COMPONENTS, 2 * self._pins, max(1, len(frames) - 1))
@@ -82,7 +92,7 @@ class Pins(LearnedModel):
         return torch.from_numpy(displacements(self._eye, frames, self.name)).float()
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        known = vectors(truth, self.context.answer, self.name)
+        known = answer_vectors(truth, self.context.answer, self.name)
         return torch.from_numpy(self._scale.apply(known)).float()
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
@@ -93,7 +103,7 @@ class Pins(LearnedModel):
         return self._scale.invert(raw.float().mean(dim=1).cpu().numpy())
 
     def answers(self, outputs: npt.NDArray[Any]) -> list[Answer | None]:
-        return answers(outputs, self.context.answer)
+        return vector_answers(outputs, self.context.answer)
 
     def extra(self) -> dict[str, Any]:
         return {
@@ -106,4 +116,4 @@ class Pins(LearnedModel):
         self._eye = None if extra["rest"] is None else Eye.at(unpack_image(extra["rest"]))
         self._pins = 1 if self._eye is None else len(self._eye.rest)
         self._components = extra["components"]
-        self._scale = Scale.of_plain(extra["scale"])
+        self._scale = Normalisation.of_plain(extra["scale"])

@@ -32,7 +32,7 @@ SHALLOWEST_MM = (0.15, 0.35)
 FIRM = 0.3
 """Share of the misfit that a contact takes away from which it is surely there: of training pairs
 with a third contact too many, that had less in 99 of 100. Fainter ones, which may be none, are
-answered but have no say in where the firm ones are."""
+answered but do not shift the firm ones."""
 CLOSEST_MM = 4.0
 """Two fits closer than this are one."""
 _WORTH = 0.1
@@ -96,10 +96,6 @@ class Detector:
         found = solve(self.field, moved[None], best.contacts, weight, _FINISH)
         without = found.left + self.field(found.contacts[0])
         taken = 1 - _cost(found, weight) / (weight * without**2).sum(axis=1)
-        firm = taken >= FIRM
-        if 0 < np.count_nonzero(firm) < len(firm):  # where they would be if the others were none
-            alone = solve(self.field, moved[None], found.contacts[:, firm], weight, _FINISH)
-            found.contacts[:, firm] = alone.contacts
         return found, taken
 
     def explain(self, images: Image, contacts: Array) -> Array:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.protocols.draws import fits
+from tactibench.protocols.draws import TIPS, fits
 from tactibench.protocols.schema import Draw, Protocol, Split, Workspace
 from tactibench.protocols.split import SPLIT_STREAM
 
@@ -42,7 +42,7 @@ class Matched:
 def matches(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
     """Whether the protocol could have drawn this press."""
     tips = np.array(scene.indenter.offsets)
-    wanted = {"single": 1, "dual": 2, "triple": 3}[draw.indenter]
+    wanted = TIPS[draw.indenter]
     if len(tips) != wanted or abs(scene.indenter.radius - draw.radius_mm) > _SAME_MM:
         return False
     if scene.pose.tilt or not fits(scene, workspace):

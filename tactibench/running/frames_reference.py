@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import HasPresses, HasScenes
-from tactibench.protocols.draws import fits
+from tactibench.protocols.draws import TIPS, fits
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.running.frames import Wanted, scored_limit, spread
 from tactibench.running.presser import Presser
@@ -15,7 +15,6 @@ from tactibench.running.request import RunRequest
 
 PART = 4
 """Of a draw, beside those of ``frames_drawn``: reference frames have noise of their own."""
-TIPS = {"single": 1, "dual": 2, "triple": 3}
 
 
 def reference_frames(request: RunRequest, tester: Presser) -> tuple[tuple[Wanted, ...], int]:

@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from tactibench.training.packed import pack_image, unpack_image
     from tactibench.training.precision import autocast, resolve_precision
     from tactibench.training.recipe import RECIPES, Recipe
+    from tactibench.training.regression import (
+        ANSWER_WIDTH,
+        Normalisation,
+        answer_vectors,
+        regressable,
+        vector_answers,
+    )
     from tactibench.training.seeds import Seeds, seeded
     from tactibench.training.targets import PlateScale, heatmaps, position_error_mm
     from tactibench.training.weights import load_weights, save_weights
@@ -44,6 +51,11 @@ _HOME = {
     "MixtureReader": "mixture_reading",
     "MixtureScale": "mixture",
     "PlateScale": "targets",
+    "ANSWER_WIDTH": "regression",
+    "Normalisation": "regression",
+    "answer_vectors": "regression",
+    "regressable": "regression",
+    "vector_answers": "regression",
     "Recipe": "recipe",
     "Seeds": "seeds",
     "autocast": "precision",
@@ -71,6 +83,7 @@ _HOME = {
 }
 
 __all__ = [
+    "ANSWER_WIDTH",
     "FAINT",
     "RECIPES",
     "Examples",
@@ -78,9 +91,11 @@ __all__ = [
     "MixtureModel",
     "MixtureReader",
     "MixtureScale",
+    "Normalisation",
     "PlateScale",
     "Recipe",
     "Seeds",
+    "answer_vectors",
     "autocast",
     "count_nll",
     "count_parameters",
@@ -98,6 +113,7 @@ __all__ = [
     "position_error_mm",
     "random_turns",
     "read_mixture",
+    "regressable",
     "resolve_precision",
     "save_weights",
     "scale_std",
@@ -106,6 +122,7 @@ __all__ = [
     "std_factors",
     "train",
     "unpack_image",
+    "vector_answers",
 ]
 
 

@@ -1,4 +1,4 @@
-"""Truth as vectors that are regressed, and answers back from them."""
+"""One answer a frame as a vector that is regressed, and answers back from such vectors."""
 
 from __future__ import annotations
 
@@ -9,45 +9,47 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Answer, Contacts, PlatePose, UserError
+from tactibench.contacts import Answer, Contacts, PlatePose
+from tactibench.errors import UserError
 
 Array = npt.NDArray[np.float64]
-WIDTH = {"contacts": 3, "plate": 2}
+ANSWER_WIDTH = {"contacts": 3, "plate": 2}
+"""Numbers of an answer: x, y, depth mm of a contact; depth mm, tilt deg of a plate."""
 
 
-def vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
+def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
     """(N, 3) x, y, depth mm of single contacts, or (N, 2) depth mm, tilt deg of plates.
 
     A frame without contact becomes a row of NaN. Raises UserError for a frame with several.
     """
-    rows = np.full((len(truth), WIDTH[answer]), np.nan)
+    rows = np.full((len(truth), ANSWER_WIDTH[answer]), np.nan)
     for row, true in zip(rows, truth, strict=True):
         if isinstance(true, PlatePose):
             row[:] = true.depth, true.tilt
         elif len(true) > 1:
             raise UserError(
                 f"model {model!r} answers one contact, but a training frame holds {len(true)}; "
-                "train it with --regime single or choose a model of several, such as unet."
+                "train it with --regime single or choose a heatmap model such as unet."
             )
         elif len(true):
             row[:] = *true.xy[0], true.depth[0]
     return rows
 
 
-def answers(values: npt.NDArray[np.floating], answer: str) -> list[Answer | None]:
+def vector_answers(values: npt.NDArray[np.floating], answer: str) -> list[Answer | None]:
     """One contact with score 1, or one plate pose, per row."""
     if answer == "plate":
         return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]
     return [Contacts(row[np.newaxis, :2], row[2:], np.ones(1)) for row in values]
 
 
-def usable(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
+def regressable(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
     """Rows with something to regress."""
-    return np.flatnonzero(np.isfinite(vectors(truth, answer, model)).all(axis=1))
+    return np.flatnonzero(np.isfinite(answer_vectors(truth, answer, model)).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class Normalisation:
     """Mean and standard deviation of targets or features over the training frames."""
 
     mean: Array
@@ -66,7 +68,7 @@ class Scale:
         return np.asarray(normal * self.deviation + self.mean, dtype=np.float64)
 
     def plain(self) -> dict[str, list[float]]:
-        """JSON values from which ``Scale(**values)`` is made again, as arrays."""
+        """JSON values from which ``Normalisation(**values)`` is made again, as arrays."""
         return {"mean": self.mean.tolist(), "deviation": self.deviation.tolist()}
 
     @classmethod

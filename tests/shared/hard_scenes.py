@@ -1,0 +1,119 @@
+"""Sensors, scenes and parameters that the tests of hard cases share."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tactibench import Grid, SensorContext
+from tactibench_sim import hooks
+from tactibench_sim.contact import Tips
+from tactibench_sim.green import kernel
+from tactibench_sim.green.mechanics import GreenMechanics
+from tactibench_sim.pins import layout
+from tactibench_sim.sensor import TacTip127
+from tactibench_sim.table import shipped
+
+(_CHOICES,) = (p.choices for p in hooks.DOME if p.name == "tier")
+DECLARED = tuple(tier for tier in _CHOICES if tier != "fem")
+TIERS = tuple(dict.fromkeys((*DECLARED, "green")))
+SLACK = {"auto": 0.32}
+"""mm by which a field may jump where auto changes tiers: its tolerance and the bound of coupled."""
+RADII = (3.0, math.inf)
+PINS = layout(127)
+NONE = (0.0, 0.0, -math.inf)
+GRID = Grid.centred(32, 0.6)
+ADDS = "superpose adds contacts as if each were alone"
+
+
+@cache
+def sensor(tier):
+    return TacTip127(SensorContext(np.random.SeedSequence(0)), tier=tier, noise=False, size=96)
+
+
+@cache
+def dome(tier):
+    if tier in DECLARED:
+        return sensor(tier).mechanics
+    return GreenMechanics(kernel.shipped(), shipped())
+
+
+def every_tier(names=TIERS, **expected):
+    """expected: tier -> why it cannot."""
+    return pytest.mark.parametrize("tier", [
+        pytest.param(t, marks=pytest.mark.xfail(reason=expected[t])) if t in expected else t
+        for t in names
+    ])  # fmt: skip
+
+
+STEADY = tuple(tier for tier in DECLARED if tier not in SLACK)
+every_sensor = pytest.mark.parametrize("tier", DECLARED)
+every_radius = pytest.mark.parametrize("radius", RADII, ids=["sphere", "plate"])
+
+
+def tips(*contacts, radius=3.0):
+    """One scene of (x, y, depth)."""
+    array = np.array([contacts], dtype=float)
+    return Tips(array[..., :2], array[..., 2], np.array([radius]))
+
+
+def towards(n, delta, radius=3.0):
+    """Contacts with directions n (K, 3) and penetrations delta (K,), as (x, y, depth)."""
+    if math.isinf(radius):
+        return [(20 * x, 20 * y, d) for (x, y, _), d in zip(n, delta, strict=True)]
+    centres = (20 + radius - np.asarray(delta))[:, None] * np.asarray(n)
+    touch = np.sqrt((20 + radius) ** 2 - (centres[:, :2] ** 2).sum(axis=1))
+    return [(x, y, h - z) for (x, y, z), h in zip(centres, touch, strict=True)]
+
+
+def slanted(degrees, delta, radius=3.0, azimuth=0.3):
+    """One contact at a polar angle."""
+    a = math.radians(degrees)
+    sine = math.sin(a)
+    n = [(sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(a))]
+    return towards(n, np.array([delta]), radius)[0]
+
+
+def moved(tier, *contacts, radius=3.0, at=PINS):
+    """(P, 3) displacement of pin bases, mm."""
+    mechanics = dome(tier)
+    return mechanics.displacement(mechanics.loads(tips(*contacts, radius=radius)), at)[0][0]
+
+
+def pins(tier, *contacts, radius=3.0):
+    mechanics = dome(tier)
+    return mechanics.pin_tips(mechanics.loads(tips(*contacts, radius=radius)), PINS, 2.0)[0]
+
+
+def carried(tier, *contacts):
+    """(K,) how much each contact carries: force, or amplitude of its single field."""
+    loads = dome(tier).loads(tips(*contacts))
+    return loads[0].force if isinstance(loads, list) else loads.amplitude[0]
+
+
+def clean(tier, *contacts, radius=3.0):
+    """(H, W) grey levels before rounding."""
+    return sensor(tier).clean(tips(*contacts, radius=radius))[0]
+
+
+def worst_jump(field, start, end, steps):
+    """Largest change of a field over a vanishing part of [start, end].
+
+    Looked for by bisection where it changes most from step to step.
+    """
+    values = np.linspace(start, end, steps + 1)
+    fields = np.array([field(v) for v in values])
+    change = abs(np.diff(fields, axis=0)).reshape(steps, -1).max(axis=1)
+    worst = 0.0
+    for k in np.argsort(change)[-2:]:
+        (low, high), (before, after) = values[k : k + 2], fields[k : k + 2]
+        while high - low > 1e-7:
+            middle = (low + high) / 2
+            between = field(middle)
+            if abs(between - before).max() > abs(after - between).max():
+                high, after = middle, between
+            else:
+                low, before = middle, between
+        worst = max(worst, abs(after - before).max())
+    return worst

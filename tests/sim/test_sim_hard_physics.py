@@ -1,0 +1,216 @@
+"""Hard cases of the physics: volume, symmetry, force, and where a pin is drawn."""
+
+import math
+
+import numpy as np
+import pytest
+from hard_scenes import (
+    DECLARED,
+    GRID,
+    PINS,
+    dome,
+    every_radius,
+    every_sensor,
+    every_tier,
+    moved,
+    sensor,
+    slanted,
+    tips,
+    towards,
+)
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from tactibench import Indenter, Pose, Scene
+from tactibench_sim import fem
+from tactibench_sim.corrected import Corrections
+from tactibench_sim.field import Mechanics
+from tactibench_sim.optics import Optics
+from tactibench_sim.presets import TACTIP_127, TACTIP_331
+from tactibench_sim.render import Renderer
+from tactibench_sim.table import Tables, shipped
+
+# -- exact nu = 1/2
+
+
+def enclosed(points, corners):
+    """Volume between a triangulated surface and the origin."""
+    a, b, c = (points[corners[:, k]] for k in range(3))
+    return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+
+
+def hemisphere(rings=120, sectors=240):
+    """(P, 3) unit directions, the rim included, and (T, 3) corners of outward triangles."""
+    polar, azimuth = np.linspace(0, np.pi / 2, rings + 1), np.arange(sectors) * 2 * np.pi / sectors
+    a, b = np.meshgrid(polar, azimuth, indexing="ij")
+    points = np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], axis=-1)
+    index = np.arange(points.size // 3).reshape(a.shape)
+    here, beside = index, np.roll(index, -1, axis=1)
+    first = np.stack([here[:-1], here[1:], beside[1:]], axis=-1)
+    second = np.stack([here[:-1], beside[1:], beside[:-1]], axis=-1)
+    return points.reshape(-1, 3), np.concatenate([first, second]).reshape(-1, 3)
+
+
+def gain(tier, *contacts, radius=3.0):
+    """Change of the volume below the inner skin, a share of the dimple's."""
+    at, corners = hemisphere()
+    u = moved(tier, *contacts, radius=radius, at=at)
+    inward = np.maximum(-(u * at).sum(axis=1), 0.0)
+    inner = dome(tier).inner
+    rest = enclosed(inner * at, corners)
+    dimple = rest - enclosed((inner - inward)[:, None] * at, corners)
+    assert dimple > 0
+    return (enclosed(inner * at + u, corners) - rest) / dimple
+
+
+@every_tier()
+@every_radius
+@pytest.mark.parametrize("delta", [0.5, 2.0, 4.0, 6.0])
+def test_the_gel_keeps_its_volume(tier, radius, delta):
+    """What the dimple takes the bulge gives, to 1 % of the dimple."""
+    assert abs(gain(tier, (0.0, 0.0, delta), radius=radius)) < 0.01
+
+
+@pytest.mark.skipif(
+    "around_amounts" not in shipped().corrections.arrays,
+    reason="the table has no corrections for the rim, which ends a slanted contact's bulge",
+)
+@every_tier([t for t in DECLARED if t != "green"])
+@every_radius
+@pytest.mark.parametrize("degrees", [10.0, 25.0, 45.0])
+def test_the_gel_keeps_its_volume_under_a_slanted_contact(tier, radius, degrees):
+    """To 7 % of the dimple, not to 1 %; without corrections for the rim 10 % are lost at 30 deg and
+    20 % at 45 deg, as in tier green, which has none."""
+    assert abs(gain(tier, slanted(degrees, 3.0, radius), radius=radius)) < 0.07
+
+
+@pytest.mark.slow
+@every_radius
+def test_finite_elements_keep_their_volume(radius):
+    ngs = pytest.importorskip("ngsolve", reason="needs the extra `fem`")
+    body = fem.Dome(apex_size=0.25, skin_size=0.5, gel_size=2.0)
+    mesh = fem.dome.dome_meridian(body)
+    problem = fem.dome.AxisymmetricPress(mesh, body.moduli, body.outer, radius, body.penalty)
+    u = problem.state.components[0]
+    swept = -2 * math.pi * ngs.x * u[1] / ngs.sqrt(ngs.x**2 + ngs.y**2)
+    for depth in (1.0, 3.0, 6.0):
+        problem.advance(depth)
+        stretched = ngs.Det(ngs.Id(2) + ngs.Grad(u)) * (1 + u[0] / ngs.x)
+        change = ngs.Integrate(2 * math.pi * ngs.x * (stretched - 1), mesh, order=8)
+        dimple = ngs.Integrate(ngs.IfPos(swept, swept, 0.0) * ngs.ds("outer"), mesh)
+        assert dimple > 0
+        assert abs(change) < 0.01 * dimple
+
+
+# -- rotation and mirror equivariance to 1e-12
+
+SCENES = {
+    "single": ((4.0, -2.0, 3.0),),
+    "apex": ((0.0, 0.0, 5.0),),
+    "dual": ((-3.0, 1.0, 4.0), (3.5, 2.0, 3.0)),
+    "dimple": ((0.0, 1.0, 4.0), (1.5, 1.0, 0.3)),
+    "triple": ((-4.0, 0.0, 1.0), (4.0, 0.5, 2.0), (0.3, 6.0, 4.5)),
+}
+every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+
+
+@every_tier()
+@every_scene
+def test_turning_the_scene_turns_the_field(tier, scene):
+    u = moved(tier, *scene)
+    for angle in (0.1, 1.0, math.pi / 2, 2.5, -3.0):
+        turn = Rotation.from_euler("z", angle).as_matrix()
+        turned = [(*(turn[:2, :2] @ c[:2]), c[2]) for c in scene]
+        assert abs(moved(tier, *turned, at=PINS @ turn.T) - u @ turn.T).max() < 1e-12
+
+
+@every_tier()
+@every_scene
+def test_mirroring_the_scene_mirrors_the_field(tier, scene):
+    u = moved(tier, *scene)
+    for flip in (np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0])):
+        mirrored = [(flip[0] * x, flip[1] * y, d) for x, y, d in scene]
+        assert abs(moved(tier, *mirrored, at=PINS * flip) - u * flip).max() < 1e-12
+
+
+@every_tier()
+def test_turning_and_mirroring_a_plate(tier):
+    plate, turn = slanted(25.0, 4.0, math.inf), Rotation.from_euler("z", 1.3).as_matrix()
+    u = moved(tier, plate, radius=math.inf)
+    turned = (*(turn[:2, :2] @ plate[:2]), plate[2])
+    there = moved(tier, turned, radius=math.inf, at=PINS @ turn.T)
+    assert abs(there - u @ turn.T).max() < 1e-12
+    flip = np.array([1.0, -1.0, 1.0])
+    mirrored = moved(tier, (plate[0], -plate[1], plate[2]), radius=math.inf, at=PINS * flip)
+    assert abs(mirrored - u * flip).max() < 1e-12
+
+
+@pytest.mark.parametrize("tier", ["superpose", "coupled"])
+@every_radius
+def test_the_tables_know_no_direction(tier, radius):
+    """Without the corrections for the rim the field turns with the scene in three dimensions."""
+    apex = Mechanics(Tables(shipped().parameters, "", shipped().by_radius, Corrections()), tier)
+    n = np.array([[0.0, 0.1, 1.0], [0.3, 0.2, 1.0], [-0.2, 0.3, 1.0]])[: 1 if radius > 3 else 3]
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    delta = np.array([3.0, 2.0, 4.0])[: len(n)]
+    fields = []
+    for turn in (Rotation.identity(), Rotation.from_euler("zyx", [0.4, 0.3, -0.2])):
+        loads = apex.loads(tips(*towards(turn.apply(n), delta, radius), radius=radius))
+        u = apex.displacement(loads, turn.apply(PINS))[0][0]
+        fields.append(turn.inv().apply(u))
+    assert abs(fields[1] - fields[0]).max() < 1e-12
+
+
+@every_sensor
+def test_a_quarter_turn_turns_the_skin(tier):
+    """Seen on the grid, where a quarter turn is exact. The pins' hexagons know no quarter turn."""
+    one, pose = sensor(tier), Pose(3.0, 1.0, 20.0, 0.0, 3.0)
+    turned = Pose(-1.0, 3.0, 110.0, 0.0, 3.0)
+    seen = one.surface(Scene(Indenter.dual(7.0), pose), GRID)
+    there = one.surface(Scene(Indenter.dual(7.0), turned), GRID)
+    assert abs(there - np.rot90(seen, -1)).max() < 1e-12
+
+
+# -- force monotone in depth
+
+
+@every_radius
+def test_the_tables_force_grows_with_depth(radius):
+    one = shipped().by_radius[radius]
+    force = CubicSpline(one.delta, one.fields["force"])(np.linspace(0, one.deepest, 2001))
+    assert force[0] == 0
+    assert (np.diff(force) > 0).all()
+
+
+@every_tier()
+@pytest.mark.parametrize("gap", [0.5, 4.0, 6.5, 12.0])
+def test_the_force_of_a_pair_grows_with_depth(tier, gap):
+    """Force of effective depths: amplitude times the table's force, where the tier has none."""
+    one = shipped().by_radius[3.0]
+    table = CubicSpline(one.delta, one.fields["force"])
+    totals = []
+    for depth in np.linspace(0.05, 6.0, 40):
+        loads = dome(tier).loads(tips((-gap / 2, 0.0, depth), (gap / 2, 0.0, depth - 0.5)))
+        if isinstance(loads, list):
+            totals.append(loads[0].force.sum())
+        else:
+            totals.append((loads.amplitude * table(loads.shape)).sum())
+    assert (np.diff(totals) > 0).all()
+
+
+# -- splat centroid < 0.01 px
+
+
+@pytest.mark.parametrize("preset", [TACTIP_127, TACTIP_331], ids=lambda p: p.name)
+@pytest.mark.parametrize("size", [96, 128, 256])
+def test_the_centroid_of_a_pin_is_where_the_pin_is(preset, size):
+    """With the presets' own discs, in grey levels and in the 8-bit frame."""
+    camera = Renderer(Optics(size=size, vignetting=0.0, background=0.0, brightness=255.0))
+    radius = preset.optics.marker_radius_mm * 0.956 * size / 36.0  # 36 mm from the camera
+    centre = np.random.default_rng(1).uniform(size / 4, size / 2, (100, 2))
+    discs = centre[:, :1], centre[:, 1:], np.full((100, 1), radius)
+    row, column = np.mgrid[:size, :size]
+    for image in (camera.splatted(*discs), camera.exposed(*discs).astype(float)):
+        mass = image.sum(axis=(1, 2))
+        seen = np.stack([(image * axis).sum(axis=(1, 2)) / mass for axis in (column, row)], axis=1)
+        assert abs(seen - centre).max() < 0.01
