@@ -7,7 +7,7 @@ from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
 
-SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 80}
+SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 80, "crowded": 24}
 
 
 class Silent:
@@ -29,6 +29,15 @@ def dual(rng):
     return Scene(Indenter.dual(rng.uniform(9, 11)), pose)
 
 
+def crowded(rng):
+    """Two deep tips far apart: pins between them touch."""
+    pose = Pose(*rng.uniform(-0.3, 0.3, 2), rng.uniform(0, 180), 0, rng.uniform(5.7, 6.0))
+    return Scene(Indenter.dual(rng.uniform(10.8, 11.2)), pose)
+
+
+KINDS = {"dual": dual, "law": dual, "crowded": crowded}
+
+
 @pytest.fixture(scope="session")
 def host():
     return PluginHost()
@@ -43,7 +52,7 @@ def presses(host):
     found = {}
     with sensor:
         for name, count in SETS.items():
-            kind = dual if name in ("dual", "law") else single
+            kind = KINDS.get(name, single)
             scenes = [kind(rng) for _ in range(count)]
             found[name] = (
                 list(sensor.press_many(scenes)),

@@ -65,6 +65,29 @@ def test_two_far_apart_are_found_as_two(duals_found, presses):
     assert np.sqrt(((error / std) ** 2).mean()) < 1.2
 
 
+def test_pins_that_crowd_are_followed_again(fitted, presses):
+    """Between two deep tips blobs merge; the contacts say where each pin is to be looked for."""
+    model = fitted[0]
+    frames, truth = presses["crowded"]
+    detector = model._ready().detector
+    images = detector.eye.images(frames)
+    moved, sure = detector.eye.watch(images)
+    rows = np.flatnonzero(~sure.all(axis=1))
+    assert len(rows) >= 4
+    before, after = [], []
+    for row in rows:
+        found, _ = detector.find(images[row], moved[row], sure[row])
+        explained = detector.field(found.contacts[0]).sum(axis=0)
+        before.append(np.hypot(*(moved[row] - explained).reshape(2, -1)).max())
+        after.append(np.hypot(*found.left[0].reshape(2, -1)).max())
+    # A pin taken for its neighbour is most of a spacing off; a misfit of the fields is not.
+    assert np.median(before) > 0.5 * detector.eye.pitch
+    assert max(after) < 0.5 * detector.eye.pitch
+    found = model.predict([frames[row] for row in rows])
+    error, _ = matched(found, [truth[row] for row in rows])
+    assert np.abs(error).max() < 0.3
+
+
 def test_scores_are_shares_and_fall(duals_found):
     for one in duals_found:
         assert ((one.score >= 0) & (one.score <= 1)).all()
