@@ -27,9 +27,8 @@ class Lock:
         self._file = _take(path)
         os.ftruncate(self._file, 0)
         owner = {"pid": os.getpid(), "host": socket.gethostname(), "start": start_of(os.getpid())}
-        os.pwrite(self._file, json.dumps(owner).encode(), 0) if hasattr(os, "pwrite") else (
-            os.write(self._file, json.dumps(owner).encode())
-        )
+        os.lseek(self._file, 0, os.SEEK_SET)
+        os.write(self._file, json.dumps(owner).encode())
 
     def release(self) -> None:
         """Let another writer in. Nothing happens the second time."""
