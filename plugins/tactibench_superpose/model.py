@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,13 @@ from tactibench.superposition import (
     Remainder,
     Solution,
     as_rows,
-    shipped_inverse,
     single_presses,
 )
 from tactibench.training import load_weights, save_weights
 from tactibench_superpose.detect import FIRM, Detector
+from tactibench_superpose.several import Several, by_count, laws
 from tactibench_superpose.spread import GROUPS, Clues, Spread, shipped
+from tactibench_superpose.unexplained import Unexplained
 
 Array = npt.NDArray[np.float64]
 _Pins = tuple[npt.NDArray[np.uint8], Array, npt.NDArray[np.bool_]]
@@ -105,42 +106,41 @@ class Superpose:
         detector = Detector.of(
             field, eye, weight, self._settings["gain"], self._settings["max_count"]
         )
-        law, remainder = self._law(detector, frames, truth)
+        groups = self._several(detector, frames, truth)
+        if groups:
+            left = np.concatenate([group.left for group in groups])
+            detector = replace(detector, unexplained=Unexplained.learn(left, weight))
         spread = shipped()
-        self._learned = _Learned(detector, law, remainder, spread)
+        # Presses that a law was learned from are answered better than others: how far off answers
+        # are is seen on presses that it was not learned from, and then it is learned from all.
+        self._learned = _Learned(detector, *self._laws(groups, _EVERY), spread)
         held_frames = [validation[0][int(row)] for row in held]
         spread = spread.with_group(1, *self.errors(held_frames, wanted))
-        counts = _counts(truth)
-        for count in sorted(set(counts[counts > 1].tolist())):
-            some = np.flatnonzero(counts == count)[::_EVERY]
-            found = self.errors([frames[int(row)] for row in some], _of(truth, some))
-            spread = spread.with_group(min(count, GROUPS), *found)
-        self._learned = _Learned(detector, law, remainder, spread)
+        for rows in by_count(truth):
+            some = rows[::_EVERY]
+            known = _of(truth, some)
+            found = self.errors([frames[int(row)] for row in some], known)
+            spread = spread.with_group(min(known.shape[1], GROUPS), *found)
+        self._learned = _Learned(detector, *self._laws(groups), spread)
         progress.step(float(np.mean(off**2)) if len(off) else 0.0)
         progress.epoch(1, float(np.mean(off**2)) if len(off) else 0.0, None)
-        notes = {"single_presses": len(rows), "others": len(frames) - len(rows)}
+        notes = {"single_presses": len(single), "others": len(frames) - len(single)}
         return FitReport(1, time.perf_counter() - began, notes=notes)
 
-    def _law(
+    def _several(
         self, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer]
+    ) -> list[Several]:
+        """Presses with several contacts; none of them is looked at where no law is wanted."""
+        if self._settings["neighbours"] == "none":
+            return []
+        return [Several.of(detector, frames, truth, rows) for rows in by_count(truth)]
+
+    def _laws(
+        self, groups: Sequence[Several], without: int | None = None
     ) -> tuple[Neighbours, Remainder]:
-        """What contacts do to each other: as shipped, or fitted to presses with several."""
         if self._settings["neighbours"] == "none":
             return Neighbours.none(), Remainder.none()
-        counts = _counts(truth)
-        equivalents, shifts = [], []
-        for count in sorted(set(counts[counts > 1].tolist())):
-            rows = np.flatnonzero(counts == count)
-            images = detector.eye.images([frames[int(row)] for row in rows])
-            contacts = _of(truth, rows)
-            found = detector.explain(images, contacts)
-            equivalents.append(found)
-            shifts.append(contacts - found)
-        law = Neighbours.learn(equivalents, shifts, shipped_inverse())
-        for found, shift in zip(equivalents, shifts, strict=True):
-            if found.shape[1] == 2:
-                return law, Remainder.learn(found, shift - law.shift(found))
-        return law, Remainder.none()
+        return laws(groups, without)
 
     def errors(self, frames: Sequence[Frame], wanted: Array) -> tuple[list[Clues], list[Array]]:
         """What the stated errors hang on, and the errors (K, 3) mm, of frames with contacts wanted.
@@ -225,6 +225,7 @@ class Superpose:
             "pairs_across": learned.remainder.across,
             "pairs_length": np.array(learned.remainder.length),
             "spread": learned.spread.terms,
+            "unexplained": learned.detector.unexplained.covariance,
         }  # fmt: skip
         save_weights(
             directory,
@@ -246,6 +247,8 @@ class Superpose:
             self._settings["gain"],
             self._settings["max_count"],
         )
+        usual = Unexplained(read["unexplained"], np.sqrt(read["weight"]))
+        detector = replace(detector, unexplained=usual)
         self._learned = _Learned(
             detector,
             Neighbours(read["pair"], read["crowd"]),
@@ -266,8 +269,3 @@ class Superpose:
 
 def _of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:
     return as_rows([truth[int(row)] for row in rows])
-
-
-def _counts(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
-    """(N,) contacts of every frame."""
-    return np.array([len(one) if isinstance(one, Contacts) else 0 for one in truth], dtype=np.intp)

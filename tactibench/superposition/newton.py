@@ -28,19 +28,28 @@ class Solution:
     normal: Array
 
 
-def solve(field: Field, moved: Array, start: Array, weight: Array, steps: int = _STEPS) -> Solution:
+def solve(
+    field: Field,
+    moved: Array,
+    start: Array,
+    weight: Array,
+    steps: int = _STEPS,
+    whitener: Array | None = None,
+) -> Solution:
     """Minimise sum_q weight_q (moved_q - sum_k field_q(contact_k))^2 over the contacts.
 
     moved: (S, Q). start: (S, K, 3) mm. weight: (Q,) or (S, Q), 1 / variance. Levenberg-Marquardt
     with one damping a frame; a step that does not help is taken back.
+    whitener: (Q, M) that what is left is multiplied by before it is weighted, weight then (M,) or
+    (S, M): displacements whose errors are not independent. ``left`` is then (S, M) as well.
     """
     low = np.array([*field.low[:2], _SHALLOWEST_MM])
     high = field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
     contacts = start.clip(low, high)
     frames, count = contacts.shape[:2]
-    weights = np.broadcast_to(weight, moved.shape)
     damping = np.full(frames, _DAMPING)
-    left, slopes = _residual(field, moved, contacts)
+    left, slopes = _residual(field, moved, contacts, whitener)
+    weights = np.broadcast_to(weight, left.shape)
     cost = (weights * left**2).sum(axis=1)
     normal, pull = _normal(slopes, weights, left)
     active = np.arange(frames)
@@ -54,7 +63,7 @@ def solve(field: Field, moved: Array, start: Array, weight: Array, steps: int = 
         longest = (np.abs(step) / _LONGEST).max(axis=(1, 2))
         step /= np.maximum(longest, 1.0)[:, None, None]
         tried = (contacts[active] + step).clip(low, high)
-        new_left, new_slopes = _residual(field, moved[active], tried)
+        new_left, new_slopes = _residual(field, moved[active], tried, whitener)
         new_cost = (weights[active] * new_left**2).sum(axis=1)
         better = new_cost <= cost[active]
         moving = np.abs(tried - contacts[active]).max(axis=(1, 2)) > _STILL_MM
@@ -69,11 +78,14 @@ def solve(field: Field, moved: Array, start: Array, weight: Array, steps: int = 
     return Solution(contacts, left, normal)
 
 
-def _residual(field: Field, moved: Array, contacts: Array) -> tuple[Array, Array]:
+def _residual(
+    field: Field, moved: Array, contacts: Array, whitener: Array | None
+) -> tuple[Array, Array]:
     """What is left (S, Q), and the slopes by every contact's x, y and depth (S, 3 K, Q)."""
     values = field.slopes(contacts)
     slopes = values[:, :, 1:].reshape(len(contacts), -1, values.shape[-1])
-    return moved - values[:, :, 0].sum(axis=1), slopes
+    left = moved - values[:, :, 0].sum(axis=1)
+    return (left, slopes) if whitener is None else (left @ whitener, slopes @ whitener)
 
 
 def _normal(slopes: Array, weights: Array, left: Array) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """How many contacts, and where: on a known field of 81 pins."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from tactibench.superposition import Field
 from tactibench_superpose.detect import CLOSEST_MM, Detector
+from tactibench_superpose.unexplained import Unexplained
 
 SIGMA = 0.02  # px
 PITCH = 1.8 * 4  # px
@@ -176,3 +178,51 @@ def test_a_doubtful_pin_that_was_seen_nowhere_near_is_left_out(usual, field):
 def test_a_frame_in_which_no_pin_is_sure_has_no_contact(usual, field):
     _, taken = usual.find(IMAGE, field(far_apart(1))[0], ~SURE)
     assert len(taken) == 0
+
+
+def interplay(contacts, rng):
+    """(162,) px that two contacts leave beyond their sum, like a faint third one between them."""
+    (x, y, depth), (u, v, other) = contacts[:2]
+    between = np.array([[(x + u) / 2, (y + v) / 2, 0.5 * min(depth, other)]])
+    return push(between)[0] * rng.uniform(0.6, 1.4)
+
+
+def pair(rng):
+    x, y = rng.uniform(-0.5, 0.5, 2)
+    return np.array([[x - 4.6, y, rng.uniform(2, 4)], [x + 4.6, y, rng.uniform(2, 4)]])
+
+
+@pytest.fixture(scope="module")
+def learned_from_pairs(field):
+    rng = np.random.default_rng(3)
+    left = []
+    for _ in range(400):
+        contacts = pair(rng)
+        left.append(interplay(contacts, rng) + SIGMA * rng.normal(size=2 * len(PINS)))
+    plain = detector(field)
+    return replace(plain, unexplained=Unexplained.learn(np.array(left), plain.weight))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_two_contacts_usually_leave_is_no_third_one(usual, learned_from_pairs, field, seed):
+    rng = np.random.default_rng(100 + seed)
+    contacts = pair(rng)
+    moved = field(contacts).sum(axis=0) + interplay(contacts, rng) + noise(seed)
+    assert len(usual.find(IMAGE, moved, SURE)[1]) > 2
+    solution, taken = learned_from_pairs.find(IMAGE, moved, SURE)
+    assert len(taken) == 2
+    apart = np.linalg.norm(
+        in_order(solution.contacts[0], contacts)[:, :2] - contacts[:, :2], axis=1
+    )
+    assert apart.max() < 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_third_contact_elsewhere_is_still_found(learned_from_pairs, field, seed):
+    rng = np.random.default_rng(200 + seed)
+    contacts = np.array([*pair(rng), [0.0, 5.5, 3.0]])
+    moved = field(contacts).sum(axis=0) + interplay(contacts, rng) + noise(seed)
+    solution, taken = learned_from_pairs.find(IMAGE, moved, SURE)
+    assert len(taken) >= 3
+    apart = np.linalg.norm(solution.contacts[0][:, :2] - contacts[2, :2], axis=1)
+    assert apart.min() < 0.8

@@ -72,6 +72,27 @@ def test_the_answer_is_that_of_scipy(field):
     np.testing.assert_allclose(found.contacts[0], expected, atol=2e-3)
 
 
+def test_errors_that_hang_together_are_weighed_together(field):
+    rng = np.random.default_rng(6)
+    mixing = np.eye(122) + 0.2 * rng.normal(size=(122, 122))
+    covariance = mixing @ mixing.T
+    moved = summed(field, KNOWN[None, :2]) + (mixing @ (0.05 * rng.normal(size=122)))
+    start = near(KNOWN[:2], rng)
+    precise = np.linalg.inv(covariance)
+    root = np.linalg.cholesky(precise)
+
+    def off(flat):
+        left = moved[0] - field(flat.reshape(-1, 3)).sum(axis=0)
+        return root.T @ left
+
+    expected = least_squares(off, start.ravel(), diff_step=1e-4).x.reshape(-1, 3)
+    whitener = np.linalg.inv(np.linalg.cholesky(covariance)).T
+    found = solve(field, moved, start[None], np.ones(122), whitener=whitener)
+    np.testing.assert_allclose(found.contacts[0], expected, atol=2e-3)
+    left = moved[0] - summed(field, found.contacts)[0]
+    np.testing.assert_allclose((found.left**2).sum(), left @ precise @ left, rtol=1e-6)
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_noise_leaves_what_cramer_and_rao_allow(field, count):
     rng = np.random.default_rng(6)
