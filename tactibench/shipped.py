@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-_CHECKOUT = {"protocols": "protocols", "published": "leaderboards/published"}
+_CHECKOUT = {
+    "protocols": "protocols",
+    "published": "leaderboards/published",
+    "hidden": "leaderboards/hidden",
+}
 
 
 def shipped_folder(name: str) -> Path:
-    """Folder of ``protocols`` or ``published`` tables."""
+    """Folder of ``protocols``, ``published`` tables or hashes of ``hidden`` seeds."""
     package = Path(__file__).resolve().parent
     inside = package / "_shipped" / name
     return inside if inside.is_dir() else package.parent / _CHECKOUT[name]

@@ -86,6 +86,8 @@ def test_the_wheel_holds_the_core_all_plugins_protocols_and_published_tables(whe
         names = files_under(ROOT / source)
         assert any(name.endswith(".toml") for name in names)
         expected |= {f"tactibench/_shipped/{shipped}/{name}" for name in names}
+    hidden = files_under(ROOT / "leaderboards" / "hidden")
+    expected |= {f"tactibench/_shipped/hidden/{name}" for name in hidden}
     held = {name for name in names_in(wheel) if ".dist-info/" not in name}
     assert held == expected
     assert "tactibench/py.typed" in held

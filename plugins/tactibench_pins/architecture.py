@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
@@ -21,12 +23,14 @@ class Members(nn.Module):
 
     The displacements are first turned into K whitened components. While it trains, every member
     sees them with noise of its own, as if every pin had been found that much elsewhere. Hidden
-    layers after the first are residual: h <- (h + gelu(W h + b)) / sqrt 2.
+    layers after the first are residual: h <- (h + gelu(W h + b)) / sqrt 2. With ``show_through`` it
+    is also shown every frame through one of several views, as other sensors would see it.
     """
 
     mean: torch.Tensor
     basis: torch.Tensor
     noise: torch.Tensor
+    through: torch.Tensor
 
     def __init__(self, pins: int, sizes: Sequence[int], members: int) -> None:
         """sizes: K, units of the hidden layers, T."""
@@ -35,6 +39,7 @@ class Members(nn.Module):
         self.register_buffer("mean", torch.zeros(2 * pins))
         self.register_buffer("basis", torch.zeros(2 * pins, sizes[0]))
         self.register_buffer("noise", torch.zeros(sizes[0]))
+        self.register_buffer("through", torch.zeros(0, 2 * pins, sizes[0]), persistent=False)
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
         for number, (inside, outside) in enumerate(pairwise(sizes)):
@@ -52,14 +57,36 @@ class Members(nn.Module):
         self.basis[:, :found] = torch.from_numpy(components.basis).float() * weights
         self.noise[:found] = noise_px * weights
 
+    @torch.no_grad()
+    def show_through(self, views: Sequence[npt.NDArray[np.float64]]) -> None:
+        """Views (2 P, 2 P) of displacements while it trains; after ``start_from``."""
+        seen = [torch.from_numpy(view.T).float() @ self.basis.cpu() for view in views]
+        self.through = torch.stack(seen).to(self.basis)
+
     def forward(self, moved: torch.Tensor) -> torch.Tensor:
-        hidden = ((moved - self.mean) @ self.basis).expand(self.members, -1, -1)
+        hidden = self.hidden(moved)
+        bias = self.biases[-1].view(self.members, 1, -1)
+        return torch.baddbmm(bias, hidden, self.weights[-1]).transpose(0, 1)
+
+    def hidden(self, moved: torch.Tensor) -> torch.Tensor:
+        """(M, B, U) last hidden layer of every member."""
+        hidden = self._components(moved).expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)
-        last = len(self.weights) - 1
-        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            raw = torch.baddbmm(bias.view(self.members, 1, -1), hidden, weight)
-            if number == last:
-                return raw.transpose(0, 1)
-            hidden = F.gelu(raw) if number == 0 else (hidden + F.gelu(raw)) * math.sqrt(0.5)
-        raise AssertionError("a network has a last layer")
+        for number, (weight, bias) in enumerate(
+            zip(self.weights[:-1], self.biases[:-1], strict=True)
+        ):
+            raw = F.gelu(torch.baddbmm(bias.view(self.members, 1, -1), hidden, weight))
+            hidden = raw if number == 0 else (hidden + raw) * math.sqrt(0.5)
+        return hidden
+
+    def _components(self, moved: torch.Tensor) -> torch.Tensor:
+        """(B, K), each frame through a view of its own where there are some and it trains."""
+        if not (self.training and len(self.through)):
+            return (moved - self.mean) @ self.basis
+        chosen = torch.randint(len(self.through), (len(moved),), device=moved.device)
+        out = torch.empty(len(moved), self.basis.shape[1], device=moved.device)
+        for number in range(len(self.through)):  # far less memory than one matrix a frame
+            rows = chosen == number
+            out[rows] = moved[rows] @ self.through[number]
+        return out - self.mean @ self.basis

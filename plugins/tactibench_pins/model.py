@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
 from tactibench import Answer, Frame, ModelContext
-from tactibench.superposition import Eye
 from tactibench.training import (
     ANSWER_WIDTH,
     Examples,
@@ -25,7 +25,11 @@ from tactibench.training import (
 )
 from tactibench_pins.architecture import Members
 from tactibench_pins.components import Components
-from tactibench_pins.eye import displacements, eye_of
+from tactibench_pins.correction import Correction
+from tactibench_pins.eye import LATTICE, Sight, displacements, sight, sight_at
+from tactibench_pins.views import views
+
+Array = npt.NDArray[np.float64]
 
 RECIPE = Recipe(
     epochs=300,
@@ -41,6 +45,16 @@ _WHITENING = 0.5
 _NOISE_PX = 0.25
 """Twice what the centroid of a black and white pin is uncertain by."""
 _LAYERS = 3
+
+TRANSFER = replace(RECIPE, epochs=80)
+"""Where other sensors are read, fewer epochs: what is learned last is the trained sensor's own."""
+_SHARED = 12
+"""Components where other sensors are read; the next ones differ more between two sensors of one
+make than between two presses."""
+_UNLIKE = 0.003
+"""Noise in units of the layout where other sensors are read: what no view says of them."""
+_VIEWS = 16
+_BATCH = 32
 
 
 class Pins(LearnedModel):
@@ -62,8 +76,12 @@ class Pins(LearnedModel):
         precision: str = "recipe",
     ) -> None:
         architecture = {"members": members, "width": width, "answer": context.answer}
-        super().__init__(context, RECIPE.with_choices(epochs, precision), architecture)
-        self._eye: Eye | None = None
+        if context.transfers:
+            architecture["transfers"] = True
+        recipe = TRANSFER if context.transfers else RECIPE
+        super().__init__(context, recipe.with_choices(epochs, precision), architecture)
+        self._sight: Sight | None = None
+        self._correction: Correction | None = None
         self._pins = self._components = 1
         count = ANSWER_WIDTH[context.answer]
         self._scale = Normalisation(np.zeros(count), np.ones(count))
@@ -80,16 +98,20 @@ class Pins(LearnedModel):
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         known = answer_vectors(truth, self.context.answer, self.name)
         self._scale = Normalisation.of(known)
-        self._eye = eye_of(frames, known)
-        self._pins = len(self._eye.rest)
-        self._components = min(_COMPONENTS, 2 * self._pins, max(1, len(frames) - 1))
+        self._sight = sight(frames, known, self.context.transfers)
+        self._pins = self._sight.places
+        most = _SHARED if self.context.transfers else _COMPONENTS
+        self._components = min(most, 2 * self._pins, max(1, len(frames) - 1))
 
     def start(self, network: Members, training: Examples) -> None:
         found = Components.fit(training.images.double().numpy(), self._components)
-        network.start_from(found, _WHITENING, _NOISE_PX)
+        transfers = self.context.transfers
+        network.start_from(found, _WHITENING, _UNLIKE if transfers else _NOISE_PX)
+        if transfers:  # the same views for every training seed
+            network.show_through(views(LATTICE, _VIEWS, np.random.default_rng(0)))
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        return torch.from_numpy(displacements(self._eye, frames, self.name)).float()
+        return torch.from_numpy(displacements(self._sight, frames, self.name)).float()
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         known = answer_vectors(truth, self.context.answer, self.name)
@@ -105,15 +127,50 @@ class Pins(LearnedModel):
     def answers(self, outputs: npt.NDArray[Any]) -> list[Answer | None]:
         return vector_answers(outputs, self.context.answer)
 
+    def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
+        """Correct the answers by what labelled frames of another sensor lack (``Correction``).
+
+        Frames that cannot be learned from are left out; without any the answers are the trained
+        ones. Returns what was chosen, for the record.
+        """
+        self._correction = None
+        rows = self.usable(truth)
+        if not len(rows):
+            return {"frames": 0}
+        known = self._scale.apply(answer_vectors(truth, self.context.answer, self.name)[rows])
+        features, raw = self._seen([frames[row] for row in rows])
+        self._correction = Correction.fit(features, known - raw)
+        return {"frames": len(rows), "ridge": list(self._correction.ridges)}
+
+    def evaluate(self, frames: Sequence[Frame]) -> npt.NDArray[Any]:
+        """(N, T) answers in mm and deg, corrected by ``adapt``."""
+        if self._correction is None:
+            return super().evaluate(frames)
+        features, raw = self._seen(frames)
+        return self._scale.invert(raw + self._correction(features))
+
+    @torch.inference_mode()
+    def _seen(self, frames: Sequence[Frame]) -> tuple[Array, Array]:
+        """(N, M U) last hidden layers and (N, T) normalised answers, not corrected."""
+        network = cast("Members", self.network)
+        features, raw = [], []
+        for start in range(0, len(frames), _BATCH):
+            batch = self.inputs(frames[start : start + _BATCH]).to(self.context.device)
+            hidden = network.hidden(batch)
+            features.append(hidden.transpose(0, 1).flatten(1).double().cpu().numpy())
+            raw.append(network(batch).mean(dim=1).double().cpu().numpy())
+        return np.concatenate(features), np.concatenate(raw)
+
     def extra(self) -> dict[str, Any]:
         return {
-            "rest": None if self._eye is None else pack_image(self._eye.still),
+            "rest": None if self._sight is None else pack_image(self._sight.still),
             "components": self._components,
             "scale": self._scale.plain(),
         }
 
     def use_extra(self, extra: dict[str, Any]) -> None:
-        self._eye = None if extra["rest"] is None else Eye.at(unpack_image(extra["rest"]))
-        self._pins = 1 if self._eye is None else len(self._eye.rest)
+        still = None if extra["rest"] is None else unpack_image(extra["rest"])
+        self._sight = None if still is None else sight_at(still, self.context.transfers)
+        self._pins = 1 if self._sight is None else self._sight.places
         self._components = extra["components"]
         self._scale = Normalisation.of_plain(extra["scale"])

@@ -32,6 +32,14 @@ def tactibench_sensors() -> list[SensorSpec]:
                     high=1000.0,
                 ),
                 Parameter(
+                    "labels",
+                    "auto",
+                    "given: read by depth_offset_mm and pivot_mm; fitted: both taken from the "
+                    "pins, as `tactibench data fit` does; auto: fitted where depths of two sensors "
+                    "are compared and neither was given",
+                    choices=("auto", "given", "fitted"),
+                ),
+                Parameter(
                     "depth",
                     "pose_2",
                     "column of targets.csv with the depth label, mm; pose_x..pose_Rz are the same "

@@ -11,6 +11,7 @@ from tactibench import Scene, UserError
 from tactibench.datasets.importing import (
     ImportOptions,
     Recording,
+    indentation_options,
     open_recording,
     plate_scenes,
 )
@@ -32,11 +33,16 @@ class Pressed:
     options: ImportOptions
 
 
-def pressed(folder: Path, options: ImportOptions) -> Pressed:
-    """Open a folder; where no scene is known, its labels are a plate's. Raises UserError."""
+def pressed(folder: Path, options: ImportOptions, *, fitted: bool = False) -> Pressed:
+    """Open a folder; where no scene is known, its labels are a plate's. Raises UserError.
+
+    fitted: take the labels' offset and pivot from the pins instead of ``options``.
+    """
     recording = open_recording(folder, ImportOptions(frames=options.frames))
     scenes, columns = recording.scenes, dict(recording.columns)
     if not any(scenes):
+        if fitted:
+            options = indentation_options(recording, options)
         scenes, roles = plate_scenes(recording, options)
         columns |= roles
     rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)

@@ -20,6 +20,8 @@ from tactibench_recorded.scenes import Pressed, kinds_of, pressed
 
 _THREADS = min(8, os.cpu_count() or 1)
 _AHEAD = 8 * _THREADS
+OFFSET_MM, PIVOT_MM = 5.0, 0.0
+"""What labels are read by where nothing is said."""
 
 
 class RecordedSensor:
@@ -29,15 +31,18 @@ class RecordedSensor:
     they are. Other labels are read as a plate's: depth = depth label + ``depth_offset_mm`` +
     ``pivot_mm`` (1 - cos tilt), tilt = tilt label. The default offset is the travel of about 5 mm
     between the labelled pose and first touch in the Tac-VGNN recordings; it moves every depth alike
-    and so changes no error within one recording. Everything is checked here, once: raises
+    and so changes no error within one recording. Where depths of two sensors are compared
+    (``context.indentation``) and neither number is given, or with ``labels`` "fitted", both are
+    fitted to the pins. Everything is checked here, once: raises
     UserError, which names the file and the row.
     """
 
     def __init__(
         self,
         context: SensorContext,
-        depth_offset_mm: float = 5.0,
-        pivot_mm: float = 0.0,
+        depth_offset_mm: float = OFFSET_MM,
+        pivot_mm: float = PIVOT_MM,
+        labels: str = "auto",
         depth: str = "pose_2",
         tilt: str = "pose_6",
         frames: str = "auto",
@@ -50,7 +55,9 @@ class RecordedSensor:
         options = ImportOptions(
             frames=frames, depth=depth, tilt=tilt, offset_mm=depth_offset_mm, pivot_mm=pivot_mm
         )
-        self._pressed = pressed(context.data, options)
+        given = (depth_offset_mm, pivot_mm) != (OFFSET_MM, PIVOT_MM)
+        fitted = labels == "fitted" or (labels == "auto" and context.indentation and not given)
+        self._pressed = pressed(context.data, options, fitted=fitted)
         self._row = {scene: number for number, scene in enumerate(self._pressed.scenes)}
         radius = self._recording.dome_radius_mm
         if radius is not None and self._recording.dataset is not None:

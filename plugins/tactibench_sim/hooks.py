@@ -92,6 +92,25 @@ PLANAR = (
     Parameter("instance", 0, "0: nominal; N: another individual", low=0, high=10**9),
 )
 
+FITTED = (
+    Parameter("size", 256, "frame side, px", low=32, high=1024),
+    Parameter("drag", 5.0, "a plate's sideways travel, at most, mm", low=0.0, high=20.0),
+    Parameter("dragged", 0.6, "share of a plate's presses that drag the skin", low=0.0, high=1.0),
+    Parameter(
+        "spread",
+        0.0,
+        "0: the calibrated sensor; 1: individuals with other pins and cameras, in assumed ranges",
+        low=0.0,
+        high=3.0,
+    ),
+    Parameter("individuals", 16, "how many of them, where spread is not 0", low=1, high=1000),
+    Parameter(
+        "calibration",
+        "",
+        "file of `sim real --keep`; empty: the fit to 200 real presses that ships",
+    ),
+)
+
 
 @hookimpl
 def tactibench_sensors() -> tuple[SensorSpec, ...]:
@@ -118,7 +137,18 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
         parameters=(*PLANAR, *(p for p in flat if p.name != "gel_length")),
         origin="simulated",
     )
-    return (*domes, planar)
+    pressed = (
+        SensorSpec(
+            name=f"fitted-{pins}",
+            target=f"tactibench_sim.real.sensor:Fitted{pins}",
+            summary=f"simulated TacTip, {pins} pins; camera, pins and a plate's drag fitted to "
+            "real presses",
+            parameters=FITTED,
+            origin="simulated",
+        )
+        for pins in optics
+    )
+    return (*domes, planar, *pressed)
 
 
 @hookimpl

@@ -38,6 +38,12 @@ def layout(pins: int) -> Array:
     return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=1)
 
 
+def places_at_rest(pins: int) -> Array:
+    """(P, 2) frame sides off the axis, where the real rest frame shows the pins. pins: 127, 331."""
+    radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
+
+
 def polar_angles(radius: Array) -> Array:
     """(N,) rad of tips that the reference optics see ``radius`` frame sides off the axis."""
     low, high = np.zeros(len(radius)), np.full(len(radius), _STEEPEST)

@@ -8,7 +8,12 @@ from pathlib import Path
 from tactibench.board.labels import whole
 from tactibench.board.page import page
 from tactibench.board.published import load_published
-from tactibench.board.submissions import Record, committed_protocols, read_submissions
+from tactibench.board.submissions import (
+    Record,
+    all_press_errors,
+    committed_protocols,
+    read_submissions,
+)
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.files import atomic
@@ -73,5 +78,5 @@ def _page(board: Path, name: str) -> Page:
     own = board / "published"
     folder = own if own.is_dir() else shipped_folder("published")
     published = load_published(protocol.keys.published.tables, folder)
-    text = page(protocol, records, published)
+    text = page(protocol, records, published, all_press_errors(board, records))
     return Page(board / f"{name}.md", text, len(records), len(records) - len(whole(records)))

@@ -91,6 +91,15 @@ _SURFACE = Block(
 
 _FOR_SOME = (_BOUND, _SURFACE, _STATED)
 
+SHOTS = ("0", "10", "50", "200")
+
+
+def _by_shots(metric: str, title: str, decimals: int, note: str) -> Block:
+    """A column for every number of labelled frames; models that take none have the first alone."""
+    columns = (Column(metric, shots, shots, decimals, spread=False) for shots in SHOTS)
+    return Block(title, (*columns, _aside("coverage", "0", "answered, %", 1)), note)
+
+
 DISTANCES = tuple(f"{0.5 * k:.1f}" for k in range(13, 25))
 
 BLOCKS: dict[str, tuple[Block, ...]] = {
@@ -187,6 +196,12 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
             "rows.",
             optional=True,
         ),
+    ),
+    "transfer": (
+        _by_shots("depth_mae_mm", "Indentation MAE, mm, by labelled frames of the tested sensor",
+                  3, "Over answered frames."),
+        _by_shots("tilt_mae_deg", "Tilt MAE, deg, by labelled frames of the tested sensor", 2,
+                  "Over answered frames; those without labelled frames stand in the first table."),
     ),
 }  # fmt: skip
 BENEATH = {"distance_penalised_mm": "resolved"}

@@ -80,7 +80,10 @@ def section_key(record: Record) -> Any:
     key = [record["protocol"]["id"], record["protocol"]["hash"], sensor["origin"], sensor["name"],
            sensor["parameters"], record["identity"].get("data")]  # fmt: skip
     tested = tested_of(record)
-    return key if tested is None else [*key, tested["name"], tested["parameters"]]
+    if tested is None:
+        return key
+    found = [*key, tested["name"], tested["parameters"]]
+    return [*found, trained] if (trained := trained_on(record)) else found
 
 
 def tested_of(record: Record) -> Mapping[str, Any] | None:
@@ -89,15 +92,26 @@ def tested_of(record: Record) -> Mapping[str, Any] | None:
     return tested
 
 
+def trained_on(record: Record) -> str:
+    """Which sensor a model was trained on that was tested on another one; "" where on the same."""
+    return (tested_of(record) or {}).get("trained_on") or ""
+
+
 def asked_of(record: Record) -> str:
     """The options that ask for what a run was tested on: " --test reference", or ""."""
     tested = tested_of(record)
-    return "" if tested is None else "".join(f" --test {text}" for text in tested["asked"])
+    if tested is None:
+        return ""
+    return "".join(
+        " --hidden-seed" if text == "hidden" else f" --test {text}" for text in tested["asked"]
+    )
 
 
 def measured_on(record: Record) -> str:
     """ "simulated sensor tactip-127", and what it was tested on, where that is something else."""
     sensor, tested = record["sensor"], tested_of(record)
+    if tested is not None and (trained := trained_on(record)):
+        return f"real {tested['on']}, trained on {trained}"
     text = f"{sensor['origin']} sensor {sensor['name']}"
     return text if tested is None else f"{text}, tested on {tested['on']}"
 

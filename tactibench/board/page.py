@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from types import MappingProxyType
 
 from tactibench.board.columns import BLOCKS, Block, Column
 from tactibench.board.cost import cost_lines
 from tactibench.board.curve import curve_lines, curves
-from tactibench.board.labels import TRIVIAL, Record, asked_of, section_key, tested_of, whole
+from tactibench.board.labels import (
+    TRIVIAL,
+    Record,
+    asked_of,
+    section_key,
+    tested_of,
+    trained_on,
+    whole,
+)
 from tactibench.board.markdown import code, details, plain
 from tactibench.board.printed import published_lines
 from tactibench.board.published import PublishedTable
 from tactibench.board.ranking import RANKING, ordered
+from tactibench.board.ranks import Errors, ranks
 from tactibench.board.rows import Row, rows_of
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.tables import block_lines
@@ -28,9 +38,15 @@ trivial. `n/a`: not measured, or one seed has no value."""
 
 
 def page(
-    protocol: LoadedProtocol, records: Sequence[Record], published: Sequence[PublishedTable]
+    protocol: LoadedProtocol,
+    records: Sequence[Record],
+    published: Sequence[PublishedTable],
+    errors: Errors = MappingProxyType({}),
 ) -> str:
-    """Markdown of a board. records: committed ones of this protocol, of any version."""
+    """Markdown of a board. records: committed ones of this protocol, of any version.
+
+    errors: press by press, of the records that have answers beside them.
+    """
     name = protocol.keys.id
     lines = [
         f"# {name}: {protocol.keys.title}",
@@ -43,7 +59,7 @@ def page(
     ]
     sections = sections_of(whole(records))
     for section in sections:
-        lines += _section(name, section, protocol, records)
+        lines += _section(name, section, protocol, records, errors)
     if not sections:
         lines += [
             f"No run has been added yet: `tactibench board --add RUN` adds one of {name}.",
@@ -56,12 +72,19 @@ def page(
 def _order(protocol: str) -> list[str]:
     if protocol not in RANKING:
         return []
-    text = f"Rows are ordered by {RANKING[protocol].name}; order is no rank."
+    text = (
+        f"Rows are ordered by {RANKING[protocol].name}, trivial ones last. The order is no rank: "
+        "rows that cannot be told apart share one."
+    )
     return [text, ""]
 
 
 def _section(
-    name: str, section: Section, protocol: LoadedProtocol, records: Iterable[Record]
+    name: str,
+    section: Section,
+    protocol: LoadedProtocol,
+    records: Iterable[Record],
+    errors: Errors,
 ) -> list[str]:
     stated = section.record["protocol"]
     rows = ordered(name, section.rows)
@@ -71,13 +94,14 @@ def _section(
                   f" which is not the present one (`{protocol.hash[:8]}`).", ""]  # fmt: skip
     lines += _tested(section.record)
     lines += _account(section.record)
-    for block in BLOCKS.get(name) or (_all_metrics(rows),):
-        lines += block_lines(block, rows)
+    ranked = ranks(name, rows, errors)
+    for k, block in enumerate(BLOCKS.get(name) or (_all_metrics(rows),)):
+        lines += block_lines(block, rows, None if k else ranked)
     if name in RANKING:
         here = [r for r in records if section_key(r) == section_key(section.record)]
         lines += curve_lines(curves(rows_of(here), RANKING[name]), RANKING[name])
-    if tested_of(section.record) is None:  # the same weights cost the same
-        lines += cost_lines(rows)
+    if tested_of(section.record) is None or trained_on(section.record):
+        lines += cost_lines(rows)  # elsewhere the same weights cost the same
     lines += _missing_trivial(name, rows)
     runs = [record for row in rows for record in row.records]
     lines += _code(runs)
@@ -95,6 +119,12 @@ def _tested(record: Record) -> list[str]:
     counted = f"{presses:,} presses"
     if frames != presses:
         counted = f"{frames:,} frames of {counted}"
+    if trained := trained_on(record):
+        left = int(record["data"]["of_tested_sensor"]["left_out_calibrated"])
+        fitted = f" {left:,} frames to which the simulator was fitted test nothing." if left else ""
+        return [f"Trained on {plain(trained)}, tested on {counted} of another sensor, of which a "
+                "model is given the rest image and as many labelled frames as a column says, none "
+                f"of them a test press.{fitted}", ""]  # fmt: skip
     return [f"Trained on the sensor itself and tested on {counted}: {code(asked_of(record)[1:])}.",
             ""]  # fmt: skip
 
@@ -121,6 +151,8 @@ def _missing_trivial(name: str, rows: Sequence[Row]) -> list[str]:
     """A board without its trivial rows says how to make them."""
     there = {row.first["model"]["name"] for row in rows}
     absent = sorted(TRIVIAL - there)
+    if trained_on(rows[0].first):  # the board does not know where the recordings lie
+        return []
     asked = "".join({asked_of(row.first) for row in rows})
     made = " and ".join(f"`tactibench run {name} --model {model}{asked}`" for model in absent)
     return [f"Trivial rows are missing: {made} on this sensor.", ""] if made else []

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from tactibench.errors import UserError, did_you_mean
 
 Text = Annotated[str, Field(min_length=1)]
+AXES = ("x", "y", "z")
 
 
 class _Frozen(BaseModel):
@@ -78,8 +79,32 @@ class PublishedRow(_Frozen):
         return self.metrics.get(metric, {}).get(group)
 
 
+class Claim(_Frozen):
+    """A figure or word of a note, and the quantity that it stands for.
+
+    note, row: their numbers in the file, from 1. says: as it stands in the note. values: what the
+    quantity is computed from where that is no row: low and high of a uniform range, or how many of
+    how many were dropped.
+    """
+
+    note: Annotated[int, Field(ge=1)]
+    says: Text
+    quantity: Literal[
+        "printed", "printed, %", "n", "mean of axes", "root mean square of axes", "aggregation",
+        "target sd", "target sd, least", "target sd, most", "half width of uniform targets",
+        "sd of uniform targets", "kept, %",
+    ]  # fmt: skip
+    row: Annotated[int, Field(ge=1)] | None = None
+    metric: Text | None = None
+    group: Text | None = None
+    values: tuple[FiniteFloat, ...] = ()
+
+
 class PublishedTable(_Frozen):
-    """One paper: its rows, what they were measured on, and notes on their consistency."""
+    """One paper: its rows, what they were measured on, and notes on their consistency.
+
+    claims: the figures of the notes, for `tactibench published check`.
+    """
 
     schema_version: Literal[1]
     name: Text
@@ -89,6 +114,7 @@ class PublishedTable(_Frozen):
     measured_on: Text
     recipe: str = ""
     notes: tuple[Text, ...] = ()
+    claims: tuple[Claim, ...] = ()
     rows: Annotated[tuple[PublishedRow, ...], Field(min_length=1)]
 
 

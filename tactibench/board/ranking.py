@@ -1,6 +1,6 @@
 """The error that orders a board: one that no missing contact can improve, where there is one.
 
-The order is no ranking: whether one row beats another is for a paired comparison to say.
+The order is no ranking: whether one row beats another is for a paired comparison (``ranks``).
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ RANKING = {
     "exp2": RankingError("distance_penalised_mm", "all", "penalised distance error", 3),
     "exp3": RankingError("gospa1_mm", "all", "GOSPA (p = 1), all frames", 3),
     "surface": RankingError("depth_mae_mm", "all", "depth MAE", 4),
+    "transfer": RankingError("depth_mae_mm", "0", "indentation MAE without labelled frames", 3),
 }
 """exp1 scores the best prediction without a gate, so that a poor one cannot hide as a miss; surface
-has no such metric, and coverage stands beside it."""
+and transfer have no such metric, and coverage stands beside it."""
 
 
 def ranking_error(protocol: str) -> RankingError:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tactibench.board.labels import Part, Record, part_of, section_key, tested_of
+from tactibench.board.labels import Part, Record, part_of, section_key, tested_of, trained_on
 from tactibench.board.rows import Row, rows_of
 from tactibench.records.identity import canonical, digest
 
@@ -51,8 +51,12 @@ class Section:
     @property
     def title(self) -> str:
         """ "Simulated sensor tactip-127, instance=1: a perturbed individual"."""
+        tested = tested_of(self.record)
+        if tested is not None and (trained := trained_on(self.record)):
+            text = f"Real {tested['on']}, trained on {trained}"
+            return text + (f" (test frames {self.mark})" if self.mark else "")
         text = f"{self.origin.capitalize()} sensor {self.sensor.text()}"
-        if tested := tested_of(self.record):
+        if tested:
             text += f", tested on {tested['on']}"
         if why := KINDS[self.kind]:
             text += f": {why}"

@@ -2,7 +2,8 @@
 
 ``leaderboards/submissions/<protocol>/<name>.json`` is the record of a complete run without its
 arrays, without the loss of every epoch, and without the sensor's description of itself, of which
-the hash stays. It is a valid record all the same.
+the hash stays. It is a valid record all the same. ``<name>.npz`` beside it holds the answers; older
+records have none.
 """
 
 from __future__ import annotations
@@ -13,9 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tactibench.board.committed import (
+    Arrays,
+    PressErrors,
+    answers_file,
+    ranked_errors,
+    read_press_errors,
+)
 from tactibench.board.labels import label_of, row_key
+from tactibench.board.safe import refuse_names
 from tactibench.errors import UserError
-from tactibench.records.files import atomic, read_json
+from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.records.files import atomic, read_json, write_arrays
 from tactibench.records.identity import digest
 from tactibench.records.record import checked
 from tactibench.records.store import StoredRun
@@ -45,12 +55,14 @@ def compact(record: Record) -> Record:
 
 
 def add(run: StoredRun, board: Path) -> Added:
-    """Commit a run: write its file, and remove older ones of the same row and seed.
+    """Commit a run: write its record and answers, and remove older ones of the same row and seed.
 
-    Raises UserError for a partial run, and for one whose predictions are not those of its record.
+    Raises UserError for a partial run, one whose predictions are not those of its record, and one
+    that no file may be called after.
     """
     refuse_partial(run.record, str(run.folder))
-    run.arrays("predictions")  # raises where they were changed
+    refuse_names(run.record, str(run.folder))
+    predicted = run.arrays("predictions")  # raises where they were changed
     record = compact(run.record)
     folder = board / FOLDER / record["protocol"]["id"]
     path = folder / f"{record['name']}.json"
@@ -59,11 +71,35 @@ def add(run: StoredRun, board: Path) -> Added:
         for other in _files(folder)
         if other != path and slot(_read(other)) == slot(record)
     ]  # fmt: skip
+    write_arrays(answers_file(path), {**predicted, **_ranked(run, predicted)})
     with atomic(path) as stream:
         stream.write(text_of(record).encode())
     for other in same:
         other.unlink()
+        answers_file(other).unlink(missing_ok=True)
     return Added(path, tuple(same))
+
+
+def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
+    """Errors to rank by; none for a protocol that is not the present one."""
+    stated = run.record["protocol"]
+    path = protocol_files().get(stated["id"])
+    protocol = None if path is None else read_protocol(path)
+    if protocol is None or protocol.hash != stated["hash"]:
+        return {}
+    return ranked_errors(protocol.keys, run.arrays("truth"), predicted)
+
+
+def press_errors(board: Path, record: Record) -> PressErrors | None:
+    """What a record is ranked by, press by press; None where no answers lie beside it."""
+    place = board / FOLDER / record["protocol"]["id"] / f"{record['name']}.json"
+    return read_press_errors(answers_file(place))
+
+
+def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
+    """Of the records that have answers beside them, by name. Raises UserError for damaged ones."""
+    found = ((record["name"], press_errors(board, record)) for record in records)
+    return {name: errors for name, errors in found if errors is not None}
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from tactibench.board.columns import BENEATH, Block, Column
 from tactibench.board.markdown import Head, plain, table
 from tactibench.board.numbers import number
+from tactibench.board.ranks import Ranks
 from tactibench.board.rows import Pooled, Row
 
 IDENTITY = (Head("model", right=False), Head("encoder", right=False), Head("regime", right=False),
@@ -15,18 +16,25 @@ IDENTITY = (Head("model", right=False), Head("encoder", right=False), Head("regi
 MISSING = "n/a"
 
 
-def block_lines(block: Block, rows: Sequence[Row]) -> list[str]:
-    """Heading, table and notes of a block; nothing where it is optional and empty."""
+def block_lines(block: Block, rows: Sequence[Row], ranks: Ranks | None = None) -> list[str]:
+    """Heading, table and notes of a block; nothing where it is optional and empty.
+
+    ranks: of the rows, in a column before the others; None: no such column.
+    """
     first = block.columns[0]
     if block.optional and all(row.metric(first.metric, first.group) is None for row in rows):
         return []
-    heads = [*IDENTITY]
+    heads = [*IDENTITY] if ranks is None else [Head("rank"), *IDENTITY]
     for column in block.columns:
         heads.append(Head(column.head))
         if column.spread:
             heads.append(Head("sd"))
     body = [[*identity(row), *_cells(row, block.columns)] for row in rows]
-    notes = " ".join(filter(None, (block.note, _presses(block, rows))))
+    if ranks is not None:
+        numbers = (MISSING if rank is None else str(rank) for rank in ranks.by_row)
+        body = [[rank, *cells] for rank, cells in zip(numbers, body, strict=True)]
+    note = "" if ranks is None else ranks.note
+    notes = " ".join(filter(None, (block.note, _presses(block, rows), note)))
     return [f"### {block.title}", "", *table(heads, body), "", *([notes, ""] if notes else [])]
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from tactibench.cli.options import board_option, json_option, runs_option
+from tactibench.cli.options import board_option, json_option, runs_option, writable_place
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.board.boards import Page
     from tactibench.records.store import StoredRun
+
+
+FILE = click.Path(path_type=Path, dir_okay=False, writable=True)
 
 
 @click.command()
@@ -28,6 +31,20 @@ if TYPE_CHECKING:
 @runs_option
 @board_option
 @json_option
+@click.option(
+    "--csv",
+    "csv_file",
+    type=FILE,
+    callback=writable_place,
+    help="Write the figures here, a line a metric.",
+)
+@click.option(
+    "--latex",
+    "latex_file",
+    type=FILE,
+    callback=writable_place,
+    help="Write the first tables here, for a paper.",
+)
 @click.pass_context
 def board(
     ctx: click.Context,
@@ -36,6 +53,8 @@ def board(
     runs: Path,
     board_folder: Path,
     json_file: Path | None,
+    csv_file: Path | None,
+    latex_file: Path | None,
 ) -> None:
     """Write the leaderboards from the records that are committed beside them.
 
@@ -48,7 +67,6 @@ def board(
     """
     from tactibench.board.boards import check_folder, pages
     from tactibench.board.submissions import add
-    from tactibench.records.files import write_json
 
     if check and names:
         raise UserError("--check writes nothing, --add does; leave one of the two out.")
@@ -59,8 +77,7 @@ def board(
         for path in added.replaced:
             click.echo(f"  in place of {path.name}, the same row and seed")
     made = pages(board_folder)
-    if json_file is not None:
-        write_json(json_file, _json(board_folder))
+    _export(board_folder, json_file, csv_file, latex_file)
     if check:
         stale = [page for page in made if not page.current]
         for page in stale:
@@ -102,8 +119,18 @@ def _line(page: Page) -> str:
     return f"{page.path}: {page.records} runs{curve}; {state}"
 
 
-def _json(board: Path) -> list[dict[str, Any]]:
-    """Tidy rows: a pooled metric of a row of a board each."""
-    from tactibench.board.export import tidy_rows
+def _export(board: Path, json_file: Path | None, table: Path | None, latex: Path | None) -> None:
+    """Tidy rows, a pooled metric of a row of a board each, and tables for a paper."""
+    from tactibench.board.export import csv_text, latex_text, tidy_rows
+    from tactibench.records.files import atomic, write_json
 
-    return tidy_rows(board)
+    if json_file is not None or table is not None:
+        rows = tidy_rows(board)
+        if json_file is not None:
+            write_json(json_file, rows)
+        if table is not None:
+            with atomic(table) as stream:
+                stream.write(csv_text(rows).encode())
+    if latex is not None:
+        with atomic(latex) as stream:
+            stream.write(latex_text(board).encode())

@@ -19,17 +19,24 @@ if TYPE_CHECKING:
 
 VERBS = {
     "board": ("tactibench.cli.board:board", "write or check the leaderboards, add runs to them"),
+    "check": ("tactibench.cli.check:check", "prove that a plugin behaves as its kind must"),
+    "compare": ("tactibench.cli.compare:compare", "runs against each other, press by press"),
     "curve": ("tactibench.cli.curve:curve", "the learning curve: error against training presses"),
     "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
     "frontier": ("tactibench.cli.frontier:frontier", "speed against error, and who is dominated"),
+    "hidden": ("tactibench.cli.hidden:hidden", "publish the hash of a secret seed of test presses"),
     "limit": ("tactibench.cli.limit:limit", "the smallest errors that a sensor's noise allows"),
     "list": ("tactibench.cli.listing:listing", "list models, sensors, encoders and protocols"),
     "models": ("tactibench.cli.models:models", "list trained weights, train without a test"),
+    "new": ("tactibench.cli.new:new", "begin a model, sensor or encoder of your own"),
+    "published": ("tactibench.cli.published:published", "published tables: list, check"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
+    "submit": ("tactibench.cli.submit:submit", "write a run's record and predictions to a board"),
+    "verify": ("tactibench.cli.verify:verify", "score submissions again without trusting them"),
 }
 
 MISTAKE, INTERRUPTED = 2, 130

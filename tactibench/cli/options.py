@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 Verb = Callable[..., None]
 
 
-def _writable_place(
-    _ctx: click.Context, _option: click.Parameter, path: Path | None
-) -> Path | None:
+def writable_place(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
     """Refuse before the work what could not be written after it."""
     if path is not None and not path.parent.is_dir():
         raise click.BadParameter(f"the folder {path.parent} is not there; make it first.")
@@ -27,7 +25,7 @@ def picture(_ctx: click.Context, _option: click.Parameter, path: Path | None) ->
     """A PNG file in a folder that is there."""
     if path is not None and path.suffix.lower() != ".png":
         raise click.BadParameter(f"{path.name} is no PNG file; call it {path.stem}.png.")
-    return _writable_place(_ctx, _option, path)
+    return writable_place(_ctx, _option, path)
 
 
 out_option = click.option(
@@ -41,7 +39,7 @@ json_option = click.option(
     "--json",
     "json_file",
     type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    callback=_writable_place,
+    callback=writable_place,
     help="Write the record here.",
 )
 board_option = click.option(

@@ -27,9 +27,15 @@ from tactibench.cli.options import json_option, out_option, request_of, request_
     "--test",
     "tests",
     multiple=True,
-    metavar="reference|sensor.NAME=VALUE",
-    help="Test on other frames than the model is trained for: the sensor's reference scenes, or "
-    "a sensor with other parameters.",
+    metavar="reference|sensor.NAME=VALUE|data=FOLDER",
+    help="Test on other frames than the model is trained for: the sensor's reference scenes, a "
+    "sensor with other parameters, or (protocol transfer) the recording of another sensor.",
+)
+@click.option(
+    "--hidden-seed",
+    "hidden",
+    is_flag=True,
+    help="Test on presses drawn from the secret seed in TACTIBENCH_HIDDEN_SEED.",
 )
 @click.option(
     "--published",
@@ -48,13 +54,14 @@ def run(
     limit: int | None,
     presses: int | None,
     tests: tuple[str, ...],
+    hidden: bool,
     json_file: Path | None,
     out: Path,
     fresh: bool,
     dry_run: bool,
     **asked: Any,
 ) -> None:
-    """Run PROTOCOL (exp1, exp2, exp3, surface, or a .toml file) with a model and score it.
+    """Run PROTOCOL (exp1, exp2, exp3, surface, transfer or a .toml file) with a model; score it.
 
     Frames and weights are cached and shared; an interrupted run continues by the same command.
     """
@@ -67,8 +74,9 @@ def run(
     from tactibench.running.plan import make_plan, plan_lines
     from tactibench.running.request import read_tested
 
+    tested = read_tested(tests, hidden=hidden)
     request = request_of(
-        protocol, model, asked, quick=quick, limit=limit, presses=presses, tested=read_tested(tests)
+        protocol, model, asked, quick=quick, limit=limit, presses=presses, tested=tested
     )
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())

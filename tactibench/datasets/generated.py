@@ -48,6 +48,7 @@ class FrameRequest:
     build: opens the sensor with a seed. identity: of sensor, parameters and code, as JSON.
     scenes, names: of every press. seed: root seed and spawn key of the sensor's randomness.
     dome_radius: of the sensor's surface, mm, inf where it is flat; None: the protocol's.
+    secret: whether the seed is known to few and must not be written down.
     """
 
     name: str
@@ -57,6 +58,7 @@ class FrameRequest:
     names: tuple[str, ...]
     seed: tuple[int, ...]
     dome_radius: float | None = None
+    secret: bool = False
 
     @cached_property
     def key(self) -> str:
@@ -170,7 +172,7 @@ def _generate(
         "name": request.name,
         "presses": len(request.scenes),
         "sensor": request.identity,
-        "seed": list(request.seed),
+        "seed": "hidden" if request.secret else list(request.seed),
         **{part: file_hash(made / f"{part}.npy") for part in PARTS},
     }
     write_json(made / MANIFEST, manifest)

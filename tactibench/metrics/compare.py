@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,22 +21,52 @@ def per_press(name: str, trials: Trials | PlateTrials, group: str = "all") -> di
 
     Raises UserError for a metric that is no mean over presses.
     """
-    sample, inside = _sample(name, trials, group)
-    press = trials.press[sample.trial[inside]]
-    unique, codes = np.unique(press, return_inverse=True)
-    means = np.bincount(codes, sample.values[inside]) / np.bincount(codes)
-    return dict(zip(unique.tolist(), means.tolist(), strict=True))
+    means = press_means(name, trials, (group,))[:, 0]
+    pressed = np.unique(trials.press)
+    known = np.isfinite(means)
+    return dict(zip(pressed[known].tolist(), means[known].tolist(), strict=True))
 
 
-def _sample(name: str, trials: Trials | PlateTrials, group: str) -> tuple[Sample, Mask]:
+def press_means(
+    name: str, trials: Trials | PlateTrials, groups: Sequence[str] = ("all",)
+) -> FloatArray:
+    """(P, groups) means of a metric's values, of every press of ``np.unique(trials.press)``.
+
+    nan where a press has no value in a group. Raises UserError for a metric that is no mean.
+    """
+    sample = _sample(name, trials)
+    unique, codes = np.unique(trials.press, return_inverse=True)
+    columns = []
+    for group in groups:
+        inside = _members(trials, group)[sample.trial]
+        press = codes[sample.trial[inside]]
+        sums = np.bincount(press, sample.values[inside], len(unique))
+        counts = np.bincount(press, minlength=len(unique))
+        columns.append(np.divide(sums, counts, out=np.full(len(unique), np.nan), where=counts > 0))
+    return np.stack(columns, axis=1)
+
+
+def compared_metrics(trials: Trials | PlateTrials, names: Iterable[str]) -> list[str]:
+    """Those of the metrics that are means over presses and can be compared press by press."""
+    plates = isinstance(trials, PlateTrials)
+    specs = map(find_metric, names)
+    return [s.name for s in specs if (s.plate_sample if plates else s.sample) and not s.root]
+
+
+def _members(trials: Trials | PlateTrials, group: str) -> Mask:
+    if not isinstance(trials, PlateTrials):
+        return members(trials, group)
+    everything = np.ones(len(trials), dtype=bool)
+    return everything if group == "all" else np.array(trials.group, dtype=object) == group
+
+
+def _sample(name: str, trials: Trials | PlateTrials) -> Sample:
     spec = find_metric(name)
     if isinstance(trials, PlateTrials):
         if spec.plate_sample is not None:
-            sample = spec.plate_sample(trials)
-            return sample, np.ones(len(sample.trial), dtype=bool)
+            return spec.plate_sample(trials)
     elif spec.sample is not None:
-        sample = spec.sample(trials)
-        return sample, members(trials, group)[sample.trial]
+        return spec.sample(trials)
     able = sorted(n for n, s in METRICS.items() if s.sample or s.plate_sample)
     raise UserError(
         f"metric {name!r} is no mean over presses and cannot be compared press by press: "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri  # scipy.stats takes a second to import
 
 from tactibench.contacts import FloatArray
 from tactibench.metrics.groups import by_kind, mean_metric, members
@@ -64,16 +64,21 @@ def sensitivity(
     if not len(hits) or not len(alarms):
         return Estimate(None, None, None, n, sum(counts))
     rates = [(x.sum() + 0.5) / (len(x) + 1) for x in (hits, alarms)]
-    z = norm.ppf(rates)
+    z = ndtri(rates)
     value = float(z[0] - z[1])
     if min(counts) < 2:
         return Estimate(value, None, None, n, sum(counts))
     sizes = [effective_size(hits, hit_press), effective_size(alarms, alarm_press)]
     variance = sum(
-        p * (1 - p) / (size * norm.pdf(q) ** 2) for p, q, size in zip(rates, z, sizes, strict=True)
+        p * (1 - p) / (size * density(q) ** 2) for p, q, size in zip(rates, z, sizes, strict=True)
     )
     half = t_quantile(level, sum(counts) - 1) * math.sqrt(variance)
     return Estimate(value, value - half, value + half, n, sum(counts))
+
+
+def density(z: float) -> float:
+    """Of the standard normal distribution."""
+    return math.exp(-z * z / 2) / math.sqrt(2 * math.pi)
 
 
 SPECS = (

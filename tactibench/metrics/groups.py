@@ -86,10 +86,11 @@ def mean_metric(
 def plate_rows(
     sample: Callable[[PlateTrials], Sample], summary: Summary
 ) -> Callable[[PlateTrials, np.random.Generator], Rows]:
-    """Rows of a metric of plate poses: the one group "all"."""
+    """Rows of a metric of plate poses: one for every group, in the order of the frames."""
 
     def make(trials: PlateTrials, _rng: np.random.Generator) -> Rows:
-        everything = {"all": np.ones(len(trials), dtype=bool)}
-        return rows(sample(trials), everything, summary, trials.press, trials.level)
+        of = np.array(trials.group or ("all",) * len(trials), dtype=object)
+        groups = {name: of == name for name in dict.fromkeys(of)} or {"all": of == "all"}
+        return rows(sample(trials), groups, summary, trials.press, trials.level)
 
     return make

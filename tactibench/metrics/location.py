@@ -138,7 +138,8 @@ SPECS = (
     MetricSpec("rmse_mm", "mm", "lower", "sqrt(mean (p - t)^2) per axis; mean: of the three; "
                "top-scored prediction, ungated", rmse),
     mean_metric("rmse_pooled_mm", "mm", "lower", "sqrt(mean of (p - t)^2 over frames and axes)",
-                axis_mean_squares, rms_interval, lambda t: {"all": members(t, "all")}),
+                axis_mean_squares, rms_interval, lambda t: {"all": members(t, "all")},
+                root=True),
     MetricSpec("rmse_over_bound", "", "lower", "sqrt(sum (p - t)^2 / sum b^2) per axis, b the "
                "Cramer-Rao standard deviation of each frame that has one", rmse_over_bound),
 )  # fmt: skip

@@ -35,7 +35,7 @@ class MetricSpec:
     better: "lower", "higher" or "none". formula: in words and symbols, for the documentation.
     contacts, plates: its rows from trials of either kind; None: it does not apply.
     sample, plate_sample: values whose mean (or root mean square) it is, for paired comparison;
-    None: it is no mean and cannot be compared press by press.
+    None: it is no mean and cannot be compared press by press. root: it is the root of that mean.
     """
 
     name: str
@@ -46,3 +46,4 @@ class MetricSpec:
     plates: Callable[[PlateTrials, np.random.Generator], Rows] | None = None
     sample: Callable[[Trials], Sample] | None = None
     plate_sample: Callable[[PlateTrials], Sample] | None = None
+    root: bool = False

@@ -96,7 +96,8 @@ class Trials:
 class PlateTrials:
     """N test frames answered with plate poses; None: the frame was not answered.
 
-    released: by published table, the answers that somebody released to the same N frames.
+    released: by published table, the answers that somebody released to the same N frames. group: of
+    every frame ("50": answered after 50 labelled frames); (): all are of one.
 
     Raises ValueError on lengths that do not fit, a truth of None, values that are not finite.
     """
@@ -106,9 +107,12 @@ class PlateTrials:
     press: Labels
     level: float = 0.95
     released: Mapping[str, tuple[PlatePose | None, ...]] = field(default_factory=dict)
+    group: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _lengths(len(self.truth), predictions=self.predictions, press=self.press, **self.released)
+        if self.group:
+            _lengths(len(self.truth), group=self.group)
         object.__setattr__(self, "press", np.asarray(self.press))
         _limits(self.level)
         if any(pose is None for pose in self.truth):

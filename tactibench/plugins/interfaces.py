@@ -51,7 +51,8 @@ class ModelContext:
     answer: "contacts" or "plate", what ``predict`` must return. grid: of the heatmaps.
     max_depth: mm, heatmap value 1. encoder: None for models that do not use one.
     device: "cpu" or "cuda". checkpoints: folder in which ``fit`` keeps what it needs to resume;
-    None: nothing is kept.
+    None: nothing is kept. transfers: whether frames of another sensor will be shown than ``fit``
+    is given; each carries its own sensor's rest image.
     """
 
     answer: str
@@ -60,6 +61,7 @@ class ModelContext:
     encoder: Encoder | None = None
     device: str = "cpu"
     checkpoints: Path | None = None
+    transfers: bool = False
 
 
 class Progress(Protocol):
@@ -135,6 +137,23 @@ class MapsModel(Protocol):
 
 
 @runtime_checkable
+class Adapts(Protocol):
+    """Optional: a model that a few labelled frames of another sensor bring over to that sensor.
+
+    Models without it are scored as they were trained, without such frames.
+    """
+
+    def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
+        """Take labelled frames of the sensor that ``predict`` will be shown.
+
+        Starts from what ``fit`` or ``load`` left, so that nothing stays of an earlier call; no
+        frames: ``predict`` answers as it was trained. Draws nothing at random. Returns what was
+        chosen, as JSON values for the record.
+        """
+        ...
+
+
+@runtime_checkable
 class StagedModel(Protocol):
     """Optional: a model whose phases can be timed apart.
 
@@ -189,10 +208,13 @@ class SensorContext:
     """What the benchmark tells a sensor: ``Class(context, **parameters)``.
 
     seed: of everything random in the frames. data: folder given with ``--data``, or None.
+    indentation: whether depths must mean the same on every sensor, so that a label's own zero and
+    pivot have to be known.
     """
 
     seed: np.random.SeedSequence
     data: Path | None = None
+    indentation: bool = False
 
 
 class Sensor(Protocol):
@@ -241,6 +263,15 @@ class HasPresses(Protocol):
 
     def presses(self) -> dict[str, str]:
         """Frame name -> name of its press."""
+        ...
+
+
+@runtime_checkable
+class Calibrated(Protocol):
+    """Optional: a simulated sensor with numbers that were fitted to recorded frames."""
+
+    def calibrated_on(self) -> Mapping[str, Sequence[str]]:
+        """sha256 of a recording -> names of its frames that were used: they test nothing."""
         ...
 
 

@@ -17,6 +17,7 @@ from tactibench.errors import UserError, did_you_mean
 
 Value = bool | int | float | str
 
+KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
 ORIGINS = ("simulated", "real")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder names

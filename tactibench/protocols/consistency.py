@@ -26,6 +26,7 @@ def contradictions(keys: Protocol) -> Iterator[str]:
         yield from _about_recorded(keys)
     if keys.split is not None:
         yield from _about_drawn(keys, keys.split)
+    yield from _about_transfer(keys)
 
 
 def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
@@ -45,6 +46,20 @@ def _about_recorded(keys: Protocol) -> Iterator[str]:
         yield f"a protocol of recorded presses tests sets = [{RECORDED!r}] and has no catch trials"
     if keys.test.group != "all":
         yield "a protocol of recorded presses has group = 'all'"
+
+
+def _about_transfer(keys: Protocol) -> Iterator[str]:
+    for name in ("plates", "transfer"):
+        if getattr(keys, name) is not None and (keys.recorded is None or keys.answer != "plate"):
+            yield f"[{name}] belongs to a protocol with [recorded] and answer = 'plate'"
+    if keys.transfer is None:
+        if keys.plates is not None:
+            yield "[plates] is what is trained on where [transfer] is tested: add [transfer]"
+        return
+    if keys.plates is not None and keys.plates.stream == keys.transfer.stream:
+        yield "[plates] and [transfer] take the same stream: they would share random numbers"
+    if keys.recorded is not None and keys.recorded.test_frames is not None:
+        yield "a protocol with [transfer] tests on folders of any kind: leave out test_frames"
 
 
 def _about_drawn(keys: Protocol, split: Split) -> Iterator[str]:

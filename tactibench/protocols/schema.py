@@ -119,6 +119,32 @@ class Recorded(_Strict):
         return self
 
 
+class Plates(_Strict):
+    """Presses of a tilted plate for a sensor that makes its own frames, drawn uniformly.
+
+    depth: over the workspace. tilt_deg: at most, to either side. yaw_deg: where on the frame a
+    positive tilt moves the contact to.
+    """
+
+    count: Annotated[int, Field(ge=10, le=1_000_000)]
+    stream: Annotated[int, Field(ge=1, lt=1_000_000)]
+    tilt_deg: Annotated[float, Field(gt=0, le=45)]
+    yaw_deg: Annotated[float, Field(gt=-360, lt=360)]
+
+
+class Transfer(_Strict):
+    """The test is on another sensor. shots: how many of its labelled frames a model is given."""
+
+    shots: tuple[Annotated[int, Field(ge=0, le=100_000)], ...] = Field(min_length=1, strict=False)
+    stream: Annotated[int, Field(ge=1, lt=1_000_000)]
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if self.shots[0] != 0 or list(self.shots) != sorted(set(self.shots)):
+            raise ValueError("shots must begin with 0 and rise")
+        return self
+
+
 class Test(_Strict):
     """What is scored, and how predictions are matched to the truth."""
 
@@ -155,6 +181,8 @@ class Protocol(_Strict):
     draws: tuple[Draw, ...] = Field(default=(), strict=False)
     split: Split | None = None
     recorded: Recorded | None = None
+    plates: Plates | None = None
+    transfer: Transfer | None = None
     regimes: dict[Name, Names] = Field(min_length=1)
     test: Test
     metrics: Metrics

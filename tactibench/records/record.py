@@ -59,12 +59,14 @@ class PartId(_Strict):
 class TestedId(PartId):
     """What pressed the test scenes, where it was not the sensor. asked: with ``--test``.
 
-    on: in words, "finite-element scenes". presses: how many the test frames are of.
+    on: in words, "finite-element scenes". presses: how many the test frames are of. trained_on: in
+    words, where the model was trained on another sensor: "real recording 331/model_surface2d".
     """
 
     asked: list[str]
     on: str
     presses: NonNegativeInt
+    trained_on: str | None = None
 
 
 class SensorId(PartId):

@@ -67,4 +67,4 @@ class Folder:
         groups = tuple(group(scene) for scene in scenes)
         presses = tuple(self.presses[row] for row in rows)
         own = () if presses == chosen else presses
-        return Wanted(role, name, scenes, groups, True, key, read, own)
+        return Wanted(role, name, scenes, groups, True, key, read, own, chosen)

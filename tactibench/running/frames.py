@@ -13,7 +13,8 @@ from tactibench.errors import UserError
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import combined
-from tactibench.running.parts import Part, Parts
+from tactibench.running.hidden import HiddenSeed
+from tactibench.running.parts import Part, Sensors
 from tactibench.running.request import QUICK_TEST, RunRequest
 
 Advance = Callable[[int], None]
@@ -26,7 +27,8 @@ class Wanted:
 
     role: "fit", "validation" or "test". groups: of every press, in the result tables. cached:
     whether the frames are there already. key: identity of the frames, known before they are made.
-    presses: of every frame, the press that it belongs to; (): each is one of its own.
+    presses: of every frame, the press that it belongs to; (): each is one of its own. names: of
+    every frame.
     """
 
     role: str
@@ -37,6 +39,12 @@ class Wanted:
     key: str
     open: Callable[[Advance], Presses] = field(repr=False)
     presses: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+
+    @property
+    def clusters(self) -> tuple[str, ...]:
+        """Of every frame, its press."""
+        return self.presses or self.names
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,9 @@ class FramePlan:
 
     rejected: candidates that geometry refused in the test draws. published: whether the test
     frames are those of a publication, so that its numbers may be compared frame for frame.
-    tested_identity: of what presses the test scenes, where it is not the sensor.
+    tested_identity: of what presses the test scenes, where it is not the sensor. shots: labelled
+    frames of the tested sensor, in the order in which they are given; None: none are. calibrated:
+    how many of its frames nobody is tested on, because a simulator was fitted to them.
     """
 
     fit: tuple[Wanted, ...]
@@ -55,6 +65,8 @@ class FramePlan:
     sensor_identity: dict[str, Any]
     published: bool = False
     tested_identity: dict[str, Any] | None = None
+    shots: Wanted | None = None
+    calibrated: int = 0
 
     def __iter__(self) -> Iterator[Wanted]:
         return iter((*self.fit, *self.validation, *self.test))
@@ -68,12 +80,21 @@ class FramePlan:
 
 
 def plan_frames(
-    request: RunRequest, protocol: LoadedProtocol, parts: Parts, cache: Path
+    request: RunRequest,
+    protocol: LoadedProtocol,
+    parts: Sensors,
+    cache: Path,
+    hidden: HiddenSeed | None = None,
 ) -> FramePlan:
-    """Draw or look up all scenes; no frame is made yet. Raises UserError."""
+    """Draw or look up all scenes; no frame is made yet. hidden: what the test presses are drawn
+    from. Raises UserError."""
     from tactibench.running.frames_drawn import drawn_frames
     from tactibench.running.frames_recorded import recorded_frames
 
+    if protocol.keys.transfer is not None:
+        from tactibench.running.frames_transfer import transfer_frames
+
+        return transfer_frames(request, protocol, protocol.keys.transfer, parts, cache)
     if parts.sensor.spec.needs_data:
         return recorded_frames(request, protocol, parts)
     if protocol.keys.split is None:
@@ -81,7 +102,7 @@ def plan_frames(
             f"protocol {protocol.keys.id!r} takes the presses of a recorded folder, which sensor "
             f"{parts.sensor.name!r} does not have; use --sensor recorded --data DIR."
         )
-    return drawn_frames(request, protocol.keys, protocol.keys.split, parts, cache)
+    return drawn_frames(request, protocol.keys, protocol.keys.split, parts, cache, hidden)
 
 
 def sensor_identity(sensor: Part[SensorSpec], describe: dict[str, Any]) -> dict[str, Any]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from tactibench.protocols.draws import Drawn
 from tactibench.protocols.schema import Protocol, Split
-from tactibench.protocols.split import Parts as Divided
 from tactibench.protocols.split import split_presses
 from tactibench.running.frames import FramePlan, Wanted, fewer, scored_limit, spread
-from tactibench.running.parts import Parts
+from tactibench.running.hidden import HiddenSeed
+from tactibench.running.parts import Sensors
 from tactibench.running.presser import Presser
 from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 
@@ -22,11 +23,14 @@ Rows = dict[str, Sequence[int]]
 
 
 def drawn_frames(
-    request: RunRequest, keys: Protocol, split: Split, parts: Parts, cache: Path
+    request: RunRequest,
+    keys: Protocol,
+    split: Split,
+    parts: Sensors,
+    cache: Path,
+    hidden: HiddenSeed | None = None,
 ) -> FramePlan:
     """Draw the presses and divide them; frames are keyed, not made."""
-    from tactibench.running.frames_reference import reference_frames
-
     extra = keys.regimes[parts.regime]
     presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
     draws = {name: presser.draw(name) for name in {split.draw, *extra}}
@@ -42,12 +46,9 @@ def drawn_frames(
         fit = {name: rows[:share] for name, rows in fit.items()}
         validation = validation[:QUICK_VALIDATION]
 
-    tester = Presser(keys, parts.test_sensor, parts.build_test_sensor, cache)
-    if request.tested.reference:
-        test, rejected = reference_frames(request, tester)
-    else:
-        known = draws if tester.pressed == presser.pressed else {}
-        test, rejected = _drawn_test(request, tester, known, split, divided)
+    tester = presser_of_test(keys, parts, cache, hidden)
+    known = draws if tester.pressed == presser.pressed else {}
+    test, rejected = frames_of_test(request, tester, split, known)
     return FramePlan(
         tuple(_wanted(presser, draws[name], split, "fit", name, rows, FIT)
               for name, rows in fit.items()),
@@ -60,20 +61,31 @@ def drawn_frames(
     )  # fmt: skip
 
 
-def _drawn_test(
+def presser_of_test(
+    keys: Protocol, parts: Sensors, cache: Path, hidden: HiddenSeed | None = None
+) -> Presser:
+    """What presses the test scenes of a protocol, drawn from its own or a hidden seed."""
+    if hidden is not None:
+        keys = keys.model_copy(update={"data_seed": hidden.data_seed})
+    return Presser(keys, parts.test_sensor, parts.build_test_sensor, cache, hidden is not None)
+
+
+def frames_of_test(
     request: RunRequest,
     tester: Presser,
-    known: dict[str, Drawn],
     split: Split,
-    divided: Divided,
+    known: Mapping[str, Drawn] = MappingProxyType({}),
 ) -> tuple[tuple[Wanted, ...], int]:
-    """The test draws, and how many of their candidates geometry refused."""
+    """Test presses, and how many candidates geometry refused. known: draws that were made."""
+    from tactibench.running.frames_reference import reference_frames
+
+    if request.tested.reference:
+        return reference_frames(request, tester)
     sets = tester.keys.test.sets
     draws = {name: known.get(name) or tester.draw(name) for name in sets}
-    rows: Rows = {
-        name: divided.test if name == split.draw else range(len(drawn.scenes))
-        for name, drawn in draws.items()
-    }
+    rows: Rows = {name: range(len(drawn.scenes)) for name, drawn in draws.items()}
+    if split.draw in rows:
+        rows[split.draw] = split_presses(len(rows[split.draw]), split, tester.keys.data_seed).test
     wanted = (
         _wanted(tester, draws[name], split, "test", name, kept, TEST)
         for name, kept in thinned(rows, scored_limit(request)).items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -23,12 +24,12 @@ from tactibench.running.frames import (
 )
 from tactibench.running.frames_drawn import thinned
 from tactibench.running.frames_matched import Matched, match, needs
-from tactibench.running.parts import Parts
+from tactibench.running.parts import Sensors
 from tactibench.running.presser import group_of
 from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 
 
-def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Parts) -> FramePlan:
+def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Sensors) -> FramePlan:
     """Look the presses of a folder up and divide them. Raises UserError."""
     sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0), request.data))
     if not isinstance(sensor, HasScenes):
@@ -39,9 +40,9 @@ def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Parts)
     folder = Folder.of(sensor, sensor_identity(parts.sensor, sensor.describe()))
     if protocol.keys.recorded is None:
         return _matched_frames(request, protocol.keys, parts, folder)
-    folder = _plates(request, protocol.keys, folder)
+    folder = plates_of(request.data, protocol.keys, folder)
     published = published_split(protocol, folder.names, folder.identity["describe"].get("image"))
-    fit, validation, test = _divided(protocol.keys, folder, published)
+    fit, validation, test = divided(protocol.keys, folder, published)
     if request.presses is not None:  # evenly: a recording has an order
         fewer(fit, request)
         fit = spread(fit, request.presses)
@@ -57,8 +58,8 @@ def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Parts)
     )
 
 
-def _divided(
-    keys: Protocol, folder: Folder, published: tuple[str, ...] | None
+def divided(
+    keys: Protocol, folder: Folder, published: tuple[str, ...] | None = None
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
     """Rows that train, validate and test. Frames of one press are in one part. Raises UserError."""
     assert keys.recorded is not None  # noqa: S101 - the caller looked
@@ -79,14 +80,14 @@ def _divided(
     return found
 
 
-def _plates(request: RunRequest, keys: Protocol, folder: Folder) -> Folder:
+def plates_of(source: Path | None, keys: Protocol, folder: Folder) -> Folder:
     """The frames in which a plate pressed, for a protocol that asks for its pose."""
     if keys.answer != "plate":
         return folder
     plates = [row for row, scene in enumerate(folder.scenes) if scene.indenter.is_plate]
     if not plates:
         raise UserError(
-            f"{request.data} holds {_kinds(folder)}, but protocol "
+            f"{source} holds {_kinds(folder)}, but protocol "
             f"{keys.id!r} needs presses by a plate; take another folder or another protocol."
         )
     return folder.take(plates)
@@ -104,7 +105,9 @@ def refuse_shared(presses: Sequence[str], parts: Sequence[Sequence[int]]) -> Non
                 )
 
 
-def _matched_frames(request: RunRequest, keys: Protocol, parts: Parts, folder: Folder) -> FramePlan:
+def _matched_frames(
+    request: RunRequest, keys: Protocol, parts: Sensors, folder: Folder
+) -> FramePlan:
     """The presses that a protocol could have drawn. Raises UserError, saying what is lacking."""
     assert keys.split is not None  # noqa: S101 - a protocol that draws divides its draws
     pressed = pressable(keys, folder.sensor)

@@ -28,11 +28,13 @@ def make_record(
     data: list[str],
     account: dict[str, dict[str, int]],
     presses: int,
+    shots: dict[str, Any],
 ) -> dict[str, Any]:
     """JSON values for ``write_run``.
 
     predicted: as packed. data: hashes of the test frames. account: by role, how the sensor made
-    its scenes (see ``KeepsAccount``). presses: how many the test frames are of.
+    its scenes (see ``KeepsAccount``). presses: how many the test frames are of. shots: what of the
+    tested sensor was shown beforehand, where that is another one.
     """
     protocol, request, parts = plan.protocol, plan.request, plan.parts
     environment = environment_facts()
@@ -58,7 +60,7 @@ def make_record(
             "origin": parts.sensor.spec.origin,
             "parameters": dict(parts.sensor.values),
             **({"account": account} if account else {}),
-            **tested_record(parts, request.tested, presses),
+            **tested_record(parts, request.tested, presses, request.data),
         },
         "seed": request.seed,
         "partial": request.partial,
@@ -94,6 +96,7 @@ def make_record(
             "test": plan.frames.count("test"),
             "rejected": plan.frames.rejected,
             "published_frames": plan.frames.published,
+            **shots,
         },
         "signature": signature(plan, trained, environment["fingerprint"]),
     }

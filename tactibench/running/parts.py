@@ -56,16 +56,14 @@ class Part(Generic[SpecT]):
         return f"{self.name}({','.join(other)})" if other else self.name
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Model, sensor and encoder of a run.
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """What presses the scenes of a run.
 
     tested: what presses the test scenes, None where it is the sensor.
     """
 
-    model: Part[ModelSpec]
     sensor: Part[SensorSpec]
-    encoder: Part[EncoderSpec] | None
     regime: str
     tested: Part[SensorSpec] | None = None
 
@@ -79,6 +77,14 @@ class Parts:
 
     def build_test_sensor(self, context: SensorContext) -> Sensor:
         return _opened(self.test_sensor, context)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parts(Sensors):
+    """Model, sensor and encoder of a run."""
+
+    model: Part[ModelSpec]
+    encoder: Part[EncoderSpec] | None
 
     def build_encoder(self) -> Encoder | None:
         if self.encoder is None:
@@ -141,10 +147,10 @@ def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHos
     elif request.encoder or given.get("encoder"):
         raise UserError(f"model {model.name!r} uses no encoder; leave the encoder options out.")
     return Parts(
-        _part(host.models, model.name, given.get("model", {})),
-        _part(host.sensors, sensor.name, given.get("sensor", {})),
-        _part(host.encoders, encoder.name, given.get("encoder", {})) if encoder else None,
-        regime,
+        model=_part(host.models, model.name, given.get("model", {})),
+        sensor=_part(host.sensors, sensor.name, given.get("sensor", {})),
+        encoder=_part(host.encoders, encoder.name, given.get("encoder", {})) if encoder else None,
+        regime=regime,
     )
 
 
@@ -195,11 +201,11 @@ def _encoder(
     return encoder
 
 
-def data_folder(path: Path | None) -> Path | None:
-    """The folder given with --data. Raises UserError when it is not there."""
+def data_folder(path: Path | None, option: str = "--data") -> Path | None:
+    """The folder given with an option. Raises UserError when it is not there."""
     if path is not None and not path.is_dir():
         what = "is not a folder" if path.exists() else "does not exist"
-        raise UserError(f"the data folder {path} {what}; check --data.")
+        raise UserError(f"the data folder {path} {what}; check {option}.")
     return path
 
 

@@ -15,14 +15,16 @@ from tactibench.protocols.loader import LoadedProtocol, load_protocol
 from tactibench.records.identity import code_hash, digest, installed_versions
 from tactibench.running.device import choose_device, machine
 from tactibench.running.frames import FramePlan, Wanted, plan_frames
+from tactibench.running.hidden import HiddenSeed, committed_seed
 from tactibench.running.parts import Parts, data_folder, plugin_versions, resolve_parts
 from tactibench.running.released import Released, find_released
 from tactibench.running.request import RunRequest
 from tactibench.running.tested import with_test_sensor, words
+from tactibench.running.transfer import with_target
 from tactibench.running.weights import WeightsPlan, plan_weights
 from tactibench.timing.fingerprint import fingerprint_hash
 
-SHOWS_ONLY = frozenset({"_shipped", "board", "cli"})
+SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "scaffold", "testing"})
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 
 
@@ -37,6 +39,7 @@ class RunPlan:
     frames: FramePlan
     weights: WeightsPlan
     released: tuple[Released, ...] = ()
+    hidden: HiddenSeed | None = None
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -50,7 +53,9 @@ class RunPlan:
             else {"name": encoder.name, "parameters": dict(encoder.values)},
             "sensor": self.frames.sensor_identity,
             **({} if tested is None else {"tested": tested}),
+            **({} if self.hidden is None else {"hidden": self.hidden.commitment}),
             "test_frames": [wanted.key for wanted in self.frames.test],
+            **({} if self.frames.shots is None else {"shots": self.frames.shots.key}),
             **self._against(),
             "seed": self.request.seed,
             "quick": self.request.quick,
@@ -93,6 +98,7 @@ class RunPlan:
             encoder=self.parts.build_encoder(),
             device=self.device,
             checkpoints=self.weights.checkpoints,
+            transfers=keys.transfer is not None,
         )
 
 
@@ -100,8 +106,13 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     """Resolve a request. Raises UserError for anything that does not exist or fit."""
     protocol = load_protocol(request.protocol)
     data_folder(request.data)
-    parts = with_test_sensor(request, resolve_parts(request, protocol, host), host)
-    frames = plan_frames(request, protocol, parts, cache)
+    parts = resolve_parts(request, protocol, host)
+    if protocol.keys.transfer is None:
+        parts = with_test_sensor(request, parts, host)
+    else:
+        parts = with_target(request, protocol, parts, host)
+    hidden = committed_seed(protocol) if request.tested.hidden else None
+    frames = plan_frames(request, protocol, parts, cache, hidden)
     released = _released(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(
@@ -112,7 +123,7 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         device=device,
         cache=cache,
     )
-    return RunPlan(request, protocol, parts, device, frames, weights, released)
+    return RunPlan(request, protocol, parts, device, frames, weights, released, hidden)
 
 
 def _released(
@@ -141,9 +152,20 @@ def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
     return [
         f"plan: {plan.name}",
         f"  train: {train}",
+        *_shots(plan),
         f"  test:  {_tested(plan)}{_frames(plan, plan.frames.test)}; predict, time, score",
         *(f"  against {one.words()}" for one in plan.released),
     ]
+
+
+def _shots(plan: RunPlan) -> list[str]:
+    transfer = plan.protocol.keys.transfer
+    if transfer is None or plan.frames.shots is None:
+        return []
+    counts = ", ".join(f"{count}" for count in transfer.shots)
+    left = f"; {plan.frames.calibrated} frames calibrated the simulator and are left out"
+    return [f"  shots: {counts} labelled frames of the tested sensor"
+            + (left if plan.frames.calibrated else "")]  # fmt: skip
 
 
 def _tested(plan: RunPlan) -> str:

@@ -23,12 +23,14 @@ from tactibench.running.parts import Part
 
 @dataclass(frozen=True)
 class Presser:
-    """keys: the protocol. part, build: of the sensor. cache: where frames are kept."""
+    """keys: the protocol. part, build: of the sensor. cache: where frames are kept. secret: whether
+    the seed of the protocol's data must not be written down."""
 
     keys: Protocol
     part: Part[SensorSpec]
     build: Callable[[SensorContext], Sensor]
     cache: Path
+    secret: bool = False
 
     @cached_property
     def sensor(self) -> Sensor:
@@ -55,8 +57,10 @@ class Presser:
         names: Sequence[str],
         part: int,
         presses: Sequence[str] = (),
+        stream: int | None = None,
     ) -> Wanted:
-        """Frames of scenes of a draw. part: of the draw; every part has noise of its own."""
+        """Frames of scenes of a draw. part: of the draw; every part has noise of its own. stream:
+        of that noise, None: the draw's."""
         radius = self.pressed.workspace.dome_radius_mm
         frames = FrameRequest(
             name,
@@ -64,8 +68,9 @@ class Presser:
             self.identity,
             tuple(scenes),
             tuple(names),
-            (self.keys.data_seed, self.keys.draw(name).stream, part),
+            (self.keys.data_seed, stream or self.keys.draw(name).stream, part),
             None if radius == self.keys.workspace.dome_radius_mm else radius,
+            self.secret,
         )
         key = frames.key
         return Wanted(
@@ -77,6 +82,7 @@ class Presser:
             key,
             lambda advance: open_frames(frames, self.cache, advance),
             tuple(presses),
+            frames.names,
         )
 
 

@@ -12,7 +12,12 @@ QUICK_FIT, QUICK_VALIDATION, QUICK_TEST, QUICK_EPOCHS = 200, 40, 40, 2
 """--quick: 200 training presses, 2 epochs, 40 test presses. It proves the path, nothing else."""
 
 
-REFERENCE = "reference"
+REFERENCE, HIDDEN, DATA = "reference", "hidden", "data"
+
+
+def folder_label(path: Path) -> str:
+    """How a folder is called in records: its name and its parent's, the machine's paths are not."""
+    return "/".join(path.resolve().parts[1:][-2:])
 
 
 @dataclass(frozen=True)
@@ -20,22 +25,27 @@ class TestedOn:
     """What presses the test scenes, where it is not what presses those of the training.
 
     reference: the sensor's reference scenes, in place of the protocol's. parameters: of the sensor,
-    in place of those of the training.
+    in place of those of the training. hidden: presses drawn from a seed that is kept secret. data:
+    folder of another sensor's recording.
     """
 
     __test__ = False  # not a test case, whatever its name
 
     reference: bool = False
     parameters: Mapping[str, str] = field(default_factory=dict)
+    hidden: bool = False
+    data: Path | None = None
 
     def __bool__(self) -> bool:
-        return self.reference or bool(self.parameters)
+        return self.reference or self.hidden or bool(self.parameters) or self.data is not None
 
     @property
     def texts(self) -> list[str]:
-        """As they are given with ``--test``."""
+        """As they are given with ``--test``, and "hidden" for ``--hidden-seed``."""
         changed = [f"sensor.{name}={value}" for name, value in self.parameters.items()]
-        return [REFERENCE, *changed] if self.reference else changed
+        words = {REFERENCE: self.reference, HIDDEN: self.hidden}
+        folder = [] if self.data is None else [f"{DATA}={folder_label(self.data)}"]
+        return [*folder, *(word for word, given in words.items() if given), *changed]
 
 
 @dataclass(frozen=True)
@@ -85,18 +95,30 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
     return found
 
 
-def read_tested(texts: tuple[str, ...]) -> TestedOn:
-    """``("reference",)`` or ``("sensor.instance=1",)`` -> what to test on. Raises UserError."""
+def read_tested(texts: tuple[str, ...], *, hidden: bool = False) -> TestedOn:
+    """``("reference",)``, ``("sensor.instance=1",)`` or ``("data=folder",)`` -> what to test on.
+
+    Raises UserError.
+    """
     parameters: dict[str, str] = {}
+    folder: Path | None = None
     for text in texts:
         name, equals, value = text.partition("=")
         kind, _, key = name.partition(".")
         if text == REFERENCE:
             continue
+        if name == DATA and equals:
+            if not value:
+                raise UserError("--test data= names no folder; write --test data=FOLDER.")
+            if folder is not None:
+                raise UserError("--test data is given twice; a run is tested on one recording.")
+            folder = Path(value)
+            continue
         if not equals:
             raise UserError(
                 f"--test {text!r} is neither the word {REFERENCE!r} nor sensor.NAME=VALUE, for "
-                f"example sensor.instance=1; {did_you_mean(text, [REFERENCE])}"
+                "example sensor.instance=1, nor data=FOLDER; "
+                f"{did_you_mean(text, [REFERENCE, DATA])}"
             )
         if kind != "sensor" or not key:
             raise UserError(
@@ -106,4 +128,4 @@ def read_tested(texts: tuple[str, ...]) -> TestedOn:
         if key in parameters:
             raise UserError(f"--test sensor.{key} is given twice; give it once.")
         parameters[key] = value
-    return TestedOn(REFERENCE in texts, parameters)
+    return TestedOn(REFERENCE in texts, parameters, hidden, folder)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
 from tactibench.records.store import StoredRun
 from tactibench.running.scoring import score_arrays
@@ -16,6 +16,16 @@ def rescored(run: StoredRun) -> dict[str, Any]:
 
     The protocol must be the very one of the run: another version asks something else.
     """
+    protocol = protocol_of(run)
+    truth, predicted = run.arrays("truth"), run.arrays("predictions")
+    if arrays_hash(predicted) != run.record["identity"]["predictions_hash"]:
+        raise UserError(f"the predictions in {run.folder} are not those of its record.")
+    metrics = score_arrays(protocol.keys, truth, predicted, run.arrays("maps"))
+    return {**run.record, "metrics": metrics}
+
+
+def protocol_of(run: StoredRun) -> LoadedProtocol:
+    """The protocol that a run was made with. Raises UserError where it is not installed."""
     stated = run.record["protocol"]
     path = protocol_files().get(stated["id"])
     if path is None:
@@ -29,11 +39,7 @@ def rescored(run: StoredRun) -> dict[str, Any]:
             f"{run.folder} was made with {stated['id']}@{stated['version']}, but this tactibench "
             f"has {protocol.label}; run the protocol again."
         )
-    truth, predicted = run.arrays("truth"), run.arrays("predictions")
-    if arrays_hash(predicted) != run.record["identity"]["predictions_hash"]:
-        raise UserError(f"the predictions in {run.folder} are not those of its record.")
-    metrics = score_arrays(protocol.keys, truth, predicted, run.arrays("maps"))
-    return {**run.record, "metrics": metrics}
+    return protocol
 
 
 def differences(stored: list[dict[str, Any]], again: list[dict[str, Any]]) -> list[str]:

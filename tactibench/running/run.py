@@ -23,6 +23,7 @@ from tactibench.running.plan import RunPlan
 from tactibench.running.predictions import predict_all
 from tactibench.running.released import released_arrays
 from tactibench.running.scoring import score_arrays
+from tactibench.running.shots import open_shots
 from tactibench.running.speed import measure_speed
 from tactibench.running.training import Reporter, open_frames, trained_model
 
@@ -62,24 +63,28 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
     model, trained = trained_model(plan, reporter)
     test = _test_data(plan, reporter)
     frames = test.frames
-    with reporter.task("predict", len(frames)) as advance:
+    shots = open_shots(plan, model, reporter)
+    chosen = shots.chosen(model)
+    with reporter.task("predict", len(frames) * len(shots)) as advance:
         most, shape = plan.parts.model.spec.max_contacts, keys.grid.grid().shape
         found = answered(
             plan.answers_file,
             trained.hash,
             keys.answer,
-            lambda: predict_all(model, frames, keys.answer, most, shape, advance),
+            lambda: shots.each(
+                model, lambda: predict_all(model, frames, keys.answer, most, shape, advance)
+            ),
             fresh=fresh,
         )
-    answers, predicted = found.answers(keys.answer), found.predicted
+    answers, predicted = found.answers(keys.answer)[: len(frames)], found.predicted
     maps: Arrays = {} if found.heat is None else {"maps": found.heat}
     truth: Arrays = {
-        **pack(test.truth, keys.answer),
-        "press": np.array(test.names),
-        "group": np.array(test.groups),
+        **pack(shots.repeated(test.truth), keys.answer),
+        "press": np.array(shots.repeated(test.names)),
+        "group": np.array(shots.groups(test.groups)),
         **_released(plan, test),
     }
-    if not plan.parts.sensor.spec.needs_data:
+    if not _recorded(plan):
         _add_known(plan, test, reporter, truth, maps)
     with reporter.task("time", 1) as advance:
         if plan.request.quick:
@@ -97,6 +102,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         data=[presses.hash for presses in test.presses],
         account=_account(plan),
         presses=len(set(test.names)),
+        shots=shots.record(plan, chosen),
     )
     parts = {
         "truth": truth,
@@ -160,9 +166,14 @@ def _add_known(
                 truth["bound"] = np.concatenate([bound for one in bounds for bound in one])
 
 
+def _recorded(plan: RunPlan) -> bool:
+    """Whether the test frames were recorded: of them nothing is known but their labels."""
+    return plan.parts.test_sensor.spec.needs_data
+
+
 def _account(plan: RunPlan) -> dict[str, dict[str, int]]:
     """Of every role, how the sensor made its scenes; empty where it has nothing to say."""
-    if plan.parts.sensor.spec.needs_data:
+    if _recorded(plan):
         return {}
     seed = np.random.SeedSequence(plan.protocol.keys.data_seed)
     sensor, tester = (

@@ -82,6 +82,7 @@ def plan_weights(
         if encoder is None
         else {"name": encoder.name, "parameters": parts.encode_values, "code": encoder.code()},
         "answer": keys.answer,
+        **({} if keys.transfer is None else {"transfers": True}),
         "grid": keys.grid.model_dump(),
         "dome_radius_mm": keys.workspace.dome_radius_mm,
         "max_depth_mm": keys.workspace.depth_max_mm,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr, ndtri  # scipy.stats takes a second to import
 
 from tactibench.stats.clusters import FloatArray
 
@@ -90,9 +90,9 @@ def bca_interval(
     below = ((kept < value).sum() + (kept <= value).sum()) / (2 * len(kept))
     # a value outside all resamples would give an infinite bias correction
     below = float(np.clip(below, 1 / (len(kept) + 1), len(kept) / (len(kept) + 1)))
-    bias, a = stats.norm.ppf(below), acceleration(jackknife)
-    shifted = bias + stats.norm.ppf([(1 - level) / 2, (1 + level) / 2])
+    bias, a = ndtri(below), acceleration(jackknife)
+    shifted = bias + ndtri([(1 - level) / 2, (1 + level) / 2])
     # beyond the pole of the correction the adjusted quantile is the extreme one
     tail = np.where(1 - a * shifted > 0, shifted / np.maximum(1 - a * shifted, 1e-12), 38 * shifted)
-    low, high = np.quantile(kept, stats.norm.cdf(bias + tail))
+    low, high = np.quantile(kept, ndtr(bias + tail))
     return float(low), float(high)

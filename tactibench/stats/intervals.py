@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finite
 from tactibench.stats.estimate import Estimate
@@ -23,7 +23,7 @@ from tactibench.stats.estimate import Estimate
 
 def t_quantile(level: float, clusters: int) -> float:
     """Two-sided t quantile with clusters - 1 degrees of freedom."""
-    return float(stats.t.ppf((1 + level) / 2, clusters - 1))
+    return float(stdtrit(clusters - 1, (1 + level) / 2))
 
 
 def clustered_variance(

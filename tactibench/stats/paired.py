@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,16 +47,32 @@ def sign_flip_p(
 
     The + 1 counts the data as one of the permutations (Phipson and Smyth 2010): p is never 0.
     """
+    return float(_flipped(finite(differences, "differences"), rng, permutations))
+
+
+def sign_flip_ps(
+    differences: npt.ArrayLike, *, rng: np.random.Generator, permutations: int = 9999
+) -> list[float]:
+    """``sign_flip_p`` of every column of (G, K) differences; all columns share their signs.
+
+    A press that has no difference in a column is 0 there: its sign changes nothing.
+    """
     d = finite(differences, "differences")
+    if d.ndim != 2:
+        raise ValueError(f"differences have shape {d.shape}, expected (G, K)")
+    return [float(p) for p in _flipped(d, rng, permutations)]
+
+
+def _flipped(d: FloatArray, rng: np.random.Generator, permutations: int) -> FloatArray:
     # a permutation that ties with the data must count in spite of rounding
-    observed = abs(float(d.sum())) - 1e-12 * float(np.abs(d).sum())
+    observed = np.abs(d.sum(axis=0)) - 1e-12 * np.abs(d).sum(axis=0)
     rows = max(1, BLOCK // max(1, len(d)))
-    extreme = 0
+    extreme = np.zeros(d.shape[1:])
     for start in range(0, permutations, rows):
         size = (min(rows, permutations - start), len(d))
         signs = 2.0 * rng.integers(2, size=size, dtype=np.int8) - 1.0
-        extreme += int((np.abs(signs @ d) >= observed).sum())
-    return (1 + extreme) / (1 + permutations)
+        extreme += (np.abs(signs @ d) >= observed).sum(axis=0)
+    return np.asarray((1 + extreme) / (1 + permutations), dtype=np.float64)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -79,13 +95,22 @@ def rank_groups(values: npt.ArrayLike, *, better: str = "lower", level: float = 
     if better not in {"lower", "higher"}:
         raise ValueError(f"better is {better!r}, it must be 'lower' or 'higher'")
     cost = table if better == "lower" else -table
-    ranks = [0] * len(cost)
-    left = sorted(range(len(cost)), key=lambda m: float(cost[m].mean()))
+    order = sorted(range(len(cost)), key=lambda m: float(cost[m].mean()))
+    found = grouped(order, lambda m, best: _worse(cost[m] - cost[best], level))
+    return [found[m] for m in range(len(cost))]
+
+
+def grouped(order: Sequence[int], worse: Callable[[int, int], bool]) -> dict[int, int]:
+    """Rank of every model of ``order``, best first, by whether it is told to be ``worse``.
+
+    The first of those that are left opens a group, all that are not worse than it join, and the
+    next group's rank counts the models before it (1, 1, 3).
+    """
+    ranks: dict[int, int] = {}
+    left = list(order)
     while left:
-        rank = 1 + len(cost) - len(left)
-        tied = [left[0], *(m for m in left[1:] if not _worse(cost[m] - cost[left[0]], level))]
-        for model in tied:
-            ranks[model] = rank
+        tied = [left[0], *(m for m in left[1:] if not worse(m, left[0]))]
+        ranks |= dict.fromkeys(tied, 1 + len(ranks))
         left = [m for m in left if m not in tied]
     return ranks
 

@@ -61,8 +61,8 @@ def test_a_row_shows_seeds_mean_interval_spread_misses_and_trivial_rows(fabricat
     assert [row["model"] for row in rows] == ["unet", "*mean*"]
     assert (rows[0]["seeds"], rows[1]["seeds"]) == ("2", "1 seed")
     assert rows[0]["MAE, mm"] == "0.0500<br><sub>0.0450 – 0.0550</sub>"
-    assert rows[0]["sd 6"] == "0.0141"
-    assert (rows[1]["sd 6"], rows[0]["R2"], rows[0]["missed, %"]) == ("n/a", "n/a", "1.00")
+    assert rows[0]["sd 7"] == "0.0141"
+    assert (rows[1]["sd 7"], rows[0]["R2"], rows[0]["missed, %"]) == ("n/a", "n/a", "1.00")
     assert "Trivial rows are missing: `tactibench run exp1 --model nearest`" in text
     assert "1,000 presses." in text
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from stored_answers import answered_parts, with_hash
 
 from tactibench import UserError
 from tactibench.board.submissions import (
@@ -17,9 +18,8 @@ from tactibench.board.submissions import (
     slot,
     text_of,
 )
-from tactibench.records.files import arrays_hash
 from tactibench.records.record import checked
-from tactibench.records.store import PARTS, write_run
+from tactibench.records.store import write_run
 
 
 @pytest.fixture
@@ -27,9 +27,8 @@ def stored(tmp_path, fabricate):
     """Keywords of ``fabricate`` -> a run in a store."""
 
     def made(**more):
-        record = fabricate(**more)
-        parts = {name: {"values": np.arange(4.0)} for name in PARTS}
-        record["identity"]["predictions_hash"] = arrays_hash(parts["predictions"])
+        parts = answered_parts()
+        record = with_hash(fabricate(**more), parts)
         return write_run(tmp_path / "runs", record, parts)
 
     return made

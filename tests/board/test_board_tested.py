@@ -101,3 +101,34 @@ def test_what_it_was_measured_on(fabricate, tested):
     assert measured_on(tested(REFERENCE)) == (
         "simulated sensor tactip-127, tested on finite-element scenes"
     )
+
+
+def moved(tested, source, target, **more):
+    on = {
+        "name": "recorded", "parameters": {"labels": "auto"}, "asked": [f"data={target}"],
+        "on": f"recording {target}", "presses": 1000, "trained_on": source,
+    }  # fmt: skip
+    record = tested(on, **more)
+    record["data"]["of_tested_sensor"] = {"left_out_calibrated": 42}
+    return record
+
+
+def test_every_pair_of_sensors_has_a_table_and_says_what_was_simulated(tested):
+    pairs = [
+        ("real recording tac/331", "tac/127"),
+        ("real recording tac/127", "tac/331"),
+        ("simulated fitted-127", "tac/127"),
+    ]
+    records = [moved(tested, *pair, protocol="transfer", model=model, encoder=None)
+               for pair in pairs for model in ("pins", "kernel")]  # fmt: skip
+    sections = sections_of(records)
+    assert {section.title for section in sections} == {
+        "Real recording tac/127, trained on real recording tac/331",
+        "Real recording tac/331, trained on real recording tac/127",
+        "Real recording tac/127, trained on simulated fitted-127",
+    }
+    assert all(len(section.rows) == 2 for section in sections)
+    assert measured_on(records[-1]) == "real recording tac/127, trained on simulated fitted-127"
+    text = page(load_protocol("transfer"), records, [])
+    assert "42 frames to which the simulator was fitted test nothing" in text
+    assert "Trivial rows" not in text

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
+from stored_answers import answered_parts, with_hash
 
-from tactibench.records.files import arrays_hash
-from tactibench.records.store import PARTS, write_run
+from tactibench.records.store import write_run
 
 
 @pytest.fixture
@@ -18,9 +18,8 @@ def stored(tmp_path, fabricate):
     (tmp_path / "leaderboards").mkdir()
 
     def made(**more):
-        record = fabricate(**more)
-        parts = {name: {"values": np.arange(4.0)} for name in PARTS}
-        record["identity"]["predictions_hash"] = arrays_hash(parts["predictions"])
+        parts = answered_parts()
+        record = with_hash(fabricate(**more), parts)
         return write_run(tmp_path / "runs", record, parts).record["name"]
 
     return made
@@ -33,7 +32,7 @@ def test_runs_are_added_written_and_checked(cli, stored):
     assert f"added leaderboards/submissions/exp1/{names[0]}.json" in out
     assert "leaderboards/exp1.md: 2 runs; written" in out
     text = Path("leaderboards/exp1.md").read_text(encoding="utf-8")
-    assert "| unet | hertz | single | no | 2 |" in text
+    assert "| 1 | unet | hertz | single | no | 2 |" in text
     assert cli("board", "--check")[0] == 0
     assert "exp1.md: 2 runs; unchanged" in cli("board")[1]
 
@@ -60,8 +59,8 @@ def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored):
     code, out, _ = cli("board", "--add", "exp1-*")
     assert code == 0
     assert "in place of exp1-old.json, the same row and seed" in out
-    files = [path.name for path in Path("leaderboards/submissions/exp1").iterdir()]
-    assert files == ["exp1-new.json"]
+    files = sorted(path.name for path in Path("leaderboards/submissions/exp1").iterdir())
+    assert files == ["exp1-new.json", "exp1-new.npz"]
 
 
 def test_runs_with_fewer_presses_are_counted_apart(cli, stored):
@@ -97,7 +96,26 @@ def test_mistakes(refused, stored, options, words):
 
 def test_two_records_of_one_seed_are_refused(cli, refused, stored):
     cli("board", "--add", stored())
-    (path,) = Path("leaderboards/submissions/exp1").iterdir()
+    (path,) = Path("leaderboards/submissions/exp1").glob("*.json")
     record = {**json.loads(path.read_text()), "name": "exp1-twin"}
     path.with_name("exp1-twin.json").write_text(json.dumps(record))
     assert "are both seed 0 of unet + hertz (single); keep one" in refused("board")
+
+
+def test_the_same_figures_as_csv_and_latex(cli, stored):
+    name = stored(model="a_b", error=0.05)
+    assert cli("board", "--add", name, "--csv", "rows.csv", "--latex", "table.tex")[0] == 0
+    with Path("rows.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
+    assert (mae["value"], mae["unit"], mae["model"], mae["rank"]) == ("0.05", "mm", "a_b", "1")
+    text = Path("table.tex").read_text()
+    assert r"1 & a\_b & hertz & single & 1 & 0.0500 {\scriptsize [0.0450, 0.0550]} & " in text
+    assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
+    assert "% protocol:exp1@1|model:a_b" in text
+
+
+def test_a_cell_that_a_spreadsheet_would_compute_is_text():
+    from tactibench.board.export import csv_text
+
+    assert csv_text([{"model": "=1+1", "seeds": [0, 1]}]) == "model,seeds\n'=1+1,0 1\n"

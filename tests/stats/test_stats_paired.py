@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench.stats.paired import holm, paired_difference, rank_groups, sign_flip_p
+from tactibench.stats.paired import (
+    grouped,
+    holm,
+    paired_difference,
+    rank_groups,
+    sign_flip_p,
+    sign_flip_ps,
+)
 
 
 def test_interval_is_the_paired_t_interval():
@@ -88,3 +95,26 @@ def test_ranks_are_groups():
     assert rank_groups(table[:, :1]) == [1, 1, 1, 1]
     with pytest.raises(ValueError, match="'lower' or 'higher'"):
         rank_groups(table, better="none")
+
+
+def test_columns_share_their_signs_and_have_the_p_of_each_alone():
+    d = np.random.default_rng(7).normal(0.3, 1, (25, 3))
+    together = sign_flip_ps(d, rng=np.random.default_rng(8), permutations=999)
+    alone = [sign_flip_p(c, rng=np.random.default_rng(8), permutations=999) for c in d.T]
+    assert together == alone
+    with pytest.raises(ValueError, match=r"shape \(25,\)"):
+        sign_flip_ps(d[:, 0], rng=np.random.default_rng(0))
+
+
+def test_a_press_without_a_difference_changes_no_p():
+    d = np.random.default_rng(9).normal(0.4, 1, 12)
+    padded = np.concatenate([d, np.zeros(40)])[:, None]
+    found = sign_flip_ps(padded, rng=np.random.default_rng(1), permutations=20_000)[0]
+    alone = sign_flip_p(d, rng=np.random.default_rng(2), permutations=20_000)
+    assert found == pytest.approx(alone, abs=0.012)
+
+
+def test_groups_need_not_be_neighbours():
+    worse = {(1, 0), (3, 1)}
+    assert grouped([0, 1, 2, 3], lambda m, best: (m, best) in worse) == {0: 1, 2: 1, 3: 1, 1: 4}
+    assert grouped([], lambda *_: True) == {}

@@ -7,7 +7,7 @@ from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
 
-SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 80, "crowded": 24}
+SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 160, "crowded": 24}
 
 
 class Silent:
@@ -98,7 +98,7 @@ def fitted(make, fit):
 
 @pytest.fixture(scope="session")
 def fitted_to_duals(make, fit, presses):
-    """Regime multiple: 80 presses with two tips among the training frames."""
+    """Regime multiple: 160 presses with two tips among the training frames."""
     model = make()
     frames, truth = (presses["fit"][k] + presses["law"][k] for k in (0, 1))
     return model, fit(model, frames, truth)

@@ -149,7 +149,7 @@ def test_fitting_again_gives_the_same(fitted, make, fit, presses, singles_found)
 
 def test_the_report_tells_what_was_seen(fitted, fitted_to_duals):
     assert fitted[1].notes == {"single_presses": 300, "others": 0}
-    assert fitted_to_duals[1].notes == {"single_presses": 300, "others": 80}
+    assert fitted_to_duals[1].notes == {"single_presses": 300, "others": 160}
     assert fitted[1].epochs == 1
     assert fitted[1].seconds > 0
 

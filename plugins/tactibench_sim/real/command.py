@@ -18,16 +18,26 @@ import click
               help="Presses to fit on.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Which presses these are.")  # fmt: skip
+@click.option("--keep", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.json",
+              help="Write the fit for sensors fitted-127 and fitted-331: "
+                   "--param sensor.calibration=FILE.json.")  # fmt: skip
 @click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path),
               metavar="FILE", help="Write every number.")  # fmt: skip
-def real(folder: Path, out: Path | None, fit_on: int, seed: int, json_file: Path | None) -> None:
+def real(
+    folder: Path,
+    out: Path | None,
+    fit_on: int,
+    seed: int,
+    keep: Path | None,
+    json_file: Path | None,
+) -> None:
     import json
 
     from tactibench import UserError
     from tactibench_sim.real.compare import compare
     from tactibench_sim.real.picture import draw
 
-    for path in (out, json_file):
+    for path in (out, keep, json_file):
         if path is not None and not path.resolve().parent.is_dir():
             raise UserError(f"the folder {path.parent} of {path.name} is not there; make it first.")
     found = compare(folder, fit_on=fit_on, seed=seed)
@@ -39,6 +49,8 @@ def real(folder: Path, out: Path | None, fit_on: int, seed: int, json_file: Path
             f"median relative error {error:.3f} over {len(found.presses)} presses"
         )
         draw(out, found.presses, found.labels, found.fitted.unknowns, title)
+    if keep is not None:
+        found.calibration.write(keep)
     if json_file is not None:
         json_file.write_text(json.dumps(found.numbers(), indent=1) + "\n", encoding="utf-8")
     click.echo(f"dome {found.fitted.kind}; all pins matched in {found.complete:.1%} of the frames")

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from tactibench.datasets.importing import open_recording
+from tactibench_sim.real.calibration import Calibration
 from tactibench_sim.real.errors import Held, Row, as_json, held, table
 from tactibench_sim.real.fit import Fitted, fit_best, rig
 from tactibench_sim.real.plates import kinds
@@ -29,6 +31,7 @@ class Comparison:
     labels: Held
     state: Held
     rows: list[Row]
+    calibration: Calibration
 
     def record(self) -> dict[str, Any]:
         """Everything as plain data."""
@@ -87,4 +90,12 @@ def compare(folder: Path, *, fit_on: int = 200, seed: int = 0) -> Comparison:
         labels,
         held(others, what, fitted.unknowns, state_known=True),
         table(others, what, fitted.unknowns, labels),
+        Calibration(
+            recording=open_recording(folder).sha256,
+            frames=tuple(sorted(first.names)),
+            side=presses.side,
+            rest_centre=(float(presses.rest[:, 0].mean()), float(presses.rest[:, 1].mean())),
+            kind=fitted.kind,
+            unknowns=fitted.unknowns,
+        ),
     )

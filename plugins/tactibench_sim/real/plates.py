@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,12 @@ def plate(kind: str) -> Plate:
         delta=delta,
         patch=content[f"{kind}_patch"],
     )
+
+
+@cache
+def digest() -> str:
+    """Hash of the shipped tables' file."""
+    return sha256(files(__package__).joinpath(FILE).read_bytes()).hexdigest()
 
 
 def read(path: Path) -> dict[str, Array]:

@@ -55,12 +55,17 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     terminal.say(f"median misfit of the pins' spread: {found.residual:.1%}")
     if fitted.sheared:
         terminal.say(f"shear taken out: {', '.join(fitted.sheared)}")
+    terminal.say(
+        f"a positive tilt moves the contact towards {fitted.lean_deg:.0f} deg of the frame "
+        "(0: right, 90: down)"
+    )
     params = " ".join(f"--param {name}={value}" for name, value in fitted.options().items())
     terminal.say(f"\ntactibench data import {shlex.quote(str(folder))} TARGET {params}")
     if json_file is not None:
         rows = (
             ("offset", found.offset_mm, found.offset_std, "mm"),
             ("pivot", found.pivot_mm, found.pivot_std, "mm"),
+            ("lean", fitted.lean_deg, None, "deg"),
             ("misfit", found.residual, None, "share"),
             ("presses", found.presses, None, ""),
         )

@@ -36,6 +36,10 @@ BLOCKS: Mapping[str, tuple[Block, ...]] = {
     "surface": (
         Block("Flat plate", {"depth_mae_mm": 4, "tilt_mae_deg": 3, "coverage": 1}, ("all",)),
     ),
+    "transfer": (
+        Block("By labelled frames of the tested sensor",
+              {"depth_mae_mm": 3, "tilt_mae_deg": 2, "coverage": 1}, ("0", "10", "50", "200")),
+    ),
 }  # fmt: skip
 """Every other metric of a record is listed after these."""
 
@@ -46,6 +50,8 @@ EXPLAIN = {
     "exp3": "position, depth: over contacts matched inside the gate; missed: true contacts without "
             "a match. n: matched/true contacts.",
     "surface": "depth, tilt: over answered frames; coverage: answered frames.",
+    "transfer": "depth: indentation, z + a + p (1 - cos tilt); over answered frames. The tested "
+                "sensor gives its rest image and so many labelled frames, nothing else.",
 }  # fmt: skip
 
 HEADLINES = {
@@ -53,6 +59,7 @@ HEADLINES = {
     "exp2": ("distance_penalised_mm", "all", "resolved", 3),
     "exp3": ("position_mean_mm", "all", "missed", 3),
     "surface": ("depth_mae_mm", "all", "coverage", 4),
+    "transfer": ("depth_mae_mm", "0", "coverage", 3),
 }
 """The error to show beside speed: metric, group, the share that qualifies it, decimals."""
 

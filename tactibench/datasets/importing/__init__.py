@@ -4,6 +4,7 @@
 one into a v1 data set.
 """
 
+from tactibench.datasets.importing.fitted import indentation_options
 from tactibench.datasets.importing.geometry import indentation, plate_scenes
 from tactibench.datasets.importing.importer import import_folder
 from tactibench.datasets.importing.opening import FORMATS, find_format, open_recording
@@ -24,6 +25,7 @@ __all__ = [
     "find_format",
     "import_folder",
     "indentation",
+    "indentation_options",
     "open_recording",
     "plate_scenes",
     "read_options",

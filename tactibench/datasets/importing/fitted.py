@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.datasets.importing.geometry import PLATE, roles_of
 from tactibench.datasets.importing.options import ImportOptions
-from tactibench.datasets.importing.pivot import Pivot, fit_pivot, spread_of
+from tactibench.datasets.importing.pivot import Pivot, fit_pivot, lean_of, spread_of
 from tactibench.datasets.importing.recording import Recording
 from tactibench.errors import UserError
+from tactibench.records.cache import cache_folder
+from tactibench.records.files import read_json, write_json
+from tactibench.records.identity import code_hash, combined, digest
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,12 +32,14 @@ _TRAVEL = re.compile(r"(move|shear)_[123xyz]")
 @dataclass(frozen=True)
 class Fitted:
     """pivot: the fit. columns: role -> column. sheared: columns that say how the plate was dragged.
-    pins: that were followed."""
+    pins: that were followed. lean_deg: where on the frame a positive tilt moves the contact to, 0:
+    right, 90: down."""
 
     pivot: Pivot
     columns: Mapping[str, str]
     sheared: tuple[str, ...]
     pins: int
+    lean_deg: float
 
     def options(self) -> dict[str, str]:
         """What an import takes to use the fit."""
@@ -72,15 +77,43 @@ def fit_recording(
     tracker = Tracker(rest)
     sheared = _varying(known, _SHEAR)
     rows = _rows(recording, _varying(known, _TRAVEL))
-    spread = np.empty(len(rows))
+    spread, shift = np.empty(len(rows)), np.empty((len(rows), 2))
     for start in range(0, len(rows), _CHUNK):
         part = rows[start : start + _CHUNK]
         tracks = tracker.track(np.stack([recording.image(int(row)) for row in part]))
-        spread[start : start + _CHUNK] = spread_of(tracks.xy - tracker.rest)
+        moved = tracks.xy - tracker.rest
+        spread[start : start + _CHUNK] = spread_of(moved)
+        shift[start : start + _CHUNK] = moved.mean(axis=1)
         advance(len(part))
     depth, tilt = (_signed(known, columns[role])[rows] for role in ("depth", "tilt"))
     shear = np.column_stack([known[name][rows] for name in sheared]) if sheared else None
-    return Fitted(fit_pivot(spread, depth, tilt, shear), columns, sheared, len(tracker.rest))
+    return Fitted(
+        fit_pivot(spread, depth, tilt, shear),
+        columns,
+        sheared,
+        len(tracker.rest),
+        lean_of(shift, tilt, shear),
+    )
+
+
+def indentation_options(recording: Recording, options: ImportOptions) -> ImportOptions:
+    """The options with the offset and pivot of ``fit_recording``, which are kept in the cache.
+
+    Raises UserError as ``fit_recording``.
+    """
+    columns = {"depth": options.depth, "tilt": options.tilt}
+    code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets.importing")])
+    key = digest({"recording": recording.sha256, "columns": columns, "code": code})
+    path = cache_folder() / "fits" / f"{key[:24]}.json"
+    try:
+        kept = read_json(path)
+        offset, pivot = float(kept["offset_mm"]), float(kept["pivot_mm"])
+    except (UserError, KeyError, TypeError, ValueError):
+        found = fit_recording(recording, options).pivot
+        offset, pivot = found.offset_mm, found.pivot_mm
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, {"offset_mm": offset, "pivot_mm": pivot})
+    return replace(options, offset_mm=offset, pivot_mm=pivot)
 
 
 def _signed(labels: Mapping[str, FloatArray], column: str) -> FloatArray:

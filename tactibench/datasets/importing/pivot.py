@@ -62,6 +62,18 @@ def spread_of(moved: FloatArray) -> FloatArray:
     return spread
 
 
+def lean_of(shift: FloatArray, tilt: FloatArray, shear: FloatArray | None = None) -> float:
+    """Where on the frame a positive tilt moves the contact to, deg: 0 right, 90 down.
+
+    shift: (N, 2) px, mean displacement of a press's pins; they lean away from the contact. tilt:
+    (N,) deg. shear: (N, S) labels of how the plate was dragged along, or None.
+    """
+    columns = np.zeros((len(tilt), 0)) if shear is None else shear
+    terms = np.column_stack([np.ones(len(tilt)), np.sin(np.radians(tilt)), columns])
+    away = np.linalg.lstsq(terms, shift, rcond=None)[0][1]
+    return math.degrees(math.atan2(-away[1], -away[0]))
+
+
 def fit_pivot(
     spread: FloatArray,
     depth: FloatArray,

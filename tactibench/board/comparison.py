@@ -1,0 +1,224 @@
+"""Stored runs against each other, press by press.
+
+Of every metric that is a mean over presses: its mean over the presses of which both runs have a
+value, the paired difference with its t interval, and the two-sided sign-flip permutation p,
+adjusted by Holm's method over all that are shown together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from tactibench.board.labels import label_of, measured_on, section_key
+from tactibench.contacts import FloatArray
+from tactibench.errors import UserError
+from tactibench.metrics.compare import compared_metrics, press_means
+from tactibench.metrics.groups import by_condition, by_kind
+from tactibench.metrics.registry import find_metric
+from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.records.identity import canonical
+from tactibench.records.store import StoredRun
+from tactibench.running.rescore import protocol_of
+from tactibench.running.scoring import trials_of
+from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import mean_interval
+from tactibench.stats.paired import holm, sign_flip_ps
+
+COMPARISON_STREAM = 1_000_001
+"""Spawn key of the data seed behind the permutations."""
+MISSES = ("missed", "coverage")
+"""The share that stands beside every error: of contacts missed, or of frames answered."""
+
+Cell = tuple[str, str]
+"""(metric, group)"""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One metric of one group. first, second: means over the presses that both have.
+
+    difference: first minus second, its n the presses of either, its clusters the shared ones.
+    p, p_holm: None for a single press. alone: presses of which only the first, only the second run
+    has a value. misses: ``missed`` of both, as recorded (``coverage`` for plates), None where the
+    metric is one.
+    """
+
+    metric: str
+    group: str
+    first: float | None
+    second: float | None
+    difference: Estimate
+    alone: tuple[int, int]
+    misses: tuple[float, float] | None
+    p: float | None
+    p_holm: float | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs. first, second: their places among those that were named."""
+
+    first: int
+    second: int
+    rows: tuple[Compared, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """means: of every press, (P,) by metric and group; nan where a press has no value.
+
+    misses: one of MISSES by group, as recorded.
+    """
+
+    means: Mapping[Cell, FloatArray]
+    misses: Mapping[str, float | None]
+    level: float
+
+
+def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[Comparison]:
+    """Every run against every later one. distances: two-point trials at every true distance, too.
+
+    Raises UserError for runs that did not answer the same frames of the same protocol.
+    """
+    refuse_unlike(runs)
+    protocol = protocol_of(runs[0])
+    measured = [_measure(run, distances) for run in runs]
+    seed = np.random.SeedSequence(protocol.keys.data_seed, spawn_key=(COMPARISON_STREAM,))
+    pairs = list(combinations(range(len(runs)), 2))
+    streams = map(np.random.default_rng, seed.spawn(len(pairs)))
+    found = [
+        Comparison(i, j, tuple(_rows(measured[i], measured[j], rng)))
+        for (i, j), rng in zip(pairs, streams, strict=True)
+    ]
+    return _adjusted(found)
+
+
+def refuse_unlike(runs: Sequence[StoredRun]) -> None:
+    """Raise UserError unless all runs answered the same frames, each of them once in the list."""
+    first = runs[0].record
+    for k, run in enumerate(runs):
+        name, record = run.record["name"], run.record
+        if name in [other.record["name"] for other in runs[:k]]:
+            raise UserError(f"run {name!r} is named twice; name two that differ.")
+        asked, other = (
+            (r["protocol"]["id"], r["protocol"]["version"], r["protocol"]["hash"])
+            for r in (first, record)
+        )
+        if asked != other:
+            raise UserError(
+                f"{first['name']} answers {asked[0]}@{asked[1]} ({asked[2][:8]}), but {name} "
+                f"{other[0]}@{other[1]} ({other[2][:8]}); runs of one protocol and version can be "
+                "compared."
+            )
+        if canonical(section_key(first)) != canonical(section_key(record)):
+            raise UserError(
+                f"{first['name']} ({measured_on(first)}, {first['data']['test']:,} test frames) "
+                f"and {name} ({measured_on(record)}, {record['data']['test']:,} test frames) were "
+                "not tested on the same frames; a paired comparison needs the same presses: test "
+                "both on one sensor with the same options."
+            )
+
+
+def _measure(run: StoredRun, distances: bool) -> _Measured:
+    keys = protocol_of(run).keys
+    trials = trials_of(keys, run.arrays("truth"), run.arrays("predictions"))
+    means: dict[Cell, FloatArray] = {}
+    for metric in compared_metrics(trials, keys.metrics.names):
+        groups = _groups(trials, metric, distances)
+        table = press_means(metric, trials, groups)
+        means |= {(metric, group): table[:, k] for k, group in enumerate(groups)}
+    misses = {m["group"]: m["value"] for m in run.record["metrics"] if m["metric"] in MISSES}
+    return _Measured(means, misses, trials.level)
+
+
+def _groups(trials: Trials | PlateTrials, metric: str, distances: bool) -> tuple[str, ...]:
+    if isinstance(trials, PlateTrials):
+        return ("all",)
+    kinds, conditions = tuple(by_kind(trials)), tuple(by_condition(trials))
+    by_distance = distances and metric in DISTANCE_METRICS
+    return conditions if by_distance else kinds
+
+
+DISTANCE_METRICS = frozenset(
+    {"distance_mae_mm", "distance_penalised_mm", "resolved", "orientation_mae_deg"}
+)
+"""Metrics that a record holds for every true distance."""
+
+
+def _rows(first: _Measured, second: _Measured, rng: np.random.Generator) -> Iterator[Compared]:
+    cells = list(first.means)
+    a, b = (np.stack([one.means[cell] for cell in cells], axis=1) for one in (first, second))
+    shared = np.isfinite(a) & np.isfinite(b)
+    d = np.where(shared, a - b, 0.0)
+    for k, (cell, p) in enumerate(zip(cells, sign_flip_ps(d, rng=rng), strict=True)):
+        both = shared[:, k]
+        count = int(both.sum())
+        known = mean_interval(d[both, k], np.arange(count), level=first.level)
+        yield Compared(
+            *cell,
+            float(a[both, k].mean()) if count else None,
+            float(b[both, k].mean()) if count else None,
+            known,
+            (int((np.isfinite(a[:, k]) & ~both).sum()), int((np.isfinite(b[:, k]) & ~both).sum())),
+            None if cell[0] in MISSES else _misses(first, second, cell[1]),
+            p if count > 1 else None,
+        )
+
+
+def _misses(first: _Measured, second: _Measured, group: str) -> tuple[float, float] | None:
+    """Of the group, or of all where a record has none for it (a distance)."""
+    a, b = (one.misses.get(group, one.misses.get("all")) for one in (first, second))
+    return None if a is None or b is None else (a, b)
+
+
+def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
+    """Holm's method over every p that is shown."""
+    adjusted = iter(holm([row.p for one in found for row in one.rows if row.p is not None]))
+    return [
+        replace(one, rows=tuple(
+            row if row.p is None else replace(row, p_holm=next(adjusted)) for row in one.rows
+        ))
+        for one in found
+    ]  # fmt: skip
+
+
+def names_of(runs: Sequence[StoredRun]) -> list[str]:
+    """How the runs are called beside each other: by model and regime, and what tells them apart."""
+    labels = [label_of(run.record) for run in runs]
+    if len(set(labels)) < len(labels):
+        labels = [
+            f"{label}, seed {run.record['seed']}" for label, run in zip(labels, runs, strict=True)
+        ]
+    if len(set(labels)) < len(labels):
+        return [run.record["name"] for run in runs]
+    return labels
+
+
+def left_out(runs: Sequence[StoredRun]) -> list[str]:
+    """Metrics of the protocol that are no mean over presses."""
+    keys = protocol_of(runs[0]).keys
+    field = "plate_sample" if keys.answer == "plate" else "sample"
+    specs = [find_metric(name) for name in keys.metrics.names]
+    return [spec.name for spec in specs if spec.root or getattr(spec, field) is None]
+
+
+def rows_of(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[dict[str, Any]]:
+    """Tidy rows: ``value`` is first minus second."""
+    rows = []
+    for one in found:
+        who = {"first": runs[one.first].record["name"], "second": runs[one.second].record["name"]}
+        for row in one.rows:
+            spec, d = find_metric(row.metric), row.difference
+            rows.append({
+                **who, "metric": row.metric, "group": row.group, "value": d.value, "low": d.low,
+                "high": d.high, "unit": spec.unit, "better": spec.better, "p": row.p,
+                "p_holm": row.p_holm, "presses": d.clusters, "value_first": row.first,
+                "value_second": row.second, "only_first": row.alone[0],
+                "only_second": row.alone[1],
+            })  # fmt: skip
+    return rows

@@ -1,0 +1,94 @@
+"""What a stranger's record may say: names that are names, and text that only shows itself."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from tactibench.errors import UserError
+
+NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
+"""Of a run, a model, an encoder, a sensor: it becomes part of file names and of pages."""
+LONGEST = 4000
+"""Characters of a text in a record."""
+LARGEST = 2**20
+"""Bytes of a record; the longest of those here has 25 kB."""
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """The JSON object in a file of at most LARGEST bytes, without NaN. Raises UserError."""
+    try:
+        size = path.stat().st_size
+        if path.is_symlink() or not path.is_file():
+            raise UserError(f"{path} is no plain file.")
+        if size > LARGEST:
+            raise UserError(
+                f"{path} has {size:,} bytes, more than the {LARGEST:,} that a record may take; "
+                "a committed record holds no arrays and no history."
+            )
+        value = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refused)
+    except FileNotFoundError:
+        raise UserError(f"{path} does not exist.") from None
+    except (ValueError, RecursionError, OSError) as error:
+        raise UserError(f"{path} cannot be read as JSON: {error}.") from None
+    if not isinstance(value, dict):
+        raise UserError(f"{path} holds a {type(value).__name__}, not a record.")
+    return value
+
+
+def refuse_names(record: Mapping[str, Any], where: str) -> None:
+    """Raise UserError for a name with markup or a path in it, or text that is not printable.
+
+    The record is valid otherwise (see ``checked``).
+    """
+    for key, name in _names(record):
+        if not NAME.fullmatch(name):
+            raise UserError(
+                f"{where}: {key} is {name[:80]!r}; a name may hold letters, digits, '.', '_' and "
+                "'-' only, at most 160, so that it is neither markup nor a path."
+            )
+    for key, text in _texts(record):
+        if len(text) > LONGEST or not text.isprintable():
+            raise UserError(
+                f"{where}: {key} holds a text of {len(text):,} characters that is too long or not "
+                f"printable; a text has at most {LONGEST:,} and no control characters."
+            )
+    for kind in ("model", "encoder", "sensor"):
+        for key, value in ((record[kind] or {}).get("parameters") or {}).items():
+            if isinstance(value, str) and re.search(r"[/\\<>]", value):
+                raise UserError(
+                    f"{where}: {kind}.{key} is {value[:80]!r}; a committed run must not depend on "
+                    "a path, nor hold markup."
+                )
+
+
+def _names(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "name", record["name"]
+    yield "regime", record["regime"]
+    yield "protocol.id", record["protocol"]["id"]
+    for kind in ("model", "encoder", "sensor"):
+        if record[kind] is not None:
+            yield f"{kind}.name", record[kind]["name"]
+            yield from ((f"{kind}.parameters", name) for name in record[kind]["parameters"])
+    if tested := record["sensor"].get("tested"):
+        yield "sensor.tested.name", tested["name"]
+
+
+def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """All strings of a JSON value, with where they stand."""
+    if isinstance(value, str):
+        yield key, value
+    elif isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield f"{key}.{name}".lstrip("."), str(name)
+            yield from _texts(inner, f"{key}.{name}".lstrip("."))
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _texts(inner, key)
+
+
+def _refused(constant: str) -> Any:
+    raise ValueError(f"it holds {constant}, which is no number")

@@ -1,0 +1,141 @@
+"""The truth of a submission's test frames, made again from the protocol and not from the record.
+
+Presses are drawn from the protocol's seed (or a hidden one) on the sensor that the record names,
+which must ship with tactibench; a simulated sensor reaches the poses that it is asked for. Recorded
+frames are read from their folder. No model and no encoder is imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import Answer
+from tactibench.errors import UserError
+from tactibench.geometry import true_contacts
+from tactibench.plugins.discovery import installed
+from tactibench.plugins.host import PluginHost
+from tactibench.plugins.interfaces import KnowsBound, SensorContext
+from tactibench.protocols.loader import LoadedProtocol
+from tactibench.records.answers import pack
+from tactibench.records.store import Arrays
+from tactibench.running.frames import Wanted
+from tactibench.running.frames_drawn import frames_of_test, presser_of_test
+from tactibench.running.frames_recorded import recorded_frames
+from tactibench.running.hidden import HiddenSeed
+from tactibench.running.parts import Part, Sensors
+from tactibench.running.presser import Presser
+from tactibench.running.released import find_released, released_arrays
+from tactibench.running.request import HIDDEN, RunRequest, TestedOn, read_tested
+from tactibench.running.tested import with_test_sensor
+
+OURS = "tactibench"
+"""The distribution whose plugins are trusted."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the truth may be made from. data: folder of recorded frames. cache: of frames."""
+
+    host: PluginHost
+    cache: Path
+    data: Path | None = None
+
+
+def trusted_host() -> PluginHost:
+    """The plugins that ship with tactibench, and no others, whatever is installed."""
+    return PluginHost([found for found in installed() if found[1].distribution == OURS])
+
+
+def truth_of(
+    record: Mapping[str, Any], protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
+) -> Arrays:
+    """Packed answers with press and group of every frame, and the bounds that the metrics need.
+
+    Raises UserError where it cannot be made here.
+    """
+    request = _request(record, source)
+    sensors = with_test_sensor(request, _sensors(record, request, source.host), source.host)
+    if sensors.sensor.spec.needs_data:
+        return _recorded(request, protocol, sensors)
+    if protocol.keys.split is None:
+        raise UserError(
+            f"{record['name']}: sensor {sensors.sensor.name!r} has no recorded folder, which "
+            f"protocol {protocol.keys.id!r} asks for."
+        )
+    tester = presser_of_test(protocol.keys, sensors, source.cache, hidden)
+    wanted, _ = frames_of_test(request, tester, protocol.keys.split)
+    radius = tester.pressed.workspace.dome_radius_mm
+    truth = [true_contacts(scene, radius) for one in wanted for scene in one.scenes]
+    arrays = _arrays(wanted, truth, protocol.keys.answer)
+    if "rmse_over_bound" in protocol.keys.metrics.names:
+        arrays |= _bounds(tester, wanted)
+    return arrays
+
+
+def _request(record: Mapping[str, Any], source: Source) -> RunRequest:
+    tested = record["sensor"].get("tested")
+    asked = TestedOn()
+    if tested is not None:
+        texts = tuple(text for text in tested["asked"] if text != HIDDEN)
+        asked = read_tested(texts, hidden=HIDDEN in tested["asked"])
+    return RunRequest(
+        record["protocol"]["id"], "", record["regime"], data=source.data, tested=asked,
+        presses=(record.get("limits") or {}).get("presses"),
+    )  # fmt: skip
+
+
+def _sensors(record: Mapping[str, Any], request: RunRequest, host: PluginHost) -> Sensors:
+    stated = record["sensor"]
+    if stated["name"] not in host.sensors.specs:
+        raise UserError(
+            f"{record['name']}: sensor {stated['name']!r} does not ship with tactibench, so its "
+            "presses cannot be made again here; only runs on sensors that do can be verified."
+        )
+    spec = host.sensors[stated["name"]]
+    if spec.needs_data and request.data is None:
+        raise UserError(
+            f"{record['name']}: the truth of {record['protocol']['id']!r} on sensor "
+            f"{spec.name!r} is in the recording; name its folder with --data DIR."
+        )
+    values = spec.settings({name: str(value) for name, value in stated["parameters"].items()})
+    return Sensors(
+        sensor=Part(spec, values, host.sensors.origins[spec.name]), regime=record["regime"]
+    )
+
+
+def _recorded(request: RunRequest, protocol: LoadedProtocol, sensors: Sensors) -> Arrays:
+    frames = recorded_frames(request, protocol, sensors)
+    keys = protocol.keys
+    opened = [one.open(lambda _: None) for one in frames.test]
+    radius = keys.workspace.dome_radius_mm
+    truth = [answer for presses in opened for answer in presses.truth(keys.answer, radius)]
+    arrays = _arrays(frames.test, truth, keys.answer)
+    if frames.published:
+        released = find_released(protocol, request.data, None)
+        names = [name for presses in opened for name in presses.names]
+        arrays |= released_arrays(released, protocol.test_frames, names, truth)
+    return arrays
+
+
+def _arrays(wanted: Sequence[Wanted], truth: Sequence[Answer], answer: str) -> Arrays:
+    return {
+        **pack(truth, answer),
+        "press": np.array([press for one in wanted for press in one.clusters]),
+        "group": np.array([group for one in wanted for group in one.groups]),
+    }
+
+
+def _bounds(tester: Presser, wanted: Sequence[Wanted]) -> Arrays:
+    """Cramer-Rao standard deviations of every scene; empty where the sensor knows none."""
+    seed = np.random.SeedSequence(tester.keys.data_seed)
+    with tester.build(SensorContext(seed)) as sensor:
+        if not isinstance(sensor, KnowsBound):
+            return {}
+        return {
+            "bound": np.concatenate([sensor.bound(scene) for one in wanted for scene in one.scenes])
+        }

@@ -1,0 +1,230 @@
+"""One submission, checked and scored again; the first thing that is wrong is said in a sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench.board.committed import (
+    Arrays,
+    answers_file,
+    ranked_errors,
+    read_answers_file,
+    split_ranked,
+)
+from tactibench.board.labels import label_of, measured_on, tested_of
+from tactibench.board.ranking import RANKING
+from tactibench.board.safe import read_record, refuse_names
+from tactibench.board.submissions import refuse_partial
+from tactibench.board.verifying.answers import check_answers
+from tactibench.board.verifying.truth import Source, truth_of
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.records.files import arrays_hash
+from tactibench.records.record import checked
+from tactibench.running.hidden import committed_seed
+from tactibench.running.request import HIDDEN
+from tactibench.running.scoring import score_arrays
+
+TOLERANCE = 1e-6
+"""Relative; another processor or version of numpy sums in another order."""
+FROM_MAPS = frozenset({"surface_rmse_mm"})
+"""Metrics of heatmaps, which are not submitted."""
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found out about a submission that was not refused.
+
+    again: metric rows computed anew and equal to the stated ones. stated: metrics that the record
+    states and nobody can compute without the submitter's heatmaps.
+    """
+
+    path: Path
+    record: Mapping[str, Any]
+    frames: int
+    again: tuple[Row, ...]
+    stated: tuple[str, ...]
+
+    @property
+    def subject(self) -> str:
+        """ "unet + hertz (single), seed 0 on simulated sensor tactip-127"."""
+        record = self.record
+        return f"{label_of(record)}, seed {record['seed']} on {measured_on(record)}"
+
+    def headline(self) -> list[Row]:
+        """The error that orders the board, and what was missed."""
+        by = RANKING.get(self.record["protocol"]["id"])
+        wanted = [] if by is None else [(by.metric, by.group)]
+        wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
+        return [row for row in self.again if (row["metric"], row["group"]) in wanted]
+
+
+def verify(
+    path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
+) -> Verdict:
+    """Check and score one committed record. hidden: its test presses are from the hidden seed.
+
+    folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
+    Raises UserError with what is wrong, or with what is lacking to find out.
+    """
+    record = read_record(path)
+    checked(record, str(path))
+    refuse_names(record, str(path))
+    _named(record, path)
+    refuse_partial(record, str(path))
+    protocol = _protocol(record, path)
+    refuse_signature(record, str(path))
+    _hidden_asked(record, path, hidden)
+    place = answers_file(path)
+    if not place.is_file():
+        raise UserError(
+            f"{place} is missing: without its predictions a record cannot be scored again; "
+            "`tactibench submit` writes both."
+        )
+    answers, ranked = split_ranked(read_answers_file(place))
+    if arrays_hash(answers) != record["identity"]["predictions_hash"]:
+        raise UserError(
+            f"the predictions in {place} are not those of {path.name} (hash "
+            f"{arrays_hash(answers)[:12]}, the record says "
+            f"{record['identity']['predictions_hash'][:12]}); submit the run again."
+        )
+    seed = committed_seed(protocol, folder) if hidden else None
+    if seed is not None and record["identity"].get("hidden") != seed.commitment:
+        raise UserError(f"{path} was tested with another hidden seed than the published one.")
+    truth = truth_of(record, protocol, source, seed)
+    frames = len(truth["press"])
+    if record["data"].get("test") != frames:
+        raise UserError(
+            f"{path} says that it was tested on {record['data'].get('test')} frames, but the "
+            f"protocol tests {frames:,}."
+        )
+    check_answers(answers, protocol.keys.answer, frames, str(place))
+    again = score_arrays(protocol.keys, truth, answers, {})
+    stated = refuse_differences(record["metrics"], again, str(path))
+    _refuse_ranked(ranked, ranked_errors(protocol.keys, truth, answers), place)
+    kept = tuple(row for row in again if row["metric"] not in FROM_MAPS)
+    return Verdict(path, record, frames, kept, stated)
+
+
+def _named(record: Row, path: Path) -> None:
+    if record["name"] != path.stem or record["protocol"]["id"] != path.resolve().parent.name:
+        raise UserError(
+            f"{path} holds the record {record['name']!r} of protocol "
+            f"{record['protocol']['id']!r}; file and folder must be called so."
+        )
+
+
+def _protocol(record: Row, path: Path) -> LoadedProtocol:
+    stated, files = record["protocol"], protocol_files()
+    if stated["id"] not in files:
+        raise UserError(
+            f"{path} answers protocol {stated['id']!r}, which does not ship with tactibench; "
+            f"{did_you_mean(stated['id'], files)}"
+        )
+    protocol = read_protocol(files[stated["id"]])
+    if (stated["version"], stated["hash"]) != (protocol.keys.version, protocol.hash):
+        raise UserError(
+            f"{path} answers {stated['id']}@{stated['version']} ({stated['hash'][:8]}), but the "
+            f"present one is {protocol.label} ({protocol.hash[:8]}); run the protocol again."
+        )
+    return protocol
+
+
+def _hidden_asked(record: Row, path: Path, hidden: bool) -> None:
+    tested = tested_of(record)
+    on_hidden = tested is not None and HIDDEN in tested["asked"]
+    if on_hidden and not hidden:
+        raise UserError(
+            f"{path} was tested on hidden presses; only who has the seed can verify it, with "
+            "--hidden."
+        )
+    if hidden and not on_hidden:
+        raise UserError(f"{path} was not tested on hidden presses; leave --hidden out.")
+
+
+def refuse_signature(record: Row, where: str) -> None:
+    """Raise UserError unless the signature, which boards show, says what the record says."""
+    fields = dict(part.partition(":")[::2] for part in record["signature"].split("|"))
+    protocol = record["protocol"]
+    wanted = {
+        "protocol": f"{protocol['id']}@{protocol['version']}+{protocol['hash'][:8]}",
+        "model": record["model"]["name"],
+        "regime": record["regime"],
+        "encoder": record["encoder"]["name"] if record["encoder"] else "none",
+        "sensor": record["sensor"]["name"],
+        "seed": str(record["seed"]),
+        "weights": record["identity"]["weights_hash"][:8],
+        "partial": "no",
+    }
+    for name, value in wanted.items():
+        found = fields.get(name, "").partition("(")[0]
+        if found != value:
+            raise UserError(
+                f"{where}: the signature says {name} {found!r}, but the record says {value!r}."
+            )
+
+
+def refuse_differences(stated: Sequence[Row], again: Sequence[Row], where: str) -> tuple[str, ...]:
+    """Raise UserError where a stated row is not what the answers give.
+
+    Returns the metrics that are stated and cannot be computed without heatmaps.
+    """
+    before, after = ({(r["metric"], r["group"]): r for r in rows} for rows in (stated, again))
+    if len(before) < len(stated):
+        raise UserError(f"{where} states a metric of a group twice.")
+    for metric, group in sorted({*before, *after}):
+        one, other = before.get((metric, group)), after.get((metric, group))
+        if one is None or other is None:
+            what = "lacks" if one is None else "states"
+            raise UserError(
+                f"{where} {what} {metric} of {group}, which the protocol "
+                f"{'asks for' if one is None else 'does not ask for'}."
+            )
+        if metric in FROM_MAPS:
+            continue
+        for field in other:
+            if not _same(one.get(field), other[field]):
+                raise UserError(
+                    f"{where} states {field} {one.get(field)} for {metric} of {group}, but its "
+                    f"predictions give {other[field]}."
+                )
+    return tuple(sorted({m for (m, _), row in before.items()
+                         if m in FROM_MAPS and row["value"] is not None}))  # fmt: skip
+
+
+def _same(stated: Any, again: Any) -> bool:
+    if isinstance(stated, float | int) and isinstance(again, float):
+        return math.isclose(stated, again, rel_tol=TOLERANCE, abs_tol=1e-9)
+    return bool(stated == again)
+
+
+def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
+    """Raise UserError unless a board would rank by what the answers give."""
+    same = set(stated) == set(again) and all(
+        stated[name].shape == array.shape
+        and (
+            np.allclose(stated[name], array, rtol=TOLERANCE, atol=1e-9)
+            if array.dtype.kind == "f"
+            else bool((stated[name] == array).all())
+        )
+        for name, array in again.items()
+    )
+    if not same:
+        raise UserError(
+            f"the errors of single presses in {place}, by which a board ranks, are not those of "
+            "its predictions; submit the run again."
+        )
+
+
+def metric_rows(verdict: Verdict) -> Iterable[dict[str, Any]]:
+    """Tidy rows of what was computed anew."""
+    for row in verdict.again:
+        yield {"file": verdict.path.name, "state": "verified", **row}

@@ -1,0 +1,121 @@
+"""``tactibench check``: whether a plugin behaves as every one of its kind must."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactibench.cli.options import json_option
+from tactibench.errors import UserError, did_you_mean
+from tactibench.plugins.specs import KINDS
+
+if TYPE_CHECKING:
+    from tactibench.plugins.host import PluginHost
+    from tactibench.testing import Finding, Report
+
+
+@click.command()
+@click.argument("name")
+@click.option("--kind", type=click.Choice(KINDS), help="Where several kinds have that name.")
+@click.option("--sensor", default="", help="Presses the frames of a model; default: tactip-127.")
+@click.option("--encoder", default="", help="What a model is trained through.")
+@click.option(
+    "--data", type=click.Path(path_type=Path, file_okay=False, exists=True),
+    help="Folder of a sensor that reads recorded frames.",
+)  # fmt: skip
+@click.option(
+    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
+)
+@click.option(
+    "--expect-failed",
+    "expected",
+    multiple=True,
+    metavar="PROPERTY=REASON",
+    help="A property that does not hold, and why; it is an error if it holds.",
+)
+@json_option
+@click.pass_context
+def check(
+    ctx: click.Context,
+    /,
+    name: str,
+    kind: str | None,
+    params: tuple[str, ...],
+    expected: tuple[str, ...],
+    json_file: Path | None,
+    **options: Any,
+) -> None:
+    """Check that the model, sensor or encoder called NAME behaves as every one of its kind must.
+
+    One line a property: what it asserts and, where it does not hold, what was found. Models are
+    trained on 40 frames. Exit code 1 when a property fails, or when nothing ran.
+    """
+    from tactibench.plugins.host import PluginHost
+    from tactibench.running.request import read_parameters
+    from tactibench.testing import expected_failures, properties, run_checks, subject_of
+    from tactibench.testing.report import known_names
+
+    host, given, reasons = PluginHost(), read_parameters(params), _reasons(expected)
+    subjects = {
+        one: subject_of(one, name, parameters=given, host=host, **options)
+        for one in ([kind] if kind else _kinds(name, host))
+    }
+    for one in subjects:
+        known_names(properties(one), reasons)
+    reports = []
+    for one, subject in subjects.items():
+        click.echo(f"{subject.title}:")
+        expectations = expected_failures(subject, reasons)
+        report = run_checks(properties(one), subject, expectations, _tell)
+        click.echo(report.summary())
+        reports.append(report)
+    if json_file is not None:
+        _write(json_file, reports)
+    if not all(report.well for report in reports):
+        ctx.exit(1)
+
+
+def _tell(finding: Finding) -> None:
+    click.echo(f"  {finding.line()}")
+
+
+def _kinds(name: str, host: PluginHost) -> list[str]:
+    """The kinds that have something of that name. Raises UserError for none."""
+    found = [one.kind for one in host.parts if name in one.specs or name in one.clashes]
+    if not found:
+        known = {spec.name for catalogue in host.parts for spec in catalogue}
+        broken = "; `tactibench doctor` names plugins that do not load" if host.problems else ""
+        raise UserError(
+            f"no model, sensor or encoder is called {name!r}{broken}; {did_you_mean(name, known)}"
+        )
+    return found
+
+
+def _reasons(texts: tuple[str, ...]) -> dict[str, str]:
+    """``("nan_frame=looks at no frame",)`` -> property -> reason. Raises UserError."""
+    found = {}
+    for text in texts:
+        name, equals, reason = text.partition("=")
+        if not equals:
+            raise UserError(
+                f"--expect-failed {text!r} is not understood; write PROPERTY=REASON, for example "
+                "--expect-failed 'nan_frame=looks at no frame'."
+            )
+        found[name] = reason
+    return found
+
+
+def _write(path: Path, reports: list[Report]) -> None:
+    from tactibench.records.files import write_json
+
+    write_json(path, {
+        "metrics": [row for report in reports for row in report.rows()],
+        "properties": [
+            {"subject": report.title, "property": one.asked.name,
+             "asserts": one.asked.statement, "outcome": one.outcome, "found": one.found,
+             "seconds": round(one.seconds, 3)}
+            for report in reports for one in report.findings
+        ],
+    })  # fmt: skip

@@ -1,0 +1,39 @@
+"""``tactibench compare``: runs against each other, press by press."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tactibench.cli.options import json_option, out_option
+from tactibench.errors import UserError
+
+
+@click.command()
+@click.argument("names", nargs=-1, required=True, metavar="RUN RUN [RUN...]")
+@click.option("--distances", is_flag=True, help="Also at every true distance of the tips.")
+@out_option
+@json_option
+def compare(names: tuple[str, ...], distances: bool, out: Path, json_file: Path | None) -> None:
+    """Compare stored runs (names in the store, or folders) that answered the same test frames.
+
+    Paired differences of every metric that is a mean over presses, with intervals over presses,
+    permutation p, and Holm's adjustment over everything that is shown.
+
+    \b
+    tactibench compare exp2-superpose-single-s0-1a2b3c4d exp2-unet-single-s0-5e6f7a8b
+    """
+    from tactibench.board.comparison import compare_runs, rows_of
+    from tactibench.cli.output import Terminal
+    from tactibench.cli.report.compare import print_comparisons
+    from tactibench.records.files import write_json
+    from tactibench.records.store import open_run
+
+    if len(names) < 2:
+        raise UserError("one run alone cannot be compared; name two or more.")
+    runs = [open_run(out, name) for name in names]
+    found = compare_runs(runs, distances=distances)
+    print_comparisons(Terminal().out, runs, found)
+    if json_file is not None:
+        write_json(json_file, rows_of(runs, found))

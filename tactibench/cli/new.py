@@ -1,0 +1,43 @@
+"""``tactibench new``: the beginning of somebody's own plugin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tactibench.plugins.specs import KINDS
+
+TRY = {
+    "model": "tactibench run exp1 --model {name} --quick",
+    "sensor": "tactibench run exp1 --model nearest --sensor {name} --quick",
+    "encoder": "tactibench run exp1 --model unet --encoder {name} --quick",
+}
+
+
+@click.command()
+@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("name")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path(),
+    help="Where to make the package's folder; default: here.",
+)
+def new(kind: str, name: str, out: Path) -> None:
+    """Write an installable package with a small, working model, sensor or encoder called NAME.
+
+    The folder is called tactibench-NAME. Nothing that is there already is changed.
+    """
+    from tactibench.plugins.host import PluginHost
+    from tactibench.scaffold.names import checked_names
+    from tactibench.scaffold.write import write_package
+
+    folder = write_package(checked_names(kind, name, PluginHost()), out)
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        click.echo(f"wrote {path}")
+    place = folder if folder.is_absolute() else f"./{folder}"  # a bare name, pip would look up
+    tried = TRY[kind].format(name=name)
+    click.echo("next:")
+    for command in (f"pip install -e {place}", f"tactibench check {name}", tried):
+        click.echo(f"  {command}")

@@ -1,0 +1,37 @@
+"""What ``tactibench verify`` says of a submission that was not refused."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.board.verifying.verdict import Verdict
+from tactibench.cli.report.cells import Row, estimate, print_grid
+from tactibench.cli.report.words import NAMES
+
+
+def print_verdict(console: Console, verdict: Verdict) -> None:
+    """The name, what was computed anew, and what rests on the submitter's word."""
+    record = verdict.record
+    console.print(Text(f"VERIFIED {verdict.path.name}", style="bold"), soft_wrap=True)
+    console.print(Text(f"  {verdict.subject}"), soft_wrap=True)
+    console.print(Text(
+        f"  {record['protocol']['id']}@{record['protocol']['version']}: truth of "
+        f"{verdict.frames:,} test frames made again, predictions "
+        f"{record['identity']['predictions_hash'][:12]}, {len(verdict.again)} metric rows equal"
+    ), soft_wrap=True)  # fmt: skip
+    rows = [
+        (f"  {_name(row)}", row["group"], estimate(row, 2 if row["unit"] == "share" else 4),
+         f"{row['clusters']:,}")
+        for row in verdict.headline()
+    ]  # fmt: skip
+    print_grid(console, ("  metric", "group", "value [95 %]", "presses"), rows,
+               right=frozenset({"presses"}))  # fmt: skip
+    told = ["times", "training", "weights", *(NAMES.get(n, n) for n in verdict.stated)]
+    console.print(Text(f"  on the submitter's word: {', '.join(told)}", style="dim"),
+                  soft_wrap=True)  # fmt: skip
+
+
+def _name(row: Row) -> str:
+    unit = {"share": ", %", "mm": ", mm", "deg": ", deg"}.get(row["unit"], "")
+    return f"{NAMES.get(row['metric'], row['metric'])}{unit}"

@@ -1,0 +1,127 @@
+"""Frames of two sensors: one trains, the other gives some labelled frames and is tested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactibench.errors import UserError
+from tactibench.plugins.interfaces import Calibrated, HasScenes, Sensor, SensorContext
+from tactibench.plugins.specs import SensorSpec
+from tactibench.protocols.loader import LoadedProtocol
+from tactibench.protocols.plates import draw_plates, draw_shots
+from tactibench.protocols.schema import RECORDED, Protocol, Transfer
+from tactibench.running.folder import Folder
+from tactibench.running.frames import (
+    FramePlan,
+    Wanted,
+    fewer,
+    scored_limit,
+    sensor_identity,
+    spread,
+)
+from tactibench.running.frames_drawn import FIT, VALIDATION
+from tactibench.running.frames_recorded import divided, plates_of
+from tactibench.running.parts import Part, Sensors
+from tactibench.running.presser import Presser
+from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
+
+PLATES, SHOTS = "plates", "shots"
+
+
+def transfer_frames(
+    request: RunRequest, protocol: LoadedProtocol, transfer: Transfer, parts: Sensors, cache: Path
+) -> FramePlan:
+    """Training frames of one sensor; of the other its test part, and shots from its training part.
+
+    Frames to which a simulated sensor was fitted are neither. Raises UserError.
+    """
+    keys = protocol.keys
+    target = _folder(keys, parts.test_sensor, request.tested.data)
+    pool, _, test = divided(keys, target)
+    if parts.sensor.spec.needs_data:
+        source = _folder(keys, parts.sensor, request.data)
+        fit, validation, _ = divided(keys, source)
+        used: frozenset[str] = frozenset()
+        training = _recorded(request, source, fit, validation)
+        identity = source.identity
+    else:
+        presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
+        used = _calibrated(presser, target)
+        training = _pressed(request, keys, presser)
+        identity = presser.identity
+    tested = [row for row in test if target.names[row] not in used]
+    left = [row for row in pool if target.names[row] not in used]
+    shots = [left[number] for number in draw_shots(keys, len(left))]
+    if len(shots) < max(transfer.shots):
+        raise UserError(
+            f"{request.tested.data} leaves {len(left):,} presses besides its test part, but "
+            f"protocol {keys.id!r} gives a model up to {max(transfer.shots)} labelled ones; record "
+            "more presses."
+        )
+    return FramePlan(
+        *training,
+        (target.want("test", RECORDED, spread(tested, scored_limit(request))),),
+        0,
+        identity,
+        tested_identity=target.identity,
+        shots=target.want("shots", SHOTS, shots),
+        calibrated=len(used),
+    )
+
+
+def _folder(keys: Protocol, sensor: Part[SensorSpec], path: Path | None) -> Folder:
+    """The plate presses of a recording. Raises UserError."""
+    context = SensorContext(np.random.SeedSequence(0), path, indentation=True)
+    opened: Sensor = sensor.spec.load()(context, **sensor.values)
+    if not isinstance(opened, HasScenes):
+        raise UserError(
+            f"sensor {sensor.name!r} does not say which presses it has, which protocol "
+            f"{keys.id!r} needs; use --sensor recorded."
+        )
+    identity = sensor_identity(sensor, opened.describe())
+    return plates_of(path, keys, Folder.of(opened, identity))
+
+
+def _recorded(
+    request: RunRequest, source: Folder, fit: Sequence[int], validation: Sequence[int]
+) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
+    if request.presses is not None:  # evenly: a recording has an order
+        fewer(fit, request)
+        fit = spread(fit, request.presses)
+    if request.quick:
+        fit, validation = spread(fit, QUICK_FIT), spread(validation, QUICK_VALIDATION)
+    return (
+        (source.want("fit", RECORDED, fit),),
+        (source.want("validation", RECORDED, validation),),
+    )
+
+
+def _pressed(
+    request: RunRequest, keys: Protocol, presser: Presser
+) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
+    """Plate presses that the sensor makes, each drawn on its own: the last ones validate."""
+    assert keys.plates is not None  # noqa: S101 - the caller looked
+    assert keys.recorded is not None  # noqa: S101 - with [transfer] it is there
+    scenes = draw_plates(presser.pressed, keys.plates).scenes
+    end = len(scenes) - round(keys.recorded.validation_share * len(scenes))
+    fit, validation = fewer(range(end), request), range(end, len(scenes))
+    if request.quick:
+        fit, validation = fit[:QUICK_FIT], validation[:QUICK_VALIDATION]
+    stream = keys.plates.stream
+
+    def want(role: str, rows: Sequence[int], part: int) -> Wanted:
+        chosen, names = [scenes[row] for row in rows], [f"{PLATES}-{row}" for row in rows]
+        return presser.want(role, PLATES, chosen, names, part, stream=stream)
+
+    return (want("fit", fit, FIT),), (want("validation", validation, VALIDATION),)
+
+
+def _calibrated(presser: Presser, target: Folder) -> frozenset[str]:
+    """Names of the target's frames to which the simulated sensor was fitted."""
+    if not isinstance(presser.sensor, Calibrated):
+        return frozenset()
+    digest = target.identity["describe"].get("sha256")
+    return frozenset(presser.sensor.calibrated_on().get(digest, ())) & frozenset(target.names)

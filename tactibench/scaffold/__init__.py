@@ -1,0 +1,1 @@
+"""A new plugin as an installable package, from the templates beside this file."""

@@ -1,0 +1,76 @@
+"""Answers beside a record: lossless, and the errors that a board ranks by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stored_answers import answered_parts, with_hash
+
+from tactibench import UserError
+from tactibench.board.committed import answers_file, read_answers_file, read_press_errors
+from tactibench.board.submissions import FOLDER, add, press_errors
+from tactibench.records.files import arrays_hash, write_arrays
+from tactibench.records.store import write_run
+
+
+@pytest.fixture
+def stored(tmp_path, fabricate):
+    def made(parts=None, **more):
+        parts = parts or answered_parts(0.06, frames=5, missing=(2,))
+        return write_run(tmp_path / "runs", with_hash(fabricate(**more), parts), parts)
+
+    return made
+
+
+def test_answers_keep_their_hash_and_the_errors_are_those_of_presses(tmp_path, stored) -> None:
+    run = stored()
+    path = add(run, tmp_path / "board").path
+    arrays = read_answers_file(answers_file(path))
+    answers = {name: a for name, a in arrays.items() if not name.startswith("ranked.")}
+    assert arrays_hash(answers) == run.record["identity"]["predictions_hash"]
+    found = press_errors(tmp_path / "board", run.record)
+    assert found.press.tolist() == [f"singles-{k}" for k in (0, 1, 3, 4)]  # 2 was not answered
+    assert found.error == pytest.approx([0.02] * 4)  # a third of 0.06: y and depth are exact
+
+
+def test_two_additions_write_the_same_bytes(tmp_path, stored) -> None:
+    run = stored()
+    first = answers_file(add(run, tmp_path / "board").path).read_bytes()
+    assert answers_file(add(run, tmp_path / "board").path).read_bytes() == first
+
+
+def test_a_replaced_record_takes_its_answers_along(tmp_path, stored) -> None:
+    add(stored(), tmp_path / "board")
+    add(stored(name="exp1-newer"), tmp_path / "board")
+    names = sorted(path.name for path in (tmp_path / "board" / FOLDER / "exp1").iterdir())
+    assert names == ["exp1-newer.json", "exp1-newer.npz"]
+
+
+def test_another_version_of_the_protocol_is_not_ranked(tmp_path, stored, fabricate) -> None:
+    old = {**fabricate()["protocol"], "hash": "ab"}
+    run = stored()
+    run.record["protocol"] = old
+    add(run, tmp_path / "board")
+    assert press_errors(tmp_path / "board", run.record) is None
+
+
+def test_no_file_no_errors_and_damage_is_told(tmp_path) -> None:
+    path = tmp_path / "x.npz"
+    assert read_press_errors(path) is None
+    path.write_bytes(b"no archive")
+    with pytest.raises(UserError, match="is no archive of arrays"):
+        read_press_errors(path)
+    press = np.array(["a", "b"])
+    write_arrays(path, {"ranked.press": press, "ranked.error": np.array([1.0, np.nan])})
+    with pytest.raises(UserError, match="one finite error a press"):
+        read_press_errors(path)
+
+
+def test_a_name_that_no_file_may_have_is_refused_before_anything_is_written(
+    tmp_path, stored
+) -> None:
+    run = stored()
+    run.record["name"] = "../../elsewhere"
+    with pytest.raises(UserError, match="neither markup nor a path"):
+        add(run, tmp_path / "board")
+    assert not (tmp_path / "board").exists()

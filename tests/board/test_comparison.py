@@ -1,0 +1,116 @@
+"""Stored runs against each other: the same presses, pairing, Holm, misses beside the errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from stored_answers import answered_parts, with_hash
+
+from tactibench import UserError
+from tactibench.board.comparison import compare_runs, left_out, names_of, rows_of
+from tactibench.contacts import Contacts
+from tactibench.records.answers import pack_contacts, unpack_contacts
+from tactibench.records.store import write_run
+from tactibench.stats.paired import holm
+
+
+@pytest.fixture
+def stored(tmp_path, fabricate):
+    """Name, errors along x of every frame (None: not answered) -> a run of exp1."""
+
+    def made(name, errors, **more):
+        parts = answered_parts(frames=len(errors))
+        truth = unpack_contacts(parts["truth"])
+        parts["predictions"] = pack_contacts([
+            Contacts.none() if e is None else Contacts.truth(t.xy + np.array([e, 0]), t.depth)
+            for t, e in zip(truth, errors, strict=True)
+        ])  # fmt: skip
+        record = with_hash(fabricate(model=name, name=f"exp1-{name}", encoder=None, **more), parts)
+        return write_run(tmp_path / "runs", record, parts)
+
+    return made
+
+
+def cell(one, metric, group="all"):
+    return next(row for row in one.rows if (row.metric, row.group) == (metric, group))
+
+
+def test_the_paired_t_interval_and_the_means(stored) -> None:
+    rng = np.random.default_rng(0)
+    a = rng.gamma(2, 0.05, 40)
+    b = a + rng.normal(0.01, 0.01, 40)
+    (one,) = compare_runs([stored("a", a), stored("b", b)])
+    row = cell(one, "mae_mm")
+    expected = stats.ttest_rel(np.abs(a) / 3, np.abs(b) / 3)  # y and depth are exact
+    ends = expected.confidence_interval(0.95)
+    assert (row.difference.low, row.difference.high) == pytest.approx(tuple(ends))
+    assert (row.first, row.second) == pytest.approx((np.abs(a).mean() / 3, np.abs(b).mean() / 3))
+    assert row.p == pytest.approx(expected.pvalue, abs=0.01)
+    assert row.alone == (0, 0)
+    assert row.misses == (0.01, 0.01)  # as the records say
+    assert cell(one, "missed").misses is None
+
+
+def test_presses_that_one_alone_answered_are_counted_and_left_out(stored) -> None:
+    a, b = [0.3, None, 0.3, 0.3], [0.6, 0.6, None, 0.6]
+    (one,) = compare_runs([stored("a", a), stored("b", b)])
+    row = cell(one, "mae_mm")
+    assert (row.difference.clusters, row.alone) == (2, (1, 1))
+    assert row.difference.value == pytest.approx(-0.1)
+    assert cell(one, "missed").difference.value == 0  # one of four either way
+
+
+def test_holm_over_all_that_is_shown(stored) -> None:
+    rng = np.random.default_rng(1)
+    runs = [stored(name, rng.normal(0.1 * k, 0.05, 30)) for k, name in enumerate("abc")]
+    found = compare_runs(runs)
+    assert [(one.first, one.second) for one in found] == [(0, 1), (0, 2), (1, 2)]
+    p = [row.p for one in found for row in one.rows]
+    assert [row.p_holm for one in found for row in one.rows] == pytest.approx(holm(p))
+    assert len(p) == 9
+    again = compare_runs(runs)
+    assert [row.p for one in again for row in one.rows] == p
+
+
+def test_a_run_against_a_copy_of_itself(stored) -> None:
+    (one,) = compare_runs([stored("a", [0.1, 0.2, 0.3]), stored("b", [0.1, 0.2, 0.3])])
+    assert {(row.difference.value, row.p, row.p_holm) for row in one.rows} == {(0.0, 1.0, 1.0)}
+
+
+def test_one_press_has_no_p_and_nothing_shared_no_value(stored) -> None:
+    (one,) = compare_runs([stored("a", [0.1]), stored("b", [0.2])])
+    row = cell(one, "mae_mm")
+    assert (row.p, row.p_holm, row.difference.low) == (None, None, None)
+    (one,) = compare_runs([stored("c", [0.1, None]), stored("d", [None, 0.2])])
+    row = cell(one, "mae_mm")
+    assert (row.first, row.difference.value, row.p) == (None, None, None)
+
+
+def test_tidy_rows_and_what_is_no_mean(stored) -> None:
+    runs = [stored("a", [0.1, 0.2, 0.3]), stored("b", [0.2, 0.2, 0.2])]
+    rows = rows_of(runs, compare_runs(runs))
+    assert {(r["first"], r["second"]) for r in rows} == {("exp1-a", "exp1-b")}
+    assert {r["metric"] for r in rows} == {"mae_mm", "missed", "spurious"}
+    assert set(left_out(runs)) == {"r2", "rmse_mm", "rmse_pooled_mm", "surface_rmse_mm",
+                                   "rmse_over_bound"}  # fmt: skip
+
+
+def test_names_tell_runs_apart(stored) -> None:
+    runs = [stored("a", [0.1, 0.2]), stored("b", [0.1, 0.2])]
+    assert names_of(runs) == ["a (single)", "b (single)"]
+    seeds = [stored("a", [0.1, 0.2]), stored("a", [0.1, 0.3], seed=1)]
+    assert names_of(seeds)[1] == "a (single), seed 1"
+
+
+def test_runs_that_cannot_be_compared(stored, fabricate) -> None:
+    a = stored("a", [0.1, 0.2])
+    with pytest.raises(UserError, match="run 'exp1-a' is named twice"):
+        compare_runs([a, a])
+    other = stored("b", [0.1, 0.2])
+    other.record["protocol"] = {**other.record["protocol"], "version": 2, "hash": "feed" * 4}
+    with pytest.raises(UserError, match=r"exp1-a answers exp1@1 .* but exp1-b exp1@2 \(feedfeed\)"):
+        compare_runs([a, other])
+    other = stored("c", [0.1, 0.2], sensor={"instance": 2})
+    with pytest.raises(UserError, match="were not tested on the same frames"):
+        compare_runs([a, other])

@@ -1,0 +1,100 @@
+"""Submissions to small protocols on a tiny sensor, made from the truth that is drawn again."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import Contacts, SensorSpec
+from tactibench.board.committed import answers_file, ranked_errors
+from tactibench.board.submissions import FOLDER, compact, text_of
+from tactibench.board.verifying import verdict
+from tactibench.board.verifying.truth import Source, truth_of
+from tactibench.plugins.discovery import Origin
+from tactibench.plugins.host import Catalogue
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.records.answers import pack_contacts, unpack_contacts
+from tactibench.records.files import arrays_hash, write_arrays
+from tactibench.running.scoring import score_arrays
+
+NUMBERS = {"count = 5000": "count = 60", "count = 1000": "count = 12", "count = 120": "count = 4",
+           "test = 1000": "test = 20", "validation = 400": "validation = 10",
+           "per_distance = 100": "per_distance = 2"}  # fmt: skip
+
+
+@pytest.fixture
+def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], LoadedProtocol]:
+    """exp1, exp2 and exp3 with few presses, in place of those that ship."""
+    folder = tmp_path / "protocols"
+    folder.mkdir()
+    for name in ("exp1", "exp2", "exp3"):
+        text = protocol_files()[name].read_text(encoding="utf-8")
+        for long, short in NUMBERS.items():
+            text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    files = {path.stem: path for path in folder.glob("*.toml")}
+    monkeypatch.setattr(verdict, "protocol_files", lambda: files)
+    return lambda name: read_protocol(files[name])
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
+    """A host whose one sensor is tiny."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "running" / "fake")
+    specs = {
+        "tactip-127": SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny"),
+        "recorded": SensorSpec("recorded", "tiny_tactile.parts:TinySensor", "tiny",
+                               needs_data=True),
+    }  # fmt: skip
+    origins = dict.fromkeys(specs, Origin("tiny", "tactibench", "1"))
+    host: Any = SimpleNamespace(sensors=Catalogue("sensor", specs, origins, {}))
+    return Source(host, tmp_path / "cache")
+
+
+@pytest.fixture
+def submitted(
+    mini: Callable[[str], LoadedProtocol], source: Source, tmp_path: Path, fabricate: Any
+) -> Callable[..., Path]:
+    """Protocol, keywords of ``fabricate`` -> a submission that holds; the path of its record."""
+
+    def made(asked: str = "exp1", *, hidden: Any = None, **more: Any) -> Path:
+        protocol = mini(asked)
+        record = stated(fabricate(asked, encoder=None, **more), protocol)
+        truth = truth_of(record, protocol, source, hidden)
+        answers = pack_contacts([moved(contacts) for contacts in unpack_contacts(truth)])
+        record["data"]["test"] = len(truth["press"])
+        record["metrics"] = score_arrays(protocol.keys, truth, answers, {})
+        return write(tmp_path, record, answers, ranked_errors(protocol.keys, truth, answers))
+
+    return made
+
+
+def stated(record: dict[str, Any], protocol: LoadedProtocol) -> dict[str, Any]:
+    """The record as one of that protocol, with a whole signature."""
+    record["protocol"] = {"id": protocol.keys.id, "version": 1, "hash": protocol.hash, "title": "t"}
+    record["sensor"]["parameters"] = {}
+    record["signature"] = (
+        f"protocol:{protocol.label}+{protocol.hash[:8]}|model:{record['model']['name']}(a=1)|"
+        f"regime:single|encoder:none|sensor:tactip-127|seed:{record['seed']}|weights:cd|partial:no"
+    )
+    return record
+
+
+def moved(contacts: Contacts) -> Contacts:
+    """An answer that is 0.1 mm off along x."""
+    return Contacts(contacts.xy + np.array([0.1, 0.0]), contacts.depth, np.full(len(contacts), 0.9))
+
+
+def write(folder: Path, record: dict[str, Any], answers: Any, ranked: Any) -> Path:
+    hashed = arrays_hash(answers)
+    record["identity"] |= {"predictions_hash": hashed, "stored": {"predictions": hashed}}
+    path = folder / FOLDER / record["protocol"]["id"] / f"{record['name']}.json"
+    write_arrays(answers_file(path), {**answers, **ranked})
+    path.write_text(text_of(compact(record)), encoding="utf-8")
+    return path

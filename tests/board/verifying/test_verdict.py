@@ -1,0 +1,282 @@
+"""A submission that holds is scored again; everything else gets a sentence."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import UserError
+from tactibench.board.committed import answers_file
+from tactibench.board.verifying.truth import trusted_host, truth_of
+from tactibench.board.verifying.verdict import verify
+from tactibench.geometry import true_contacts
+from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.split import split_presses
+from tactibench.records.answers import unpack_contacts
+from tactibench.records.files import arrays_hash, read_arrays, write_arrays
+from tactibench.running.hidden import VARIABLE, commitment_text, given_seed
+
+Submitted = Callable[..., Path]
+
+
+def edited(path: Path, change: Callable[[dict[str, Any]], None]) -> Path:
+    record = json.loads(path.read_text(encoding="utf-8"))
+    change(record)
+    path.write_text(json.dumps(record), encoding="utf-8")
+    return path
+
+
+def answered(path: Path, **changes: Any) -> Path:
+    """Other answers, and their hash in the record."""
+    arrays = {**read_arrays(answers_file(path)), **changes}
+    write_arrays(answers_file(path), arrays)
+    packed = {name: array for name, array in arrays.items() if not name.startswith("ranked.")}
+    hashed = arrays_hash(packed)
+
+    def change(record: dict[str, Any]) -> None:
+        record["identity"] |= {"predictions_hash": hashed, "stored": {"predictions": hashed}}
+
+    return edited(path, change)
+
+
+@pytest.mark.parametrize(("name", "frames"), [("exp1", 20), ("exp2", 28), ("exp3", 24)])
+def test_a_submission_that_holds_is_verified(submitted, source, name, frames) -> None:
+    found = verify(submitted(name), source)
+    assert found.frames == frames
+    assert found.stated == ()
+    assert {row["metric"]: row["value"] for row in found.headline()}["missed"] == 0
+    if name == "exp1":
+        (mae,) = [row for row in found.again if (row["metric"], row["group"]) == ("mae_mm", "x")]
+        assert mae["value"] == pytest.approx(0.1)
+
+
+def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
+    protocol = mini("exp1")
+    keys = protocol.keys
+    scenes = draw_scenes(keys, "singles").scenes
+    wanted = split_presses(len(scenes), keys.split, keys.data_seed).test
+    record = fabricate("exp1")
+    record["sensor"]["parameters"] = {}
+    truth = truth_of(record, protocol, source, None)
+    assert truth["press"].tolist() == [f"singles-{row}" for row in wanted]
+    for contacts, row in zip(unpack_contacts(truth), wanted, strict=True):
+        np.testing.assert_array_equal(contacts.xy, true_contacts(scenes[row]).xy)
+
+
+def test_no_model_and_no_stranger_is_imported(submitted, source, monkeypatch) -> None:
+    path = submitted("exp1", model="a-model-of-mine")
+    monkeypatch.setattr("tactibench.plugins.host.PluginHost.models", None)
+    assert "a-model-of-mine" in verify(path, source).subject
+    assert {origin.distribution for origin in trusted_host().plugins} == {"tactibench"}
+
+
+def markup(record: dict[str, Any]) -> None:
+    record["model"]["name"] = "<b>best</b>"
+
+
+def escape(record: dict[str, Any]) -> None:
+    record["environment"]["cpu"] = "\x1b[2Jgone"
+
+
+def outside(record: dict[str, Any]) -> None:
+    record["sensor"]["parameters"] = {"table": "../../secret.npz"}
+
+
+def partial(record: dict[str, Any]) -> None:
+    record["partial"] = True
+
+
+def version(record: dict[str, Any]) -> None:
+    record["protocol"] |= {"version": 2}
+
+
+def impossible(record: dict[str, Any]) -> None:
+    next(m for m in record["metrics"] if m["metric"] == "missed")["value"] = 1.5
+
+
+def better(record: dict[str, Any]) -> None:
+    row = next(m for m in record["metrics"] if (m["metric"], m["group"]) == ("mae_mm", "mean"))
+    row |= {"value": row["value"] / 2, "low": row["value"] / 4}
+
+
+def fewer(record: dict[str, Any]) -> None:
+    record["metrics"] = record["metrics"][:-1]
+
+
+def more(record: dict[str, Any]) -> None:
+    record["metrics"].append({**record["metrics"][-1], "group": "mine"})
+
+
+def twice(record: dict[str, Any]) -> None:
+    record["metrics"].append(record["metrics"][0])
+
+
+def signed(record: dict[str, Any]) -> None:
+    record["signature"] = record["signature"].replace("seed:0", "seed:1")
+
+
+def hashed(record: dict[str, Any]) -> None:
+    record["identity"] |= {"predictions_hash": "ab", "stored": {"predictions": "ab"}}
+
+
+def frames(record: dict[str, Any]) -> None:
+    record["data"]["test"] = 19
+
+
+def stranger(record: dict[str, Any]) -> None:
+    record["sensor"]["name"] = "mine"
+    record["signature"] = record["signature"].replace("tactip-127", "mine")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (markup, "model.name is '<b>best</b>'; a name may hold letters"),
+        (escape, "environment.cpu holds a text of 8 characters"),
+        (outside, "must not depend on a path"),
+        (partial, "is a partial run"),
+        (version, "answers exp1@2 .* but the present one is exp1@1 .* run the protocol again"),
+        (impossible, "a share lies in 0..1"),
+        (better, "for mae_mm of mean, but its predictions give 0.03"),
+        (fewer, "lacks .* which the protocol asks for"),
+        (more, "states .* of mine, which the protocol does not ask for"),
+        (twice, "states a metric of a group twice"),
+        (signed, "the signature says seed '1', but the record says '0'"),
+        (hashed, "are not those of .* submit the run again"),
+        (frames, "was tested on 19 frames, but the protocol tests 20"),
+        (stranger, "sensor 'mine' does not ship with tactibench"),
+    ],
+)
+def test_a_record_that_does_not_hold(submitted, source, change, words) -> None:
+    with pytest.raises(UserError, match=words):
+        verify(edited(submitted(), change), source)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: {"xy": np.where(np.arange(40).reshape(20, 2) == 3, np.nan, a["xy"])},
+         "1 values of array 'xy' are NaN or infinite"),
+        (lambda a: {"std": np.where(np.arange(60).reshape(20, 3) == 3, 1.0, a["std"])},
+         "2 values of array 'std' are NaN"),
+        (lambda a: {"score": a["score"] + 1}, "a score lies in 0..1"),
+        (lambda a: {"count": a["count"][:-1]}, "answers 19 frames, but the protocol tests 20"),
+        (lambda a: {"count": a["count"] * 100}, "answered with 100 contacts; 0 to 64"),
+        (lambda a: {"count": a["count"] * 2}, "has 20 rows, but the answers are 40"),
+        (lambda a: {"depth": a["depth"].astype(np.int64)}, "array 'depth' has type int64"),
+        (lambda a: {"xy": a["xy"][:, :1]}, r"shape \(20, 1\)"),
+        (lambda _: {"more": np.zeros(3)}, "holds the arrays count, depth, more"),
+        (lambda a: {"ranked.error": a["ranked.error"] / 2}, "by which a board ranks, are not"),
+        (lambda a: {"ranked.press": a["ranked.press"][::-1]}, "by which a board ranks, are not"),
+    ],
+)  # fmt: skip
+def test_answers_that_do_not_hold(submitted, source, change, words) -> None:
+    path = submitted()
+    with pytest.raises(UserError, match=words):
+        verify(answered(path, **change(read_arrays(answers_file(path)))), source)
+
+
+def test_missing_and_damaged_files(submitted, source, tmp_path) -> None:
+    path = submitted()
+    place = answers_file(path)
+    whole = place.read_bytes()
+    place.write_bytes(whole[:200])
+    with pytest.raises(UserError, match="is no archive of arrays"):
+        verify(path, source)
+    place.unlink()
+    with pytest.raises(UserError, match=r"npz is missing: without its predictions"):
+        verify(path, source)
+    elsewhere = tmp_path / "elsewhere.npz"
+    elsewhere.write_bytes(whole)
+    place.symlink_to(elsewhere)
+    with pytest.raises(UserError, match="is missing: the answers belong beside"):
+        verify(path, source)
+    with pytest.raises(UserError, match="does not exist"):
+        verify(tmp_path / "nothing.json", source)
+
+
+def test_a_changed_array_without_its_hash(submitted, source) -> None:
+    path = submitted()
+    arrays = read_arrays(answers_file(path))
+    write_arrays(answers_file(path), {**arrays, "depth": arrays["depth"] + 1e-9})
+    with pytest.raises(UserError, match=r"are not those of .* the record says"):
+        verify(path, source)
+
+
+@pytest.mark.parametrize("rows", [10**7, 10**15])
+def test_ten_million_rows_are_refused_unread(submitted, source, rows) -> None:
+    """Both a true array and a header that only claims its size."""
+    path = submitted()
+    header = io.BytesIO()
+    fields = {"descr": "<f8", "fortran_order": False, "shape": (rows,)}
+    np.lib.format.write_array_header_1_0(header, fields)
+    with zipfile.ZipFile(answers_file(path), "w", zipfile.ZIP_DEFLATED) as archive:
+        body = bytes(8 * rows) if rows == 10**7 else b""
+        archive.writestr("depth.npy", header.getvalue() + body)
+    with pytest.raises(UserError, match=r"bytes of arrays, more than the 67,108,864"):
+        verify(path, source)
+
+
+def test_large_strange_and_misnamed_records(submitted, source) -> None:
+    path = submitted()
+    text = path.read_text(encoding="utf-8")
+    other = path.with_name("other.json")
+    other.write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match="file and folder must be called so"):
+        verify(other, source)
+    for changed, words in (
+        (text + " " * 2**20, "more than the 1,048,576 that a record may take"),
+        (text.replace('"seed": 0', '"seed": NaN', 1), "holds NaN, which is no number"),
+        ("[" * 100_000, "cannot be read as JSON"),
+        ("[]", "holds a list, not a record"),
+    ):
+        path.write_text(changed, encoding="utf-8")
+        with pytest.raises(UserError, match=words):
+            verify(path, source)
+
+
+def test_recorded_frames_need_their_folder(submitted, source) -> None:
+    def recorded(record: dict[str, Any]) -> None:
+        record["sensor"] |= {"name": "recorded", "origin": "real"}
+        record["signature"] = record["signature"].replace("tactip-127", "recorded")
+
+    with pytest.raises(UserError, match="is in the recording; name its folder with --data DIR"):
+        verify(edited(submitted(), recorded), source)
+
+
+def test_hidden_presses_are_verified_by_who_has_the_seed(
+    submitted, source, mini, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, "0123456789abcdef" * 4)
+    protocol = mini("exp1")
+    seed = given_seed(protocol)
+    folder = tmp_path / "hidden"
+    folder.mkdir()
+    (folder / "exp1.toml").write_text(commitment_text(protocol, seed))
+    tested = {"name": "tactip-127", "parameters": {}, "asked": ["hidden"],
+              "on": "hidden presses", "presses": 20}  # fmt: skip
+    sensor = {"name": "tactip-127", "origin": "simulated", "parameters": {}, "tested": tested}
+    path = submitted("exp1", hidden=seed)
+    with pytest.raises(UserError, match="but its predictions give"):
+        verify(path, source)  # answers to hidden presses are not answers to the public ones
+
+    def hide(record: dict[str, Any]) -> None:
+        record["sensor"] = sensor
+        record["identity"]["hidden"] = seed.commitment
+
+    edited(path, hide)
+    assert verify(path, source, hidden=True, folder=folder).frames == 20
+    with pytest.raises(UserError, match="only who has the seed can verify it"):
+        verify(path, source)
+    monkeypatch.setenv(VARIABLE, "another seed that is long enough to be one")
+    with pytest.raises(UserError, match="is not the one whose hash was published"):
+        verify(path, source, hidden=True, folder=folder)
+    assert os.environ[VARIABLE] not in path.read_text()

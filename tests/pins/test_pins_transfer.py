@@ -1,0 +1,159 @@
+"""Models that read another sensor: its layout, its labelled frames, and what they must not need."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drawn_pins import SIZE, draw, hexagon
+
+from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
+from tactibench.markers import lattice
+from tactibench.plugins.interfaces import Adapts
+from tactibench_pins.correction import RIDGES, Correction
+from tactibench_pins.kernel import Kernel
+from tactibench_pins.model import Pins
+from tactibench_pins.views import Spread, views
+
+TRAINED, OTHER = hexagon(3, 8.0), hexagon(4, 6.0)
+"""37 and 61 pins, one outline."""
+both = pytest.mark.parametrize("kind", [Kernel, Pins])
+
+
+class Silent:
+    def start(self, epochs, steps): ...
+
+    def step(self, loss): ...
+
+    def epoch(self, epoch, loss, validation_mm): ...
+
+
+def presses(rest, count, seed, offset=0.0):
+    """Pins flee from where a plate touches; ``offset``: added to the labels' depth."""
+    rng = np.random.default_rng(seed)
+    frames, truth = [], []
+    still = draw(rest)
+    for _ in range(count):
+        x, depth = rng.uniform(-6, 6), rng.uniform(2, 5)
+        away = rest - [2.5 * x + (SIZE - 1) / 2, (SIZE - 1) / 2]
+        square = (away**2).sum(axis=1, keepdims=True)
+        moved = 0.12 * depth * away * np.exp(-square / (2 * 9.0**2))
+        frames.append(Frame(draw(rest + moved), 0.0, Pose(), still))
+        truth.append(PlatePose(depth + offset, 3 * x))
+    return frames, truth
+
+
+def made(kind):
+    context = ModelContext("plate", Grid.centred(64, 0.4), 6.0, transfers=True)
+    return kind(context) if kind is Kernel else kind(context, members=2, width=32, epochs=60)
+
+
+@pytest.fixture(scope="module")
+def taught():
+    found = {}
+    for kind in (Kernel, Pins):
+        model = made(kind)
+        model.fit(*presses(TRAINED, 240, 1), validation=presses(TRAINED, 40, 2),
+                  rng=np.random.default_rng(0), progress=Silent())  # fmt: skip
+        found[kind] = model
+    return found
+
+
+def errors(model, frames, truth):
+    found = model.predict(frames)
+    return np.abs([[p.depth - t.depth, p.tilt - t.tilt]
+                   for p, t in zip(found, truth, strict=True)]).mean(axis=0)  # fmt: skip
+
+
+@both
+def test_another_layout_is_read_without_a_label(taught, kind):
+    frames, truth = presses(OTHER, 40, 5)
+    mean = np.abs(np.array([[t.depth - 3.5, t.tilt] for t in truth])).mean(axis=0)
+    assert (errors(taught[kind], frames, truth) < 0.6 * mean).all()
+
+
+@both
+def test_labelled_frames_correct_and_none_take_the_correction_back(taught, kind):
+    model = taught[kind]
+    assert isinstance(model, Adapts)
+    frames, truth = presses(OTHER, 60, 5, offset=1.5)
+    before = [answer.depth for answer in model.predict(frames)]
+    notes = model.adapt(*presses(OTHER, 30, 6, offset=1.5))
+    assert notes["frames"] == 30
+    assert set(notes["ridge"]) <= set(RIDGES)
+    after = errors(model, frames, truth)[0]
+    assert after < 0.5 * np.abs(np.array(before) - [t.depth for t in truth]).mean()
+    assert model.adapt([], []) == {"frames": 0}
+    assert [answer.depth for answer in model.predict(frames)] == before
+
+
+@both
+def test_nothing_stays_of_an_earlier_adaptation(taught, kind):
+    model, frames = taught[kind], presses(OTHER, 5, 7)[0]
+    model.adapt(*presses(OTHER, 12, 6))
+    once = model.predict(frames)
+    model.adapt(*presses(OTHER, 20, 8, offset=-3.0))
+    model.adapt(*presses(OTHER, 12, 6))
+    assert model.predict(frames) == once
+    model.adapt([], [])
+
+
+@both
+def test_what_is_loaded_answers_alike(taught, kind, tmp_path):
+    frames = presses(OTHER, 5, 7)[0]
+    taught[kind].save(tmp_path)
+    again = made(kind)
+    again.load(tmp_path)
+    first = np.array([[p.depth, p.tilt] for p in taught[kind].predict(frames)])
+    second = np.array([[p.depth, p.tilt] for p in again.predict(frames)])
+    np.testing.assert_allclose(first, second, atol=1e-5)
+
+
+@both
+def test_a_frame_without_a_rest_image_is_refused(taught, kind):
+    frame = presses(OTHER, 1, 7)[0][0]
+    with pytest.raises(UserError, match="rest image"):
+        taught[kind].predict([Frame(frame.image, 0.0, Pose())])
+
+
+def test_leaving_one_out_in_closed_form_is_leaving_one_out():
+    """The chosen ridge is the one of the least error when every frame is left out in turn."""
+    rng = np.random.default_rng(0)
+    features = rng.normal(size=(14, 5))
+    lacking = (features @ rng.normal(size=5) + 0.3 * rng.normal(size=14))[:, None]
+    found = Correction.fit(features, lacking)
+    gram = 1.0 + found.features @ found.features.T
+
+    def left_out(ridge):
+        total = 0.0
+        for k in range(14):
+            others = np.delete(np.arange(14), k)
+            inner = gram[np.ix_(others, others)] + ridge * np.eye(13)
+            guess = gram[k, others] @ np.linalg.solve(inner, lacking[others, 0])
+            total += abs(lacking[k, 0] - guess)
+        return total / 14
+
+    by_hand = {ridge: left_out(ridge) for ridge in RIDGES}
+    assert found.ridges == (min(by_hand, key=by_hand.__getitem__),)
+    alpha = np.linalg.solve(gram + found.ridges[0] * np.eye(14), lacking)
+    np.testing.assert_allclose(found.alpha, alpha)
+    np.testing.assert_allclose(found(features), gram @ alpha)
+
+
+def test_one_labelled_frame_shifts_all_answers():
+    found = Correction.fit(np.ones((1, 3)), np.array([[0.5]]))
+    shift = found(np.zeros((2, 3)))
+    assert shift[0] == shift[1]
+    assert 0 < shift[0] <= 0.5
+
+
+def test_views_turn_shift_and_strengthen_linear_fields():
+    points = lattice(3)
+    same, *others = views(points, 6, np.random.default_rng(0))
+    np.testing.assert_array_equal(same, np.eye(2 * len(points)))
+    gained = views(points, 3, np.random.default_rng(0), Spread(0, 0, 0, 0, 0.05))[1]
+    assert np.ptp(gained.sum(axis=1)) < 1e-9
+    assert gained.sum(axis=1)[0] == pytest.approx(1, abs=0.05)
+    away = points.T.ravel()  # an even spread looks the same however the sensor is turned
+    turned = views(points, 3, np.random.default_rng(0), Spread(90, 0, 0, 0, 0))[1]
+    np.testing.assert_allclose(turned @ away, away, atol=1e-9)
+    assert len(others) == 5

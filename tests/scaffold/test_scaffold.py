@@ -1,0 +1,149 @@
+"""What ``tactibench new`` writes, and what it refuses."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench import UserError
+from tactibench.plugins.discovery import Origin
+from tactibench.plugins.host import PluginHost
+from tactibench.plugins.specs import KINDS
+from tactibench.scaffold import write
+from tactibench.scaffold.names import Names, checked_names
+from tactibench.scaffold.write import rendered, write_package
+
+HOST = PluginHost()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_file_is_whole(kind: str) -> None:
+    files = rendered(Names(kind, "two_words"))
+    assert set(files) == {
+        "README.md",
+        "pyproject.toml",
+        "tactibench_two_words/__init__.py",
+        "tactibench_two_words/hooks.py",
+        f"tactibench_two_words/{kind}.py",
+        "tests/test_conformance.py",
+    }
+    for name, text in files.items():
+        assert "$" not in text
+        assert text.endswith("\n")
+        assert "two_words" in text
+        if name.endswith(".py"):
+            ast.parse(text)
+            assert max(map(len, text.splitlines())) <= 100
+    assert "class TwoWords:" in files[f"tactibench_two_words/{kind}.py"]
+    project = tomllib.loads(files["pyproject.toml"])["project"]
+    assert project["name"] == "tactibench-two-words"
+    assert project["entry-points"]["tactibench"] == {"two_words": "tactibench_two_words.hooks"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_host_takes_what_is_written(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_package(Names(kind, f"hosted_{kind}"), tmp_path / "not" / "there")
+    assert folder == tmp_path / "not" / "there" / f"tactibench-hosted-{kind}"
+    monkeypatch.syspath_prepend(str(folder))
+    point = EntryPoint("it", f"tactibench_hosted_{kind}.hooks", "tactibench")
+    host = PluginHost([(point, Origin("it", "dist", "1"))])
+    assert host.problems == ()
+    (catalogue,) = [one for one in host.parts if one.kind == kind]
+    (spec,) = catalogue
+    assert spec.name == f"hosted_{kind}"
+    assert spec.load().__name__ == f"Hosted{kind.capitalize()}"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_hooks_import_nothing_heavy(kind: str) -> None:
+    tree = ast.parse(rendered(Names(kind, "light"))["tactibench_light/hooks.py"])
+    modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert modules == {"__future__", "tactibench"}
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.Import)]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("a/b", "is a path"),
+        ("..", "no identifier"),
+        ("../up", "is a path"),
+        ("a\\b", "is a path"),
+        ("c:x", "is a path"),
+        ("3d", "no identifier"),
+        ("my-net", "no identifier"),
+        ("my net", "no identifier"),
+        ("", "no identifier"),
+        ("réseau", "no identifier"),
+        ("ⅷ", "no identifier"),
+        ("x\n", "no identifier"),
+        ("<b>", "no identifier"),
+        ("class", "keyword"),
+        ("None", "keyword"),
+        ("Ridge", "write 'ridge'"),
+        ("_mine", "begins with '_'"),
+        ("mine_", "ends with '_'"),
+        ("m" * 41, "longer than 40"),
+        ("unet", "taken by the model of plugin 'unet'"),
+        ("sim", "taken by plugin 'sim'"),
+        ("mean", "taken by the model of plugin 'baselines'"),
+    ],
+)
+def test_names_that_cannot_be_taken(name: str, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        checked_names("model", name, HOST)
+
+
+def test_a_name_that_another_kind_has_can_be_taken() -> None:
+    assert checked_names("model", "hertz", HOST).package == "tactibench_hertz"
+    with pytest.raises(UserError, match="the encoder of plugin 'heatmaps'"):
+        checked_names("encoder", "hertz", HOST)
+
+
+def test_an_importable_package_keeps_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tactibench_there").mkdir()
+    (tmp_path / "tactibench_there" / "__init__.py").write_text("")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(UserError, match="the installed package 'tactibench_there'"):
+        checked_names("sensor", "there", HOST)
+
+
+@pytest.mark.parametrize("kind", ["folder", "file", "dangling link"])
+def test_what_is_there_is_left_as_it_is(tmp_path: Path, kind: str) -> None:
+    there = tmp_path / "tactibench-ridge"
+    if kind == "folder":
+        there.mkdir()
+    elif kind == "file":
+        there.write_text("mine")
+    else:
+        there.symlink_to(tmp_path / "nowhere")
+    with pytest.raises(UserError, match="is there already"):
+        write_package(Names("model", "ridge"), tmp_path)
+    assert list(tmp_path.iterdir()) == [there]
+
+
+def test_a_file_is_no_place(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(UserError, match="is not a folder"):
+        write_package(Names("model", "ridge"), tmp_path / "file")
+
+
+def test_nothing_is_left_of_a_package_that_could_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(names: Any) -> dict[str, str]:
+        return {"a/first.py": "x = 1\n", "a": "a folder by now"}
+
+    monkeypatch.setattr(write, "rendered", half)
+    with pytest.raises(OSError, match="directory"):
+        write_package(Names("model", "ridge"), tmp_path)
+    assert list(tmp_path.iterdir()) == []

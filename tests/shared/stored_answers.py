@@ -1,0 +1,38 @@
+"""Arrays of a stored run of exp1, small and consistent, for all that reads answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import Contacts
+from tactibench.records.answers import pack_contacts
+from tactibench.records.files import arrays_hash
+from tactibench.records.store import PARTS
+
+
+def answered_parts(
+    offset: float = 0.05, frames: int = 6, seed: int = 0, missing: tuple[int, ...] = ()
+) -> dict[str, dict[str, Any]]:
+    """PARTS of a run whose answers are off by ``offset`` mm along x, and absent in some frames."""
+    places = np.random.default_rng(seed).uniform(-6, 6, (frames, 2))
+    truth = [Contacts.truth([place], [2.0]) for place in places]
+    found = [
+        Contacts.none() if k in missing else Contacts.truth([place + np.array([offset, 0])], [2.0])
+        for k, place in enumerate(places)
+    ]
+    parts: dict[str, dict[str, Any]] = {name: {"values": np.arange(4.0)} for name in PARTS}
+    parts["truth"] = {
+        **pack_contacts(truth),
+        "press": np.array([f"singles-{k}" for k in range(frames)]),
+        "group": np.array(["all"] * frames),
+    }
+    parts["predictions"] = pack_contacts(found)
+    return parts
+
+
+def with_hash(record: dict[str, Any], parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The record with the hash of these predictions."""
+    identity = {**record["identity"], "predictions_hash": arrays_hash(parts["predictions"])}
+    return {**record, "identity": identity}

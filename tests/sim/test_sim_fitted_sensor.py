@@ -1,0 +1,171 @@
+"""The fitted simulated sensor: where the pins go, what is drawn, what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.datasets.importing.pivot import lean_of
+from tactibench.markers import Tracker
+from tactibench.plugins.interfaces import Calibrated
+from tactibench_sim.real.calibration import Calibration, shipped
+from tactibench_sim.real.sensor import Fitted127, Fitted331
+
+
+def made(kind=Fitted127, seed=0, **parameters):
+    return kind(SensorContext(np.random.SeedSequence(seed)), **{"size": 128} | parameters)
+
+
+def plate(depth=3.0, tilt=0.0, yaw=90.0):
+    return Scene(Indenter.plate(), Pose(yaw=yaw, tilt=tilt, depth=depth))
+
+
+@pytest.mark.parametrize(("kind", "pins"), [(Fitted127, 127), (Fitted331, 331)])
+def test_the_rest_frame_shows_all_pins_where_they_are(kind, pins):
+    sensor = made(kind, size=256)
+    rest = Tracker(sensor.rest().image).rest
+    assert len(rest) == pins
+    apart = np.linalg.norm(rest[:, None] - sensor.rig.rest, axis=2).min(axis=1)
+    assert apart.max() < 0.15
+
+
+def test_a_plate_that_does_not_touch_moves_no_pin():
+    sensor = made()
+    assert not sensor.moved([plate(0.0, 10.0)]).any()
+    with sensor:
+        quiet = sensor.press(plate(0.0))
+    off = quiet.image.astype(int) - sensor.rest().image
+    assert np.abs(off).max() < 15  # the camera's noise
+
+
+@pytest.mark.parametrize("yaw", [90.0, 0.0, -60.0])
+def test_the_contact_is_found_where_the_tilt_moves_it(yaw):
+    """As `tactibench data fit` finds it in a recording."""
+    sensor = made(drag=0.0)
+    tilt = np.linspace(-20, 20, 21)
+    moved = sensor.moved([plate(3.0, t, yaw) for t in tilt])
+    found = lean_of(moved.mean(axis=1), tilt)
+    assert (found - yaw + 180) % 360 - 180 == pytest.approx(0, abs=1.5)  # the camera's roll
+
+
+def test_pins_flee_from_where_the_plate_touches():
+    sensor = made(drag=0.0)
+    rest, moved = sensor.rig.rest, sensor.moved([plate(3.0, 15.0)])[0]
+    across = np.hypot(*(rest - rest.mean(axis=0)).T) < 0.25 * sensor.size
+    spread = (moved - moved.mean(axis=0))[across]
+    strength = np.linalg.norm(spread, axis=1)
+    assert strength.max() > 1.0
+
+
+def test_deeper_moves_more():
+    sensor = made(drag=0.0)
+    strength = np.linalg.norm(sensor.moved([plate(d) for d in (1, 2, 4, 6)]), axis=2).mean(axis=1)
+    assert (np.diff(strength) > 0.2).all()
+
+
+def test_the_drag_is_a_shift_along_the_tilt_that_some_presses_have():
+    still, dragged = made(drag=0.0), made(drag=5.0, dragged=0.5)
+    scenes = [plate()] * 300
+    shift = (dragged.moved(scenes) - still.moved(scenes)).mean(axis=1)
+    along = shift[:, 1]
+    assert np.abs(shift[:, 0]).max() < 0.05 * np.abs(along).max()
+    had = np.abs(along) > 1e-9
+    assert had.mean() == pytest.approx(0.5, abs=0.1)
+    assert along.min() < -0.5
+    assert along.max() > 0.5
+
+
+def test_tips_press_where_they_are_and_between_plates():
+    """x right, y down; a press by a tip moves the pins around it, and plates beside it do not."""
+    tip = Scene(Indenter.single(), Pose(x=4.0, y=-3.0, depth=3.0))
+    with made() as alone, made() as mixed:
+        frame = alone.press(tip).image
+        first, middle, _ = mixed.press_many([tip, plate(), tip])
+    np.testing.assert_array_equal(first.image, frame)
+    assert not np.array_equal(middle.image, frame)
+    sensor = made()
+    seen = np.stack(sensor.renderer.project(sensor.points([tip]))[:2], axis=-1)[0]
+    moved = np.linalg.norm(seen - sensor.rig.rest, axis=1)
+    x, y = sensor.rig.rest[np.argmax(moved)] - sensor.rig.rest.mean(axis=0)
+    assert 3 < x < 8
+    assert -6 < y < -1.5
+
+
+def test_presses_are_those_of_the_seed_however_they_are_grouped():
+    scenes = [plate(2 + 0.02 * k, 0.1 * k) for k in range(70)]
+    with made(seed=4) as one, made(seed=4) as two, made(seed=5) as three:
+        together = [frame.image for frame in one.press_many(scenes)]
+        alone = [two.press(scene).image for scene in scenes]
+        other = [frame.image for frame in three.press_many(scenes)]
+    np.testing.assert_array_equal(together, alone)
+    assert not np.array_equal(together, other)
+
+
+def test_individuals_differ_in_the_field_and_share_the_rest_frame():
+    nominal, some = made(drag=0.0), made(drag=0.0, spread=1.0, individuals=4)
+    np.testing.assert_array_equal(nominal.rest().image, some.rest().image)
+    found = some.moved([plate(4.0, 10.0)] * 60)
+    kinds = np.unique(found.round(9), axis=0)
+    assert len(kinds) == 4
+    assert (np.abs(kinds - nominal.moved([plate(4.0, 10.0)])).max(axis=(1, 2)) < 1e-9).sum() == 1
+
+
+def test_the_frames_it_was_fitted_to_are_told():
+    sensor = made()
+    assert isinstance(sensor, Calibrated)
+    ((recording, frames),) = sensor.calibrated_on().items()
+    assert len(frames) == len(set(frames)) == 200
+    assert recording == shipped().recording
+    assert sensor.describe()["calibration"]["recording"] == recording
+    json.dumps(sensor.describe())
+
+
+def test_the_shipped_frames_are_of_the_public_recording():
+    from tactibench.datasets.importing import open_recording
+
+    default = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
+    folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default)) / "331" / "model_surface2d"
+    if not folder.is_dir():
+        pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
+    recording = open_recording(folder)
+    assert recording.sha256 == shipped().recording
+    assert set(shipped().frames) <= set(recording.names)
+
+
+def test_a_calibration_is_written_and_read_alike(tmp_path):
+    path = tmp_path / "own.json"
+    other = replace(shipped(), kind="50_stick")
+    other.write(path)
+    assert Calibration.read(path) == other
+    assert made(calibration=str(path)).describe()["calibration"]["kind"] == "50_stick"
+    replace(other, kind="7_stick").write(path)
+    with pytest.raises(UserError, match="7_stick"):
+        made(calibration=str(path))
+    for text in ("{}", "no json", "[]", '{"rest_centre": 3}'):
+        path.write_text(text)
+        with pytest.raises(UserError, match="no calibration"):
+            Calibration.read(path)
+    with pytest.raises(UserError, match="no calibration"):
+        Calibration.read(tmp_path / "absent.json")
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        (Scene(Indenter.single(), Pose(depth=9.0)), "tables end"),
+        (Scene(Indenter.single(7.0), Pose(depth=2.0)), "radius"),
+        (plate(6.5), "from 0 to 6.25"),
+        (plate(-0.1), "from 0 to"),
+        (plate(2.0, 50.0), "within"),
+        (plate(float("nan")), "finite"),
+    ],
+)
+def test_what_cannot_be_pressed_is_refused(scene, said):
+    with made() as sensor, pytest.raises(UserError, match=said):
+        sensor.press(scene)
