@@ -58,6 +58,12 @@ def truth_of(
 
     Raises UserError where it cannot be made here.
     """
+    if protocol.keys.transfer is not None:
+        raise UserError(
+            f"{record['name']}: answers to protocol {protocol.keys.id!r} cannot be scored again "
+            "yet, because they are several for every frame; `tactibench score RUN` scores a stored "
+            "run."
+        )
     request = _request(record, source)
     sensors = with_test_sensor(request, _sensors(record, request, source.host), source.host)
     if sensors.sensor.spec.needs_data:
