@@ -116,6 +116,7 @@ def test_an_installed_copy_is_used_and_lists_everything(empty: Path, tmp_path: P
     assert {row["name"] for row in listed["protocols"]} == protocols
 
 
+@pytest.mark.slow
 def test_a_quick_job_runs_outside_the_checkout(empty: Path, tmp_path: Path) -> None:
     printed = ran(
         *(empty / "bin" / "tactibench", "run", "exp1", "--model", "mean", "--quick"),
