@@ -147,7 +147,7 @@ class Kernel:
             directory,
             {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()},
             model=self.name,
-            architecture={"answer": self.context.answer},
+            architecture=self._architecture,
             extra={
                 "rest": pack_image(self._sight.still),
                 "setting": asdict(self._setting),
@@ -158,8 +158,7 @@ class Kernel:
 
     def load(self, directory: Path) -> None:
         """Read weights. Raises UserError for those of another model or answer."""
-        architecture = {"answer": self.context.answer}
-        tensors, extra = load_weights(directory, model=self.name, architecture=architecture)
+        tensors, extra = load_weights(directory, model=self.name, architecture=self._architecture)
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
         self._sight = sight_at(unpack_image(extra["rest"]), self.context.transfers)
         self._setting = Setting(**extra["setting"])
@@ -167,6 +166,12 @@ class Kernel:
         self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
+
+    @property
+    def _architecture(self) -> dict[str, Any]:
+        """Weights of the common lattice are none of one sensor's pins."""
+        shared = {"transfers": True} if self.context.transfers else {}
+        return {"answer": self.context.answer, **shared}
 
     @property
     def parameters(self) -> int:

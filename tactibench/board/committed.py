@@ -9,6 +9,7 @@ unpacked.
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,7 +110,8 @@ def _refuse_large(path: Path) -> None:
             for member in archive.infolist():
                 if total <= LARGEST:
                     claimed += _claimed(archive, member)
-    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, EOFError) as error:
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        # RuntimeError: encrypted, or compressed in a way that zipfile does not know.
         raise UserError(f"{path} is no archive of arrays ({type(error).__name__}).") from None
     if max(total, claimed) > LARGEST:
         raise UserError(

@@ -138,7 +138,7 @@ def _measure(run: StoredRun, distances: bool) -> _Measured:
 
 def _groups(trials: Trials | PlateTrials, metric: str, distances: bool) -> tuple[str, ...]:
     if isinstance(trials, PlateTrials):
-        return ("all",)
+        return tuple(dict.fromkeys(trials.group)) or ("all",)
     kinds, conditions = tuple(by_kind(trials)), tuple(by_condition(trials))
     by_distance = distances and metric in DISTANCE_METRICS
     return conditions if by_distance else kinds

@@ -17,6 +17,7 @@ from tactibench.protocols.split import split_recorded
 from tactibench.running.folder import Folder
 from tactibench.running.frames import (
     FramePlan,
+    Wanted,
     fewer,
     scored_limit,
     sensor_identity,
@@ -43,18 +44,27 @@ def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Sensor
     folder = plates_of(request.data, protocol.keys, folder)
     published = published_split(protocol, folder.names, folder.identity["describe"].get("image"))
     fit, validation, test = divided(protocol.keys, folder, published)
+    return FramePlan(
+        *training(request, folder, fit, validation),
+        (folder.want("test", RECORDED, spread(test, scored_limit(request))),),
+        0,
+        folder.identity,
+        published is not None and not request.partial,
+    )
+
+
+def training(
+    request: RunRequest, folder: Folder, fit: Sequence[int], validation: Sequence[int]
+) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
+    """What is learned from and what validates, of the rows that may. Raises UserError."""
     if request.presses is not None:  # evenly: a recording has an order
         fewer(fit, request)
         fit = spread(fit, request.presses)
     if request.quick:
         fit, validation = spread(fit, QUICK_FIT), spread(validation, QUICK_VALIDATION)
-    return FramePlan(
+    return (
         (folder.want("fit", RECORDED, fit),),
         (folder.want("validation", RECORDED, validation),),
-        (folder.want("test", RECORDED, spread(test, scored_limit(request))),),
-        0,
-        folder.identity,
-        published is not None and not request.partial,
     )
 
 

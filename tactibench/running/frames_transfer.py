@@ -23,7 +23,7 @@ from tactibench.running.frames import (
     spread,
 )
 from tactibench.running.frames_drawn import FIT, VALIDATION
-from tactibench.running.frames_recorded import divided, plates_of
+from tactibench.running.frames_recorded import divided, plates_of, training
 from tactibench.running.parts import Part, Sensors
 from tactibench.running.presser import Presser
 from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
@@ -45,12 +45,12 @@ def transfer_frames(
         source = _folder(keys, parts.sensor, request.data)
         fit, validation, _ = divided(keys, source)
         used: frozenset[str] = frozenset()
-        training = _recorded(request, source, fit, validation)
+        learned = training(request, source, fit, validation)
         identity = source.identity
     else:
         presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
         used = _calibrated(presser, target)
-        training = _pressed(request, keys, presser)
+        learned = _pressed(request, keys, presser)
         identity = presser.identity
     tested = [row for row in test if target.names[row] not in used]
     left = [row for row in pool if target.names[row] not in used]
@@ -62,7 +62,7 @@ def transfer_frames(
             "more presses."
         )
     return FramePlan(
-        *training,
+        *learned,
         (target.want("test", RECORDED, spread(tested, scored_limit(request))),),
         0,
         identity,
@@ -83,20 +83,6 @@ def _folder(keys: Protocol, sensor: Part[SensorSpec], path: Path | None) -> Fold
         )
     identity = sensor_identity(sensor, opened.describe())
     return plates_of(path, keys, Folder.of(opened, identity))
-
-
-def _recorded(
-    request: RunRequest, source: Folder, fit: Sequence[int], validation: Sequence[int]
-) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
-    if request.presses is not None:  # evenly: a recording has an order
-        fewer(fit, request)
-        fit = spread(fit, request.presses)
-    if request.quick:
-        fit, validation = spread(fit, QUICK_FIT), spread(validation, QUICK_VALIDATION)
-    return (
-        (source.want("fit", RECORDED, fit),),
-        (source.want("validation", RECORDED, validation),),
-    )
 
 
 def _pressed(

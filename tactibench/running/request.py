@@ -123,7 +123,7 @@ def read_tested(texts: tuple[str, ...], *, hidden: bool = False) -> TestedOn:
         if kind != "sensor" or not key:
             raise UserError(
                 f"--test {text!r} changes no sensor; write sensor.NAME=VALUE, for example "
-                "sensor.instance=1, and what the model is made with in --param."
+                "sensor.instance=1, or data=FOLDER; what the model is made with goes in --param."
             )
         if key in parameters:
             raise UserError(f"--test sensor.{key} is given twice; give it once.")

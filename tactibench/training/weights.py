@@ -56,8 +56,9 @@ def load_weights(
         raise UserError(
             f"{path} holds weights of model {header.get('model')!r}, not of {model!r}; {again}"
         )
-    for name, wanted in architecture.items():
-        found = header["architecture"].get(name)
+    trained = header["architecture"]
+    for name in sorted({*architecture, *trained}):
+        wanted, found = architecture.get(name), trained.get(name)
         if found != wanted:
             raise UserError(
                 f"{path} was trained with {name}={found!r}, but {name}={wanted!r} is asked for; "

@@ -9,8 +9,8 @@ from stored_answers import answered_parts, with_hash
 
 from tactibench import UserError
 from tactibench.board.comparison import compare_runs, left_out, names_of, rows_of
-from tactibench.contacts import Contacts
-from tactibench.records.answers import pack_contacts, unpack_contacts
+from tactibench.contacts import Contacts, PlatePose
+from tactibench.records.answers import pack_contacts, pack_plates, unpack_contacts
 from tactibench.records.store import write_run
 from tactibench.stats.paired import holm
 
@@ -114,3 +114,26 @@ def test_runs_that_cannot_be_compared(stored, fabricate) -> None:
     other = stored("c", [0.1, 0.2], sensor={"instance": 2})
     with pytest.raises(UserError, match="were not tested on the same frames"):
         compare_runs([a, other])
+
+
+def test_answers_after_more_labelled_frames_are_compared_apart(tmp_path, fabricate) -> None:
+    """Frames of ``transfer`` are answered several times; no mean mixes these answers."""
+    truth = [PlatePose(depth, 0.0) for depth in (1.0, 2.0, 3.0)]
+    parts = answered_parts()
+    parts["truth"] = {
+        **pack_plates(truth * 2),
+        "press": np.array(["a", "b", "c"] * 2),
+        "group": np.array(["0"] * 3 + ["10"] * 3),
+    }
+
+    def run(name, errors):
+        off = [PlatePose(t.depth + e, 0.0) for e, t in zip(errors, truth * 2, strict=True)]
+        own = {**parts, "predictions": pack_plates(off)}
+        record = fabricate("transfer", model=name, name=f"transfer-{name}", encoder=None)
+        return write_run(tmp_path / "runs", with_hash(record, own), own)
+
+    (one,) = compare_runs([run("a", [0.3, 0.4, 0.5, 0.1, 0.1, 0.1]), run("b", [0.2] * 6)])
+    none, ten = (cell(one, "depth_mae_mm", group) for group in ("0", "10"))
+    assert (none.first, ten.first) == pytest.approx((0.4, 0.1))
+    assert (none.difference.value, ten.difference.value) == pytest.approx((0.2, -0.1))
+    assert {row.group for row in one.rows} == {"0", "10"}

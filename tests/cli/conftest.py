@@ -12,10 +12,26 @@ from typing import Any
 
 import pytest
 from rich.console import Console
+from stored_answers import answered_parts, with_hash
 
 from tactibench.cli.main import call
+from tactibench.records.store import write_run
 
 Result = tuple[int, str, str]
+
+
+@pytest.fixture
+def stored_run(tmp_path: Path, fabricate: Callable[..., dict[str, Any]]) -> Callable[..., str]:
+    """Keywords of ``fabricate`` -> the name of a run in ``runs``; a board's folder is there."""
+    (tmp_path / "leaderboards").mkdir()
+
+    def made(**more: Any) -> str:
+        parts = answered_parts()
+        record = with_hash(fabricate(**more), parts)
+        name: str = write_run(tmp_path / "runs", record, parts).record["name"]
+        return name
+
+    return made
 
 
 @pytest.fixture

@@ -7,26 +7,10 @@ import json
 from pathlib import Path
 
 import pytest
-from stored_answers import answered_parts, with_hash
-
-from tactibench.records.store import write_run
 
 
-@pytest.fixture
-def stored(tmp_path, fabricate):
-    """Keywords of ``fabricate`` -> the name of a run in ``runs``."""
-    (tmp_path / "leaderboards").mkdir()
-
-    def made(**more):
-        parts = answered_parts()
-        record = with_hash(fabricate(**more), parts)
-        return write_run(tmp_path / "runs", record, parts).record["name"]
-
-    return made
-
-
-def test_runs_are_added_written_and_checked(cli, stored):
-    names = [stored(seed=0), stored(seed=1)]
+def test_runs_are_added_written_and_checked(cli, stored_run):
+    names = [stored_run(seed=0), stored_run(seed=1)]
     code, out, _ = cli("board", "--add", names[0], "--add", names[1])
     assert code == 0
     assert f"added leaderboards/submissions/exp1/{names[0]}.json" in out
@@ -37,8 +21,8 @@ def test_runs_are_added_written_and_checked(cli, stored):
     assert "exp1.md: 2 runs; unchanged" in cli("board")[1]
 
 
-def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored):
-    cli("board", "--add", stored())
+def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored_run):
+    cli("board", "--add", stored_run())
     Path("leaderboards/exp1.md").write_text("better numbers")
     code, _, err = cli("board", "--check")
     assert code == 1
@@ -52,10 +36,10 @@ def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored):
     assert "leaderboards/exp2.md is not" in cli("board", "--check")[2]
 
 
-def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored):
-    stored(seed=0, name="exp1-old", created="2026-01-01T00:00:00+00:00")
-    stored(seed=0, name="exp1-new", created="2026-01-02T00:00:00+00:00", error=0.01)
-    stored(seed=1, name="exp1-quick", partial=True)
+def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
+    stored_run(seed=0, name="exp1-old", created="2026-01-01T00:00:00+00:00")
+    stored_run(seed=0, name="exp1-new", created="2026-01-02T00:00:00+00:00", error=0.01)
+    stored_run(seed=1, name="exp1-quick", partial=True)
     code, out, _ = cli("board", "--add", "exp1-*")
     assert code == 0
     assert "in place of exp1-old.json, the same row and seed" in out
@@ -63,15 +47,15 @@ def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored):
     assert files == ["exp1-new.json", "exp1-new.npz"]
 
 
-def test_runs_with_fewer_presses_are_counted_apart(cli, stored):
-    stored()
-    stored(seed=1, limits={"presses": 250}, data={"train": 250})
+def test_runs_with_fewer_presses_are_counted_apart(cli, stored_run):
+    stored_run()
+    stored_run(seed=1, limits={"presses": 250}, data={"train": 250})
     out = cli("board", "--add", "*")[1]
     assert "leaderboards/exp1.md: 2 runs, 1 of them for the learning curve; written" in out
 
 
-def test_the_same_figures_as_json(cli, stored):
-    cli("board", "--add", stored(error=0.05), "--json", "rows.json")
+def test_the_same_figures_as_json(cli, stored_run):
+    cli("board", "--add", stored_run(error=0.05), "--json", "rows.json")
     rows = json.loads(Path("rows.json").read_text())
     (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
     assert (mae["value"], mae["unit"], mae["model"]) == (0.05, "mm", "unet")
@@ -88,22 +72,22 @@ def test_the_same_figures_as_json(cli, stored):
         (["--board", "nowhere"], "there is no board in nowhere"),
     ],
 )
-def test_mistakes(refused, stored, options, words):
-    stored(partial=True, name="exp1-part")
+def test_mistakes(refused, stored_run, options, words):
+    stored_run(partial=True, name="exp1-part")
     assert words in refused("board", *options)
     assert not list(Path("leaderboards").iterdir())
 
 
-def test_two_records_of_one_seed_are_refused(cli, refused, stored):
-    cli("board", "--add", stored())
+def test_two_records_of_one_seed_are_refused(cli, refused, stored_run):
+    cli("board", "--add", stored_run())
     (path,) = Path("leaderboards/submissions/exp1").glob("*.json")
     record = {**json.loads(path.read_text()), "name": "exp1-twin"}
     path.with_name("exp1-twin.json").write_text(json.dumps(record))
     assert "are both seed 0 of unet + hertz (single); keep one" in refused("board")
 
 
-def test_the_same_figures_as_csv_and_latex(cli, stored):
-    name = stored(model="a_b", error=0.05)
+def test_the_same_figures_as_csv_and_latex(cli, stored_run):
+    name = stored_run(model="a_b", error=0.05)
     assert cli("board", "--add", name, "--csv", "rows.csv", "--latex", "table.tex")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))

@@ -5,47 +5,31 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
-from stored_answers import answered_parts, with_hash
-
-from tactibench.records.store import write_run
 from tactibench.running.hidden import VARIABLE
 
 SECRET = "c0ffee" * 8
 
 
-@pytest.fixture
-def stored(tmp_path, fabricate):
-    (tmp_path / "leaderboards").mkdir()
-
-    def made(**more):
-        parts = answered_parts()
-        record = with_hash(fabricate(**more), parts)
-        return write_run(tmp_path / "runs", record, parts).record["name"]
-
-    return made
-
-
-def test_submit_writes_two_files_and_no_page(cli, stored):
-    name = stored()
+def test_submit_writes_two_files_and_no_page(cli, stored_run):
+    name = stored_run()
     code, out, _ = cli("submit", name)
     assert code == 0
     files = sorted(path.name for path in Path("leaderboards").rglob("*") if path.is_file())
     assert files == [f"{name}.json", f"{name}.npz"]
     assert f"`tactibench verify leaderboards/submissions/exp1/{name}.json`" in out
-    assert "in place of" in cli("submit", stored(name="exp1-newer"))[1]
+    assert "in place of" in cli("submit", stored_run(name="exp1-newer"))[1]
 
 
-def test_submit_refuses_in_a_sentence_and_writes_nothing(refused, stored):
-    stored(partial=True, name="exp1-part")
+def test_submit_refuses_in_a_sentence_and_writes_nothing(refused, stored_run):
+    stored_run(partial=True, name="exp1-part")
     assert "is a partial run" in refused("submit", "exp1-part")
     assert "did you mean 'exp1-part'" in refused("submit", "exp1-parts")
     assert "there is no board in nowhere" in refused("submit", "exp1-part", "--board", "nowhere")
     assert list(Path("leaderboards").iterdir()) == []
 
 
-def test_verify_says_what_is_wrong_with_every_file(cli, stored):
-    name = stored()
+def test_verify_says_what_is_wrong_with_every_file(cli, stored_run):
+    name = stored_run()
     cli("submit", name)
     place = Path("leaderboards/submissions/exp1")
     code, out, _ = cli("verify", place / f"{name}.json", place / "none.json", "--json", "v.json")
@@ -62,7 +46,7 @@ def test_verify_needs_a_folder_that_is_there(refused):
                                                                "nowhere")  # fmt: skip
 
 
-def test_a_hash_is_published_once(cli, stored, monkeypatch):
+def test_a_hash_is_published_once(cli, stored_run, monkeypatch):
     monkeypatch.setenv(VARIABLE, SECRET)
     code, out, _ = cli("hidden", "commit", "exp1")
     assert code == 0
@@ -74,7 +58,7 @@ def test_a_hash_is_published_once(cli, stored, monkeypatch):
     assert Path("leaderboards/hidden/exp1.toml").read_text() == text
 
 
-def test_hidden_mistakes(refused, stored, monkeypatch):
+def test_hidden_mistakes(refused, stored_run, monkeypatch):
     monkeypatch.delenv(VARIABLE, raising=False)
     assert f"{VARIABLE}, which is not set" in refused("hidden", "commit", "exp1")
     assert f"{VARIABLE}, which is not set" in refused("run", "exp1", "--model", "mean",

@@ -42,8 +42,8 @@ def presses(rest, count, seed, offset=0.0):
     return frames, truth
 
 
-def made(kind):
-    context = ModelContext("plate", Grid.centred(64, 0.4), 6.0, transfers=True)
+def made(kind, transfers=True):
+    context = ModelContext("plate", Grid.centred(64, 0.4), 6.0, transfers=transfers)
     return kind(context) if kind is Kernel else kind(context, members=2, width=32, epochs=60)
 
 
@@ -106,6 +106,13 @@ def test_what_is_loaded_answers_alike(taught, kind, tmp_path):
     first = np.array([[p.depth, p.tilt] for p in taught[kind].predict(frames)])
     second = np.array([[p.depth, p.tilt] for p in again.predict(frames)])
     np.testing.assert_allclose(first, second, atol=1e-5)
+
+
+@both
+def test_weights_of_the_lattice_are_none_of_one_sensors_pins(taught, kind, tmp_path):
+    taught[kind].save(tmp_path)
+    with pytest.raises(UserError, match="trained with transfers=True, but transfers=None"):
+        made(kind, transfers=False).load(tmp_path)
 
 
 @both

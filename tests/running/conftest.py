@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,20 +9,17 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from few_presses import few_presses
 
 from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
-from tactibench.protocols.loader import protocol_files
 from tactibench.records.store import StoredRun
 from tactibench.running.plan import RunPlan, make_plan
 from tactibench.running.request import RunRequest
 from tactibench.running.run import execute
 
 ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
-NUMBERS = {"count = 5000": "count = 60", "count = 1000": "count = 20", "count = 120": "count = 4",
-           "test = 1000": "test = 20", "validation = 400": "validation = 10",
-           "per_distance = 100": "per_distance = 2"}  # fmt: skip
 
 
 def catalogue(kind: str, *specs: Any) -> Catalogue[Any]:
@@ -96,14 +92,8 @@ def host(tiny: Any) -> Any:
 @pytest.fixture
 def mini(tmp_path: Path) -> Callable[[str], str]:
     """exp1, exp2 and exp3 with few presses, as paths."""
-    folder = tmp_path / "protocols"
-    folder.mkdir()
-    for name in ("exp1", "exp2", "exp3"):
-        text = protocol_files()[name].read_text(encoding="utf-8")
-        for long, short in NUMBERS.items():
-            text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
-        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
-    return lambda name: str(folder / f"{name}.toml")
+    files = few_presses(tmp_path / "protocols")
+    return lambda name: str(files[name])
 
 
 class Silent:

@@ -8,7 +8,10 @@ from tactibench.plugins.host import PluginHost
 from tactibench.testing import Report, check
 
 FAST = ("mean", "nearest")
-SHIPPED = sorted(spec.name for spec in PluginHost().models)
+HOST = PluginHost()
+SHIPPED = sorted(spec.name for spec in HOST.models)
+PRESSING = sorted(s.name for s in HOST.sensors if not (s.needs_data or s.reference_of))
+REFERENCES = sorted(s.name for s in HOST.sensors if s.reference_of)
 
 
 def bad(report: Report) -> list[str]:
@@ -32,7 +35,7 @@ def test_unet_through_other_encoders(encoder: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["planar-grid", "tactip-127", "tactip-331"])
+@pytest.mark.parametrize("name", PRESSING)
 def test_simulated_sensors(name: str) -> None:
     report = check("sensor", name)
     assert bad(report) == []
@@ -40,7 +43,7 @@ def test_simulated_sensors(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tactip-127-fem", "tactip-331-fem"])
+@pytest.mark.parametrize("name", REFERENCES)
 def test_sensors_of_reference_scenes(name: str) -> None:
     report = check("sensor", name)
     assert bad(report) == []

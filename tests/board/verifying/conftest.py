@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from few_presses import few_presses
 
 from tactibench import Contacts, SensorSpec
 from tactibench.board.committed import answers_file, ranked_errors
@@ -18,27 +18,16 @@ from tactibench.board.verifying import verdict
 from tactibench.board.verifying.truth import Source, truth_of
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, read_protocol
 from tactibench.records.answers import pack_contacts, unpack_contacts
 from tactibench.records.files import arrays_hash, write_arrays
 from tactibench.running.scoring import score_arrays
-
-NUMBERS = {"count = 5000": "count = 60", "count = 1000": "count = 12", "count = 120": "count = 4",
-           "test = 1000": "test = 20", "validation = 400": "validation = 10",
-           "per_distance = 100": "per_distance = 2"}  # fmt: skip
 
 
 @pytest.fixture
 def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], LoadedProtocol]:
     """exp1, exp2 and exp3 with few presses, in place of those that ship."""
-    folder = tmp_path / "protocols"
-    folder.mkdir()
-    for name in ("exp1", "exp2", "exp3"):
-        text = protocol_files()[name].read_text(encoding="utf-8")
-        for long, short in NUMBERS.items():
-            text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
-        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
-    files = {path.stem: path for path in folder.glob("*.toml")}
+    files = few_presses(tmp_path / "protocols")
     monkeypatch.setattr(verdict, "protocol_files", lambda: files)
     return lambda name: read_protocol(files[name])
 

@@ -1,0 +1,24 @@
+"""exp1, exp2 and exp3 as files with few presses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tactibench.protocols.loader import protocol_files
+
+NUMBERS = {"count = 5000": "count = 60", "count = 1000": "count = 20", "count = 120": "count = 4",
+           "test = 1000": "test = 20", "validation = 400": "validation = 10",
+           "per_distance = 100": "per_distance = 2"}  # fmt: skip
+
+
+def few_presses(folder: Path) -> dict[str, Path]:
+    """Write them into a new folder; name -> file."""
+    folder.mkdir()
+    files = {name: folder / f"{name}.toml" for name in ("exp1", "exp2", "exp3")}
+    for name, path in files.items():
+        text = protocol_files()[name].read_text(encoding="utf-8")
+        for long, short in NUMBERS.items():
+            text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
+        path.write_text(text, encoding="utf-8")
+    return files
