@@ -14,7 +14,11 @@ from tactibench.cli.options import json_option
 @click.argument(
     "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )
-@click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames.")
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    help="Folder of the recorded frames that were tested.",
+)
 @click.option("--hidden", is_flag=True, help="Their presses are from TACTIBENCH_HIDDEN_SEED.")
 @json_option
 @click.pass_context

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,35 @@ from tactibench.running.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 PLATES, SHOTS = "plates", "shots"
 
 
+@dataclass(frozen=True)
+class Target:
+    """The recording that is tested. test: its test part. left: rows that may be shown with labels.
+
+    calibrated: frames to which a simulated sensor was fitted; they are in neither.
+    """
+
+    folder: Folder
+    test: list[int]
+    left: list[int]
+    calibrated: int
+
+    def want(self, limit: int | None) -> Wanted:
+        """Its test frames, or ``limit`` of them."""
+        return self.folder.want("test", RECORDED, spread(self.test, limit))
+
+
+def open_target(
+    keys: Protocol, parts: Sensors, path: Path | None, source: Presser | None
+) -> Target:
+    """The tested recording of ``parts``, divided. source: what presses the training frames, None
+    where they are recorded too. Raises UserError."""
+    folder = _folder(keys, parts.test_sensor, path)
+    pool, _, test = divided(keys, folder)
+    used = frozenset[str]() if source is None else _calibrated(source, folder)
+    tested, left = ([row for row in rows if folder.names[row] not in used] for rows in (test, pool))
+    return Target(folder, tested, left, len(used))
+
+
 def transfer_frames(
     request: RunRequest, protocol: LoadedProtocol, transfer: Transfer, parts: Sensors, cache: Path
 ) -> FramePlan:
@@ -39,36 +69,32 @@ def transfer_frames(
     Frames to which a simulated sensor was fitted are neither. Raises UserError.
     """
     keys = protocol.keys
-    target = _folder(keys, parts.test_sensor, request.tested.data)
-    pool, _, test = divided(keys, target)
     if parts.sensor.spec.needs_data:
+        target = open_target(keys, parts, request.tested.data, None)
         source = _folder(keys, parts.sensor, request.data)
         fit, validation, _ = divided(keys, source)
-        used: frozenset[str] = frozenset()
         learned = training(request, source, fit, validation)
         identity = source.identity
     else:
         presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
-        used = _calibrated(presser, target)
+        target = open_target(keys, parts, request.tested.data, presser)
         learned = _pressed(request, keys, presser)
         identity = presser.identity
-    tested = [row for row in test if target.names[row] not in used]
-    left = [row for row in pool if target.names[row] not in used]
-    shots = [left[number] for number in draw_shots(keys, len(left))]
+    shots = [target.left[number] for number in draw_shots(keys, len(target.left))]
     if len(shots) < max(transfer.shots):
         raise UserError(
-            f"{request.tested.data} leaves {len(left):,} presses besides its test part, but "
+            f"{request.tested.data} leaves {len(target.left):,} presses besides its test part, but "
             f"protocol {keys.id!r} gives a model up to {max(transfer.shots)} labelled ones; record "
             "more presses."
         )
     return FramePlan(
         *learned,
-        (target.want("test", RECORDED, spread(tested, scored_limit(request))),),
+        (target.want(scored_limit(request)),),
         0,
         identity,
-        tested_identity=target.identity,
-        shots=target.want("shots", SHOTS, shots),
-        calibrated=len(used),
+        tested_identity=target.folder.identity,
+        shots=target.folder.want("shots", SHOTS, shots),
+        calibrated=target.calibrated,
     )
 
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.running.parts import Part, Parts, data_folder
+from tactibench.running.parts import Part, Sensors, data_folder
 from tactibench.running.request import RunRequest
+
+SensorsT = TypeVar("SensorsT", bound=Sensors)
 
 
 def with_target(
-    request: RunRequest, protocol: LoadedProtocol, parts: Parts, host: PluginHost
-) -> Parts:
+    request: RunRequest, protocol: LoadedProtocol, parts: SensorsT, host: PluginHost
+) -> SensorsT:
     """The parts with the recorded sensor that is tested. Raises UserError."""
     keys, asked = protocol.keys, request.tested
     if asked.data is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +15,11 @@ import pytest
 from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import UserError
+from tactibench.board import submissions
 from tactibench.board.labels import measured_on, section_key, trained_on
+from tactibench.board.verifying import verdict
+from tactibench.board.verifying.truth import Source, trusted_host
+from tactibench.board.verifying.verdict import verify
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.answers import unpack_plates
@@ -213,3 +218,53 @@ def test_the_option_is_read() -> None:
 def test_a_label_names_a_folder_without_the_machine() -> None:
     assert folder_label(Path("tac/331/model_surface2d")) == "331/model_surface2d"
     assert folder_label(Path("tac/331/model_surface2d").resolve()) == "331/model_surface2d"
+
+
+@pytest.fixture
+def submitted(
+    planned: Plan, protocol: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str], Path]:
+    """Model -> its submission, on all test frames; the path of its record."""
+    for module in (
+        verdict,
+        submissions,
+    ):  # its few shots make another protocol than the shipped one
+        monkeypatch.setattr(module, "protocol_files", lambda: {"transfer": Path(protocol)})
+
+    def made(model: str) -> Path:
+        run = execute(planned(model), tmp_path / "runs", Silent())
+        return submissions.add(run, tmp_path / "boards").path
+
+    return made
+
+
+@pytest.mark.parametrize("model", ["kernel", "mean"])
+def test_a_submission_is_scored_again_on_the_recording_that_was_tested(
+    submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path, model: str
+) -> None:
+    path = submitted(model)
+    found = verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))
+    assert found.frames == 18
+    groups = {row["group"] for row in found.again}
+    assert groups == ({"0"} if model == "mean" else {"0", "5", "20"})
+
+
+def test_a_submission_needs_the_recording_that_was_tested(
+    submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    path = submitted("kernel")
+    with pytest.raises(UserError, match="not the recording in"):
+        verify(path, Source(trusted_host(), tmp_path / "cache", folders[0]))
+    with pytest.raises(UserError, match="folder of the tested one"):
+        verify(path, Source(trusted_host(), tmp_path / "cache", None))
+
+
+def test_a_submission_cannot_choose_its_own_numbers_of_labelled_frames(
+    submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    path = submitted("mean")
+    record = json.loads(path.read_text(encoding="utf-8"))
+    record["data"]["of_tested_sensor"]["labelled_frames"] = [0, 18]
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(UserError, match=r"shown \[0, 18\] labelled frames"):
+        verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))

@@ -8,7 +8,7 @@ frames are read from their folder. No model and no encoder is imported.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,15 @@ from tactibench.records.store import Arrays
 from tactibench.running.frames import Wanted
 from tactibench.running.frames_drawn import frames_of_test, presser_of_test
 from tactibench.running.frames_recorded import recorded_frames
+from tactibench.running.frames_transfer import Target, open_target
 from tactibench.running.hidden import HiddenSeed
 from tactibench.running.parts import Part, Sensors
 from tactibench.running.presser import Presser
 from tactibench.running.released import find_released, released_arrays
 from tactibench.running.request import HIDDEN, RunRequest, TestedOn, read_tested
+from tactibench.running.shots import Shots
 from tactibench.running.tested import with_test_sensor
+from tactibench.running.transfer import with_target
 
 OURS = "tactibench"
 """The distribution whose plugins are trusted."""
@@ -59,11 +62,7 @@ def truth_of(
     Raises UserError where it cannot be made here.
     """
     if protocol.keys.transfer is not None:
-        raise UserError(
-            f"{record['name']}: answers to protocol {protocol.keys.id!r} cannot be scored again "
-            "yet, because they are several for every frame; `tactibench score RUN` scores a stored "
-            "run."
-        )
+        return _transferred(record, protocol, source)
     request = _request(record, source)
     sensors = with_test_sensor(request, _sensors(record, request, source.host), source.host)
     if sensors.sensor.spec.needs_data:
@@ -83,12 +82,65 @@ def truth_of(
     return arrays
 
 
+def shots_of(record: Mapping[str, Any], protocol: LoadedProtocol) -> Shots:
+    """How often every test frame was answered, after how many labelled frames. Raises UserError."""
+    transfer = protocol.keys.transfer
+    if transfer is None:
+        return Shots()
+    seen = record["data"].get("of_tested_sensor")
+    stated = seen.get("labelled_frames") if isinstance(seen, Mapping) else None
+    for counts in ((0,), transfer.shots):
+        if stated == list(counts):
+            return Shots(counts)
+    raise UserError(
+        f"{record['name']} says that its model was shown {stated} labelled frames of the tested "
+        f"sensor; protocol {protocol.keys.id!r} shows none or {list(transfer.shots)} of them."
+    )
+
+
+def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: Source) -> Arrays:
+    """The truth of the recording that was tested, which --data names."""
+    request, keys = _request(record, source), protocol.keys
+    if request.tested.data is None:
+        raise UserError(
+            f"{record['name']}: the truth of {keys.id!r} is in the recording that was tested, not "
+            "in the one trained on; name the folder of the tested one with --data DIR."
+        )
+    sensors = with_target(request, protocol, _sensors(record, request, source.host), source.host)
+    presser = None
+    if not sensors.sensor.spec.needs_data:
+        presser = Presser(keys, sensors.sensor, sensors.build_sensor, source.cache)
+    target = open_target(keys, sensors, request.tested.data, presser)
+    _same_recording(record, target, request.tested.data)
+    wanted = target.want(None)
+    truth = wanted.open(lambda _: None).truth(keys.answer, keys.workspace.dome_radius_mm)
+    shots = shots_of(record, protocol)
+    return {
+        **pack(shots.repeated(truth), keys.answer),
+        "press": np.array(shots.repeated(wanted.clusters)),
+        "group": np.array(shots.groups(wanted.groups)),
+    }
+
+
+def _same_recording(record: Mapping[str, Any], target: Target, folder: Path) -> None:
+    """Raise UserError where the labels in the folder are not those that the run was tested on."""
+    stated = record["data"]["of_tested_sensor"].get("described", {}).get("sha256")
+    found = target.folder.identity["describe"].get("sha256")
+    if stated != found:
+        raise UserError(
+            f"{record['name']} was tested on {record['sensor']['tested']['on']}, which is not the "
+            f"recording in {folder}; name its folder with --data DIR."
+        )
+
+
 def _request(record: Mapping[str, Any], source: Source) -> RunRequest:
     tested = record["sensor"].get("tested")
     asked = TestedOn()
     if tested is not None:
         texts = tuple(text for text in tested["asked"] if text != HIDDEN)
         asked = read_tested(texts, hidden=HIDDEN in tested["asked"])
+        if asked.data is not None:  # a record holds the folder's last names alone
+            asked = replace(asked, data=source.data)
     return RunRequest(
         record["protocol"]["id"], "", record["regime"], data=source.data, tested=asked,
         presses=(record.get("limits") or {}).get("presses"),

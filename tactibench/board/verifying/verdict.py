@@ -22,7 +22,7 @@ from tactibench.board.ranking import RANKING
 from tactibench.board.safe import read_record, refuse_names
 from tactibench.board.submissions import refuse_partial
 from tactibench.board.verifying.answers import check_answers
-from tactibench.board.verifying.truth import Source, truth_of
+from tactibench.board.verifying.truth import Source, shots_of, truth_of
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
@@ -100,13 +100,14 @@ def verify(
     if seed is not None and record["identity"].get("hidden") != seed.commitment:
         raise UserError(f"{path} was tested with another hidden seed than the published one.")
     truth = truth_of(record, protocol, source, seed)
-    frames = len(truth["press"])
+    times = len(shots_of(record, protocol))
+    frames = len(truth["press"]) // times
     if record["data"].get("test") != frames:
         raise UserError(
             f"{path} says that it was tested on {record['data'].get('test')} frames, but the "
             f"protocol tests {frames:,}."
         )
-    check_answers(answers, protocol.keys.answer, frames, str(place))
+    check_answers(answers, protocol.keys.answer, frames * times, str(place))
     again = score_arrays(protocol.keys, truth, answers, {})
     stated = refuse_differences(record["metrics"], again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.keys, truth, answers), place)

@@ -15,7 +15,7 @@ import pytest
 
 from tactibench import UserError
 from tactibench.board.committed import answers_file
-from tactibench.board.verifying.truth import Source, trusted_host, truth_of
+from tactibench.board.verifying.truth import trusted_host, truth_of
 from tactibench.board.verifying.verdict import verify
 from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes
@@ -280,11 +280,3 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
     with pytest.raises(UserError, match="is not the one whose hash was published"):
         verify(path, source, hidden=True, folder=folder)
     assert os.environ[VARIABLE] not in path.read_text()
-
-
-def test_several_answers_to_a_frame_are_refused(tmp_path) -> None:
-    """Rows of ``transfer`` are told apart from broken ones."""
-    board = Path(__file__).parents[3] / "leaderboards" / "submissions" / "transfer"
-    committed = min(board.glob("*.json"))
-    with pytest.raises(UserError, match="cannot be scored again yet"):
-        verify(committed, Source(trusted_host(), tmp_path))
