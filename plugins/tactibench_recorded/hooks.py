@@ -58,6 +58,12 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "folder of the frames; auto: the first of them that is there",
                     choices=("auto", "frames_bw", "images", "sensor_images", "processed_images"),
                 ),
+                Parameter(
+                    "split",
+                    "",
+                    "who trains, validates and tests: NAME of splits/NAME.json of a data set; "
+                    "empty: as the protocol divides",
+                ),
             ),
             origin="real",
             needs_data=True,

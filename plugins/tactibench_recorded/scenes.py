@@ -21,7 +21,8 @@ from tactibench.datasets.importing import (
 class Pressed:
     """Frames whose scene is known. names, scenes, presses, rows of the recording: of every frame.
 
-    columns: role -> column that was read. options: what labels were read by.
+    columns: role -> column that was read. options: what labels were read by. parts: name -> part of
+    the split that was asked for; {} without one.
     """
 
     recording: Recording
@@ -31,12 +32,16 @@ class Pressed:
     rows: tuple[int, ...]
     columns: Mapping[str, str]
     options: ImportOptions
+    parts: Mapping[str, str]
 
 
-def pressed(folder: Path, options: ImportOptions, *, fitted: bool = False) -> Pressed:
+def pressed(
+    folder: Path, options: ImportOptions, *, fitted: bool = False, split: str = ""
+) -> Pressed:
     """Open a folder; where no scene is known, its labels are a plate's. Raises UserError.
 
-    fitted: take the labels' offset and pivot from the pins instead of ``options``.
+    fitted: take the labels' offset and pivot from the pins instead of ``options``. split: name of a
+    split of a data set.
     """
     recording = open_recording(folder, ImportOptions(frames=options.frames))
     scenes, columns = recording.scenes, dict(recording.columns)
@@ -56,7 +61,27 @@ def pressed(folder: Path, options: ImportOptions, *, fitted: bool = False) -> Pr
         rows,
         columns,
         options,
+        parts_of(recording, split) if split else {},
     )
+
+
+def parts_of(recording: Recording, split: str) -> dict[str, str]:
+    """Frame name -> part of the split of that name. Raises UserError where there is none."""
+    found = {} if recording.dataset is None else recording.dataset.splits
+    if split not in found:
+        named = f"; it has {', '.join(found)}" if found else ""
+        raise UserError(
+            f"{recording.folder} has no splits/{split}.json{named}; leave --param sensor.split out "
+            "to divide as the protocol says."
+        )
+    assert recording.dataset is not None  # noqa: S101 - it has splits
+    part_of = found[split].part_of()
+    ids = [recording.dataset.samples[row].id for row in recording.rows]
+    return {
+        name: part_of[number]
+        for name, number in zip(recording.names, ids, strict=True)
+        if number in part_of
+    }
 
 
 def kinds_of(scenes: Iterable[Scene]) -> list[str]:

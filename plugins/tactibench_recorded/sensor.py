@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cached_property
 from types import TracebackType
@@ -33,8 +33,8 @@ class RecordedSensor:
     between the labelled pose and first touch in the Tac-VGNN recordings; it moves every depth alike
     and so changes no error within one recording. Where depths of two sensors are compared
     (``context.indentation``) and neither number is given, or with ``labels`` "fitted", both are
-    fitted to the pins. Everything is checked here, once: raises
-    UserError, which names the file and the row.
+    fitted to the pins. ``split`` names a split of a data set, which then says who trains, validates
+    and tests. Everything is checked here, once: raises UserError, which names the file and the row.
     """
 
     def __init__(
@@ -46,6 +46,7 @@ class RecordedSensor:
         depth: str = "pose_2",
         tilt: str = "pose_6",
         frames: str = "auto",
+        split: str = "",
     ) -> None:
         if context.data is None:
             raise UserError(
@@ -57,7 +58,7 @@ class RecordedSensor:
         )
         given = (depth_offset_mm, pivot_mm) != (OFFSET_MM, PIVOT_MM)
         fitted = labels == "fitted" or (labels == "auto" and context.indentation and not given)
-        self._pressed = pressed(context.data, options, fitted=fitted)
+        self._pressed = pressed(context.data, options, fitted=fitted, split=split)
         self._row = {scene: number for number, scene in enumerate(self._pressed.scenes)}
         radius = self._recording.dome_radius_mm
         if radius is not None and self._recording.dataset is not None:
@@ -81,6 +82,10 @@ class RecordedSensor:
     def presses(self) -> dict[str, str]:
         """Frame name -> press; frames of one press share it."""
         return dict(zip(self._pressed.names, self._pressed.presses, strict=True))
+
+    def parts(self) -> Mapping[str, str]:
+        """Frame name -> part of the split; {} without one."""
+        return self._pressed.parts
 
     def rest(self) -> Frame:
         """The undeformed sensor. Raises UserError when the recording has no such frame."""

@@ -267,6 +267,16 @@ class HasPresses(Protocol):
 
 
 @runtime_checkable
+class HasParts(Protocol):
+    """Optional: a sensor with scenes that were divided by who recorded them."""
+
+    def parts(self) -> Mapping[str, str]:
+        """Frame name -> "train", "validation" or "test"; a frame that is in none is not used. {}:
+        the protocol divides."""
+        ...
+
+
+@runtime_checkable
 class Calibrated(Protocol):
     """Optional: a simulated sensor with numbers that were fitted to recorded frames."""
 

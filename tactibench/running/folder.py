@@ -9,7 +9,7 @@ from typing import Any
 from tactibench.contacts import Frame, Scene
 from tactibench.datasets.presses import Presses
 from tactibench.geometry import HasShape
-from tactibench.plugins.interfaces import HasPresses, HasScenes, Sensor
+from tactibench.plugins.interfaces import HasParts, HasPresses, HasScenes, Sensor
 from tactibench.records.identity import digest
 from tactibench.running.frames import Advance, Wanted
 
@@ -23,6 +23,8 @@ class Folder:
     names: tuple[str, ...]
     scenes: tuple[Scene, ...]
     presses: tuple[str, ...]
+    parts: tuple[str, ...] | None = None
+    """Of every frame, the part of the recording's own split, "" for none; None: it has no split."""
 
     @classmethod
     def of(cls, sensor: Sensor, identity: dict[str, Any]) -> Folder:
@@ -31,7 +33,9 @@ class Folder:
         scenes = sensor.scenes()
         known = sensor.presses() if isinstance(sensor, HasPresses) else {}
         presses = tuple(known.get(name, name) for name in scenes)
-        return cls(sensor, identity, tuple(scenes), tuple(scenes.values()), presses)
+        own = sensor.parts() if isinstance(sensor, HasParts) else {}
+        parts = tuple(own.get(name, "") for name in scenes) if own else None
+        return cls(sensor, identity, tuple(scenes), tuple(scenes.values()), presses, parts)
 
     def take(self, rows: Sequence[int]) -> Folder:
         """Some of the frames."""
@@ -40,6 +44,7 @@ class Folder:
             names=tuple(self.names[row] for row in rows),
             scenes=tuple(self.scenes[row] for row in rows),
             presses=tuple(self.presses[row] for row in rows),
+            parts=None if self.parts is None else tuple(self.parts[row] for row in rows),
         )
 
     def want(

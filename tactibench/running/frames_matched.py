@@ -3,7 +3,8 @@
 A recorded press belongs to a draw when the protocol could have drawn it. The presses of one kind of
 indenter are divided by press: of those of the split's draw the same shares train, validate and test
 as in the protocol, and other tested draws of that kind are taken from the tested share. A kind that
-is both trained on and tested otherwise is halved.
+is both trained on and tested otherwise is halved. A recording with a split of its own is divided by
+that instead.
 """
 
 from __future__ import annotations
@@ -59,11 +60,17 @@ def matches(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
 
 
 def match(
-    keys: Protocol, split: Split, regime: str, scenes: Sequence[Scene], presses: Sequence[str]
+    keys: Protocol,
+    split: Split,
+    regime: str,
+    scenes: Sequence[Scene],
+    presses: Sequence[str],
+    parts: Sequence[str] | None = None,
 ) -> Matched:
     """Divide recorded presses between what a protocol trains on and tests.
 
-    presses: of every scene, the press that it belongs to.
+    presses: of every scene, the press that it belongs to. parts: of every scene, the part of the
+    recording's own split.
     """
     extra, tested = keys.regimes[regime], keys.test.sets
     needed = list(dict.fromkeys([split.draw, *extra, *tested]))
@@ -77,23 +84,26 @@ def match(
     end, start = split.test / whole, (split.test + split.validation) / whole
     main = keys.draw(split.draw).indenter
 
-    def share(name: str, low: float, high: float) -> list[int]:
-        """The rows whose press lies in this share of the pool's presses."""
+    def share(name: str, low: float, high: float, part: str) -> list[int]:
+        """The rows whose press lies in this share of the pool's presses, or is of this part."""
+        if parts is not None:
+            return [row for row in pools[name] if parts[row] == part]
         ranks = {press: k for k, press in enumerate(
             sorted({presses[row] for row in pools[name]}, key=order.__getitem__))}  # fmt: skip
         first, last = (_edge(edge, len(ranks)) for edge in (low, high))
         return [row for row in pools[name] if first <= ranks[presses[row]] < last]
 
-    fit = {split.draw: share(split.draw, start, 1.0)}
-    validation = {split.draw: share(split.draw, end, start)}
+    fit = {split.draw: share(split.draw, start, 1.0, "train")}
+    validation = {split.draw: share(split.draw, end, start, "validation")}
     test = {}
     for name in tested:
         of_main = keys.draw(name).indenter == main
         also_trained = any(keys.draw(e).indenter == keys.draw(name).indenter for e in extra)
-        test[name] = share(name, 0.0, end if of_main else 0.5 if also_trained else 1.0)
+        high = end if of_main else 0.5 if also_trained else 1.0
+        test[name] = share(name, 0.0, high, "test")
     for name in extra:
         both = any(keys.draw(t).indenter == keys.draw(name).indenter for t in tested)
-        fit[name] = share(name, 0.5 if both else 0.0, 1.0)
+        fit[name] = share(name, 0.5 if both else 0.0, 1.0, "train")
     kept = {presses[row] for rows in test.values() for row in rows}
     for name in extra:  # pools of one kind need not be alike
         fit[name] = [row for row in fit[name] if presses[row] not in kept]

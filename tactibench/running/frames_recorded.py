@@ -42,7 +42,10 @@ def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Sensor
     if protocol.keys.recorded is None:
         return _matched_frames(request, protocol.keys, parts, folder)
     folder = plates_of(request.data, protocol.keys, folder)
-    published = published_split(protocol, folder.names, folder.identity["describe"].get("image"))
+    published = None
+    if folder.parts is None:
+        image = folder.identity["describe"].get("image")
+        published = published_split(protocol, folder.names, image)
     fit, validation, test = divided(protocol.keys, folder, published)
     return FramePlan(
         *training(request, folder, fit, validation),
@@ -73,6 +76,8 @@ def divided(
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
     """Rows that train, validate and test. Frames of one press are in one part. Raises UserError."""
     assert keys.recorded is not None  # noqa: S101 - the caller looked
+    if folder.parts is not None:
+        return own_parts(folder.parts, folder.presses)
     units = folder.names if published else tuple(dict.fromkeys(folder.presses))
     split = split_recorded(units, keys.recorded, keys.data_seed, published)
     if len(units) == len(folder.names):
@@ -88,6 +93,25 @@ def divided(
         found = fit, validation, test
     refuse_shared(folder.presses, found)
     return found
+
+
+def own_parts(
+    parts: Sequence[str], presses: Sequence[str]
+) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
+    """Rows that train, validate and test, as the recording says of every frame. Raises UserError
+    for a part without frames, and for a press in two parts."""
+    fit, validation, test = (
+        tuple(row for row, part in enumerate(parts) if part == name)
+        for name in ("train", "validation", "test")
+    )
+    for name, rows in (("train", fit), ("validation", validation), ("test", test)):
+        if not rows:
+            raise UserError(
+                f"the recording's split has no frames that this protocol can take in its part "
+                f"{name!r}; give it some, or leave --param sensor.split out."
+            )
+    refuse_shared(presses, (fit, validation, test))
+    return fit, validation, test
 
 
 def plates_of(source: Path | None, keys: Protocol, folder: Folder) -> Folder:
@@ -121,7 +145,7 @@ def _matched_frames(
     """The presses that a protocol could have drawn. Raises UserError, saying what is lacking."""
     assert keys.split is not None  # noqa: S101 - a protocol that draws divides its draws
     pressed = pressable(keys, folder.sensor)
-    found = match(pressed, keys.split, parts.regime, folder.scenes, folder.presses)
+    found = match(pressed, keys.split, parts.regime, folder.scenes, folder.presses, folder.parts)
     if found.lacking:
         raise UserError(_lacking(request, pressed, folder, found))
     fit = {**found.fit, keys.split.draw: list(fewer(found.fit[keys.split.draw], request))}

@@ -9,7 +9,8 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets.importing import ImportOptions, import_folder
-from tactibench.datasets.v1 import Header, Writer
+from tactibench.datasets.v1 import Header, Writer, open_dataset
+from tactibench.datasets.v1.splits import split_of, write_split
 
 
 def image(index):
@@ -48,6 +49,24 @@ def test_scenes_are_taken_as_they_are(data_set, open_recording):
             assert frame.pose == SINGLE[i].pose
     assert sensor.describe()["format"] == "v1"
     assert sensor.describe()["rest"] == "rest"
+
+
+def test_a_split_says_who_trains_validates_and_tests(data_set, open_recording):
+    folder = data_set([*SINGLE, *SINGLE])
+    split = split_of(train=[0, 1], validation=[2, 3], test=[6, 7])
+    write_split(folder, "by-hand", split, open_dataset(folder).samples)
+    names = list(open_recording(folder).scenes())
+    assert open_recording(folder).parts() == {}
+    chosen = open_recording(folder, split="by-hand").parts()
+    parts = ["train", "train", "validation", "validation", None, None, "test", "test"]
+    assert [chosen.get(name) for name in names] == parts
+
+
+def test_a_split_that_is_not_there(data_set, recording, open_recording):
+    with pytest.raises(UserError, match=r"has no splits/mine\.json"):
+        open_recording(data_set(SINGLE), split="mine")
+    with pytest.raises(UserError, match=r"has no splits/mine\.json"):
+        open_recording(recording, split="mine")
 
 
 def test_repeated_presses_stay_apart(data_set, open_recording):

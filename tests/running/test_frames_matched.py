@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench import Indenter, Pose, Scene
+from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
 from tactibench.running.frames_matched import match, matches
+from tactibench.running.frames_recorded import own_parts
 
 EXP1, EXP2, EXP3 = (load_protocol(name).keys for name in ("exp1", "exp2", "exp3"))
 SINGLE = Scene(Indenter.single(), Pose(1.0, 2.0, depth=3.0))
@@ -86,6 +87,26 @@ def test_the_division_follows_the_data_seed_alone():
     assert first == second
     other = EXP1.model_copy(update={"data_seed": 1})
     assert match(other, other.split, "single", singles(50), presses).test != first.test
+
+
+def test_a_recording_with_its_own_split_is_divided_by_it():
+    pairs = [Scene(Indenter.dual(8.0), Pose(0.0, 0.0, float(yaw), depth=3.0)) for yaw in range(4)]
+    scenes, presses = [*singles(6), *pairs], [str(i) for i in range(10)]
+    parts = ["train", "test", "validation", "", "train", "test", "train", "test", "", "test"]
+    found = match(EXP2, EXP2.split, "single", scenes, presses, parts)
+    assert found.fit == {"singles": [0, 4]}
+    assert found.validation == {"singles": [2]}
+    assert found.test == {"pairs": [7, 9], "catch": [1, 5]}
+    both = match(EXP2, EXP2.split, "multiple", scenes, presses, parts)
+    assert (both.fit["singles"], both.fit["duals-train"]) == ([0, 4], [6])
+
+
+def test_a_split_of_a_recording_needs_every_part_and_keeps_presses_whole():
+    assert own_parts(["test", "train", "", "validation"], "abcd") == ((1,), (3,), (0,))
+    with pytest.raises(UserError, match="part 'validation'"):
+        own_parts(["test", "train"], "ab")
+    with pytest.raises(UserError, match="two parts"):
+        own_parts(["test", "train", "validation"], "aba")
 
 
 def test_what_is_lacking_is_named_and_what_fits_nowhere_counted():

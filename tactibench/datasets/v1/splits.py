@@ -27,6 +27,10 @@ class Split:
     validation: tuple[int, ...]
     test: tuple[int, ...]
 
+    def part_of(self) -> dict[int, str]:
+        """Id -> the part that it is in."""
+        return {number: part for part in PARTS for number in getattr(self, part)}
+
 
 def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]) -> None:
     """Write splits/<name>.json. Raises UserError for a split that leaks, or another one of that
