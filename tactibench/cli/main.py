@@ -36,6 +36,7 @@ VERBS = {
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
     "submit": ("tactibench.cli.submit:submit", "write a run's record and predictions to a board"),
+    "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
     "verify": ("tactibench.cli.verify:verify", "score submissions again without trusting them"),
 }
 

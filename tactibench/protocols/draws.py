@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,13 +31,17 @@ def draw_scenes(protocol: Protocol, name: str) -> Drawn:
 
     Raises UserError when the workspace leaves (almost) no room for such a press.
     """
-    draw = protocol.draw(name)
-    seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(draw.stream,))
+    return _drawn(protocol.draw(name), protocol.workspace, protocol.data_seed)
+
+
+@lru_cache(maxsize=8)  # many runs of one process ask for the same thousands of presses
+def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> Drawn:
+    seed = np.random.SeedSequence(data_seed, spawn_key=(draw.stream,))
     rng = np.random.default_rng(seed)
     scenes: list[Scene] = []
     rejected = 0
     for distance in _wanted_distances(draw):
-        scene, refused = _accepted(draw, protocol.workspace, rng, distance)
+        scene, refused = _accepted(draw, workspace, rng, distance)
         scenes.append(scene)
         rejected += refused
     return Drawn(tuple(scenes), rejected)

@@ -24,7 +24,7 @@ from tactibench.running.transfer import with_target
 from tactibench.running.weights import WeightsPlan, plan_weights
 from tactibench.timing.fingerprint import fingerprint_hash
 
-SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "scaffold", "testing"})
+SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "scaffold", "sweep", "testing"})
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 
 

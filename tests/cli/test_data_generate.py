@@ -71,7 +71,7 @@ def test_the_same_command_goes_on(cli: Any, tmp_path: Path) -> None:
         (("exp1", "--plan", "x"), "either a protocol, such as exp1, or --plan FILE"),
         (("exp9",), "unknown protocol 'exp9'"),
         (("surface", "--sensor", "tactip-127"), "takes the presses of a recorded folder"),
-        (("exp1", "--sensor", "tactip"), "unknown sensor 'tactip'"),
+        (("exp1", "--sensor", "tactip-12"), "unknown sensor 'tactip-12'"),
         (("exp1", "--sensor", "recorded"), "tactibench data import"),
         (("exp1", "--param", "model.width=3"), "only the sensor has parameters here"),
         (("exp1", "--param", "sensor.sise=3"), "no parameter 'sise'"),

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from tactibench.errors import UserError
-
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
-    from tactibench.datasets.generating.press import Source
-    from tactibench.datasets.generating.stretches import Pressing
-    from tactibench.protocols.loader import LoadedProtocol
-
-SENSOR = "tactip-127"
-"""Where no protocol names one."""
 
 
 @click.command()
@@ -49,11 +41,12 @@ def generate(
     tactibench data generate --plan presses.jsonl --out data/grid
     """
     from tactibench.cli.output import Terminal
+    from tactibench.datasets.generating.asked import Asked
     from tactibench.datasets.generating.press import generate as write
     from tactibench.datasets.generating.press import is_complete
     from tactibench.datasets.v1 import is_dataset
 
-    pressing, source = _asked(protocol, plan, sensor, params, count, seed)
+    pressing, source = Asked(protocol, plan, sensor, params, count, seed).found()
     terminal = Terminal()
     total = sum(1 for _ in pressing)
     if is_complete(out, source, pressing):
@@ -74,66 +67,3 @@ def _say_begun(terminal: Terminal, out: Path, total: int) -> None:
         terminal.say(f"{out}: {sentence}")
     if begun.header.status == "open":
         terminal.say(f"{out}: {len(begun.samples):,} of {total:,} samples are there, going on")
-
-
-def _asked(
-    protocol: str | None,
-    plan: Path | None,
-    sensor: str | None,
-    params: tuple[str, ...],
-    count: int | None,
-    seed: int | None,
-) -> tuple[Pressing, Source]:
-    """What is pressed, and what presses it. Raises UserError."""
-    from tactibench.datasets.generating.protocol import from_protocol
-    from tactibench.datasets.generating.stretches import from_file
-    from tactibench.plugins.interfaces import SensorContext
-    from tactibench.protocols.loader import load_protocol
-
-    if (protocol is None) == (plan is None):
-        raise UserError(
-            "name what is to be pressed: either a protocol, such as exp1, or --plan FILE."
-        )
-    loaded = None if protocol is None else _seeded(load_protocol(protocol), seed)
-    default = SENSOR if loaded is None else loaded.keys.defaults.sensor
-    source = _source(sensor or default, params)
-    asked: dict[str, Any] = {"importer": "tactibench data generate", "count": count}
-    if loaded is None:
-        assert plan is not None, "checked above"  # noqa: S101
-        pressing = from_file(plan, seed or 0, count)
-        asked |= {"plan": plan.name, "seed": seed or 0}
-    else:
-        import numpy as np
-
-        built = source.build(SensorContext(np.random.SeedSequence(0)))
-        pressing = from_protocol(loaded.keys, built, count)
-        asked |= {"protocol": loaded.label, "sha256": loaded.hash, "seed": loaded.keys.data_seed}
-    return pressing, source.with_asked(asked)
-
-
-def _seeded(protocol: LoadedProtocol, seed: int | None) -> LoadedProtocol:
-    """The protocol with another seed of its presses."""
-    from dataclasses import replace
-
-    if seed is None:
-        return protocol
-    return replace(protocol, keys=protocol.keys.model_copy(update={"data_seed": seed}))
-
-
-def _source(name: str, params: tuple[str, ...]) -> Source:
-    """The sensor of that name with its parameters. Raises UserError for one that needs data."""
-    from tactibench.datasets.generating.press import source_of
-    from tactibench.plugins.host import PluginHost
-    from tactibench.running.request import read_parameters
-
-    host = PluginHost()
-    spec = host.sensors[name]
-    if spec.needs_data:
-        raise UserError(
-            f"sensor {name!r} presses nothing, it reads what was recorded; take "
-            "`tactibench data import`."
-        )
-    given = read_parameters(params)
-    for kind in set(given) - {"sensor"}:
-        raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
-    return source_of(spec, spec.settings(given.get("sensor", {})))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Frame
 from tactibench.datasets.generated import CHUNK
-from tactibench.datasets.generating.stretches import Press, Pressing, Stretch
+from tactibench.datasets.generating.stretches import Press, Pressing
 from tactibench.datasets.v1 import Draft, Header, Writer, is_dataset
 from tactibench.datasets.v1.header import read_header
 from tactibench.datasets.v1.plan import plan_hash, plan_text
@@ -27,6 +27,19 @@ GROUP = 50
 
 Advance = Callable[[int], None]
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A chunk of a stretch. seed: root seed and spawn key, its own: whoever presses a shard, and
+    whenever, the frames are the same."""
+
+    presses: tuple[Press, ...]
+    seed: tuple[int, ...]
+
+
+Presser = Callable[[Sequence[Shard], Header], Iterator[Iterable[Draft]]]
+"""Presses shards of a data set with that header; gives the drafts of each, in order."""
 
 
 @dataclass(frozen=True)
@@ -75,41 +88,55 @@ def is_complete(folder: Path, source: Source, pressing: Pressing) -> bool:
     return header.status == "closed" and same
 
 
-def generate(folder: Path, source: Source, pressing: Pressing, advance: Advance) -> None:
+def generate(
+    folder: Path,
+    source: Source,
+    pressing: Pressing,
+    advance: Advance,
+    presser: Presser | None = None,
+) -> None:
     """Write the frames of all presses into a data set and close it; goes on with an open one.
 
-    ``advance`` is told of presses that are there. Raises UserError when the folder holds something
-    else.
+    ``advance`` is told of presses that are there. presser: who presses; None: this process. Raises
+    UserError when the folder holds something else.
     """
     rest = _rest(source, pressing)
     header = _header(source, rest)
     with Writer(folder, header, pressing.rows()) as writer:
         writer.reference(rest)
-        for stretch in pressing.stretches:
-            for number, presses in enumerate(_batches(stretch.presses, CHUNK)):
-                _press(writer, source, stretch, number, presses)
-                advance(len(presses))
+        shards = shards_of(pressing)
+        missing = [shard for shard in shards if not writer.done.issuperset(_ids(shard))]
+        advance(sum(len(s.presses) for s in shards) - sum(len(s.presses) for s in missing))
+        pressed = presser(missing, header) if presser else (drafts(source, s) for s in missing)
+        for shard, found in zip(missing, pressed, strict=True):
+            done = writer.done
+            for group in _batches((draft for draft in found if draft.id not in done), GROUP):
+                writer.add_many(group)
+            advance(len(shard.presses))
         for name, parts in pressing.splits.items():
             writer.split(name, **parts)
 
 
-def _press(
-    writer: Writer, source: Source, stretch: Stretch, number: int, presses: Sequence[Press]
-) -> None:
-    """A chunk's randomness depends on its number alone: one that was begun is pressed again from
-    its start, so that its frames are what they would have been."""
-    done = writer.done
-    if all(press.id in done for press in presses):
-        return
-    with source.build(SensorContext(_seed(stretch, number))) as sensor:
-        frames = sensor.press_many([press.scene for press in presses])
-        drafts = (
-            _draft(press, frame)
-            for press, frame in zip(presses, frames, strict=True)
-            if press.id not in done
-        )
-        for group in _batches(drafts, GROUP):
-            writer.add_many(group)
+def shards_of(pressing: Pressing) -> list[Shard]:
+    """All presses in chunks. A chunk's randomness depends on its number alone: one that was begun
+    is pressed again from its start, so that its frames are what they would have been."""
+    return [
+        Shard(tuple(presses), (*stretch.seed, number))
+        for stretch in pressing.stretches
+        for number, presses in enumerate(_batches(stretch.presses, CHUNK))
+    ]
+
+
+def drafts(source: Source, shard: Shard) -> Iterator[Draft]:
+    """Press a shard: its samples in order, each as soon as it is asked for."""
+    with source.build(SensorContext(_sequence(shard.seed))) as sensor:
+        frames = sensor.press_many([press.scene for press in shard.presses])
+        for press, frame in zip(shard.presses, frames, strict=True):
+            yield _draft(press, frame)
+
+
+def _ids(shard: Shard) -> list[int]:
+    return [press.id for press in shard.presses]
 
 
 def _draft(press: Press, frame: Frame) -> Draft:
@@ -119,7 +146,7 @@ def _draft(press: Press, frame: Frame) -> Draft:
 
 
 def _rest(source: Source, pressing: Pressing) -> npt.NDArray[np.uint8]:
-    with source.build(SensorContext(_seed(pressing.stretches[0], 0))) as sensor:
+    with source.build(SensorContext(_sequence((*pressing.stretches[0].seed, 0)))) as sensor:
         return sensor.rest().image
 
 
@@ -134,8 +161,8 @@ def _header(source: Source, rest: npt.NDArray[np.uint8]) -> Header:
     )
 
 
-def _seed(stretch: Stretch, chunk: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(stretch.seed[0], spawn_key=(*stretch.seed[1:], chunk))
+def _sequence(seed: tuple[int, ...]) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed[0], spawn_key=seed[1:])
 
 
 def _batches(things: Iterable[T], count: int) -> Iterator[list[T]]:

@@ -34,6 +34,11 @@ def from_protocol(keys: Protocol, sensor: object, count: int | None) -> Pressing
             f"protocol {keys.id!r} takes the presses of a recorded folder and draws none; name "
             "another protocol, or the presses with --plan FILE."
         )
+    if keys.families:
+        raise UserError(
+            f"protocol {keys.id!r} tests frames with faults, which no data set holds; its training "
+            "presses are those of exp1: generate these."
+        )
     pressed = pressable(keys, sensor)
     ids: dict[tuple[str, int], list[int]] = {}
     stretches = []

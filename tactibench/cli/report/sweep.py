@@ -1,0 +1,55 @@
+"""The cells of a sweep as a table, and below it why some failed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.board.numbers import duration
+from tactibench.cli.report.cells import Cells, print_grid
+from tactibench.sweep.keys import AXES
+from tactibench.sweep.sets import WantedSet
+from tactibench.sweep.sweep import Finished
+
+STATES = {"done": "in the store", "to do": "to do", "cannot": "failed"}
+
+
+def print_sweep(
+    console: Console, finished: Sequence[Finished], sets: Sequence[WantedSet], store: Path
+) -> None:
+    """Print every cell with its state, every data set, and how many there are of each."""
+    if sets:
+        rows = [(one.label, f"{one.samples:,}", one.source.identity["name"],
+                 "complete" if one.is_complete else "to do") for one in sets]  # fmt: skip
+        print_grid(console, ("data set", "samples", "sensor", "state"), rows,
+                   right=frozenset({"samples"}))  # fmt: skip
+    if not finished:
+        return
+    axes = [axis for axis in AXES if any(one.cell.axes[axis] for one in finished)]
+    print_grid(console, (*axes, "state", "time", "run"), [_cells(one, axes) for one in finished],
+               right=frozenset({"seed", "time"}))  # fmt: skip
+    for one in finished:
+        if one.why:
+            console.print(Text(f"{one.cell.label}: {one.why}"), soft_wrap=True)
+    console.print(Text(f"{_counts(finished)}; store {store}"), soft_wrap=True)
+
+
+def _cells(one: Finished, axes: Sequence[str]) -> Cells:
+    time = "" if one.outcome is None else duration(one.outcome.seconds)
+    return (*(one.cell.axes[axis] or "default" for axis in axes), _state(one), time, one.name)
+
+
+def _state(one: Finished) -> str:
+    if one.why:
+        return "failed"
+    return STATES[one.planned.state] if one.outcome is None else "run"
+
+
+def _counts(finished: Sequence[Finished]) -> str:
+    """ "6 cells: 4 run, 1 in the store, 1 failed"."""
+    states = [_state(one) for one in finished]
+    parts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
+    return f"{len(finished)} cells: {', '.join(parts)}"

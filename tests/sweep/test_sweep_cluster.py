@@ -1,0 +1,73 @@
+"""Real clusters of processes on this machine, some of which are killed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench.plugins.host import PluginHost
+from tactibench.sweep.cells import cells_of
+from tactibench.sweep.planned import Place
+from tactibench.sweep.read import read_sweep
+from tactibench.sweep.work import run_cell
+
+pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
+
+Command = Callable[..., subprocess.CompletedProcess[str]]
+MEASURED = {"created", "environment", "speed", "timed", "efficiency", "training", "identity"}
+"""Times, and what holds hashes of times."""
+
+
+def records(store: Path) -> dict[str, Any]:
+    found = [json.loads(path.read_text()) for path in sorted(store.glob("*/record.json"))]
+    return {record["name"]: record for record in found}
+
+
+def comparable(record: dict[str, Any]) -> dict[str, Any]:
+    """All of a record that no clock has a part in."""
+    stored = {k: v for k, v in record["identity"]["stored"].items() if k != "times"}
+    same = {key: value for key, value in record.items() if key not in MEASURED}
+    return {**same, "identity": {**record["identity"], "stored": stored}}
+
+
+@pytest.mark.slow
+def test_a_killed_worker_changes_nothing(
+    asked: Callable[[str], Path], tactibench: Command, toy: Path, tmp_path: Path
+) -> None:
+    """The first process that trains "deaths=1" is killed by SIGKILL, and every one that trains
+    "deaths=9"; the store is that of a serial run, but for the latter."""
+    file = asked('model = ["toy", "toy, deaths=1", "toy, deaths=9", "toy-broken"]')
+    done = tactibench("sweep", file, "--workers", "2", "--retries", "1", "--json", "rows.json")
+    assert done.returncode == 1, done.stderr
+    assert done.stderr == ""
+    assert "8 cells: 4 run, 4 failed" in done.stdout
+    assert done.stdout.count("the workers that ran it died, 2 in turn") == 2
+    assert done.stdout.count("it raised ZeroDivisionError: no frames at all.") == 2
+    begun = Counter(line.rpartition(" ")[0] for line in toy.read_text().splitlines())
+    assert begun == {"Toy 0": 1, "Toy 1": 2, "Toy 9": 2}, "shared weights are trained once"
+
+    rows = json.loads((tmp_path / "rows.json").read_text())
+    failed = [row for row in rows if row["metric"] == "failed"]
+    assert {row["model"] for row in failed} == {"toy, deaths=9", "toy-broken"}
+    assert {row["run"] for row in rows if row["metric"] != "failed"} == set(records(Path("runs")))
+
+    place = Place(tmp_path / "serial", tmp_path / "other cache")
+    toy.write_text("Toy 1 0\n")  # nobody dies again
+    for cell in cells_of(read_sweep(file), PluginHost()):
+        if cell.axes["model"] in ("toy", "toy, deaths=1"):
+            assert run_cell(cell.request, place).why == ""
+    parallel, serial = records(tmp_path / "runs"), records(tmp_path / "serial")
+    assert len(parallel) == 4
+    assert {name: comparable(one) for name, one in parallel.items()} == {
+        name: comparable(one) for name, one in serial.items()
+    }
+
+    again = tactibench("sweep", asked('model = ["toy", "toy, deaths=1"]'))
+    assert (again.returncode, again.stderr) == (0, "")
+    assert "4 cells: 4 in the store" in again.stdout

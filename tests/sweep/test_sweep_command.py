@@ -1,0 +1,104 @@
+"""The command in this process, as far as it needs no other one."""
+
+from __future__ import annotations
+
+import builtins
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench.cli.main import call
+
+Called = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def cli(toy: Path, capsys: pytest.CaptureFixture[str]) -> Called:
+    def called(*arguments: str | Path) -> tuple[int, str, str]:
+        code = call(["sweep", *map(str, arguments)])
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return called
+
+
+def test_a_dry_run_lists_and_writes_nothing(
+    cli: Called, asked: Callable[[str], Path], tmp_path: Path
+) -> None:
+    text = """
+        model = ["toy", "toy-single"]
+        regime = ["single", "multiple"]
+        [[generate]]
+        out = "set"
+        protocol = "protocols/exp1.toml"
+        sensor = "toy"
+        count = 2
+    """
+    file = asked(text)
+    before = {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts}
+    code, out, err = cli(file, "--dry-run", "--json", "rows.json")
+    assert (code, err) == (1, ""), "a cell that cannot be run is told beforehand"
+    assert "set            10  toy     to do" in out
+    assert "8 cells: 6 to do, 2 failed" in out
+    assert out.count("toy-single multiple toy seed 0: model 'toy-single' predicts one") == 2
+    rows = json.loads((tmp_path / "rows.json").read_text())
+    assert [row["metric"] for row in rows] == ["failed", "failed"]
+    assert {row["unit"] for row in rows} == {""}
+    assert rows[0]["why"].startswith("model 'toy-single' predicts one contact")
+    after = {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts}
+    assert after - before == {tmp_path / "rows.json"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("none.toml",), "sweep file none.toml does not exist"),
+        (("FILE", "--workers", "0"), "--workers"),
+        (("FILE", "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), "leave them out"),
+        (("FILE", "--json", "no/where.json"), "the folder no is not there"),
+        (("FILE", "--sheduler", "x"), "--scheduler"),
+    ],
+)
+def test_mistakes(
+    cli: Called, asked: Callable[[str], Path], arguments: tuple[str, ...], says: str
+) -> None:
+    file = str(asked('model = "toy"'))
+    code, out, err = cli(*(file if word == "FILE" else word for word in arguments))
+    assert (code, out) == (2, "")
+    assert says in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "tcp://"])
+def test_a_scheduler_that_does_not_answer(
+    cli: Called, asked: Callable[[str], Path], tmp_path: Path, address: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
+    monkeypatch.setattr("tactibench.sweep.remote.PATIENCE_S", 0.2)
+    code, out, err = cli(asked('model = "toy"'), "--scheduler", address)
+    assert (code, out) == (2, "")
+    assert f"no scheduler answers at --scheduler {address} (" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "runs").exists()
+    assert not (tmp_path / "cache").exists()
+
+
+def test_without_dask_a_sentence_says_what_to_install(
+    cli: Called, asked: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    whole = builtins.__import__
+
+    def without(name: str, *more: Any, **others: Any) -> Any:
+        if name in ("dask", "distributed"):
+            raise ImportError(name)
+        return whole(name, *more, **others)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    code, _, err = cli(asked('model = "toy"'))
+    assert code == 2
+    assert "pip install 'tactibench[sweep]'" in err
+    assert not (tmp_path / "runs").exists()

@@ -1,0 +1,158 @@
+"""Which cell is begun when; the engine is a list of tasks that the test finishes one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench.errors import UserError
+from tactibench.running.request import RunRequest
+from tactibench.sweep.cells import Cell
+from tactibench.sweep.dispatch import carried_out, jobs_of
+from tactibench.sweep.engine import NO_GPU, Room, WorkersDied
+from tactibench.sweep.planned import Place, Planned
+from tactibench.sweep.sweep import Finished, look_up
+from tactibench.sweep.work import Outcome, run_cell, train_weights
+
+PLACE = Place(Path("runs"), Path("cache"))
+
+
+def cell(name: str, device: str = "cpu") -> Cell:
+    axes = {"protocol": "exp1", "model": name, "regime": "", "encoder": "", "sensor": ""}
+    return Cell({**axes, "seed": "0"}, RunRequest("exp1", name, device=device))
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    model: str
+    gpu: bool
+
+
+class Engine:
+    """Finishes its oldest task when it is asked for one; answers: model -> what comes of it."""
+
+    remote = False
+
+    def __init__(self, slots: int = 2, gpus: int = 0, **answers: Any) -> None:
+        self.answers = answers
+        self.free = Room(slots, gpus)
+        self.begun: list[str] = []
+        self.most = self.most_gpu = 0
+
+    def room(self) -> Room:
+        return self.free
+
+    def submit(self, work: Any, request: RunRequest, place: Place, gpu: bool = False) -> Any:
+        assert place is PLACE
+        self.begun.append(f"{'train' if work is train_weights else 'run'} {request.model}")
+        return Task(request.model, gpu)
+
+    def any_of(self, running: Any) -> list[Any]:
+        every = list(running)
+        self.most = max(self.most, len(every))
+        self.most_gpu = max(self.most_gpu, sum(task.gpu for task in every))
+        return every[:1]
+
+    def result(self, task: Any) -> Outcome:
+        answer = self.answers.get(task.model, Outcome(f"run-{task.model}"))
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def dispatched(engine: Engine, planned: dict[Cell, Planned]) -> dict[str, Outcome]:
+    found = carried_out(jobs_of(planned), engine, PLACE, 2)  # type: ignore[arg-type]
+    return {one.axes["model"]: outcome for one, outcome in found}
+
+
+def to_do(*names: str, weights: str = "", device: str = "cpu") -> dict[Cell, Planned]:
+    return {cell(n, device): Planned("to do", f"run-{n}", weights=weights or n) for n in names}
+
+
+def test_what_is_done_or_cannot_be_is_no_job() -> None:
+    planned = {cell("a"): Planned("done", "a"), cell("b"): Planned("cannot", why="no")}
+    assert jobs_of(planned) == []
+
+
+def test_shared_weights_are_trained_once_and_first() -> None:
+    planned = {**to_do("alone"), **to_do("a", "b", "c", weights="w")}
+    assert [job.work for job in jobs_of(planned)] == [train_weights, run_cell]
+    engine = Engine(slots=2)
+    outcomes = dispatched(engine, planned)
+    assert engine.begun[:2] == ["train a", "run alone"]
+    assert sorted(engine.begun[2:]) == ["run a", "run b", "run c"]
+    assert {name: one.name for name, one in outcomes.items()} == {
+        name: f"run-{name}" for name in ("alone", "a", "b", "c")
+    }
+    assert engine.most == 2, "no more tasks than workers can begin"
+
+
+def test_weights_in_the_cache_need_no_training() -> None:
+    planned = {cell(n): Planned("to do", n, weights="w", trained=True) for n in ("a", "b")}
+    assert [job.work for job in jobs_of(planned)] == [run_cell, run_cell]
+
+
+def test_a_failed_training_fails_the_cells_behind_it_and_no_other() -> None:
+    planned = {**to_do("a", "b", weights="w"), **to_do("c")}
+    outcomes = dispatched(Engine(a=Outcome(why="no frames.")), planned)
+    assert {name: one.why for name, one in outcomes.items()} == {
+        "a": "no frames.", "b": "no frames.", "c": "",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("raised", "says"),
+    [(WorkersDied(), "died, 3 in turn"), (ValueError("no pickle"), "ValueError: no pickle")],
+)
+def test_a_cell_that_kills_its_workers_is_reported(raised: Exception, says: str) -> None:
+    outcomes = dispatched(Engine(a=raised), to_do("a", "b"))
+    assert says in outcomes["a"].why
+    assert outcomes["b"] == Outcome("run-b")
+
+
+def test_a_scheduler_that_has_gone_ends_the_sweep() -> None:
+    with pytest.raises(UserError, match="lost"):
+        dispatched(Engine(a=UserError("the connection was lost")), to_do("a", "b"))
+
+
+def test_cards_are_for_as_many_as_there_are() -> None:
+    planned = {**to_do("a", "b", "c", device="cuda"), **to_do("d", "e")}
+    engine = Engine(slots=3, gpus=1)
+    outcomes = dispatched(engine, planned)
+    assert engine.begun[:3] == ["run a", "run d", "run e"]
+    assert (engine.most, engine.most_gpu) == (3, 1)
+    assert len(outcomes) == 5
+
+
+def test_without_a_card_those_that_need_one_are_reported() -> None:
+    planned = {**to_do("a", "b", device="cuda"), **to_do("c")}
+    engine = Engine()
+    outcomes = dispatched(engine, planned)
+    assert engine.begun == ["run c"]
+    assert outcomes["a"].why == outcomes["b"].why == NO_GPU
+
+
+def test_cells_that_come_to_the_same_run_are_one(
+    asked: Callable[[str], Path], tmp_path: Path
+) -> None:
+    from tactibench.plugins.host import PluginHost
+    from tactibench.sweep.cells import cells_of
+    from tactibench.sweep.read import read_sweep
+
+    text = 'model = ["toy", "toy, noise=0.0", "toy, noise=1", "toy-single"]\n'
+    cells = cells_of(read_sweep(asked(text + 'regime = ["single", "multiple"]')), PluginHost())
+    planned = look_up(cells, Place(tmp_path / "runs", tmp_path / "cache"))
+    kept = [(c.axes["model"], c.axes["regime"], p.state) for c, p in planned.items()]
+    assert kept[:2] == [("toy", "single", "to do"), ("toy", "multiple", "to do")]
+    assert ("toy, noise=0.0", "single", "to do") not in kept
+    assert {state for model, regime, state in kept if (model, regime) == ("toy-single", "multiple")
+            } == {"cannot"}  # fmt: skip
+    weights = [p.weights for c, p in planned.items() if c.label.endswith("toy single toy seed 0")]
+    assert len(weights) == 2
+    assert len(set(weights)) == 1, "exp1 and exp2 share them"
+    names = [one.name for one in (Finished(c, p) for c, p in planned.items())]
+    assert names == [""] * len(planned)

@@ -1,0 +1,110 @@
+"""A scheduler and workers that were started before; and Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tactibench.datasets.v1 import verify
+
+pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
+pytestmark = pytest.mark.slow
+
+Command = Callable[..., subprocess.CompletedProcess[str]]
+SET = '\n[[generate]]\nout = "{0}"\nprotocol = "protocols/exp3.toml"\nsensor = "toy"\n'
+
+
+def started(*arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.fixture
+def scheduler(toy: Path, tmp_path: Path) -> Iterator[str]:
+    """The address of a scheduler with a worker, in processes of their own."""
+    file = tmp_path / "scheduler.json"
+    known = ("--scheduler-file", str(file))
+    options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-show")
+    processes = [started("distributed.cli.dask_scheduler", *options, *known)]
+    try:
+        while not (file.is_file() and file.read_text().endswith("}")):
+            assert processes[0].poll() is None
+            time.sleep(0.1)
+        address = json.loads(file.read_text())["address"]
+        worker = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1")
+        processes.append(started("distributed.cli.dask_worker", address, *worker))
+        yield address
+    finally:
+        for process in reversed(processes):
+            process.kill()
+            process.wait()
+
+
+def anybody_in(group: int) -> bool:
+    """Whether a process group has a process."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Of a data set, all but the clock."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name not in ("dataset.json", "events.jsonl")
+    }
+
+
+def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
+    asked: Callable[[str], Path], tactibench: Command, scheduler: str, tmp_path: Path
+) -> None:
+    text = 'model = ["toy", "mean"]\n[device]\nmean = "cuda"' + SET.format("set")
+    done = tactibench("sweep", asked(text), "--scheduler", scheduler)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "4 cells: 2 run, 2 failed" in done.stdout
+    assert done.stdout.count('device is "cuda", but no worker has the resource GPU') == 2
+    assert len(list((tmp_path / "runs").glob("*/record.json"))) == 2
+    left = [*tmp_path.glob("runs/.sweep-*"), *tmp_path.glob("cache/.sweep-*")]
+    assert left == []
+    again = tactibench("sweep", asked('model = "toy"'), "--scheduler", scheduler)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert "2 cells: 2 in the store" in again.stdout
+
+    alone = ("data", "generate", "protocols/exp3.toml", "--sensor", "toy", "--out", "alone")
+    assert tactibench(*alone).returncode == 0
+    assert files(tmp_path / "set") == files(tmp_path / "alone")
+    assert verify(tmp_path / "set") == []
+
+
+def test_an_interrupted_sweep_keeps_what_is_finished(
+    asked: Callable[[str], Path], toy: Path, tmp_path: Path
+) -> None:
+    file = asked('model = ["toy", "toy-slow"]')
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "1"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    while "Slow" not in toy.read_text():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.strip() == "tactibench: stopped; the same command continues where it was."
+    assert len(list((tmp_path / "runs").glob("exp?-toy-single-*/record.json"))) == 2
+    end = time.monotonic() + 30
+    while anybody_in(process.pid) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not anybody_in(process.pid), "a worker is left"

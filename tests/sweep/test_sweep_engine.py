@@ -1,0 +1,72 @@
+"""Results in the order of the items, never far ahead of who takes them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tactibench.errors import UserError
+from tactibench.sweep.engine import NO_GPU, Engine, Room
+
+pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
+
+
+class Client:
+    """Does every task at once."""
+
+    def __init__(self, *workers: dict[str, int]) -> None:
+        self.status = "running"
+        self.info = {f"tcp://{n}": {"nthreads": 1, "resources": w} for n, w in enumerate(workers)}
+        self.begun = 0
+        self.cancelled: list[Any] = []
+
+    def scheduler_info(self, n_workers: int) -> dict[str, Any]:
+        assert n_workers == -1
+        return {"workers": self.info}
+
+    def submit(self, work: Any, *given: Any, **_: Any) -> Any:
+        self.begun += 1
+        return SimpleNamespace(result=lambda: work(*given), done=lambda: True)
+
+    def cancel(self, futures: list[Any]) -> None:
+        self.cancelled = futures
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("distributed.wait", lambda *_, **__: None)
+
+
+@pytest.mark.parametrize("workers", [0, 1, 3])
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 40])
+def test_every_item_once_and_in_order(workers: int, count: int) -> None:
+    engine = Engine(Client(*[{}] * workers), remote=False)
+    assert list(engine.in_order(lambda n: n * n, range(count))) == [n * n for n in range(count)]
+    assert engine.client.begun == count
+
+
+def test_not_far_ahead_and_the_rest_is_cancelled() -> None:
+    engine = Engine(Client({}, {}), remote=False)
+    results = engine.in_order(lambda n: n, range(1000))
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    assert engine.client.begun == 2 + 5
+    results.close()  # type: ignore[attr-defined]
+    assert len(engine.client.cancelled) == 4
+
+
+def test_room() -> None:
+    client = Client({"GPU": 1}, {}, {})
+    assert Engine(client, remote=False).room() == Room(3, 1)
+    assert Engine(client, remote=True).room().slots > 1000, "its workers come and go"
+    assert Engine(Client({}), remote=True).room().gpus == 0
+    assert Engine(Client(), remote=True).room().gpus > 0, "nobody has come yet"
+    assert "--resources GPU=1" in NO_GPU
+
+
+def test_a_scheduler_that_has_gone() -> None:
+    client = Client({})
+    client.status = "closed"
+    with pytest.raises(UserError, match="connection to the scheduler was lost"):
+        Engine(client, remote=True).any_of([SimpleNamespace(done=lambda: False)])

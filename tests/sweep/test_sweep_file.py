@@ -1,0 +1,147 @@
+"""What a sweep's file asks for, and every mistake in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tactibench.errors import UserError
+from tactibench.plugins.host import PluginHost
+from tactibench.sweep.cells import Cell, cells_of
+from tactibench.sweep.names import named
+from tactibench.sweep.read import read_sweep
+
+GOOD = 'model = "toy"\n'
+
+
+@pytest.fixture
+def cells(asked: Callable[[str], Path]) -> Callable[[str], tuple[Cell, ...]]:
+    return lambda text: cells_of(read_sweep(asked(text)), PluginHost())
+
+
+def test_every_combination_in_the_order_of_the_lists(
+    cells: Callable[..., tuple[Cell, ...]],
+) -> None:
+    found = cells('model = ["toy", "mean"]\nregime = ["single", "multiple"]\nseed = [0, 2]')
+    assert len(found) == 2 * 2 * 2 * 2
+    first, second, third = (cell.request for cell in found[:3])
+    assert Path(first.protocol).name == "exp1.toml"
+    assert (first.model, first.regime, first.sensor, first.seed) == ("toy", "single", "toy", 0)
+    assert (second.seed, third.regime, third.encoder) == (2, "multiple", None)
+    assert found[-1].label == "protocols/exp2.toml mean multiple toy seed 2"
+    assert {cell.request.device for cell in found} == {"cpu"}
+
+
+def test_settings_of_one_plugin_come_before_those_of_all(
+    cells: Callable[..., tuple[Cell, ...]],
+) -> None:
+    found = cells(
+        'model = ["toy", "toy, noise = 2.5"]\nparams = ["model.noise=1"]\nquick = true\nlimit = 3'
+    )
+    assert [cell.request.parameters for cell in found[:2]] == [
+        {"model": {"noise": "1"}}, {"model": {"noise": "2.5"}},
+    ]  # fmt: skip
+    assert found[0].request.quick
+    assert found[0].request.limit == 3
+
+
+def test_an_encoder_is_for_models_that_learn_its_maps(
+    cells: Callable[..., tuple[Cell, ...]],
+) -> None:
+    found = cells(
+        'protocol = "exp1"\nmodel = ["mean", "unet", "mixture"]\nencoder = ["hertz", "offset"]\n'
+        'params = ["encoder.threshold=0.2"]'
+    )
+    shown = [(cell.request.model, cell.request.encoder) for cell in found]
+    assert shown == [("mean", None), ("unet", "hertz"), ("unet", "offset"), ("mixture", None)]
+    assert "encoder" not in found[0].request.parameters
+    assert found[1].request.parameters["encoder"] == {"threshold": "0.2"}
+
+
+def test_exclusions(cells: Callable[..., tuple[Cell, ...]]) -> None:
+    text = """
+        model = ["toy", "toy, noise=1"]
+        seed = [0, 1, 2]
+        [[exclude]]
+        model = "toy, noise=1"
+        seed = [1, 2]
+        [[exclude]]
+        protocol = "protocols/exp2.toml"
+    """
+    found = [(cell.axes["model"], cell.request.seed) for cell in cells(text)]
+    assert found == [("toy", 0), ("toy", 1), ("toy", 2), ("toy, noise=1", 0)]
+
+
+def test_device_and_data_by_name(cells: Callable[..., tuple[Cell, ...]], tmp_path: Path) -> None:
+    text = """
+        protocol = ["exp1", "surface"]
+        model = ["mean", "pins"]
+        [device]
+        pins = "cuda"
+        [data]
+        surface = "frames/331"
+    """
+    found = cells(text)
+    assert [cell.needs_gpu for cell in found] == [False, True, False, True]
+    folder = (tmp_path / "frames/331").resolve()
+    assert [cell.request.data for cell in found] == [None, None, folder, folder]
+
+
+def test_names_with_settings() -> None:
+    assert named("unet").settings == {}
+    assert named(" unet , width = 8,depth=2").settings == {"width": "8", "depth": "2"}
+    for text, says in (("unet, width", "write NAME, KEY=VALUE"), ("u, a=1, a=2", "sets a twice")):
+        with pytest.raises(UserError, match=says):
+            named(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("modell = 'toy'", "unknown key 'modell'.*did you mean 'model'"),
+        ("model = 'toy'\n[[exclude]]\nmodl = 'toy'", "unknown key 'exclude.1.modl'.*'model'"),
+        ("model = 'toy'\n[[exclude]]", r"\[exclude.1\] name what is left out"),
+        ("seed = 1", "the key 'model' is missing"),
+        ("model = 'toy'\nprotocol = []", "the key 'protocol' is missing"),
+        ("protocol = []\nmodel = []", "nothing is asked for"),
+        ("model = 'toy'\nseed = []", "holds no seed"),
+        ("model = 'toy'\nseed = -1", "'seed.1' is -1"),
+        ("model = 'toy'\nseed = true", "'seed.1' is True"),
+        ("model = 'toy'\nseed = '1'", "'seed.1' is '1'"),
+        ("model = 3", "'model.1' is 3"),
+        ("model = 'toy'\nquick = 'yes'", "'quick' is 'yes'"),
+        ("model = 'toy'\nlimit = 0", "'limit' is 0"),
+        ("model = 'toy'\ndevice = 'gpu'", "'cpu' or 'cuda'"),
+        ("model = 'toy'\n[device]\nunet = 'cuda'", "'device.unet': did you mean|known: "),
+        ("model = 'toy'\n[data]\nsurface = 'x'", "'data.surface'"),
+        ("model = 'tou'", "unknown model 'tou'; did you mean 'toy'"),
+        ("model = 'toy, nois=1'", "no parameter 'nois'"),
+        ("model = 'toy, noise=loud'", "noise"),
+        ("model = 'toy'\nencoder = 'hertzz'", "unknown encoder 'hertzz'"),
+        ("model = 'toy'\nregime = 'several'", "no protocol has a regime 'several'"),
+        ("model = 'toy'\nprotocol = 'exp9'", "unknown protocol 'exp9'"),
+        ("model = 'toy'\nprotocol = 'nowhere.toml'", "nowhere.toml does not exist"),
+        ("model = 'toy'\nparams = ['noise=1']", "'noise=1' is not understood"),
+        ("model = 'toy'\ntest = ['refrence']", "'refrence' is neither"),
+        ("model = 'toy'\n[[exclude]]\nmodel = 'unet'", "'exclude.1.model' names 'unet'"),
+        ("model = 'toy'\n[[exclude]]\nregime = 'single'", "there is no list 'regime'"),
+        ("model = 'toy'\n[[exclude]]\nmodel = 'toy'", "the exclusions leave no cell"),
+        ("model = ", "is not valid TOML"),
+        ("[generate]\ncount = 3", "the key 'generate.1.out' is missing"),
+        ("[generate]\nout = 'a'\ncuont = 3", "unknown key 'generate.1.cuont'.*'count'"),
+    ],
+)
+def test_mistakes(cells: Callable[[str], object], text: str, says: str) -> None:
+    with pytest.raises(UserError, match=says) as caught:
+        cells(text)
+    assert str(caught.value).startswith("sweep file ")
+
+
+def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
+    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
+    for name, says in (("none.toml", "does not exist"), (".", "is a folder"),
+                       ("bytes.toml", "not valid TOML")):  # fmt: skip
+        with pytest.raises(UserError, match=says):
+            read_sweep(tmp_path / name)
