@@ -1,0 +1,189 @@
+#!/usr/bin/env python
+"""Draw the pictures of docs/explanation.md and write its table, from the committed records.
+
+python scripts/draw_explanation.py            # docs/images/misses.png, same_machine.png, table
+python scripts/draw_explanation.py --check    # exit code 1 when the table is not what they give
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from tactibench.board.choose import gathered, of_sensor
+from tactibench.board.figures.style import GREY, MARKERS, SERIES, figure, headline, plain, save
+from tactibench.board.labels import TRIVIAL
+from tactibench.board.markdown import Head, table
+from tactibench.board.numbers import number
+from tactibench.board.rows import Row, latency, machine
+from tactibench.records.files import atomic
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, IMAGES = ROOT / "docs" / "explanation.md", ROOT / "docs" / "images"
+BEGIN, END = "<!-- table: python scripts/draw_explanation.py -->", "<!-- end of table -->"
+MOST = "multiple"
+"""The regime that is drawn filled."""
+TABLE = ("position_mean_mm", "missed", "spurious", "gospa1_mm")
+HEADS = ("model", "regime", "seeds", "position error of pairs, mm", "missed, %",
+         "spurious / frame", "GOSPA, mm")  # fmt: skip
+
+
+def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
+    """Rows of the sensor with most runs, trained and tested on it, parameters at their defaults.
+
+    Networks that read other maps, mix or add plainly have rows of their own on the boards.
+    """
+    section = of_sensor(gathered(protocol, board, None), None, protocol)
+    return [row for row in section.rows
+            if row.first["model"]["name"] not in TRIVIAL and _plain(row)]  # fmt: skip
+
+
+def _plain(row: Row) -> bool:
+    return row.model == row.first["model"]["name"] and not row.mixing and not (
+        {"depth", "offset", "axes"} & {row.encoder.partition(",")[0]}
+    )  # fmt: skip
+
+
+def looks(rows: Iterable[Row]) -> dict[str, dict[str, Any]]:
+    """Model -> colour and marker."""
+    models = sorted({row.first["model"]["name"] for row in rows})
+    return {m: {"color": SERIES[k % 7], "marker": MARKERS[k % 7]} for k, m in enumerate(models)}
+
+
+def misses_picture(path: Path, rows: Sequence[Row]) -> None:
+    """Position error of the matched pairs against the share missed, a mark a training seed."""
+    made = figure(8.0, 4.8)
+    axes = made.subplots()
+    look = looks(rows)
+    for row in rows:
+        own = look[row.first["model"]["name"]]
+        x = [100 * _value(record, "missed") for record in row.records]
+        y = [_value(record, "position_mean_mm") for record in row.records]
+        face = own["color"] if row.regime == MOST else "white"
+        axes.plot(x, y, linestyle="none", markersize=8, markeredgewidth=1.5,
+                  markerfacecolor=face, **own)  # fmt: skip
+    axes.set(xlabel="contacts missed, %", ylabel="position error of the pairs that are left, mm",
+             yscale="log", xlim=(-2, 100))  # fmt: skip
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    plain(axes)
+    axes.legend(handles=_legend(look), frameon=False, fontsize=9, loc="lower right")
+    headline(
+        made,
+        "Experiment 3: an error is one of the contacts that were found",
+        "simulated sensor tactip-127, 1,000 pairs and 1,000 triples; a mark a training seed",
+    )
+    save(made, path)
+
+
+def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
+    """p90 of every seed of a configuration, where all were timed with the same arithmetic."""
+    drawn = [row for row in rows if len(row.over(_p90)) > 1 and len(_timed_as(row)) == 1]
+    made = figure(8.0, 0.42 * len(drawn) + 1.6)
+    axes = made.subplots()
+    look = looks(rows)
+    for k, row in enumerate(drawn):
+        times = row.over(_p90)
+        own = look[row.first["model"]["name"]]
+        axes.plot([min(times), max(times)], [k, k], color=GREY, linewidth=1.2, zorder=1)
+        axes.plot(times, [k] * len(times), linestyle="none", markersize=8, **own)
+        axes.text(max(times) * 1.06, k, f"x {max(times) / min(times):.1f}", va="center", fontsize=9,
+                  color=GREY)  # fmt: skip
+    axes.set_yticks(range(len(drawn)), [row.label for row in drawn], fontsize=9)
+    axes.set(xscale="log", xlabel="one frame to contacts, p90 on one thread, ms")
+    _plain_log(axes, drawn)
+    plain(axes)
+    headline(
+        made,
+        "Experiment 2: seeds of one network, timed on one shared machine",
+        "the same arithmetic every time; x: slowest over fastest",
+    )
+    save(made, path)
+
+
+def _timed_as(row: Row) -> set[tuple[str, str]]:
+    """Arithmetic and machine of the times of all seeds."""
+    return {(str(record["timed"].get("configuration")), machine(record)) for record in row.records}
+
+
+def _plain_log(axes: Axes, rows: Sequence[Row]) -> None:
+    ends = [time for row in rows for time in row.over(_p90)]
+    axes.set_xlim(min(ends) / 1.15, max(ends) * 1.35)
+    axes.set_xticks(
+        [t for t in (2, 3, 4, 5, 6, 8, 10, 15, 20, 30) if min(ends) / 1.15 < t < max(ends) * 1.35]
+    )
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_minor_formatter(lambda *_: "")
+
+
+def _legend(look: dict[str, dict[str, Any]]) -> list[Line2D]:
+    named = [Line2D([], [], linestyle="none", markersize=8, label=model, **own)
+             for model, own in look.items()]  # fmt: skip
+    hollow = Line2D([], [], linestyle="none", marker="o", markersize=8, markerfacecolor="white",
+                    color=GREY, label="hollow: trained on single presses only")  # fmt: skip
+    return [*named, hollow]
+
+
+def error_table(rows: Iterable[Row]) -> list[str]:
+    """Lines of the table: means over seeds; the best of each column is for the reader to find."""
+    cells = []
+    for row in rows:
+        values = [row.metric(name, "all") for name in TABLE]
+        shown = [value.value * (100 if name == "missed" else 1) if value else None
+                 for name, value in zip(TABLE, values, strict=True)]  # fmt: skip
+        cells.append(
+            [
+                f"`{row.first['model']['name']}`",
+                row.regime,
+                str(len(row.records)),
+                *(_shown(name, v) for name, v in zip(TABLE, shown, strict=True)),
+            ]
+        )
+    return table([Head(head, right=k > 1) for k, head in enumerate(HEADS)], cells)
+
+
+def _shown(name: str, value: float | None) -> str:
+    return "n/a" if value is None else number(value, 1 if name == "missed" else 3)
+
+
+def _value(record: Any, metric: str) -> float:
+    (row,) = [r for r in record["metrics"] if (r["metric"], r["group"]) == (metric, "all")]
+    return float(row["value"])
+
+
+def _p90(record: Any) -> float | None:
+    return latency(record, threads=1)
+
+
+def with_table(page: str, lines: Sequence[str]) -> str:
+    """The page with another table between its two marks."""
+    before, _, rest = page.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return "\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{after}"])
+
+
+@click.command()
+@click.option("--check", is_flag=True, help="Write nothing; exit 1 when the table is out of date.")
+@click.pass_context
+def main(ctx: click.Context, check: bool) -> None:
+    """Draw the pictures of docs/explanation.md and write its table."""
+    exp3 = board_rows("exp3")
+    page = PAGE.read_text(encoding="utf-8")
+    wanted = with_table(page, error_table(exp3))
+    if check:
+        if wanted != page:
+            click.echo(f"{PAGE.name} is not what the records give; run "
+                       "`python scripts/draw_explanation.py`.", err=True)  # fmt: skip
+        ctx.exit(int(wanted != page))
+    misses_picture(IMAGES / "misses.png", exp3)
+    same_machine_picture(IMAGES / "same_machine.png", board_rows("exp2"))
+    with atomic(PAGE) as stream:
+        stream.write(wanted.encode())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""docs/reference/hooks.md: every hook, what it declares, what stands behind it, an example."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+from reference.source import Module, outline, signature
+from reference.text import anchor, cell, code, fenced, grid, prose
+from tactibench.errors import UserError
+from tactibench.plugins import hookspecs, specs
+from tactibench.plugins.host import HOOKS
+
+EXAMPLE = "docs/examples/tactile_pocket"
+INTERFACES = {"ModelSpec": "Model", "SensorSpec": "Sensor", "EncoderSpec": "Encoder"}
+"""What the class behind a spec's target must look like."""
+OPTIONAL = "Optional:"
+
+
+def lines(root: Path) -> list[str]:
+    """Lines of the page. Raises UserError for a hook that the example plugin does not implement."""
+    written = Module.read(root / "tactibench" / "plugins" / "hookspecs.py")
+    shown = Module.read(root / EXAMPLE / "hooks.py")
+    made = ["# Hooks", "", *_opening()]
+    for hook in HOOKS:
+        made += _hook(root, hook, written, shown)
+    made += ["## Parameters", "", *prose(specs.Parameter.__doc__), *_fields(specs.Parameter)]
+    return [*made, *_interfaces(Module.read(root / "tactibench" / "plugins" / "interfaces.py"))]
+
+
+def _opening() -> Iterator[str]:
+    yield (
+        "A plugin is a module named by an entry point of group `tactibench`. It implements any of "
+        "these hooks, marked with `@hookimpl`; each takes nothing and gives specs, in any iterable."
+    )
+    yield ""
+    yield from fenced('[project.entry-points.tactibench]\npocket = "tactile_pocket.hooks"', "toml")
+    yield (
+        "A spec is light and frozen; its `target`, `package.module:Class`, is imported when it is "
+        "used. A plugin that fails to load or declares something else is named by "
+        "`tactibench doctor`, and the others work. Of two plugins that offer one name neither is "
+        "used. `tactibench new` writes a package with all of this."
+    )
+    yield from grid(
+        ["hook", "declares"],
+        [[f"[`{hook}`](#{anchor(hook)})", f"`{_declared(hook).__name__}`"] for hook in HOOKS],
+    )
+
+
+def _declared(hook: str) -> type[Any]:
+    """The spec that a hook gives an iterable of."""
+    (spec,) = get_args(get_type_hints(getattr(hookspecs, hook))["return"])
+    return spec  # type: ignore[no-any-return]
+
+
+def _hook(root: Path, hook: str, written: Module, shown: Module) -> Iterator[str]:
+    spec, node = _declared(hook), written.nodes[hook]
+    assert isinstance(node, ast.FunctionDef)  # noqa: S101
+    yield from [f"## {hook}", "", *fenced(signature(node)), *prose(ast.get_docstring(node)), ""]
+    yield from [f"### {spec.__name__}", "", *prose(spec.__doc__), *_fields(spec)]
+    if spec.__name__ in INTERFACES:
+        interface = INTERFACES[spec.__name__]
+        yield from [f"The class behind `target` looks like [`{interface}`](#{anchor(interface)}).",
+                    ""]  # fmt: skip
+    yield from ["Example, the declaration and what stands behind it:", ""]
+    source = shown.source(hook)
+    yield from fenced(source)
+    target = root / EXAMPLE / f"{_target(source, shown.path)}.py"
+    yield from fenced(target.read_text(encoding="utf-8"))
+
+
+def _target(source: str, path: Path) -> str:
+    """Name of the module, inside the example's package, that a declaration names."""
+    texts = [n.value for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant)]
+    package = Path(EXAMPLE).name
+    named = [t for t in texts if isinstance(t, str) and t.startswith(f"{package}.") and ":" in t]
+    if not named:
+        raise UserError(f"{path}: a declaration names no target in {package}; name one.")
+    return named[0].partition(":")[0].removeprefix(f"{package}.")
+
+
+def _fields(spec: type[Any]) -> list[str]:
+    rows = []
+    for field in fields(spec):
+        required = field.default is MISSING and field.default_factory is MISSING
+        default = "" if required else code(repr(field.default))
+        rows.append([code(field.name), code(str(field.type)), default])
+    return grid(["field", "type", "default"], rows)
+
+
+def _interfaces(module: Module) -> Iterator[str]:
+    yield from ["## Interfaces", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
+    classes = {name: n for name, n in module.nodes.items() if isinstance(n, ast.ClassDef)}
+    firsts = {name: (ast.get_docstring(n) or "").splitlines()[0] for name, n in classes.items()}
+    optional = [name for name, first in firsts.items() if first.startswith(OPTIONAL)]
+    yield "What a model or a sensor may offer besides:"
+    yield from grid(["optional interface", "what"],
+                    [[f"[`{name}`](#{anchor(name)})", cell(_first_sentence(classes[name]))]
+                     for name in optional])  # fmt: skip
+    for name in [*(n for n in classes if n not in optional), *optional]:
+        node = classes[name]
+        yield from [f"### {name}", "", *prose(ast.get_docstring(node)), "", *fenced(outline(node))]
+
+
+def _first_sentence(node: ast.ClassDef) -> str:
+    said = " ".join((ast.get_docstring(node) or "").partition("\n\n")[0].split())
+    return said.removeprefix(OPTIONAL).strip().partition(". ")[0].rstrip(".")

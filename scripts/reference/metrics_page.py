@@ -1,0 +1,102 @@
+"""docs/reference/metrics.md: every metric, its formula, unit, direction and source."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from reference.keys import Keys
+from reference.text import anchor, code, grid, plain
+from tactibench.metrics.registry import METRICS
+from tactibench.metrics.released import NAMES as RELEASED
+from tactibench.metrics.spec import MetricSpec
+from tactibench.protocols.loader import protocol_files, read_protocol
+
+BETTER = {
+    "lower": "lower is better",
+    "higher": "higher is better",
+    "none": "no direction is better",
+}
+IN_RECORDS, OWN = "In records of shipped protocols", "For a protocol of your own"
+
+
+def lines(root: Path) -> list[str]:
+    """Lines of the page. Raises UserError for a metric without a source, or one too many."""
+    keys = Keys.read()
+    keys.agree("sources", METRICS)
+    asked = shipped()
+    groups = {name: _groups(root, name) for name in asked}
+    where = {name: [p for p, names in asked.items() if name in names] for name in METRICS}
+    made = ["# Metrics", "", *keys.words["pages"]["metrics"].strip().splitlines(), ""]
+    for title, used in ((IN_RECORDS, True), (OWN, False)):
+        specs = [spec for spec in METRICS.values() if bool(where[spec.name]) is used]
+        made += [f"## {title}", ""] if specs else []
+        made += _table(specs)
+        for spec in specs:
+            made += _metric(spec, _asked(spec.name, where[spec.name], groups), keys)
+    return made
+
+
+def shipped() -> dict[str, tuple[str, ...]]:
+    """Protocol -> names of the metrics that a record of it can hold.
+
+    A protocol of plates with published tables adds the differences from released answers.
+    """
+    found = {}
+    for name, path in sorted(protocol_files().items()):
+        keys = read_protocol(path).keys
+        more = RELEASED if keys.answer == "plate" and keys.published.tables else ()
+        found[name] = (*keys.metrics.names, *more)
+    return found
+
+
+def _groups(root: Path, protocol: str) -> Mapping[str, list[str]]:
+    """Metric -> its groups, from the committed record of a protocol that has the most rows."""
+    files = sorted((root / "leaderboards" / "submissions" / protocol).glob("*.json"))
+    records = [json.loads(path.read_text(encoding="utf-8"))["metrics"] for path in files]
+    rows: list[dict[str, Any]] = max(records, key=len, default=[])
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        found.setdefault(row["metric"], []).append(row["group"])
+    return found
+
+
+def _table(specs: Iterable[MetricSpec]) -> list[str]:
+    rows = [[f"[`{spec.name}`](#{anchor(spec.name)})", spec.unit or "1", spec.better]
+            for spec in specs]  # fmt: skip
+    return grid(["metric", "unit", "better"], rows) if rows else []
+
+
+def _asked(name: str, protocols: list[str], groups: Mapping[str, Mapping[str, list[str]]]) -> str:
+    said = []
+    for protocol in protocols:
+        of = groups[protocol].get(name, [])
+        shown = of if len(of) <= 4 else [of[0], "...", *of[-2:]]
+        said.append(f"`{protocol}`{f' ({chr(44).join(shown)})' if of else ''}".replace(",", ", "))
+    return ", ".join(said)
+
+
+def _metric(spec: MetricSpec, asked: str, keys: Keys) -> list[str]:
+    kinds = [word for word, made in (("contacts", spec.contacts), ("plate poses", spec.plates))
+             if made]  # fmt: skip
+    mean = (spec.sample or spec.plate_sample) and not spec.root
+    facts = [
+        f"{spec.unit or 'no unit'}, {BETTER[spec.better]}; of {' or '.join(kinds)}",
+        *([f"asked by {asked}"] if asked else []),
+        f"compared press by press: {'yes' if mean else 'no, it is no mean over presses'}",
+        f"source: {plain(keys.words['sources'][spec.name])}; {code(_family(spec.name))}",
+    ]
+    said = plain(spec.formula)
+    return [f"### {spec.name}", "", said, "", *(f"* {fact}" for fact in facts), ""]
+
+
+def _family(name: str) -> str:
+    """File of the module whose SPECS hold a metric."""
+    from tactibench.metrics import registry
+
+    for module in vars(registry).values():
+        if any(s.name == name for s in getattr(module, "SPECS", ())):
+            return f"{str(module.__name__).replace('.', '/')}.py"
+    raise KeyError(name)

@@ -1,0 +1,58 @@
+"""What a module says, read from its source: signatures as they were written."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactibench.errors import UserError
+
+
+@dataclass(frozen=True)
+class Module:
+    """A source file and the names that stand at its top, in their order."""
+
+    path: Path
+    text: str
+    nodes: dict[str, ast.FunctionDef | ast.ClassDef]
+
+    @classmethod
+    def read(cls, path: Path) -> Module:
+        text = path.read_text(encoding="utf-8")
+        defined = (ast.FunctionDef, ast.ClassDef)
+        nodes = {node.name: node for node in ast.parse(text).body if isinstance(node, defined)}
+        return cls(path, text, nodes)
+
+    def source(self, name: str) -> str:
+        """A definition with its decorators. Raises UserError where there is none."""
+        if name not in self.nodes:
+            raise UserError(f"{self.path} shows no {name}; add an example of it.")
+        node = self.nodes[name]
+        first = min([node.lineno, *(one.lineno for one in node.decorator_list)])
+        return "\n".join(self.text.splitlines()[first - 1 : node.end_lineno])
+
+
+def signature(node: ast.FunctionDef) -> str:
+    """``def name(...) -> ...`` without a body."""
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+    return f"def {node.name}({ast.unparse(node.args)}){returns}"
+
+
+def outline(node: ast.ClassDef) -> str:
+    """A class as a reader needs it: fields, and methods with what they say about themselves."""
+    bases = f"({', '.join(map(ast.unparse, node.bases))})" if node.bases else ""
+    lines = [f"class {node.name}{bases}:"]
+    for item in node.body:
+        if isinstance(item, ast.AnnAssign):
+            lines.append(f"    {ast.unparse(item)}")
+        elif isinstance(item, ast.FunctionDef):
+            lines += [f"    {line}" for line in _comment(ast.get_docstring(item))]
+            if any(ast.unparse(one) == "property" for one in item.decorator_list):
+                lines.append("    @property")
+            lines.append(f"    {signature(item)}: ...")
+    return "\n".join(lines)
+
+
+def _comment(said: str | None) -> list[str]:
+    return [f"# {line}".rstrip() for line in said.splitlines()] if said else []

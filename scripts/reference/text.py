@@ -1,0 +1,72 @@
+"""Markdown that the pages share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from inspect import cleandoc
+
+from tactibench.board.markdown import Head, table
+
+
+def prose(docstring: str | None) -> list[str]:
+    """Lines of a docstring as Markdown: ``code`` in single backticks, examples fenced."""
+    lines: list[str] = []
+    for block in re.split(r"\n\s*\n", cleandoc(docstring or "")):
+        text = block.splitlines()
+        if text and text[0].strip() == "\b":  # click: keep the lines as they are
+            typed = all(line.startswith("tactibench ") for line in text[1:])
+            kept = [f"$ {line}" for line in text[1:]] if typed else text[1:]
+            lines += ["```console" if typed else "```text", *kept, "```", ""]
+        elif text and all(line.startswith("    ") for line in text):
+            lines += ["```text", *(line[4:] for line in text), "```", ""]
+        else:
+            lines += [*(plain(line) for line in text), ""]
+    return lines[:-1]
+
+
+def plain(text: str) -> str:
+    """Text outside a fence: code in single backticks, and nothing that reads as a tag."""
+    parts = text.replace("``", "`").split("`")
+    # Every other part stands between backticks, where nothing is markup.
+    return "`".join(p if k % 2 else _escaped(p) for k, p in enumerate(parts))
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([*\[\]])", r"\\\1", text.replace("<", "&lt;").replace("_", "\\_"))
+
+
+def cell(text: str) -> str:
+    """Text in a cell of a table."""
+    return plain(" ".join(text.split())).replace("|", "\\|")
+
+
+def code(text: str) -> str:
+    """Fixed pitch in a cell of a table, where GitHub and mkdocs read a bar in code differently."""
+    return f"`{text.replace(' | ', '|').replace('|', ' or ')}`"
+
+
+def grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table whose columns all stand to the left; a blank line before and after."""
+    return ["", *table([Head(head, right=False) for head in heads], rows), ""]
+
+
+def fenced(text: str, language: str = "python") -> list[str]:
+    return [f"```{language}", *text.strip("\n").splitlines(), "```", ""]
+
+
+def anchor(heading: str) -> str:
+    """Where a heading is linked to, as GitHub and mkdocs make it."""
+    kept = re.sub(r"[^\w\- ]", "", heading.lower())
+    return kept.strip().replace(" ", "-")
+
+
+def single_spaced(lines: Iterable[str]) -> list[str]:
+    """One blank line where there are more, but for those inside a fence; none at the end."""
+    kept: list[str] = []
+    inside = False
+    for line in lines:
+        inside ^= line.startswith("```")
+        if line or inside or kept[-1]:
+            kept.append(line)
+    return kept if kept[-1] else kept[:-1]

@@ -1,0 +1,59 @@
+"""mkdocs hook: pages of the repository outside docs/ are part of the site, and links find them."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[1]
+OUTSIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff",
+           "leaderboards/*.md", "leaderboards/hidden/*.md", "protocols/*.md")  # fmt: skip
+FOLDER = "repository"
+"""Where in the site they are: beside them, `README.md` would be the site's index."""
+_LINK = re.compile(r"(\]\()([^)\s#:]*)(#[^)\s]*)?(?=\))")
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages outside docs/."""
+    for pattern in OUTSIDE:
+        for path in sorted(ROOT.glob(pattern)):
+            name = f"{FOLDER}/{path.relative_to(ROOT).as_posix()}"
+            files.append(File.generated(config, name, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: Any, files: Files) -> str:  # noqa: ARG001
+    """Point links across the border of docs/ to where their page is in the site."""
+    source = Path(str(page.file.abs_src_path)).resolve()
+    here = posixpath.dirname(page.file.src_uri) or "."
+
+    def moved(match: re.Match[str]) -> str:
+        before, link, place = match[1], match[2], match[3] or ""
+        if not link:
+            return match[0]
+        target = (source.parent / link).resolve()
+        found = _site_name(target)
+        return match[0] if found is None else f"{before}{_relative(found, here)}{place}"
+
+    return _LINK.sub(moved, markdown)
+
+
+def _site_name(target: Path) -> str | None:
+    """Name in the site of a file of the repository; a folder is its README or itself."""
+    docs = ROOT / "docs"
+    if target.is_relative_to(docs):
+        return target.relative_to(docs).as_posix()
+    if target.is_dir() and (target / "README.md").is_file():
+        target /= "README.md"
+    if not target.is_relative_to(ROOT):
+        return None
+    return f"{FOLDER}/{target.relative_to(ROOT).as_posix()}"
+
+
+def _relative(name: str, here: str) -> str:
+    return posixpath.relpath(name, here)

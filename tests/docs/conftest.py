@@ -1,0 +1,42 @@
+"""The generator of docs/reference as modules, and the example plugin as an installed one."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "docs" / "examples" / "tactile_pocket"
+
+
+@pytest.fixture(scope="session")
+def make_reference() -> Iterator[ModuleType]:
+    """scripts/make_reference.py, importable as it is when it is run."""
+    sys.path.insert(0, str(ROOT / "scripts"))
+    yield importlib.import_module("make_reference")
+    sys.path.remove(str(ROOT / "scripts"))
+
+
+@pytest.fixture
+def pocket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The example plugin as a distribution on the path; forgotten afterwards."""
+    site = tmp_path / "site"
+    shutil.copytree(EXAMPLE, site / EXAMPLE.name, ignore=shutil.ignore_patterns("__pycache__"))
+    info = site / f"{EXAMPLE.name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: tactile-pocket\nVersion: 1.0\n", encoding="utf-8"
+    )
+    (info / "entry_points.txt").write_text(
+        f"[tactibench]\npocket = {EXAMPLE.name}.hooks\n", encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(str(site))
+    yield site
+    for name in [name for name in sys.modules if name.partition(".")[0] == EXAMPLE.name]:
+        del sys.modules[name]
