@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Sensor,
         SensorContext,
     )
+    from tactibench.plugins.named import open_sensor
     from tactibench.plugins.parameters import training_parameters
     from tactibench.plugins.specs import (
         CommandSpec,
@@ -67,6 +68,7 @@ _HOME = {
     "UserError": "errors",
     "gray_frames": "images",
     "hookimpl": "plugins.hookspecs",
+    "open_sensor": "plugins.named",
     "training_parameters": "plugins.parameters",
 }
 
@@ -95,6 +97,7 @@ __all__ = [
     "__version__",
     "gray_frames",
     "hookimpl",
+    "open_sensor",
     "training_parameters",
 ]
 

@@ -1,0 +1,60 @@
+"""What the emulators share: a context manager with threads that end, within a deadline."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from threading import Event, Thread, current_thread
+from types import TracebackType
+from typing import Self
+
+DEADLINE_S = 5.0
+"""Seconds of the host within which a device has stopped."""
+
+
+class Device(ABC):
+    """``start`` and ``stop``; stopping twice is allowed, starting again too."""
+
+    def __init__(self) -> None:
+        self.stopping = Event()
+        self._threads: list[Thread] = []
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    @abstractmethod
+    def start(self) -> None:
+        """Open the device."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close what is open, so that every thread comes to an end."""
+
+    def stop(self) -> None:
+        """Close and join, within 5 s of the host. Raises RuntimeError where a thread stays."""
+        self.stopping.set()
+        self.close()
+        for thread in self._threads:
+            if thread is not current_thread():
+                thread.join(DEADLINE_S)
+        left = [thread.name for thread in self._threads if thread.is_alive()]
+        self._threads.clear()
+        self.stopping.clear()
+        if left:
+            raise RuntimeError(f"threads did not end within {DEADLINE_S:g} s: {', '.join(left)}")
+
+    def run(self, name: str, target: Callable[..., None], *arguments: object) -> None:
+        """Run a callable on a thread of the device; finished ones are forgotten."""
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        thread = Thread(target=target, args=arguments, name=name, daemon=True)
+        self._threads.append(thread)
+        thread.start()

@@ -1,0 +1,79 @@
+"""What can go wrong, by name, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from tactibench import UserError
+
+FAULTS = MappingProxyType(
+    {
+        # UR
+        "protective-stop": "the controller stops the arm; unlock after the delay",
+        "unlock-refused": "the next ``value`` unlocks are refused, whatever the delay (default 3)",
+        "emergency-stop": "the emergency button is pressed; nothing unlocks it",
+        "socket-drop": "the controller closes every RTDE and script connection",
+        "frozen-stream": "the controller sends no data package for ``value`` s (default: for ever)",
+        "wrong-length": "the next data package's header gives a wrong length",
+        "program-stop": "the control script ends",
+        # GRBL
+        "alarm-1": "hard limit: motion stops at once, position lost",
+        "alarm-2": "soft limit: motion stops, position kept",
+        "alarm-3": "reset while moving: position lost, banner",
+        "alarm-5": "the next probe meets nothing, wherever the surface is",
+        "no-ok": "the next ``value`` lines get no answer (default 1)",
+        "garbled-line": "the next answer is damaged on its way",
+        "unplug": "the port goes away",
+        "hold": "feed hold, as somebody at the machine presses it",
+        # Camera
+        "camera-stall": "no frame for ``value`` s (default: for ever); the connection stays",
+        "camera-drop": "the connection closes; a new one is served",
+        "stale-frames": "for ``value`` s (default 2) frames are those of the moment it began",
+        "black-frames": "for ``value`` s (default 2) frames are black",
+        "brightness-jump": "from now on frames are ``value`` grey levels brighter (default 40)",
+        "pin-loss": "from now on ``value`` pins are missing (default 5)",
+    }
+)
+"""Name -> what happens. Seconds are the world's. A full disk is no device's fault: see the tests
+of the collection."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault and its trigger: at press ``press`` (from 1) as it passes ``depth_mm`` going down, or
+    at ``at_s`` seconds of the world; with neither, at once when it is armed.
+
+    A press that stays shallower than ``depth_mm`` does not trigger it. The default lies below every
+    press of the protocols. value: see FAULTS; None: the default there.
+    """
+
+    kind: str
+    press: int | None = None
+    depth_mm: float = 0.45
+    at_s: float | None = None
+    value: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in FAULTS:
+            raise UserError(f"there is no fault {self.kind!r}; known are {', '.join(FAULTS)}.")
+        if self.press is not None and self.at_s is not None:
+            raise UserError(f"fault {self.kind!r} has a press and a time; give one of them.")
+        if self.press is not None and (self.press < 1 or not self.depth_mm > 0):
+            raise UserError(
+                f"fault {self.kind!r} at press {self.press}, {self.depth_mm:g} mm deep; presses "
+                "count from 1 and the depth must be above 0 mm."
+            )
+
+
+@dataclass(frozen=True)
+class Fired:
+    """A fault that happened. at_s: seconds of the world. press: number of the latest press.
+
+    taken: whether a device of this world answers to it.
+    """
+
+    fault: Fault
+    at_s: float
+    press: int
+    taken: bool

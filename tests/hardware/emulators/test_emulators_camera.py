@@ -1,0 +1,154 @@
+"""OpenCV reads the emulated camera."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from emulated import GraySensor
+
+from tactibench import UserError
+from tactibench_tactip.emulators import CameraEmulator, Fault, World
+from tactibench_tactip.emulators.camera.picture import Picture
+
+FPS = 100.0
+DEADLINES = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 4000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 400]
+
+
+@pytest.fixture
+def world() -> World:
+    return World(GraySensor())
+
+
+def opened(camera: CameraEmulator) -> Any:
+    capture = cv2.VideoCapture(camera.url, cv2.CAP_FFMPEG, DEADLINES)
+    assert capture.isOpened()
+    return capture
+
+
+@pytest.fixture(params=["mjpeg", "lossless"])
+def camera(request: pytest.FixtureRequest, world: World) -> Iterator[CameraEmulator]:
+    with CameraEmulator(world, fps=FPS, noise=0.0, stream=request.param, quality=100) as camera:
+        yield camera
+
+
+def until(capture: Any, wanted: Any, most: int = 60) -> np.ndarray:
+    for _ in range(most):
+        done, frame = capture.read()
+        assert done
+        if wanted(frame):
+            return np.asarray(frame)
+    raise AssertionError("it never came")
+
+
+def test_the_frame_is_the_sensors(world: World, camera: CameraEmulator) -> None:
+    capture = opened(camera)
+    _, frame = capture.read()
+    assert frame.shape == (32, 32, 3)
+    away = np.abs(frame[..., 0].astype(int) - world.view.rest).max()
+    assert away <= (0 if "y4m" in camera.url else 6)
+    assert not capture.set(cv2.CAP_PROP_EXPOSURE, -6)
+    capture.release()
+
+
+def test_faults_show(world: World, camera: CameraEmulator) -> None:
+    capture = opened(camera)
+    world.arm(Fault("brightness-jump", value=60))
+    until(capture, lambda f: f.max() > 130)
+    world.arm(Fault("pin-loss", value=4))
+    until(capture, lambda f: (f[..., 0] > 100).sum() == 5 * 16)
+    world.arm(Fault("black-frames", value=0.1))
+    until(capture, lambda f: f.max() < 10)
+    until(capture, lambda f: f.max() > 130)
+    world.arm(Fault("camera-stall"))
+    while capture.read()[0]:
+        pass
+    assert [f.taken for f in world.fired] == [True] * 4
+    capture.release()
+
+
+def test_stale_frames_are_those_of_before(world: World) -> None:
+    with CameraEmulator(world, noise=0.0) as camera:
+        world.arm(Fault("stale-frames", value=1000))
+        world.view.rest = np.full_like(world.view.rest, 200)  # something happens
+        assert camera.frame().max() == 80
+        camera._until.clear()
+        assert camera.frame().max() == 200
+
+
+def test_dropped_it_can_be_opened_again(world: World, camera: CameraEmulator) -> None:
+    capture = opened(camera)
+    assert capture.read()[0]
+    world.arm(Fault("camera-drop"))
+    while capture.read()[0]:
+        pass
+    capture.release()
+    again = opened(camera)
+    assert again.read()[0]
+    again.release()
+
+
+def test_a_client_that_does_not_read_finds_old_frames(world: World) -> None:
+    with CameraEmulator(world, fps=FPS, noise=0.0) as camera:
+        capture = opened(camera)
+        capture.read()
+        time.sleep(0.3)
+        world.arm(Fault("brightness-jump", value=100))
+        old = 0
+        while capture.read()[1].max() < 170:
+            old += 1
+        assert old >= 10
+        capture.release()
+
+
+def test_noise_is_that_of_a_small_camera_and_new_in_every_frame() -> None:
+    level = 100
+    picture = Picture(np.full((64, 64), level, np.uint8), 1.0, 0)
+    frames = np.array([picture.frame(np.full((64, 64), level, np.uint8)) for _ in range(40)])
+    expected = 1.5**2 + 255 / 10_000 * level + 1 / 12
+    assert frames.var() == pytest.approx(expected, rel=0.05)
+    assert frames.mean() == pytest.approx(level, abs=0.1)
+    assert frames.var(axis=0).mean() == pytest.approx(expected, rel=0.15)
+
+
+def test_colour_is_streamed_as_jpeg_only() -> None:
+    class Colours(GraySensor):
+        def rest(self) -> Any:
+            frame = super().rest()
+            return type(frame)(np.stack([frame.image] * 3, axis=-1), 0.0, frame.pose)
+
+    world = World(Colours())
+    with CameraEmulator(world, fps=FPS) as camera:
+        capture = opened(camera)
+        assert capture.read()[1].shape == (32, 32, 3)
+        capture.release()
+    with pytest.raises(UserError, match="gray frames"):
+        CameraEmulator(world, stream="lossless")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"fps": 0}, {"fps": float("nan")}, {"noise": -1}, {"quality": 0}, {"stream": "h264"}],
+)
+def test_values_that_are_not_allowed_are_refused(world: World, given: dict[str, Any]) -> None:
+    with pytest.raises(UserError, match="must be"):
+        CameraEmulator(world, **given)
+
+
+def test_nothing_stays_when_it_stops(world: World) -> None:
+    before = set(threading.enumerate())
+    with CameraEmulator(world, fps=FPS) as camera:
+        captures = [opened(camera) for _ in range(3)]
+        assert all(capture.read()[0] for capture in captures)
+        url = camera.url
+    assert set(threading.enumerate()) == before
+    for capture in captures:
+        capture.release()
+    camera.start()
+    assert camera.url == url
+    camera.stop()
