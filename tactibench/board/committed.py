@@ -22,6 +22,7 @@ from tactibench.board.ranking import RANKING
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics.compare import press_means
+from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.protocols.schema import Protocol
 from tactibench.records.files import read_arrays
 from tactibench.running.scoring import trials_of
@@ -52,13 +53,17 @@ def ranked_errors(
     """Arrays of the error that orders the board; empty where none does."""
     if keys.id not in RANKING:
         return {}
-    trials = trials_of(keys, truth, predicted)
+    found = press_errors_of(keys, trials_of(keys, truth, predicted))
+    return {f"{RANKED}press": found.press, f"{RANKED}error": found.error}
+
+
+def press_errors_of(keys: Protocol, trials: Trials | PlateTrials) -> PressErrors:
+    """The error that orders the board of a protocol, which has one."""
     by = RANKING[keys.id]
     group = by.group if keys.answer == "plate" else "all"  # elsewhere it is an axis, or all
     error = press_means(by.metric, trials, (group,))[:, 0]
     known = np.isfinite(error)
-    press = np.unique(truth["press"])
-    return {f"{RANKED}press": press[known], f"{RANKED}error": error[known]}
+    return PressErrors(np.unique(trials.press)[known], error[known])
 
 
 def split_ranked(arrays: Arrays) -> tuple[Arrays, Arrays]:

@@ -156,6 +156,13 @@ def rows_for(protocol: str, table: PublishedTable) -> tuple[PublishedRow, ...]:
     return tuple(row for row in table.rows if row.protocol == protocol)
 
 
+def published_means(tables: Sequence[PublishedTable]) -> list[tuple[str, float]]:
+    """Label and mean distance error of every published row of exp2."""
+    pairs = ((row.label, row.value("distance_mae_mm", "all"))
+             for table in tables for row in rows_for("exp2", table))  # fmt: skip
+    return [(label, value) for label, value in pairs if value is not None]
+
+
 def mean(values: Sequence[float]) -> float:
     return math.fsum(values) / len(values)
 

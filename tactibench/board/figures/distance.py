@@ -19,7 +19,7 @@ from tactibench.board.figures.style import (
     save,
     spread,
 )
-from tactibench.board.published import PublishedTable, rows_for
+from tactibench.board.published import PublishedTable, published_means
 
 Rows = Sequence[Mapping[str, Any]]
 DODGE_MM = 0.05
@@ -86,13 +86,6 @@ def by_distance(rows: Rows, metric: str) -> np.ndarray[Any, np.dtype[np.float64]
             ends = (value if row[end] is None else float(row[end]) for end in ("low", "high"))
             found.append((float(row["group"]), value, *ends))
     return np.array(sorted(found), dtype=np.float64).reshape(-1, 4)
-
-
-def published_means(tables: Sequence[PublishedTable]) -> list[tuple[str, float]]:
-    """Label and mean distance error of every published row of exp2."""
-    pairs = ((row.label, row.value("distance_mae_mm", "all"))
-             for table in tables for row in rows_for("exp2", table))  # fmt: skip
-    return [(label, value) for label, value in pairs if value is not None]
 
 
 def _rare(error: Any, share: Any) -> Any:

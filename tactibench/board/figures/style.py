@@ -9,20 +9,25 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tactibench.board.palette import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SERIES,
+    SKY,
+    VERMILION,
+)
 from tactibench.records.files import atomic
 
-DPI = 150
-BLACK = "#000000"
-ORANGE = "#E69F00"
-SKY = "#56B4E9"
-GREEN = "#009E73"
-BLUE = "#0072B2"
-VERMILION = "#D55E00"
-PURPLE = "#CC79A7"
-GREY = "#595959"
+__all__ = [
+    "BLACK", "BLUE", "DPI", "GREEN", "GREY", "HEAT", "MARKERS", "ORANGE", "PURPLE", "SERIES", "SKY",
+    "VERMILION", "figure", "headline", "plain", "save", "spread",
+]  # fmt: skip
 
-SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
-"""Okabe and Ito (2008), the darkest first; yellow is left out, it vanishes on white."""
+DPI = 150
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 """One for each colour: colour is never the only difference."""
 HEAT = "cividis"

@@ -1,0 +1,85 @@
+"""``tactibench report``: the board as one HTML file that works offline."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from click.core import ParameterSource
+
+from tactibench.cli.options import board_option, runs_option, writable_place
+from tactibench.errors import UserError
+
+ORIGINS = ("auto", "runs", "board", "both")
+
+
+def page_place(ctx: click.Context, option: click.Parameter, path: Path) -> Path:
+    """An HTML file in a folder that is there."""
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise click.BadParameter(f"{path.name} is no HTML file; call it {path.stem}.html.")
+    writable_place(ctx, option, path)
+    return path
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False, writable=True),
+    default=Path("report.html"),
+    show_default=True,
+    callback=page_place,
+    metavar="FILE.html",
+    help="Write the page here.",
+)
+@runs_option
+@board_option
+@click.option(
+    "--from",
+    "origin",
+    type=click.Choice(ORIGINS),
+    default="auto",
+    show_default=True,
+    help="Stored runs, the committed records of the boards, or both; auto: the store's complete "
+    "runs, or the boards where it has none.",
+)
+@click.option(
+    "--protocol",
+    "protocols",
+    multiple=True,
+    metavar="PROTOCOL",
+    help="Show this one, and others named so; default: all that have runs.",
+)
+@click.pass_context
+def report(
+    ctx: click.Context,
+    out: Path,
+    runs: Path,
+    board_folder: Path,
+    origin: str,
+    protocols: tuple[str, ...],
+) -> None:
+    """Write one HTML file: sortable tables, speed against error, error against distance, where
+    and on what a model errs, the plan and the environment. It needs no network.
+
+    \b
+    tactibench report --out report.html
+    tactibench report --runs runs --from both --protocol exp2
+    """
+    from tactibench.board.html.material import gather
+    from tactibench.board.html.write import report_page
+    from tactibench.cli.output import Terminal
+    from tactibench.records.cache import cache_folder
+    from tactibench.records.files import atomic
+
+    named = ctx.get_parameter_source("runs") is not ParameterSource.DEFAULT
+    if not runs.is_dir() and (origin in ("runs", "both") or (named and origin == "auto")):
+        raise UserError(f"there is no run store in {runs}; name one with --runs DIR.")
+    material = gather(runs, board_folder, origin=origin, protocols=protocols)
+    terminal = Terminal()
+    with terminal.task("report", len(material.boards) + 1) as advance:
+        text = report_page(material, cache_folder(), advance=lambda _: advance(1))
+    page = text.encode()
+    with atomic(out) as stream:
+        stream.write(page)
+    terminal.say(material.origin)
+    terminal.say(f"{out}: {len(page) / 1e6:.1f} MB")

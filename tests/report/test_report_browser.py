@@ -1,0 +1,217 @@
+"""The page in headless Chromium, from a file: quiet, offline, sortable, on a phone, by key."""
+
+from __future__ import annotations
+
+import pytest
+from browser import chromium
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="needs tactibench[browser]")
+if chromium() is None:
+    pytest.skip("no Chromium here; TACTIBENCH_CHROMIUM names one", allow_module_level=True)
+
+READY = "html[data-ready]"
+PHONE = {"width": 390, "height": 800}
+PATIENCE_MS = 120_000
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        made = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, page_of, material, hostile):
+    folder = tmp_path_factory.mktemp("pages")
+    for name, made in (("plain", material), ("hostile", hostile)):
+        (folder / f"{name}.html").write_text(page_of(made), encoding="utf-8")
+    return folder
+
+
+class Tab:
+    """A page with all that it complained about and asked for."""
+
+    def __init__(self, browser, path, **more):
+        self.context = browser.new_context(**more)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.page.on("console", self._heard)
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector(f"{READY}, html[data-failed]", state="attached")
+        assert self.page.get_attribute("html", "data-failed") is None
+
+    def _heard(self, message):
+        if message.type == "error":  # a browser without a graphics card warns of its own slowness
+            self.said.append(message.text)
+
+    def drawn(self, selector):
+        """Scroll a figure into view and wait for it."""
+        figure = self.page.locator(selector).first
+        figure.scroll_into_view_if_needed()
+        self.page.wait_for_selector(f"{selector}[data-drawn]")
+        return figure
+
+    def draw_all(self):
+        """Every figure of the options that are chosen."""
+        waiting = "[...document.querySelectorAll('.plot:not([data-drawn])')]"
+        for name in self.page.evaluate(f"{waiting}.filter(d => d.offsetParent).map(d => d.id)"):
+            self.drawn(f"#{name}")
+
+    def column(self, table, number):
+        return [row.locator("td").nth(number).inner_text().split("\n")[0]
+                for row in table.locator("tbody tr").all()]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def tab(browser, files):
+    made = Tab(browser, files / "plain.html", viewport={"width": 1280, "height": 900})
+    yield made
+    made.context.close()
+
+
+def test_every_figure_is_drawn_without_a_word_or_a_request(tab):
+    tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    choices = tab.page.locator("select").all()
+    for number in range(max(choice.locator("option").count() for choice in choices)):
+        for choice in choices:
+            if choice.locator("option").count() > number:
+                choice.select_option(str(number))
+        tab.draw_all()
+    assert tab.said == []
+    assert [url for url in tab.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert len([url for url in tab.asked if url.startswith("file:")]) == 1
+    assert tab.page.locator(".plot canvas").count() >= 1, "the relief is drawn, too"
+
+
+def test_a_head_sorts_by_click_and_by_key_numbers_as_numbers(tab):
+    table = tab.page.locator("#exp1-0 .tables table.board").first
+    heads = [head.inner_text() for head in table.locator("th").all()]
+    number = next(k for k, head in enumerate(heads) if head.startswith("MAE"))
+    before = tab.column(table, number)
+    button = table.locator("th").nth(number).locator("button")
+    button.click()
+    assert tab.column(table, number) == sorted(before, key=float)
+    assert table.locator("th").nth(number).get_attribute("aria-sort") == "ascending"
+    button.focus()
+    tab.page.keyboard.press("Enter")
+    assert tab.column(table, number) == sorted(before, key=float, reverse=True)
+    tab.page.keyboard.press("Space")
+    assert table.locator("th").nth(number).get_attribute("aria-sort") == "ascending"
+    assert "sorted by" in tab.page.locator("#said").inner_text()
+
+
+def test_rows_without_a_number_stay_last(tab):
+    table = tab.page.locator("#exp1-0 .tables table.board").first
+    heads = [head.inner_text() for head in table.locator("th").all()]
+    number = heads.index("sd") if "sd" in heads else 7
+    button = table.locator("th").nth(number).locator("button")
+    for _ in range(2):
+        button.click()
+        assert tab.column(table, number)[-1] == "n/a"
+
+
+def test_hovering_shows_the_row(tab):
+    figure = tab.drawn("#exp1-0 .plot")
+    marker = figure.locator(".points path").first
+    box = marker.bounding_box()
+    tab.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    tab.page.wait_for_selector("#exp1-0 .plot .hoverlayer .hovertext")
+    text = figure.locator(".hoverlayer").first.text_content()
+    assert "missed" in text
+    assert "p90" in text
+
+
+def test_arrow_keys_step_through_the_points_aloud(tab):
+    figure = tab.drawn("#exp1-0 .plot")
+    figure.focus()
+    tab.page.keyboard.press("ArrowRight")
+    first = tab.page.locator("#said").inner_text()
+    tab.page.keyboard.press("ArrowRight")
+    second = tab.page.locator("#said").inner_text()
+    assert "p90" in first
+    assert "p90" in second
+    assert first != second
+
+
+def test_a_button_of_the_legend_hides_its_row(tab):
+    tab.drawn("#exp1-0 .plot")
+    chip = tab.page.locator("#exp1-0 .chips button").first
+    shown = "document.querySelector('#exp1-0 .plot').data.filter(t => t.visible === false).length"
+    chip.click()
+    assert chip.get_attribute("aria-pressed") == "false"
+    assert tab.page.evaluate(shown) == 1
+    chip.click()
+    assert tab.page.evaluate(shown) == 0
+
+
+def test_rows_can_be_filtered(tab):
+    box = tab.page.locator("input[data-filter=exp1]")
+    box.fill("cnn")
+    rows = tab.page.locator("#exp1-0 .tables table.board").first.locator("tbody tr:visible")
+    assert rows.count() == 1
+    box.fill("")
+    assert rows.count() == 3
+
+
+def test_the_theme_follows_the_system_and_the_button(browser, files):
+    tab = Tab(browser, files / "plain.html", color_scheme="dark")
+    colour = "getComputedStyle(document.body).backgroundColor"
+    dark = tab.page.evaluate(colour)
+    button = tab.page.locator("#theme")
+    seen = {}
+    for _ in range(3):
+        button.click()
+        seen[button.inner_text()] = tab.page.evaluate(colour)
+    assert seen["Theme: system"] == seen["Theme: dark"] == dark
+    assert seen["Theme: light"] == "rgb(255, 255, 255)" != dark
+    tab.drawn("#exp1-0 .plot")
+    button.click()
+    ink = "document.querySelector('#exp1-0 .plot').layout.font.color"
+    light = tab.page.evaluate(ink)
+    button.click()
+    tab.page.wait_for_timeout(100)
+    assert tab.page.evaluate(ink) != light
+    assert tab.said == []
+    tab.context.close()
+
+
+def test_a_phone_scrolls_tables_and_not_the_page(browser, files):
+    tab = Tab(browser, files / "plain.html", viewport=PHONE, is_mobile=True, has_touch=True)
+    tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    tab.drawn("#exp1-0 .plot")
+    assert tab.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    wide = "[...document.querySelectorAll('.scroll')].some(d => d.scrollWidth > d.clientWidth)"
+    assert tab.page.evaluate(wide)
+    tab.context.close()
+
+
+def test_hostile_names_do_nothing(browser, files):
+    tab = Tab(browser, files / "hostile.html")
+    tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    tab.draw_all()
+    for figure in tab.page.locator(".plot:visible").all():
+        figure.focus()
+        tab.page.keyboard.press("ArrowRight")
+    assert tab.page.evaluate("window.broken") is None
+    assert tab.page.locator("a:not([href^='#'])").count() == 0
+    assert tab.page.locator("svg a, image:not([href^='data:'])").count() == 0
+    assert tab.said == []
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in tab.asked)
+    tab.context.close()
+
+
+def test_the_policy_stops_a_script_that_got_in(browser, files, tmp_path):
+    html = (files / "plain.html").read_text(encoding="utf-8")
+    broken = tmp_path / "broken.html"
+    inside = "<script>window.broken = 1</script><img src=x onerror='window.broken = 2'>"
+    broken.write_text(html.replace("<main", f"{inside}<main"), encoding="utf-8")
+    tab = Tab(browser, broken)
+    assert tab.page.evaluate("window.broken") is None
+    assert any("Content Security Policy" in text for text in tab.said)
+    tab.context.close()
