@@ -32,6 +32,7 @@ VERBS = {
     "models": ("tactibench.cli.models:models", "list trained weights, train without a test"),
     "new": ("tactibench.cli.new:new", "begin a model, sensor or encoder of your own"),
     "published": ("tactibench.cli.published:published", "published tables: list, check"),
+    "report": ("tactibench.cli.report_html:report", "the boards as one HTML page, offline"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
