@@ -21,7 +21,7 @@ settings.load_profile("repeatable")
 
 RANKED = {"exp1": ("mae_mm", "mean"), "exp2": ("distance_penalised_mm", "all"),
           "exp3": ("gospa1_mm", "all"), "surface": ("depth_mae_mm", "all"),
-          "transfer": ("depth_mae_mm", "0")}  # fmt: skip
+          "stability": ("ospa_mm", "all"), "transfer": ("depth_mae_mm", "0")}  # fmt: skip
 PERCENT = {"missed", "resolved", "catch_resolved", "coverage"}
 
 

@@ -197,6 +197,23 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
             optional=True,
         ),
     ),
+    "stability": (
+        Block(
+            "All cases",
+            (
+                Column("ospa_mm", "all", "OSPA, mm", 3),
+                Column("worst_ratio", "all", "worst ratio", 1, interval=False),
+                Column("false_per_1000", "all", "false / 1,000 empty", 1),
+                _aside("not_finite", "all", "not finite", 0),
+                _aside("raised", "all", "raised", 0),
+                *_miss(),
+            ),
+            "OSPA: mean over frames of the error in x, y and depth a contact, where a missed or "
+            "false contact counts the gate. Worst ratio: the largest error of a case over that of "
+            "its family's easy case. Not finite, raised: frames on which the model answered NaN "
+            "or infinity, or raised an exception.",
+        ),
+    ),
     "transfer": (
         _by_shots("depth_mae_mm", "Indentation MAE, mm, by labelled frames of the tested sensor",
                   3, "Over answered frames."),

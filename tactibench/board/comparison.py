@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tactibench.board.hard_cases import ERROR
 from tactibench.board.labels import label_of, measured_on, section_key
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
@@ -139,6 +140,10 @@ def _measure(run: StoredRun, distances: bool) -> _Measured:
 def _groups(trials: Trials | PlateTrials, metric: str, distances: bool) -> tuple[str, ...]:
     if isinstance(trials, PlateTrials):
         return tuple(dict.fromkeys(trials.group)) or ("all",)
+    if trials.axes:  # hard cases: of each the error alone, so that p is adjusted for no more
+        cases = [axis.groups for axis in trials.axes] if metric == ERROR else []
+        present = set(trials.group)
+        return (*(group for groups in cases for group in groups if group in present), "all")
     kinds, conditions = tuple(by_kind(trials)), tuple(by_condition(trials))
     by_distance = distances and metric in DISTANCE_METRICS
     return conditions if by_distance else kinds

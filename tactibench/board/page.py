@@ -9,6 +9,7 @@ from types import MappingProxyType
 from tactibench.board.columns import BLOCKS, Block, Column
 from tactibench.board.cost import cost_lines
 from tactibench.board.curve import curve_lines, curves
+from tactibench.board.hard_cases import hard_case_lines
 from tactibench.board.labels import (
     TRIVIAL,
     Record,
@@ -97,10 +98,12 @@ def _section(
     ranked = ranks(name, rows, errors)
     for k, block in enumerate(BLOCKS.get(name) or (_all_metrics(rows),)):
         lines += block_lines(block, rows, None if k else ranked)
+    lines += hard_case_lines(rows, protocol.keys.axes)
     if name in RANKING:
         here = [r for r in records if section_key(r) == section_key(section.record)]
         lines += curve_lines(curves(rows_of(here), RANKING[name]), RANKING[name])
-    if tested_of(section.record) is None or trained_on(section.record):
+    timed = any(record["speed"] for row in rows for record in row.records)
+    if timed and (tested_of(section.record) is None or trained_on(section.record)):
         lines += cost_lines(rows)  # elsewhere the same weights cost the same
     lines += _missing_trivial(name, rows)
     runs = [record for row in rows for record in row.records]

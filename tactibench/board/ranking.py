@@ -27,6 +27,7 @@ RANKING = {
     "exp1": RankingError("mae_mm", "mean", "MAE, mean of x, y and depth", 4),
     "exp2": RankingError("distance_penalised_mm", "all", "penalised distance error", 3),
     "exp3": RankingError("gospa1_mm", "all", "GOSPA (p = 1), all frames", 3),
+    "stability": RankingError("ospa_mm", "all", "OSPA (p = 1), all cases", 3),
     "surface": RankingError("depth_mae_mm", "all", "depth MAE", 4),
     "transfer": RankingError("depth_mae_mm", "0", "indentation MAE without labelled frames", 3),
 }

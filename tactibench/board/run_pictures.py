@@ -56,9 +56,11 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     keys = read_protocol(path).keys
     if keys.answer != "contacts":
         return []
+    alike = beside(record, others)
+    if keys.families:
+        return [_hard_cases(run, keys, alike[:CURVES])]
     opened = _open(run, keys)
     drawn = [*_frame(opened), *_features(opened)]
-    alike = beside(record, others)
     if keys.test.group == "all":
         drawn.append(_single(opened))
     if keys.test.group == "distance":
@@ -66,6 +68,22 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     if keys.test.group == "indenter":
         drawn += _triple(opened, alike[:PANELS])
     return drawn
+
+
+def _hard_cases(run: StoredRun, keys: Protocol, alike: Sequence[StoredRun]) -> Path:
+    from tactibench.board.figures.hard_cases import hard_cases
+    from tactibench.board.hard_cases import graded
+    from tactibench.board.rows import Row
+
+    runs = sorted([run, *alike], key=lambda one: label(one.record))
+    path = run.folder / "stability.png"
+    hard_cases(
+        path,
+        [(label(one.record), graded(Row((one.record,)), keys.axes)) for one in runs],
+        title="Hard cases: error from the easy case on",
+        measured_on=measured_on(run.record),
+    )
+    return path
 
 
 def label(record: dict[str, Any]) -> str:

@@ -28,6 +28,7 @@ from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.files import atomic, read_json, write_arrays
 from tactibench.records.identity import digest
 from tactibench.records.record import checked
+from tactibench.records.seal import unsealed
 from tactibench.records.store import StoredRun
 
 Record = dict[str, Any]
@@ -46,7 +47,7 @@ class Added:
 
 def compact(record: Record) -> Record:
     """The record as it is committed."""
-    identity = dict(record["identity"])
+    identity = dict(unsealed(record)["identity"])
     for name in ("sensor", "tested"):
         if isinstance(identity.get(name), dict):
             identity[name] = digest(identity[name])

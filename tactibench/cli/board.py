@@ -95,7 +95,7 @@ def board(
 
 def _chosen(store: Path, names: tuple[str, ...]) -> list[StoredRun]:
     """Runs by name or pattern; a pattern passes partial runs over. Raises UserError."""
-    from tactibench.records.store import open_run, stored_runs
+    from tactibench.records.store import open_run, run_names
 
     found: dict[Path, StoredRun] = {}
     for name in names:
@@ -103,7 +103,8 @@ def _chosen(store: Path, names: tuple[str, ...]) -> list[StoredRun]:
             run = open_run(store, name)
             found[run.folder] = run
             continue
-        fitting = [run for run in stored_runs(store) if fnmatchcase(run.folder.name, name)]
+        # Opened one by one: a damaged run that was passed over would change a mean.
+        fitting = [open_run(store, run) for run in run_names(store) if fnmatchcase(run, name)]
         whole = [run for run in fitting if not run.record["partial"]]
         if not whole:
             partial = f", but {len(fitting)} partial ones" if fitting else ""

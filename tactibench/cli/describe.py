@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tactibench.errors import UserError, did_you_mean
+
+if TYPE_CHECKING:
+    from tactibench.protocols.axes import Axis
 
 
 @click.command()
@@ -83,6 +86,16 @@ def _show_protocol(name: str) -> None:
         click.echo(f"  draw      {draw.name}: {count:,} {draw.indenter} presses")
     for regime, extra in keys.regimes.items():
         click.echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
+    for axis in keys.axes:
+        click.echo(f"  {_family(axis)}")
     click.echo(f"  tested on {', '.join(keys.test.sets)}; gate {keys.test.gate_mm} mm")
     click.echo(f"  metrics   {', '.join(keys.metrics.names)}")
     click.echo(f"  published {', '.join(keys.published.tables)}")
+
+
+def _family(axis: Axis) -> str:
+    """ "family    grazing: depth of a shallow contact, mm: easy 2; 0.5, 0.3"."""
+    unit = f", {axis.unit}" if axis.unit else ""
+    easy = "" if axis.easy is None else f"easy {axis.easy:g}; "
+    return (f"family    {axis.family}: {axis.title}{unit}: {easy}"
+            f"{', '.join(f'{value:g}' for value in axis.values)}")  # fmt: skip

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tactibench.cli.options import json_option
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -22,9 +23,44 @@ Finding = tuple[bool, str, str]
 
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), help="Also check a folder of frames.")
+@click.option(
+    "--determinism",
+    is_flag=True,
+    help="Work four times on a small run instead, and compare all that is made bit for bit.",
+)
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    metavar="NAME",
+    help="Of --determinism; several may be named.  [default: cnn]",
+)
+@click.option("--protocol", help="Of --determinism.  [default: exp1]")
+@click.option("--sensor", help="Of --determinism; default: the protocol's.")
+@json_option
 @click.pass_context
-def doctor(ctx: click.Context, data: Path | None) -> None:
-    """Check packages, cache, plugins and protocols. Exit code 1 when something is wrong."""
+def doctor(
+    ctx: click.Context,
+    data: Path | None,
+    determinism: bool,
+    models: tuple[str, ...],
+    protocol: str | None,
+    sensor: str | None,
+    json_file: Path | None,
+) -> None:
+    """Check packages, cache, plugins and protocols. Exit code 1 when something is wrong.
+
+    With --determinism data, weights, answers and metrics of a small run are made again in
+    processes and caches of their own: by one process, by two at once, and the frames with another
+    number of threads. Exit code 1 when anything differs in a bit.
+    """
+    if determinism:
+        _repeat(ctx, models or ("cnn",), protocol or "exp1", sensor, json_file)
+        return
+    if models or protocol or sensor or json_file:
+        raise UserError(
+            "--model, --protocol, --sensor and --json of doctor belong to --determinism; add it."
+        )
     from tactibench.plugins.host import PluginHost
 
     host = PluginHost()
@@ -45,6 +81,35 @@ def doctor(ctx: click.Context, data: Path | None) -> None:
             click.echo(f"{what if well else 'broken':<10}{found}")
     click.echo("all is well" if not bad else f"{bad} problem{'s' if bad > 1 else ''} found")
     if bad:
+        ctx.exit(1)
+
+
+def _repeat(
+    ctx: click.Context,
+    models: tuple[str, ...],
+    protocol: str,
+    sensor: str | None,
+    json_file: Path | None,
+) -> None:
+    from tactibench.cli.output import Terminal
+    from tactibench.cli.report.determinism import print_findings
+    from tactibench.records.files import write_json
+    from tactibench.running.environment import environment_facts
+    from tactibench.running.evidence import Asked
+    from tactibench.running.repeated import repeat, steps
+
+    terminal = Terminal()
+    with terminal.task("repeat", len(models) * steps()) as advance:
+        found = [row for name in models for row in repeat(Asked(name, protocol, sensor), advance)]
+    facts = environment_facts()
+    subject = f"{protocol}, seed 0, 200 presses; {facts['cpu']}, fingerprint {facts['fingerprint']}"
+    print_findings(terminal.out, found, subject)
+    if json_file is not None:
+        rows = [row.as_row() for row in found]
+        metrics = [{"metric": "same", "group": f"{row.model}, {row.what}", "value": float(row.same),
+                    "unit": "1"} for row in found]  # fmt: skip
+        write_json(json_file, {"environment": facts, "findings": rows, "metrics": metrics})
+    if not all(row.same for row in found):
         ctx.exit(1)
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import click
@@ -36,12 +38,14 @@ VERBS = {
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
+    "stability": ("tactibench.cli.stability:stability", "hard cases: where models start to fail"),
     "submit": ("tactibench.cli.submit:submit", "write a run's record and predictions to a board"),
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
     "verify": ("tactibench.cli.verify:verify", "score submissions again without trusting them"),
 }
 
 MISTAKE, INTERRUPTED = 2, 130
+STOPPED = "tactibench: stopped; the same command continues where it was."
 
 _HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later
 
@@ -102,6 +106,8 @@ def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out b
 
 def run() -> None:
     """Entry point of the console script."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else the job ignores it
+        signal.signal(signal.SIGINT, _interrupted)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without "±" is no reason to stop
@@ -116,6 +122,20 @@ def run() -> None:
     sys.exit(code)
 
 
+def _interrupted(_number: int, _frame: FrameType | None) -> None:
+    """Ctrl-C: what is open is closed and the command ends; a second one does not wait for that.
+
+    Nothing is lost by it: files take their names when they are whole.
+    """
+    signal.signal(signal.SIGINT, _at_once)
+    raise KeyboardInterrupt
+
+
+def _at_once(_number: int, _frame: FrameType | None) -> None:
+    os.write(2, f"{STOPPED}\n".encode())  # a stream may be in the middle of writing
+    os._exit(INTERRUPTED)
+
+
 def call(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code.
 
@@ -128,7 +148,7 @@ def call(arguments: Sequence[str]) -> int:
         result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
         sys.stdout.flush()
     except (click.exceptions.Abort, KeyboardInterrupt):
-        click.echo("tactibench: stopped; the same command continues where it was.", err=True)
+        click.echo(STOPPED, err=True)
         return INTERRUPTED
     except _HELP_SHOWN as error:
         click.echo(error.format_message())

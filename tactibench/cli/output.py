@@ -17,6 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from tactibench.protocols.axes import Axis
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 
 
@@ -100,9 +101,12 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
     files = protocol_files()
     tables: tuple[str, ...] = ()
+    axes: tuple[Axis, ...] = ()
     if record["protocol"]["id"] in files:
-        tables = read_protocol(files[record["protocol"]["id"]]).keys.published.tables
+        protocol = read_protocol(files[record["protocol"]["id"]])
+        tables = protocol.keys.published.tables
+        axes = protocol.keys.axes if protocol.hash == record["protocol"]["hash"] else ()
     published = load_published(list(tables), shipped_folder("published"))
-    print_record(terminal.out, record, published, [other.record for other in others])
+    print_record(terminal.out, record, published, [other.record for other in others], axes)
     for picture in draw_pictures(run, others):
         terminal.say(f"picture: {picture}")

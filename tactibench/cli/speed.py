@@ -26,6 +26,11 @@ UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may tak
 @click.option(
     "--compile", "compiled", is_flag=True, help="Try torch.compile, too: needs a compiler."
 )
+@click.option(
+    "--precision",
+    is_flag=True,
+    help="Do not time: say how far answers drift in float64, float32, bf16 and fp16.",
+)
 @click.option("--frames", type=click.IntRange(min=1), default=100, show_default=True,
               help="Test frames that are answered.")  # fmt: skip
 @click.option("--calls", type=click.IntRange(min=10), default=300, show_default=True,
@@ -37,6 +42,7 @@ def speed(
     train: bool,
     untrained: bool,
     compiled: bool,
+    precision: bool,
     frames: int,
     calls: int,
     json_file: Path | None,
@@ -47,6 +53,9 @@ def speed(
     All are timed in turns in one run, one frame a call and in batches, and their answers are
     compared with those in float32. The fastest whose mean error is that of float32 within 2 % is
     named: runs choose in the same way what they time.
+
+    With --precision nothing is timed. The answers in each type of number, in batches of 1 to 128
+    frames, on 1 and 2 threads are compared with those in float32, one frame a call.
     """
     from tactibench.cli.output import Terminal
     from tactibench.cli.report.configurations import print_race
@@ -72,18 +81,33 @@ def speed(
         for one in presses
         for answer in one.truth(keys.answer, keys.workspace.dome_radius_mm)
     ]
-    with terminal.task("time", steps(timed)) as advance:
-        race = run_race(timed, seen, truth, calls=calls, compiled=compiled, advance=advance)
     facts = environment_facts()
     subject = (
         f"{plan.parts.model.label()} on {plan.device}, {len(seen)} test frames of {keys.id}; "
         f"{facts['cpu']}, fingerprint {facts['fingerprint']}"
     )
-    print_race(terminal.out, race, subject, UNTRAINED if untrained else "")
+    note = UNTRAINED if untrained else ""
+    head = {
+        "model": {"name": plan.parts.model.name, "parameters": dict(plan.parts.model.values)},
+        "untrained": untrained, "environment": facts,
+    }  # fmt: skip
+    if precision:
+        from tactibench.cli.report.drift import print_drifts
+        from tactibench.running.arithmetic import ways
+        from tactibench.running.drift import run_drift
+
+        with terminal.task("precision", len(ways(timed, compiled=compiled)[0])) as advance:
+            drifts = run_drift(timed, seen, truth, compiled=compiled, advance=advance)
+        print_drifts(terminal.out, drifts, subject, note)
+        if json_file is not None:
+            write_json(json_file, {**head, **drifts.as_json()})
+        return
+    with terminal.task("time", steps(timed)) as advance:
+        race = run_race(timed, seen, truth, calls=calls, compiled=compiled, advance=advance)
+    print_race(terminal.out, race, subject, note)
     if json_file is not None:
         write_json(json_file, {
-            "model": {"name": plan.parts.model.name, "parameters": dict(plan.parts.model.values)},
-            "untrained": untrained, "environment": facts, "default": race.best.name,
+            **head, "default": race.best.name,
             "configurations": [
                 {"name": one.name, "words": one.words, **one.difference.as_row(),
                  "allowed": one.difference.allowed} for one in race.found.usable

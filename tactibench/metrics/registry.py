@@ -10,6 +10,7 @@ from tactibench.metrics import (
     depth,
     detection,
     gospa,
+    hard_cases,
     location,
     plate,
     position,
@@ -26,7 +27,7 @@ METRICS: Mapping[str, MetricSpec] = MappingProxyType(
         spec.name: spec
         for family in (
             location, position, depth, separation, threshold, detection, gospa, surface, plate,
-            released, uncertainty,
+            released, uncertainty, hard_cases,
         )
         for spec in family.SPECS
     }

@@ -13,10 +13,13 @@ import numpy.typing as npt
 
 from tactibench.contacts import Contacts, FloatArray, PlatePose
 from tactibench.metrics.matching import Pairs, match_trials
+from tactibench.protocols.axes import Axis
 from tactibench.stats.clusters import IntArray, Labels, finite
 
 CATCH = "catch"
 """Group of the single presses mixed into two-point trials."""
+NOT_FINITE, RAISED = 1, 2
+"""How a model can fail on a frame; 0: it answered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,8 @@ class Trials:
     maps: (N, H, W) predicted heatmaps, 1 standing for ``max_depth``. surface: (N, H, W) true
     inward displacement of the skin, mm. bound: per frame (K, 3) Cramer-Rao standard deviations of
     x, y and depth, mm; inf for a contact that the frame does not show. gate: mm, inf for none.
-    level: of the intervals.
+    level: of the intervals. axes: of the families whose cases the groups are. failed: (N,)
+    NOT_FINITE or RAISED where the model failed on a frame, which then has no predictions.
 
     Raises ValueError on lengths or shapes that do not fit and on other values that are not finite.
     """
@@ -43,6 +47,8 @@ class Trials:
     maps: npt.NDArray[Any] | None = None
     surface: npt.NDArray[Any] | None = None
     bound: tuple[FloatArray, ...] | None = None
+    axes: tuple[Axis, ...] = ()
+    failed: npt.NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.truth)
@@ -61,6 +67,8 @@ class Trials:
                     raise ValueError(f"{name} has shape {value.shape}, expected (N, H, W)")
         if self.maps is not None and self.surface is not None:
             _same_shape(self.maps, self.surface)
+        if self.failed is not None:
+            _lengths(n, failed=self.failed)
         if self.bound is not None:
             _lengths(n, bound=self.bound)
             for truth, bound in zip(self.truth, self.bound, strict=True):

@@ -19,9 +19,11 @@ def contradictions(keys: Protocol) -> Iterator[str]:
     yield from _repeated("draws", (draw.name for draw in keys.draws))
     yield from _repeated("test.sets", keys.test.sets)
     yield from _repeated("metrics.names", keys.metrics.names)
-    streams = Counter(draw.stream for draw in keys.draws)
+    streams = Counter([*(d.stream for d in keys.draws), *(f.stream for f in keys.families)])
     if streams and max(streams.values()) > 1:
-        yield "two draws take the same stream: they would share presses"
+        kind = "draws or families" if keys.families else "draws"
+        yield f"two {kind} take the same stream: they would share presses"
+    yield from _about_families(keys)
     if keys.recorded is not None:
         yield from _about_recorded(keys)
     if keys.split is not None:
@@ -68,9 +70,10 @@ def _about_drawn(keys: Protocol, split: Split) -> Iterator[str]:
     names = [draw.name for draw in keys.draws]
     trained = [name for draws in keys.regimes.values() for name in draws]
     catch = [] if keys.test.catch is None else [keys.test.catch]
-    for name in (split.draw, *trained, *keys.test.sets, *catch):
+    tested = () if keys.families else keys.test.sets
+    for name in (split.draw, *trained, *tested, *catch):
         if name not in names:
-            yield f"no draw is named {name!r}; {did_you_mean(name, names).rstrip('.')}"
+            yield f"no draw is named {name!r}; {_near(name, names)}"
             return
     for regime, draws in keys.regimes.items():
         yield from _repeated(f"regimes.{regime}", draws)
@@ -90,13 +93,46 @@ def _about_drawn(keys: Protocol, split: Split) -> Iterator[str]:
             f"the split takes {split.test} test and {split.validation} validation presses of the "
             f"{base.count} of draw {base.name!r}, which leaves none to train on"
         )
-    yield from _about_test(keys, catch)
+    if not keys.families:
+        yield from _about_test(keys, catch)
     for draw in keys.draws:
         if draw.span_mm > keys.workspace.diagonal_mm:
             yield (
                 f"draw {draw.name!r} has tips {draw.span_mm} mm apart, but the workspace is "
                 f"{keys.workspace.diagonal_mm:.1f} mm across"
             )
+
+
+def _about_families(keys: Protocol) -> Iterator[str]:
+    from tactibench.protocols.families import FAMILIES
+
+    if not keys.families:
+        if keys.cases is not None:
+            yield "[cases] is about [[families]], but there are none: add some, or leave it out"
+        if keys.test.group == "case":
+            yield "test.group = 'case' needs [[families]]"
+        return
+    names = [family.name for family in keys.families]
+    yield from _repeated("families", names)
+    if keys.split is None:
+        yield "[[families]] are pressed by a sensor: a protocol with them needs [split]"
+    if keys.test.sets != (FAMILIES,) or keys.test.group != "case" or keys.test.catch is not None:
+        yield (
+            f"a protocol with [[families]] tests sets = [{FAMILIES!r}], has group = 'case' and no "
+            "catch trials"
+        )
+    if keys.cases is None:
+        yield "[[families]] need [cases], which says how many presses a case has"
+        return
+    base = next((one for one in keys.families if one.name == keys.cases.base), None)
+    if base is None:
+        yield f"cases.base: no family is named {keys.cases.base!r}; {_near(keys.cases.base, names)}"
+    elif base.press is None or len(base.pressed_values) != 1:
+        yield f"cases.base {base.name!r} must press scenes and have one value and no easy one"
+
+
+def _near(name: str, names: list[str]) -> str:
+    return did_you_mean(name, names).rstrip(".")
 
 
 def _about_test(keys: Protocol, catch: list[str]) -> Iterator[str]:

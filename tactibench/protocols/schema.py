@@ -5,25 +5,21 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
 from tactibench.contacts import Grid
+from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Cases, Family
+from tactibench.protocols.strict import Name, Names, Presses, Stream, Strict
 
-Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
-Names = Annotated[tuple[Name, ...], Field(strict=False)]
 Share = Annotated[float, Field(gt=0, lt=1)]
-Presses = Annotated[int, Field(ge=1, le=1_000_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
 RECORDED = "recorded"
 """Name of the one set of presses that a recorded folder holds."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class Workspace(_Strict):
+class Workspace(Strict):
     """Where every tip of every press lies, mm."""
 
     half_width_mm: PositiveFloat
@@ -45,7 +41,7 @@ class Workspace(_Strict):
         return 2 * math.sqrt(2) * self.half_width_mm
 
 
-class GridKeys(_Strict):
+class GridKeys(Strict):
     """The heatmap grid around the apex."""
 
     cells: Annotated[int, Field(ge=8, le=512)]
@@ -55,20 +51,20 @@ class GridKeys(_Strict):
         return Grid.centred(self.cells, self.pitch_mm)
 
 
-class Defaults(_Strict):
+class Defaults(Strict):
     """What a run takes when nothing is said."""
 
     sensor: Name
     encoder: Name
 
 
-class Draw(_Strict):
+class Draw(Strict):
     """A named set of presses, drawn by rejection from one stream of the data seed."""
 
     name: Name
     indenter: Literal["single", "dual", "triple"]
     radius_mm: PositiveFloat
-    stream: Annotated[int, Field(ge=1, lt=1_000_000)]
+    stream: Stream
     count: Presses | None = None
     per_distance: Presses | None = None
     distances_mm: tuple[PositiveFloat, ...] = Field(default=(), strict=False)
@@ -96,7 +92,7 @@ class Draw(_Strict):
         return max((*self.distances_mm, self.side_mm or 0.0))
 
 
-class Split(_Strict):
+class Split(Strict):
     """How one draw is divided by press into training, validation and test presses."""
 
     draw: Name
@@ -104,7 +100,7 @@ class Split(_Strict):
     validation: Presses
 
 
-class Recorded(_Strict):
+class Recorded(Strict):
     """How the presses of a recorded folder are divided."""
 
     test_frames: str | None = None
@@ -119,7 +115,7 @@ class Recorded(_Strict):
         return self
 
 
-class Plates(_Strict):
+class Plates(Strict):
     """Presses of a tilted plate for a sensor that makes its own frames, drawn uniformly.
 
     depth: over the workspace. tilt_deg: at most, to either side. yaw_deg: where on the frame a
@@ -127,16 +123,16 @@ class Plates(_Strict):
     """
 
     count: Annotated[int, Field(ge=10, le=1_000_000)]
-    stream: Annotated[int, Field(ge=1, lt=1_000_000)]
+    stream: Stream
     tilt_deg: Annotated[float, Field(gt=0, le=45)]
     yaw_deg: Annotated[float, Field(gt=-360, lt=360)]
 
 
-class Transfer(_Strict):
+class Transfer(Strict):
     """The test is on another sensor. shots: how many of its labelled frames a model is given."""
 
     shots: tuple[Annotated[int, Field(ge=0, le=100_000)], ...] = Field(min_length=1, strict=False)
-    stream: Annotated[int, Field(ge=1, lt=1_000_000)]
+    stream: Stream
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
@@ -145,28 +141,28 @@ class Transfer(_Strict):
         return self
 
 
-class Test(_Strict):
+class Test(Strict):
     """What is scored, and how predictions are matched to the truth."""
 
     __test__ = False  # not a test case, whatever its name
 
     sets: Names = Field(min_length=1)
-    group: Literal["all", "distance", "indenter"]
+    group: Literal["all", "distance", "indenter", "case"]
     gate_mm: PositiveFloat
     cluster: Literal["press"]
     level: Share
     catch: Name | None = None
 
 
-class Metrics(_Strict):
+class Metrics(Strict):
     names: tuple[str, ...] = Field(min_length=1, strict=False)
 
 
-class Published(_Strict):
+class Published(Strict):
     tables: Names = ()
 
 
-class Protocol(_Strict):
+class Protocol(Strict):
     """One protocol file."""
 
     schema_: Literal[1] = Field(alias="schema")
@@ -183,6 +179,8 @@ class Protocol(_Strict):
     recorded: Recorded | None = None
     plates: Plates | None = None
     transfer: Transfer | None = None
+    cases: Cases | None = None
+    families: tuple[Family, ...] = Field(default=(), strict=False)
     regimes: dict[Name, Names] = Field(min_length=1)
     test: Test
     metrics: Metrics
@@ -190,6 +188,17 @@ class Protocol(_Strict):
 
     def draw(self, name: str) -> Draw:
         return next(draw for draw in self.draws if draw.name == name)
+
+    def family(self, name: str) -> Family:
+        return next(family for family in self.families if family.name == name)
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Of all families, in their order; empty for a protocol without hard cases."""
+        if self.cases is None:
+            return ()
+        base = self.family(self.cases.base)
+        return tuple(family.axis(base) for family in self.families)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,11 @@ from tactibench.records.files import (
     write_json,
 )
 from tactibench.records.record import checked
+from tactibench.records.seal import refuse_changed, sealed
 
 RECORD = "record.json"
+BEFORE = ".before"
+"""Ends the name of a run that is being replaced, until the new one has its place."""
 PARTS = ("truth", "predictions", "maps", "times", "examples")
 """Arrays beside a record: truth and predictions of every frame, heatmaps, raw call times, and a few
 test frames for pictures."""
@@ -52,11 +56,12 @@ def write_run(store: Path, record: dict[str, Any], parts: Mapping[str, Arrays]) 
     invariant.
     """
     stored = {name: arrays_hash(parts[name]) for name in PARTS}
-    record = {**record, "identity": {**record["identity"], "stored": stored}}
+    record = sealed({**record, "identity": {**record["identity"], "stored": stored}})
     checked(record, f"the record of {record['name']}")
     folder = store / record["name"]
-    made = store / f".{record['name']}.made"
-    with locked(store / f".{record['name']}.lock"):
+    made, before = (_beside(folder, suffix) for suffix in (".made", BEFORE))
+    with locked(_beside(folder, ".lock")):
+        _put_back(before, folder)
         shutil.rmtree(made, ignore_errors=True)
         made.mkdir(parents=True)
         try:
@@ -64,15 +69,17 @@ def write_run(store: Path, record: dict[str, Any], parts: Mapping[str, Arrays]) 
                 write_arrays(made / f"{name}.npz", parts[name])
             write_json(made / RECORD, record)
             if folder.exists():
-                shutil.rmtree(folder)
+                folder.rename(before)
             made.rename(folder)
         finally:
             shutil.rmtree(made, ignore_errors=True)
+            _put_back(before, folder)
     return StoredRun(folder, record)
 
 
 def open_run(store: Path, name: str) -> StoredRun:
     """Open a run by its name in the store, its folder, or its record file. Raises UserError."""
+    _mend(store)
     given = Path(name)
     folder = given.parent if given.name == RECORD else given
     if not (folder / RECORD).is_file():
@@ -81,19 +88,48 @@ def open_run(store: Path, name: str) -> StoredRun:
         known = [run.folder.name for run in stored_runs(store)]
         near = did_you_mean(name, known) if known else "it holds no run yet."
         raise UserError(f"there is no run {name!r} in {store}; {near}")
-    record = read_json(folder / RECORD)
-    checked(record, str(folder / RECORD))
-    return StoredRun(folder, record)
+    return _opened(folder)
+
+
+def run_names(store: Path) -> list[str]:
+    """Names of the runs in a store, sorted, whether they can be read or not."""
+    if not store.is_dir():
+        return []
+    _mend(store)
+    names = sorted(path.name for path in store.iterdir())
+    return [name for name in names if name[0] != "." and (store / name / RECORD).is_file()]
 
 
 def stored_runs(store: Path) -> Iterator[StoredRun]:
     """Readable runs of a store, sorted by name; unreadable ones are left out."""
-    if not store.is_dir():
-        return
-    for folder in sorted(store.iterdir()):
-        if folder.name.startswith(".") or not (folder / RECORD).is_file():
-            continue
+    for name in run_names(store):
         try:
-            yield open_run(store, str(folder))
+            yield _opened(store / name)
         except UserError:
             continue
+
+
+def _opened(folder: Path) -> StoredRun:
+    record = read_json(folder / RECORD)
+    checked(record, str(folder / RECORD))
+    refuse_changed(record, str(folder / RECORD))
+    return StoredRun(folder, record)
+
+
+def _beside(folder: Path, suffix: str) -> Path:
+    return folder.with_name(f".{folder.name}{suffix}")
+
+
+def _mend(store: Path) -> None:
+    """Put back the runs whose replacement was stopped; a store that cannot be written stays."""
+    for before in store.glob(f".*{BEFORE}"):
+        folder = store / before.name.removeprefix(".").removesuffix(BEFORE)
+        with suppress(OSError), locked(_beside(folder, ".lock")):
+            _put_back(before, folder)
+
+
+def _put_back(before: Path, folder: Path) -> None:
+    """The run as it was before a replacement that did not take its place, or nothing beside it."""
+    if before.is_dir() and not folder.exists():
+        before.rename(folder)
+    shutil.rmtree(before, ignore_errors=True)

@@ -42,13 +42,17 @@ def answered(
     ask: Callable[[], tuple[list[Answer | None], npt.NDArray[np.float16] | None]],
     *,
     fresh: bool,
+    beside: Callable[[], Arrays] = dict,
 ) -> Answered:
-    """The kept answers of these very weights, or what ``ask`` gives; ``fresh`` always asks."""
+    """The kept answers of these very weights, or what ``ask`` gives; ``fresh`` always asks.
+
+    beside: what is kept and stored beside the answers, asked for after them.
+    """
     kept = None if fresh else _kept(path, weights_hash)
     if kept is not None:
         return kept
     answers, heat = ask()
-    made = Answered(pack(answers, kind), heat)
+    made = Answered({**pack(answers, kind), **beside()}, heat)
     arrays = _arrays(made)
     write_arrays(path, {**arrays, SEAL: np.array(_seal(arrays, weights_hash))})
     return made

@@ -21,19 +21,25 @@ CHANNELS = 6
 FEATURE = "feature."
 
 
-def example_arrays(frames: Sequence[Frame], truth: Sequence[Answer], model: Model) -> Arrays:
-    """index (E,), images (E, ...) of frames spread over all; features of one, if the model shows
-    them: features_row (), and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W) float16.
+def example_arrays(
+    frames: Sequence[Frame],
+    truth: Sequence[Answer],
+    model: Model | None,
+    rows: Sequence[int] | None = None,
+) -> Arrays:
+    """index (E,), images (E, ...) of frames spread over all, or of ``rows``; features of one, if
+    the model shows them: features_row (), and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W)
+    float16.
 
     That one is the first with the most contacts. Raises UserError for features that are no finite
     (C, H, W).
     """
-    rows = spread(range(len(frames)), EXAMPLES)
+    rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
     arrays: Arrays = {
         "index": np.array(rows, dtype=np.int64),
         "images": np.stack([frames[row].image for row in rows]),
     }
-    if isinstance(model, ShowsFeatures):
+    if model is not None and isinstance(model, ShowsFeatures):
         row = max(rows, key=lambda row: (_contacts(truth[row]), -row))
         arrays["features_row"] = np.array(row, dtype=np.int64)
         arrays |= packed_features(model.features(blinded(frames[row])))

@@ -95,6 +95,11 @@ def plan_frames(
         from tactibench.running.frames_transfer import transfer_frames
 
         return transfer_frames(request, protocol, protocol.keys.transfer, parts, cache)
+    if parts.sensor.spec.needs_data and protocol.keys.families:
+        raise UserError(
+            f"protocol {protocol.keys.id!r} presses hard cases, which the folder of sensor "
+            f"{parts.sensor.name!r} does not hold; take a simulated sensor."
+        )
     if parts.sensor.spec.needs_data:
         return recorded_frames(request, protocol, parts)
     if protocol.keys.split is None:

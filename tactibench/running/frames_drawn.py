@@ -79,6 +79,10 @@ def frames_of_test(
     """Test presses, and how many candidates geometry refused. known: draws that were made."""
     from tactibench.running.frames_reference import reference_frames
 
+    if tester.keys.families:
+        from tactibench.running.frames_hard import hard_frames
+
+        return hard_frames(request, tester), 0
     if request.tested.reference:
         return reference_frames(request, tester)
     sets = tester.keys.test.sets

@@ -26,6 +26,8 @@ from tactibench.timing.fingerprint import fingerprint_hash
 
 SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "scaffold", "sweep", "testing"})
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
+MOST_SETS = 6
+"""More sets of frames than these are counted in a plan, not named."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ def _tested(plan: RunPlan) -> str:
 
 def _frames(plan: RunPlan, wanted: tuple[Wanted, ...]) -> str:
     """``generate 3,600 (singles); take 400 (singles, validation) from the cache``."""
-    ways: dict[str, list[str]] = {}
+    ways: dict[str, dict[str, int]] = {}
     for one in wanted:
         sensor = plan.parts.test_sensor if one.role == "test" else plan.parts.sensor
         what = f"{one.name}, validation" if one.role == "validation" else one.name
@@ -186,5 +188,13 @@ def _frames(plan: RunPlan, wanted: tuple[Wanted, ...]) -> str:
             way = "take {} frames from the cache"
         else:
             way = f"generate {{}} frames on {sensor.label()}"
-        ways.setdefault(way, []).append(f"{len(one.scenes):,} ({what})")
-    return "; ".join(way.format(" and ".join(sets)) for way, sets in ways.items())
+        sets = ways.setdefault(way, {})
+        sets[what] = sets.get(what, 0) + len(one.scenes)
+    return "; ".join(way.format(_sets(sets)) for way, sets in ways.items())
+
+
+def _sets(counted: dict[str, int]) -> str:
+    """``3,600 (singles) and 400 (singles, validation)``; of many sets how many there are."""
+    if len(counted) > MOST_SETS:
+        return f"{sum(counted.values()):,} ({len(counted)} sets)"
+    return " and ".join(f"{count:,} ({what})" for what, count in counted.items())

@@ -15,6 +15,10 @@ from tactibench.plugins.interfaces import MapsModel, Model
 HeatMaps = npt.NDArray[np.float16]
 
 
+class NotFiniteError(UserError):
+    """The model answered with NaN or infinity."""
+
+
 def predict_all(
     model: Model,
     frames: Sequence[Frame],
@@ -63,7 +67,8 @@ def _checked(found: Answer | None, answer: str, max_contacts: int | None) -> Ans
         if not isinstance(found, PlatePose):
             raise UserError(f"the model answered {type(found).__name__} where PlatePose is asked.")
         if not np.isfinite([found.depth, found.tilt, *(found.std or ())]).all():
-            raise UserError("the model answered a plate pose that is not finite; mend the model.")
+            text = "the model answered a plate pose that is not finite; mend the model."
+            raise NotFiniteError(text)
         return found
     if not isinstance(found, Contacts):
         raise UserError(f"the model answered {type(found).__name__} where Contacts is asked.")
@@ -81,5 +86,6 @@ def _checked_maps(maps: npt.NDArray[Any], shape: tuple[int, int]) -> npt.NDArray
             f"(1, channels, {shape[0]}, {shape[1]})."
         )
     if not np.isfinite(maps).all():
-        raise UserError("the model gave a map with a value that is not finite; mend the model.")
+        text = "the model gave a map with a value that is not finite; mend the model."
+        raise NotFiniteError(text)
     return maps

@@ -12,19 +12,20 @@ import numpy as np
 from tactibench.contacts import Answer, Frame
 from tactibench.datasets.known import true_bounds, true_surfaces
 from tactibench.datasets.presses import Presses
-from tactibench.plugins.interfaces import KeepsAccount, SensorContext
+from tactibench.plugins.interfaces import KeepsAccount, Model, SensorContext
 from tactibench.protocols.loader import check_metrics
 from tactibench.records.answers import pack
 from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.running.answered import answered
 from tactibench.running.examples import example_arrays
+from tactibench.running.guarded import Failures, failures_record
 from tactibench.running.make_record import make_record
 from tactibench.running.plan import RunPlan
 from tactibench.running.predictions import predict_all
 from tactibench.running.released import released_arrays
 from tactibench.running.scoring import score_arrays
 from tactibench.running.shots import open_shots
-from tactibench.running.speed import measure_speed
+from tactibench.running.speed import NOT_TIMED, Speed, measure_speed
 from tactibench.running.training import Reporter, open_frames, trained_model
 
 QUICK_CALLS, CALLS = 60, 300
@@ -65,6 +66,8 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
     frames = test.frames
     shots = open_shots(plan, model, reporter)
     chosen = shots.chosen(model)
+    hard, failures = bool(keys.families), Failures()
+    ask = failures.predict_all if hard else predict_all
     with reporter.task("predict", len(frames) * len(shots)) as advance:
         most, shape = plan.parts.model.spec.max_contacts, keys.grid.grid().shape
         found = answered(
@@ -72,9 +75,10 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
             trained.hash,
             keys.answer,
             lambda: shots.each(
-                model, lambda: predict_all(model, frames, keys.answer, most, shape, advance)
+                model, lambda: ask(model, frames, keys.answer, most, shape, advance)
             ),
             fresh=fresh,
+            beside=failures.arrays if hard else dict,
         )
     answers, predicted = found.answers(keys.answer)[: len(frames)], found.predicted
     maps: Arrays = {} if found.heat is None else {"maps": found.heat}
@@ -86,12 +90,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
     }
     if not _recorded(plan):
         _add_known(plan, test, reporter, truth, maps)
-    with reporter.task("time", 1) as advance:
-        if plan.request.quick:
-            speed = measure_speed(model, frames, answers, QUICK_CALLS, QUICK_BUDGET_S)
-        else:
-            speed = measure_speed(model, frames, answers, CALLS, truth=test.truth)
-        advance(1)
+    speed = NOT_TIMED if hard else _timed(plan, model, test, answers, reporter)
     metrics = score_arrays(keys, truth, predicted, maps)
     record = make_record(
         plan,
@@ -102,16 +101,39 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         data=[presses.hash for presses in test.presses],
         account=_account(plan),
         presses=len(set(test.names)),
-        shots=shots.record(plan, chosen),
+        shots={**shots.record(plan, chosen), **failures_record(predicted, test.groups)},
     )
     parts = {
         "truth": truth,
         "predictions": predicted,
         "maps": maps,
         "times": speed.raw,
-        "examples": example_arrays(frames, test.truth, model),
+        "examples": example_arrays(frames, test.truth, None, _first_of_each(test.groups))
+        if hard
+        else example_arrays(frames, test.truth, model),
     }
     return write_run(store, record, parts)
+
+
+def _timed(
+    plan: RunPlan,
+    model: Model,
+    test: TestData,
+    answers: Sequence[Answer | None],
+    reporter: Reporter,
+) -> Speed:
+    with reporter.task("time", 1) as advance:
+        if plan.request.quick:
+            speed = measure_speed(model, test.frames, answers, QUICK_CALLS, QUICK_BUDGET_S)
+        else:
+            speed = measure_speed(model, test.frames, answers, CALLS, truth=test.truth)
+        advance(1)
+    return speed
+
+
+def _first_of_each(groups: Sequence[str]) -> list[int]:
+    """The first frame of every group: of hard cases, one of each is kept."""
+    return sorted({group: row for row, group in reversed(list(enumerate(groups)))}.values())
 
 
 def _released(plan: RunPlan, test: TestData) -> Arrays:
@@ -181,12 +203,14 @@ def _account(plan: RunPlan) -> dict[str, dict[str, int]]:
         for build in (plan.parts.build_sensor, plan.parts.build_test_sensor)
     )
     frames = plan.frames
+    # Families of hard cases change the sensor: the tester cannot speak for all their scenes.
+    tested = () if plan.protocol.keys.families else frames.test
     found = {
         role: one.account([scene for wanted in sets for scene in wanted.scenes])
         for role, sets, one in (
             ("fit", frames.fit, sensor),
             ("validation", frames.validation, sensor),
-            ("test", frames.test, tester),
+            ("test", tested, tester),
         )
         if isinstance(one, KeepsAccount)
     }

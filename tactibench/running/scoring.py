@@ -67,4 +67,17 @@ def trials_of(
         maps=maps.get("maps"),
         surface=maps.get("surface"),
         bound=None if bound is None else tuple(np.split(bound, counts)),
+        axes=keys.axes,
+        failed=_failed(predicted),
     )
+
+
+def _failed(predicted: Arrays) -> npt.NDArray[np.int8] | None:
+    """(N,) what became of the question about every frame; None where failures end a run."""
+    from tactibench.metrics.trials import NOT_FINITE, RAISED
+
+    if "failed" not in predicted:
+        return None
+    found = np.zeros(len(predicted["count"]), dtype=np.int8)
+    found[predicted["failed"]] = np.where(predicted["raised"], RAISED, NOT_FINITE)
+    return found

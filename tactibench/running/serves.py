@@ -66,6 +66,8 @@ def _drawn(keys: Protocol, known: Sequence[Scene], presses: Sequence[str]) -> tu
             "only labels are known: import with --param indenter=single and the columns of x, y "
             "and depth, if a spherical tip pressed"
         )
+    if keys.families:
+        return False, "its hard cases need a sensor that presses them"
     assert keys.split is not None  # noqa: S101 - a protocol that draws divides its draws
     regime = next(iter(keys.regimes))
     found = match(keys, keys.split, regime, known, presses)

@@ -50,6 +50,10 @@ class Speed:
     efficiency: dict[str, Any]
 
 
+NOT_TIMED = Speed([], {}, {}, {})
+"""Of a protocol of hard cases: its weights are those of others, which time them."""
+
+
 def measure_speed(
     model: Model,
     frames: Sequence[Frame],

@@ -22,12 +22,14 @@ class Difference:
     median_mm: median distance between the two, None when no frame can be compared. frames: how
     many were compared. other_count: in how many of them the number of contacts differs.
     error_change: of the mean distance to the truth, relative to float32; None without truth.
+    largest_mm: largest distance between the two; not part of a record.
     """
 
     median_mm: float | None
     frames: int
     other_count: int
     error_change: float | None = None
+    largest_mm: float | None = None
 
     @property
     def allowed(self) -> bool:
@@ -60,7 +62,8 @@ def compare(
         else:
             apart += distances
     median = float(np.median(apart)) if apart else None
-    return Difference(median, len(scored), changed, _change(found, scored, truth))
+    largest = max(apart, default=None)
+    return Difference(median, len(scored), changed, _change(found, scored, truth), largest)
 
 
 def mean_error_mm(answers: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tactibench.cli.main import call
+from tactibench.records.seal import sealed
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def stored(finished: Path, tmp_path: Path) -> Path:
 def rewrite(run: Path, **keys: Any) -> None:
     file = run / "record.json"
     record = json.loads(file.read_text(encoding="utf-8"))
-    file.write_text(json.dumps({**record, **keys}), encoding="utf-8")
+    file.write_text(json.dumps(sealed({**record, **keys})), encoding="utf-8")
 
 
 def test_a_whole_run_is_scored_the_same(cli: Any, stored: Path, tmp_path: Path) -> None:

@@ -65,7 +65,8 @@ def test_a_bristol_folder(bristol, tmp_path, capsys):
     assert (found["most"]["pose_Rz"]["value"], found["most"]["pose_Rz"]["unit"]) == (4.0, "deg")
     assert sum(found["histogram"]["pose_y"]["value"]) == 8
     assert {name: row["value"] for name, row in found["served"].items()} == {
-        "exp1": False, "exp2": False, "exp3": False, "surface": True, "transfer": True,
+        "exp1": False, "exp2": False, "exp3": False, "stability": False, "surface": True,
+        "transfer": True,
     }  # fmt: skip
     assert "only labels are known" in found["served"]["exp1"]["reason"]
     assert cv2.imread(str(sheet)) is not None

@@ -25,10 +25,15 @@ def toml(tables: Tables) -> str:
         if isinstance(value, dict):
             below.append(f"[{key}]\n{toml(value)}")
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            below += [f"[[{key}]]\n{toml(one)}" for one in value]
+            below += [f"[[{key}]]\n{inline(one)}" for one in value]
         else:
             plain.append(f"{key} = {scalar(value)}\n")
     return "".join(plain) + "\n".join(below)
+
+
+def inline(table: Tables) -> str:
+    """A table of a list, in which tables stand in one line."""
+    return "".join(f"{key} = {scalar(value)}\n" for key, value in table.items())
 
 
 def scalar(value: Any) -> str:
@@ -36,6 +41,11 @@ def scalar(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return '"' + value.encode("unicode_escape").decode().replace('"', '\\"') + '"'
+    if isinstance(value, dict):
+        pairs = (f"{key} = {scalar(one)}" for key, one in value.items())
+        return "{" + ", ".join(pairs) + "}"
+    if isinstance(value, float):
+        return repr(value)  # nan, too
     if isinstance(value, list):
         return "[" + ", ".join(scalar(one) for one in value) + "]"
     return repr(value)

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
+from tactibench.running.guarded import COLUMNS as FAILURES
+from tactibench.running.guarded import LONGEST
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -20,11 +22,17 @@ PLATES = {"given": ("b", ()), "plate_depth": ("f", ()), "plate_tilt": ("f", ()),
           "plate_std": ("f", (2,))}  # fmt: skip
 
 
-def check_answers(answers: Arrays, kind: str, frames: int, where: str) -> None:
+def check_answers(
+    answers: Arrays, kind: str, frames: int, where: str, *, guarded: bool = False
+) -> None:
     """Raise UserError unless the arrays are packed answers (see ``pack``) to ``frames`` frames.
 
-    kind: "contacts" or "plate".
+    kind: "contacts" or "plate". guarded: whether the frames on which the model failed are listed
+    beside them (see ``Failures``).
     """
+    if guarded:
+        _failures(answers, frames, where)
+        answers = {name: array for name, array in answers.items() if name not in FAILURES}
     columns = PLATES if kind == "plate" else CONTACTS
     if set(answers) != set(columns):
         raise UserError(
@@ -53,6 +61,31 @@ def check_answers(answers: Arrays, kind: str, frames: int, where: str) -> None:
         low, high = float(answers["score"].min()), float(answers["score"].max())
         if low < 0 or high > 1:
             raise UserError(f"{where}: scores go from {low:g} to {high:g}; a score lies in 0..1.")
+
+
+def _failures(answers: Arrays, frames: int, where: str) -> None:
+    """Rising rows of frames without contacts, each with its cause."""
+    found = {name: answers.get(name, np.empty(0)) for name in FAILURES}
+    for name, (letter, _) in FAILURES.items():
+        array = found[name]
+        if array.dtype.kind != letter or array.ndim != 1 or len(array) != len(found["failed"]):
+            raise UserError(
+                f"{where}: array {name!r} is missing or not how failures are stored; submit the "
+                "run with `tactibench submit`."
+            )
+    rows, count = found["failed"], answers.get("count", np.empty(0))
+    good = (
+        bool((np.diff(rows, prepend=-1) > 0).all())
+        and bool((rows < min(frames, len(count))).all())
+        and not count[rows].any()
+    )
+    if not good:
+        raise UserError(
+            f"{where}: the frames on which the model failed are not rising numbers below "
+            f"{frames:,} of frames without contacts; submit the run again."
+        )
+    if any(len(cause) > LONGEST or not cause.isprintable() for cause in found["cause"].tolist()):
+        raise UserError(f"{where}: a cause is longer than {LONGEST} characters or not printable.")
 
 
 def _lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where: str) -> None:

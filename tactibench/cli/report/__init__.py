@@ -13,6 +13,7 @@ from rich.text import Text
 
 from tactibench.board.labels import measured_on
 from tactibench.board.published import PublishedTable, rows_for
+from tactibench.cli.report.hard_cases import print_hard_cases
 from tactibench.cli.report.origin import (
     Record,
     comparability,
@@ -23,6 +24,7 @@ from tactibench.cli.report.origin import (
 from tactibench.cli.report.speed import print_speed
 from tactibench.cli.report.tables import print_block, print_others
 from tactibench.cli.report.words import BLOCKS, EXPLAIN
+from tactibench.protocols.axes import Axis
 
 __all__ = ["print_record"]
 
@@ -35,15 +37,19 @@ def print_record(
     record: Record,
     published: Sequence[PublishedTable],
     others: Sequence[Record] = (),
+    axes: Sequence[Axis] = (),
 ) -> None:
     """Print one record beside published rows and ``others``, stored runs.
 
-    Of the others only those of the same version of the protocol are shown, the first six.
+    Of the others only those of the same version of the protocol are shown, the first six. axes: of
+    the families of hard cases that it is about.
     """
     protocol = record["protocol"]["id"]
     blocks = BLOCKS.get(protocol, ())
     comparable = [other for other in others if same_question(other, record)]
     _heading(console, record)
+    if axes:
+        print_hard_cases(console, record, axes)
     for block in blocks:
         print_block(console, block, record, published, comparable[:OTHERS])
     if len(comparable) > OTHERS:

@@ -22,6 +22,8 @@ from tactibench.cli.report.origin import (
 from tactibench.cli.report.words import HEADS, NAMES, SHARES, Block
 
 COUNTS = ("n", "presses")
+TOTALS = frozenset({"false_per_1000", "not_finite", "raised"})
+"""Of hard cases; they stand in sentences below the families."""
 NARROWEST = 80
 """Columns that tables are made for; a narrower terminal breaks their lines."""
 
@@ -166,12 +168,14 @@ def _fit(
 
 
 def _rest(record: Record, blocks: Sequence[Block]) -> list[Row]:
-    """Rows of the record that no main table shows."""
+    """Rows of the record that no main table shows; of hard cases those of all cases together."""
     shown = {(metric, group) for b in blocks for metric in b.metrics for group in b.groups}
+    hard = any(row["metric"] == "error_ratio" for row in record["metrics"])
     by_distance = {metric for b in blocks if not b.groups for metric in b.metrics}
     return [
         row
         for row in record["metrics"]
         if (row["metric"], row["group"]) not in shown
         and (row["metric"] not in by_distance or row["group"] == "all")
+        and (not hard or (row["group"] == "all" and row["metric"] not in TOTALS))
     ]

@@ -49,6 +49,8 @@ EXPLAIN = {
             "distance, so that no missing contact improves it. n: resolved/all pairs.",
     "exp3": "position, depth: over contacts matched inside the gate; missed: true contacts without "
             "a match. n: matched/true contacts.",
+    "stability": "error: in x, y and depth a contact, a missed or false one counts the gate; "
+                 "doubles at: value at which it is twice that of the easy case.",
     "surface": "depth, tilt: over answered frames; coverage: answered frames.",
     "transfer": "depth: indentation, z + a + p (1 - cos tilt); over answered frames. The tested "
                 "sensor gives its rest image and so many labelled frames, nothing else.",
@@ -58,6 +60,7 @@ HEADLINES = {
     "exp1": ("mae_mm", "mean", "missed", 4),
     "exp2": ("distance_penalised_mm", "all", "resolved", 3),
     "exp3": ("position_mean_mm", "all", "missed", 3),
+    "stability": ("ospa_mm", "all", "missed", 3),
     "surface": ("depth_mae_mm", "all", "coverage", 4),
     "transfer": ("depth_mae_mm", "0", "coverage", 3),
 }
@@ -88,14 +91,20 @@ NAMES = {
     "depth_mae_mm": "depth error",
     "distance_mae_mm": "distance error",
     "distance_penalised_mm": "penalised distance error",
+    "doubles_at": "value at which the error doubles",
+    "error_ratio": "error / error of the easy case",
+    "false_per_1000": "false contacts per 1,000 empty frames",
     "gospa1_mm": "GOSPA, p = 1",
     "gospa2_mm": "GOSPA, p = 2",
     "mae_mm": "MAE",
     "missed": "missed contacts",
+    "not_finite": "frames answered with NaN or infinity",
     "orientation_mae_deg": "orientation error of the pair",
+    "ospa_mm": "error a contact (OSPA, p = 1)",
     "position_mean_mm": "position error",
     "position_ungated_mm": "position error without gate",
     "r2": "R2",
+    "raised": "frames on which the model raised an exception",
     "relative_depth_mae_mm": "relative depth error",
     "resolved": "resolved as two",
     "rmse_mm": "RMSE",
@@ -107,6 +116,7 @@ NAMES = {
     "tilt_mae_deg": "tilt error",
     "tilt_mae_minus_published_deg": "tilt error minus released",
     "tilt_mae_minus_published_p": "p of that",
+    "worst_ratio": "largest error / error of the easy case",
 }
 """Names in sentences and lists."""
 

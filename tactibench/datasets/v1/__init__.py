@@ -11,7 +11,7 @@ splits/NAME.json   ids of training, validation and test samples
 """
 
 from tactibench.datasets.v1.dataset import Dataset, open_dataset
-from tactibench.datasets.v1.header import Header
+from tactibench.datasets.v1.header import FRAMES, Header
 from tactibench.datasets.v1.layout import is_dataset
 from tactibench.datasets.v1.sample import Draft, Sample
 from tactibench.datasets.v1.splits import Split
@@ -19,6 +19,7 @@ from tactibench.datasets.v1.verify import count_samples, verify
 from tactibench.datasets.v1.writer import Writer
 
 __all__ = [
+    "FRAMES",
     "Dataset",
     "Draft",
     "Header",

@@ -102,6 +102,11 @@ class Writer:
         return tuple(self._samples.values())
 
     @property
+    def events(self) -> tuple[Mapping[str, Any], ...]:
+        """What was noted, in the order it was written."""
+        return self._begun.events
+
+    @property
     def repaired(self) -> tuple[str, ...]:
         """What had to be mended of an interrupted writer, in sentences."""
         return self._begun.repaired

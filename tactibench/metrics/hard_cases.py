@@ -1,0 +1,128 @@
+"""How far a model gets on graded hard cases, and on how many frames it fails altogether."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tactibench.contacts import FloatArray
+from tactibench.errors import UserError
+from tactibench.metrics.groups import Mask, by_kind, mean_metric, members
+from tactibench.metrics.spec import MetricSpec, Rows, Sample
+from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
+from tactibench.protocols.axes import Axis, family_of
+from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
+from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import positive_mean_interval, rate_interval
+
+THOUSAND = 1000
+
+
+def ospa(trials: Trials) -> Sample:
+    """One value per frame, mm, in 0..gate:
+
+        (sum over pairs of min(d, c) + c (max(n, m) - pairs)) / max(n, m)
+
+    with n true and m predicted contacts, c the gate, d the distance in x, y and depth of contacts
+    that are paired in the plane; 0 where both are none. That is OSPA with p = 1 (Schuhmacher, Vo
+    and Vo 2008, equation 3) but for the assignment, which is the one of all other metrics.
+    """
+    if not np.isfinite(trials.gate):
+        raise UserError(
+            f"metric 'ospa_mm' needs a finite gate, but the gate is {trials.gate} mm: set a number "
+            "of millimetres in the protocol."
+        )
+    pairs, count = trials.matched, len(trials)
+    offset = np.column_stack(
+        [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
+    )
+    gap = np.minimum(np.linalg.norm(offset, axis=1), trials.gate)
+    most = np.maximum(trials.true_counts, trials.predicted_counts)
+    located = np.bincount(pairs.trial, gap, count).astype(np.float64)
+    unpaired = most - pairs.per_trial(count)
+    return Sample((located + trials.gate * unpaired) / np.maximum(most, 1), np.arange(count))
+
+
+def error_ratios(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Of every graded case, ``ospa_mm`` over that of its family's easy case."""
+    error = ospa(trials).values
+    for axis in trials.axes:
+        yield from zip(axis.groups, _ratios(trials, error, axis), strict=False)
+
+
+def worst_ratio(trials: Trials, rng: np.random.Generator) -> Rows:
+    """The largest of them."""
+    known = [one for _, one in error_ratios(trials, rng) if one.value is not None]
+    yield "all", max(known, key=lambda one: one.value or 0.0, default=Estimate.nothing())
+
+
+def doubles_at(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Of every family, the value at which ``ospa_mm`` is twice that of the easy case.
+
+    No value where that is more than half the gate: an error of at most the gate cannot double.
+    """
+    error = ospa(trials).values
+    for axis in trials.axes:
+        if not axis.ordered or axis.easy is None:
+            continue
+        ratios = list(_ratios(trials, error, axis))
+        found = doubling(axis.easy, axis.values, ratios)
+        easy = error[members(trials, axis.reference)]
+        if len(easy) and DOUBLE * easy.mean() > trials.gate:
+            found = Estimate(None, None, None, found.n, found.clusters)
+        yield axis.family, found
+
+
+def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]:
+    """In the order of the axis; nothing for a family without an easy case."""
+    if not axis.reference:
+        return
+    easy = members(trials, axis.reference)
+    for group in axis.groups:
+        hard = members(trials, group)
+        yield mean_ratio(
+            error[hard], trials.press[hard], error[easy], trials.press[easy], level=trials.level
+        )
+
+
+def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Predictions per 1,000 frames in which nothing presses."""
+    empty = trials.true_counts == 0
+    one = rate_interval(trials.predicted_counts[empty], trials.press[empty], level=trials.level)
+    value, low, high = (None if x is None else THOUSAND * x for x in (one.value, one.low, one.high))
+    yield "all", Estimate(value, low, high, one.n, one.clusters)
+
+
+def _count(trials: Trials, kind: int) -> Rows:
+    """Frames on which the model failed so, of every family and in all; nothing where a failure
+    ends the run."""
+    if trials.failed is None:
+        yield "all", Estimate.nothing()
+        return
+    so = trials.failed == kind
+    family = np.array([family_of(group) for group in trials.group], dtype=object)
+    masks: dict[str, Mask] = {axis.family: family == axis.family for axis in trials.axes}
+    for name, inside in (*masks.items(), ("all", np.ones(len(trials), dtype=bool))):
+        presses = len(np.unique(trials.press[inside]))
+        yield name, Estimate(float(so[inside].sum()), None, None, int(inside.sum()), presses)
+
+
+SPECS = (
+    mean_metric("ospa_mm", "mm", "lower", "mean over frames of (sum over pairs of min(d, c) + "
+                "c (max(n, m) - pairs)) / max(n, m); n true, m predicted contacts, c = gate, d the "
+                "distance in x, y and depth", ospa, positive_mean_interval, by_kind),
+    MetricSpec("error_ratio", "", "lower", "ospa_mm of a case / ospa_mm of the easy case of its "
+               "family", error_ratios),
+    MetricSpec("worst_ratio", "", "lower", "the largest error_ratio of all cases", worst_ratio),
+    MetricSpec("doubles_at", "", "none", "value, in the unit of the family, at which error_ratio "
+               "reaches 2, linear between the cases; censored '>' or '<' at the hardest case; n/a "
+               "where twice the easy case's error exceeds the gate",
+               doubles_at),
+    MetricSpec("false_per_1000", "per 1,000 frames", "lower", "predictions in frames without a "
+               "true contact / such frames x 1000", false_per_1000),
+    MetricSpec("not_finite", "frames", "lower", "frames answered with NaN or infinity",
+               lambda trials, _rng: _count(trials, NOT_FINITE)),
+    MetricSpec("raised", "frames", "lower", "frames on which the model raised an exception",
+               lambda trials, _rng: _count(trials, RAISED)),
+)  # fmt: skip

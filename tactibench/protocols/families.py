@@ -1,0 +1,132 @@
+"""Families of hard cases: one number, graded from easy to hard, and what it is done to."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, PositiveFloat, model_validator
+
+from tactibench.protocols.axes import Axis, case
+from tactibench.protocols.strict import Name, Presses, Stream, Strict
+
+FAMILIES = "families"
+"""Name of the one set of presses that a protocol of hard cases tests."""
+
+Press = Literal["nothing", "anywhere", "depth", "tip-radius", "off-axis", "distance",
+                "equal-depths", "symmetric", "beside", "ring"]  # fmt: skip
+"""What a value changes of the scene, see `tactibench.hardcases.scenes`."""
+
+Fault = Literal["blur", "noise", "gain", "glare", "gain-drift", "dead-rows", "occlusion",
+                "lost-pins", "spurious-blobs", "shift", "rotation"]  # fmt: skip
+"""What a value does to a frame of the base family, see `tactibench.hardcases.faults`."""
+
+NEEDS: dict[str, frozenset[str]] = {
+    "nothing": frozenset({"radius_mm"}),
+    "anywhere": frozenset({"radius_mm"}),
+    "depth": frozenset({"radius_mm"}),
+    "tip-radius": frozenset({"depth_mm"}),
+    "off-axis": frozenset({"radius_mm", "depth_mm"}),
+    "distance": frozenset({"radius_mm"}),
+    "equal-depths": frozenset({"radius_mm", "depth_mm"}),
+    "symmetric": frozenset({"radius_mm", "depth_mm"}),
+    "beside": frozenset({"radius_mm", "depth_mm", "apart_mm"}),
+    "ring": frozenset({"radius_mm", "depth_mm", "ring_mm"}),
+}
+"""Lengths that stay the same in all cases of a family, by what it presses."""
+
+
+class Cases(Strict):
+    """What all families share.
+
+    presses: of every case. base: family whose frames the faults are done to, and whose one case is
+    the easy one of every family of faults and of sensors.
+    """
+
+    presses: Presses
+    base: Name
+
+
+class Family(Strict):
+    """One way in which a press becomes hard. Exactly one of press, fault, parameter is given.
+
+    title: in words, with what the values are. unit: of the values. harder: which way along the
+    values; "unordered": they have no order. easy: value of the reference case, None for a family
+    without one. parameter: of the sensor, which presses the scenes of the base family with each
+    value. sensor: parameters of the sensor in all cases. depth_mm: range of the deepest tip's
+    depth. apart_mm: distance of two tips. ring_mm: radius of the circle of several tips.
+    presses: of every case, None: as everywhere.
+    """
+
+    name: Name
+    title: str
+    unit: str = ""
+    harder: Literal["rising", "falling", "unordered"]
+    easy: float | None = None
+    values: tuple[float, ...] = Field(min_length=1, strict=False)
+    stream: Stream
+    press: Press | None = None
+    fault: Fault | None = None
+    parameter: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] | None = None
+    sensor: dict[str, str] = Field(default_factory=dict)
+    presses: Presses | None = None
+    radius_mm: PositiveFloat | None = None
+    depth_mm: tuple[PositiveFloat, PositiveFloat] | None = Field(default=None, strict=False)
+    apart_mm: PositiveFloat | None = None
+    ring_mm: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        kinds = [kind for kind in ("press", "fault", "parameter") if getattr(self, kind)]
+        if len(kinds) != 1:
+            raise ValueError(f"family {self.name!r} needs exactly one of press, fault, parameter")
+        needed = NEEDS[self.press] if self.press else frozenset()
+        for key in ("radius_mm", "depth_mm", "apart_mm", "ring_mm"):
+            if (getattr(self, key) is not None) != (key in needed):
+                verb = "needs" if key in needed else "takes no"
+                what = self.press or self.fault or "parameter"
+                raise ValueError(f"family {self.name!r} of {what!r} {verb} {key}")
+        if not self.press and (self.sensor or self.presses):
+            raise ValueError(
+                f"family {self.name!r} takes the presses of the base family: leave sensor and "
+                "presses out"
+            )
+        if self.depth_mm is not None and self.depth_mm[0] > self.depth_mm[1]:
+            raise ValueError(f"family {self.name!r}: depth_mm must not fall")
+        return self
+
+    @model_validator(mode="after")
+    def _graded(self) -> Self:
+        if len({case(self.name, value) for value in self.values}) < len(self.values):
+            raise ValueError(f"family {self.name!r} holds a value twice")
+        if self.harder != "unordered":
+            if self.easy is None:
+                raise ValueError(f"family {self.name!r} is {self.harder}: it needs an easy value")
+            sign = 1 if self.harder == "rising" else -1
+            if any(sign * (b - a) <= 0 for a, b in pairwise((self.easy, *self.values))):
+                raise ValueError(
+                    f"family {self.name!r} gets harder {self.harder}: easy and values must be in "
+                    "that order"
+                )
+        elif self.easy in self.values:
+            raise ValueError(f"family {self.name!r} has its easy value among its values")
+        if self.press == "ring" and any(v != round(v) or v < 1 for v in self.pressed_values):
+            raise ValueError(f"family {self.name!r}: values are numbers of tips, 1 and more")
+        return self
+
+    @property
+    def pressed_values(self) -> tuple[float, ...]:
+        """Values of all cases that have frames of their own, the easy one first."""
+        own = self.press is not None and self.easy is not None
+        return (self.easy, *self.values) if own and self.easy is not None else self.values
+
+    def axis(self, base: Family) -> Axis:
+        """Where its cases stand among the groups of a record."""
+        reference = ""
+        if self.easy is not None:
+            reference = (
+                case(self.name, self.easy) if self.press else case(base.name, base.values[0])
+            )
+        return Axis(
+            self.name, self.title, self.unit, self.harder, self.easy, self.values, reference
+        )

@@ -1,0 +1,150 @@
+"""Hard cases on a page, in a picture and in a terminal: doubling points, errors, failures."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from tactibench.board.columns import BLOCKS
+from tactibench.board.figures.case_frames import case_frames
+from tactibench.board.figures.hard_cases import hard_cases
+from tactibench.board.hard_cases import doubling_cell, graded, hard_case_lines
+from tactibench.board.page import page
+from tactibench.board.rows import Row, rows_of
+from tactibench.cli.report import print_record
+from tactibench.cli.report.hard_cases import doubling
+from tactibench.metrics.registry import METRICS
+from tactibench.protocols.loader import load_protocol
+
+PROTOCOL = load_protocol("stability")
+AXES = PROTOCOL.keys.axes
+
+
+def metric(name: str, group: str, value: float | None, **more: Any) -> dict[str, Any]:
+    ends = {"low": None, "high": None} if value is None else {"low": 0.9 * value,
+                                                              "high": 1.1 * value}  # fmt: skip
+    unit = {"missed": "share", "ospa_mm": "mm"}.get(name, "")
+    return {"metric": name, "group": group, "value": value, **ends, "n": 50, "clusters": 50,
+            "unit": unit, "better": "lower", **more}  # fmt: skip
+
+
+def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any) -> dict[str, Any]:
+    """Errors that grow along every axis; families double at their first value, or never."""
+    made = fabricate("stability", model, encoder=None, error=scale, speed=[], **more)
+    for axis in AXES:
+        groups = ((axis.reference,) if axis.reference else ()) + axis.groups
+        for k, group in enumerate(groups):
+            made["metrics"] += [metric("ospa_mm", group, scale * 0.1 * (k + 1)),
+                                metric("missed", group, 0.05 * k),
+                                metric("spurious", group, 0.0)]  # fmt: skip
+            if axis.reference and k:
+                made["metrics"].append(metric("error_ratio", group, float(k + 1)))
+        if axis.ordered and axis.family == "deep":
+            made["metrics"].append(metric("doubles_at", "deep", 6.5, censored=">"))
+        elif axis.ordered:
+            made["metrics"].append(metric("doubles_at", axis.family, axis.values[0]))
+    made["metrics"] += [metric("worst_ratio", "all", 6.0), metric("false_per_1000", "all", 3.0),
+                        metric("not_finite", "all", 0.0, low=None, high=None),
+                        metric("raised", "all", 2.0, low=None, high=None)]  # fmt: skip
+    made["data"]["failures"] = {
+        "frames": 2, "causes": [{"cause": "IndexError: [b]no", "first": "many:6", "frames": 2}]
+    }  # fmt: skip
+    return made
+
+
+def test_every_metric_of_the_protocol_exists_and_every_column_is_one_of_them() -> None:
+    names = set(PROTOCOL.keys.metrics.names)
+    assert names <= set(METRICS)
+    assert {c.metric for block in BLOCKS["stability"] for c in block.columns} <= names
+
+
+def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
+    text = page(PROTOCOL, [record(fabricate), record(fabricate, "mean", 10.0)], [])
+    for axis in AXES:
+        assert f"#### {axis.family}: " in text
+    part = text.split("### Where the error doubles: what is pressed")[1].split("###")[0]
+    heads = next(line for line in part.split("\n") if line.startswith("| model"))
+    assert "grazing, mm" in heads
+    assert "blur" not in heads
+    (row,) = [line for line in part.split("\n") if line.startswith("| unet ")]
+    assert r"\> 6.5" in row
+    assert "<br><sub>0.45 – 0.55</sub>" in row  # grazing at 0.5 mm
+    faults = text.split("the camera and its light")[1].split("###")[0]
+    assert "shift, px" in faults
+    assert "individual" not in faults  # its values have no order
+    assert "Latency" not in text
+    assert re.search(r"\| 0\.300<br><sub>10\.0 %</sub> \|", text)
+
+
+def test_other_pages_have_no_such_tables(fabricate: Any) -> None:
+    assert "doubles" not in page(load_protocol("exp1"), [fabricate()], [])
+    assert hard_case_lines(rows_of([fabricate()]), ()) == []
+
+
+def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
+    one, other = record(fabricate), record(fabricate, seed=1)
+    (row,) = rows_of([one, other])
+    (family,) = (f for f in graded(row, AXES) if f.axis.family == "grazing")
+    assert family.doubles is not None
+    assert family.doubles.value == pytest.approx(0.5)
+    assert [case.value for case in family.cases] == [2, 0.5, 0.3, 0.2, 0.1, 0.05]
+    assert family.cases[0].easy
+    assert family.worst is not None
+    assert family.worst.value == 6
+    other["metrics"] = [m for m in other["metrics"] if m["metric"] != "doubles_at"]
+    (row,) = rows_of([one, other])
+    assert all(f.doubles is None for f in graded(row, AXES))
+    assert doubling_cell(None) == doubling(None) == "n/a"
+
+
+def printed(made: dict[str, Any]) -> str:
+    console = Console(width=120, record=True, file=io.StringIO())
+    made["environment"]["threads"] = 1
+    print_record(console, {**made, "path": "runs/x/record.json"}, [], [], AXES)
+    return console.export_text()
+
+
+def test_a_terminal_shows_a_line_a_family_and_what_failed(fabricate: Any) -> None:
+    text = printed(record(fabricate))
+    lines = {line.split()[0].rstrip(","): line for line in text.split("\n") if line.strip()}
+    for axis in AXES:
+        assert axis.family in lines
+    assert "> 6.5" in lines["deep"]
+    assert "false contacts per 1,000 empty frames: 3.0 [2.7, 3.3]" in text
+    assert "frames on which the model raised an exception: 2" in text
+    assert "2 x IndexError: [b]no (first: many:6)" in text
+    assert len(text.split("\n")) < 70  # the hundreds of cases are not listed one by one
+
+
+def test_the_same_rows_give_the_same_picture(fabricate: Any, tmp_path: Path) -> None:
+    some = [axis for axis in AXES if axis.family in {"grazing", "deep", "individual"}]
+    rows = [(f"model {k}", graded(Row((record(fabricate, scale=1 + k),)), some))
+            for k in range(9)]  # fmt: skip
+    for name in ("a.png", "b.png"):
+        hard_cases(tmp_path / name, rows, title="t", measured_on="simulated")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any, tmp_path: Path) -> None:
+    made = record(fabricate)
+    for row in made["metrics"]:
+        if row["group"].startswith("blur"):
+            row.update(value=None, low=None, high=None)
+        if row["metric"] == "ospa_mm" and row["group"].startswith("deep"):
+            row.update(value=0.0, low=0.0, high=0.0)
+    some = [axis for axis in AXES if axis.family in {"blur", "deep"}]
+    hard_cases(tmp_path / "a.png", [("model", graded(Row((made,)), some))])
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_frames_of_the_cases_are_drawn_where_there_are_any(tmp_path: Path) -> None:
+    image = np.full((32, 32), 90, np.uint8)
+    frames = {group: image for axis in AXES[:4] for group in axis.groups}
+    case_frames(tmp_path / "c.png", {**frames, "plain:0": image}, AXES[:8], title="cases")
+    assert (tmp_path / "c.png").stat().st_size > 5_000
