@@ -1,0 +1,279 @@
+"""A whole collection on the emulators, scored against what they know to be true.
+
+    python benchmarks/hardware.py collect --driver grbl --presses 500       labels, freshness, speed
+    python benchmarks/hardware.py collect --protocol exp2 --draw pairs --presses 10 --driver ur
+    python benchmarks/hardware.py faults                                    what every fault does
+    python benchmarks/hardware.py kills --kills 50                          SIGKILL of the collector
+
+Sensor, robot and camera are emulated on this machine; the times printed are this machine's.
+``kills`` starts the command line again and again, kills it, and looks which ids there are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench import UserError
+from tactibench.datasets.v1 import open_dataset
+from tactibench_tactip.collecting.collect import collect
+from tactibench_tactip.collecting.plan import plan_of
+from tactibench_tactip.emulators import Fault
+from tactibench_tactip.example import example
+from tactibench_tactip.rehearsal import Hidden, Rehearsed, envelope_of, rehearse
+from tactibench_tactip.settings import Settings
+
+UR_FAULTS = (
+    "protective-stop", "unlock-refused", "emergency-stop", "socket-drop", "frozen-stream",
+    "wrong-length", "program-stop",
+)  # fmt: skip
+GRBL_FAULTS = ("alarm-1", "alarm-2", "alarm-3", "no-ok", "garbled-line", "unplug", "hold")
+CAMERA_FAULTS = (
+    "camera-stall", "camera-drop", "stale-frames", "black-frames", "brightness-jump", "pin-loss",
+)  # fmt: skip
+VALUES = {"camera-stall": 60.0, "frozen-stream": 60.0, "pin-loss": 5.0}
+"""Seconds of the world, and pins; a stall outlasts a deadline at a time scale of 20."""
+
+
+def settings_of(driver: str, **contact: Any) -> Settings:
+    tables = tomllib.loads(example(driver))
+    tables["contact"] |= contact
+    tables["camera"] = {"source": "emulated", "warmup_frames": 5}
+    return Settings.model_validate(tables)
+
+
+class Frames:
+    """Truth at the moment of every frame, asked for while the world still knows it."""
+
+    def __init__(self, rehearsed: Rehearsed, folder: Path) -> None:
+        self._world, self._folder = rehearsed.world, folder
+        self._seen = 0
+        self.depth: list[float] = []
+        self.place: list[float] = []
+        self.late_ms: list[float] = []
+
+    def look(self) -> None:
+        """Score what was written since the last call."""
+        lines = (self._folder / "metadata.jsonl").read_bytes().splitlines()
+        for line in lines[self._seen :]:
+            row = json.loads(line)
+            self._seen += 1
+            if row["status"] != "ok":
+                continue
+            truth = self._world.truth(row["t_frame_ns"]).contacts
+            said_xy = np.array(row["contacts_xy_mm"])
+            for xy, depth in zip(truth.xy, truth.depth, strict=True):
+                away = np.hypot(*(said_xy - xy).T)
+                nearest = int(away.argmin())
+                self.place.append(float(away[nearest]))
+                self.depth.append(row["contacts_depth_mm"][nearest] - float(depth))
+            self.late_ms.append((row["t_frame_ns"] - row["extra"]["t_settle_ns"]) * 1e-6)
+
+
+def run_collect(arguments: argparse.Namespace) -> None:
+    folder = Path(arguments.out or tempfile.mkdtemp(prefix="tactibench-hw-"))
+    settings = settings_of(arguments.driver)
+    plan = plan_of(arguments.protocol, settings, draws=arguments.draw, count=arguments.presses)
+    hidden = Hidden(z=0.8)
+    with rehearse(settings, time_scale=arguments.time_scale, hidden=hidden) as rehearsed:
+        frames = Frames(rehearsed, folder)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        start, done = time.monotonic(), 0
+
+        def advance(count: int) -> None:
+            nonlocal done
+            done += count
+            frames.look()
+            if done % 100 == 0:
+                print(f"  {done} of {len(plan)}, {time.monotonic() - start:.0f} s", flush=True)
+
+        def mount(indenter: Any, _count: int) -> bool:
+            rehearsed.world.mount(indenter)
+            return True
+
+        report = collect(
+            rehearsed.settings, plan, folder, told=print, advance=advance, mount=mount,
+            entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
+        )  # fmt: skip
+        took = time.monotonic() - start
+        outside = len(rehearsed.world.log.outside)
+        grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before
+    depth, place = np.abs(frames.depth), np.array(frames.place)
+    print(f"{arguments.protocol} on {arguments.driver}, time scale {arguments.time_scale:g}: "
+          f"{report.ok} ok, {report.bad} bad, {report.left} left in {took:.0f} s "
+          f"({took / max(1, report.ok):.2f} s a press)")  # fmt: skip
+    print(f"depth label against truth: mean {np.mean(frames.depth):+.4f}, worst "
+          f"{depth.max():.4f} mm ({len(depth)} contacts)")  # fmt: skip
+    print(f"position label against truth: worst {place.max():.5f} mm")
+    print(f"frame after the end of settling: {min(frames.late_ms):.1f} ms at least")
+    print(f"first touch: {[round(touch.z0_mm, 4) for touch in report.touches]}, true 0.8 mm")
+    print(f"motion outside the envelope: {outside} stretches; peak memory grew by {grown:.0f} MiB")
+    print(f"data set: {folder}")
+
+
+def run_faults(arguments: argparse.Namespace) -> None:
+    """Every fault at the fourth press of six; the same call again until all are there."""
+    base = Path(tempfile.mkdtemp(prefix="tactibench-faults-"))
+    wanted = [("grbl", kind) for kind in (*GRBL_FAULTS, *CAMERA_FAULTS)]
+    wanted += [("ur", kind) for kind in (*UR_FAULTS, *CAMERA_FAULTS)]
+    if arguments.only:
+        wanted = [pair for pair in wanted if pair[1] in arguments.only]
+    print(
+        "robot fault            sessions  ok  bad  ids  longest s  outside  first session ended by"
+    )
+    for driver, kind in wanted:
+        print(_one_fault(driver, kind, base / f"{driver}-{kind}"), flush=True)
+    shutil.rmtree(base, ignore_errors=True)
+
+
+def _one_fault(driver: str, kind: str, folder: Path) -> str:
+    settings = settings_of(driver)
+    plan = plan_of("exp1", settings, draws=("singles",), count=6)
+    faults = [Fault(kind, press=4, value=VALUES.get(kind))]
+    if kind == "unlock-refused":
+        faults.append(Fault("protective-stop", press=4))
+    ended, longest, sessions = "", 0.0, 0
+    with rehearse(settings, faults=tuple(faults)) as rehearsed:
+        for sessions in range(1, 6):  # noqa: B007
+            start = time.monotonic()
+            try:
+                report = collect(
+                    rehearsed.settings, plan, folder,
+                    entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
+                )  # fmt: skip
+                longest = max(longest, time.monotonic() - start)
+                if not report.left:
+                    break
+            except UserError as error:
+                longest = max(longest, time.monotonic() - start)
+                ended = ended or str(error)
+                _mend(rehearsed, driver, kind)
+            finally:
+                rehearsed.world.keep_to(None)
+        outside = len(rehearsed.world.log.outside)
+        fired = all(fired.taken for fired in rehearsed.world.fired) and rehearsed.world.fired
+    samples = open_dataset(folder).samples
+    ok = sum(sample.status == "ok" for sample in samples)
+    whole = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
+    return (f"{driver:<5} {kind:<16} {sessions:>8} {ok:>4} {len(samples) - ok:>4}  "
+            f"{'all ' if whole else 'LOST'} {longest:>8.1f} {outside:>8}  "
+            f"{'' if fired else 'NOT FIRED '}{ended[:90]}")  # fmt: skip
+
+
+def _mend(rehearsed: Rehearsed, driver: str, kind: str) -> None:
+    """What a person would do before the next session."""
+    if driver == "grbl" and kind == "unplug":
+        rehearsed.robot.plug()
+    elif kind in ("brightness-jump", "pin-loss"):  # the light is put back, the skin changed
+        rehearsed.camera.stop()
+        rehearsed.camera._brighter = 0.0
+        rehearsed.camera.picture._lost = np.zeros((0, 2))
+        rehearsed.camera.start()
+    elif driver == "ur" and kind in ("protective-stop", "unlock-refused"):
+        from tactibench_tactip.robots.ur_dashboard import Dashboard
+
+        board = Dashboard(rehearsed.robot.host)
+        for _ in range(40):
+            board.ask("unlock protective stop")
+            if "NORMAL" in board.ask("safetystatus"):
+                break
+            time.sleep(0.1)
+        board.close()
+    elif kind == "emergency-stop":  # the button is released, the arm switched on again
+        with rehearsed.world.lock:
+            rehearsed.robot.controller.safety = "NORMAL"
+            rehearsed.robot.controller.robot_mode = 7
+
+
+def run_kills(arguments: argparse.Namespace) -> None:
+    """Kill the command at random moments; every id is to be there once in the end."""
+    base = Path(tempfile.mkdtemp(prefix="tactibench-kills-"))
+    config = base / "lab.toml"
+    text = example("grbl").replace('method = "visual"', 'method = "fixed"\nfixed_mm = 0.8')
+    config.write_text(text.replace("pins = 127", "# pins = 127"), encoding="utf-8")
+    out = base / "data"
+    count = arguments.presses
+    command = [sys.executable, "-m", "tactibench", "hw", "collect", "exp1", "--config", str(config),
+               "--out", str(out), "--emulate", "--time-scale", "100", "--draw", "singles",
+               "--count", str(count)]  # fmt: skip
+    rng = random.Random(arguments.seed)  # noqa: S311
+    killed, counts = 0, []
+    while True:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        if killed >= arguments.kills:
+            process.wait()
+            break
+        _wait_for_growth(out, process, rng)
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            killed += 1
+        counts.append(len(_ids(out)))
+        if counts[-1] == count:
+            break
+    ids = _ids(out)
+    print(f"{killed} kills; rows after each: {counts}")
+    good = len(ids) == len(set(ids)) == count
+    print(f"ids: {len(ids)} rows, {len(set(ids))} different, planned {count}: "
+          f"{'exactly the planned' if good else 'WRONG'}")  # fmt: skip
+    verified = subprocess.run([sys.executable, "-m", "tactibench", "data", "verify", str(out)],
+                              capture_output=True, text=True, check=False)  # fmt: skip
+    print(verified.stdout.strip())
+    shutil.rmtree(base, ignore_errors=True)
+
+
+def _wait_for_growth(out: Path, process: subprocess.Popen[bytes], rng: random.Random) -> None:
+    """A random moment: at the start, or some milliseconds after a row or a few were written."""
+    before, wanted = len(_ids(out)), rng.randint(0, 3)
+    while process.poll() is None and len(_ids(out)) < before + wanted:
+        time.sleep(0.002)
+    time.sleep(rng.uniform(0.0, 1.5 if wanted == 0 else 0.15))
+
+
+def _ids(out: Path) -> list[int]:
+    try:
+        lines = (out / "metadata.jsonl").read_bytes().split(b"\n")[:-1]
+    except OSError:
+        return []
+    return [json.loads(line)["id"] for line in lines]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    one = verbs.add_parser("collect")
+    one.add_argument("--protocol", default="exp1")
+    one.add_argument("--draw", action="append", default=None)
+    one.add_argument("--driver", choices=("ur", "grbl"), default="grbl")
+    one.add_argument("--presses", type=int, default=500)
+    one.add_argument("--time-scale", type=float, default=20.0)
+    one.add_argument("--out")
+    faults = verbs.add_parser("faults")
+    faults.add_argument("--only", nargs="*")
+    kills = verbs.add_parser("kills")
+    kills.add_argument("--kills", type=int, default=50)
+    kills.add_argument("--presses", type=int, default=150)
+    kills.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    if arguments.verb == "collect":
+        arguments.draw = arguments.draw or (
+            ["singles"] if arguments.protocol == "exp1" else ["pairs"]
+        )
+    {"collect": run_collect, "faults": run_faults, "kills": run_kills}[arguments.verb](arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""Where the sensor sits: from first touches on a circle, and from where presses show.
+
+A tip whose axis passes the dome's at distance rho touches sqrt((R_d + R)^2 - rho^2) above its
+centre, so heights of first touch at known places w_i of the work frame fit
+
+    z_i = z_0 + (R_d + R) - sqrt((R_d + R)^2 - |w_i - w_0|^2)
+
+with the centre w_0 and the height z_0 unknown. In the image a press shows at m_i, the middle of the
+squared change, against the middle of all presses: m_i = (s + k |u_i|^2) R(yaw) F u_i + c, where
+u_i = w_i - w_0, F turns y about (the sensor's z looks against the work frame's), s and k are the
+camera's scale and its first distortion, c what is left of the centre.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from tactibench import Pose, Scene
+from tactibench_tactip.camera.source import Image
+from tactibench_tactip.geometry.frames import Array
+from tactibench_tactip.station import Station
+from tactibench_tactip.touch.search import find_touch
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """sensor: x, y mm and yaw deg for [frames]. z0_mm: of first touch over the apex."""
+
+    sensor: tuple[float, float, float]
+    z0_mm: float
+    centre_std_mm: float
+    yaw_std_deg: float
+    height_rms_mm: float
+
+
+def calibrate(
+    station: Station, radius: float, depth: float, points: int, advance: Callable[[int], None]
+) -> Calibrated:
+    """Search and press at the middle and on a circle. Raises UserError as searches and presses."""
+    indenter = station.settings.indenter.indenter()
+    turns = [2.0 * math.pi * k / points for k in range(points)]
+    spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in turns)]
+    rest = station.look_at_rest()
+    places, heights, seen = [], [], []
+    for number, (x, y) in enumerate(spots):
+        place = Scene(indenter, Pose(x, y))
+        station.look_at_rest()
+        find_touch(station, first=number == 0, scene=place)
+        tool = station.geometry.tool_pose(place)
+        places.append(tool[:2])
+        heights.append(tool[2])
+        pressed = station.press(replace(place, pose=replace(place.pose, depth=depth)))
+        seen.append(middle_of(pressed.judged.image, rest.mean))
+        advance(1)
+    reach = station.settings.sensor.dome_radius_mm + indenter.radius
+    centre, z0, std, rms = fit_centre(np.array(places), np.array(heights), reach)
+    yaw, yaw_std = fit_yaw(np.array(places) - centre, np.array(seen))
+    return Calibrated((float(centre[0]), float(centre[1]), yaw), z0, std, yaw_std, rms)
+
+
+def middle_of(image: Image, rest: Array) -> tuple[float, float]:
+    """Column and row of the middle of the squared change, px."""
+    energy = np.square(image - rest)
+    energy = np.maximum(0.0, energy - np.percentile(energy, 75))  # noise is everywhere
+    rows, columns = np.indices(energy.shape)
+    total = float(energy.sum())
+    return float((energy * columns).sum() / total), float((energy * rows).sum() / total)
+
+
+def fit_centre(places: Array, heights: Array, reach: float) -> tuple[Array, float, float, float]:
+    """Centre (2,), z_0, one sigma of the centre and rms of the heights, mm."""
+
+    def misfit(p: Array) -> Array:
+        square = np.maximum(1e-9, reach**2 - ((places - p[:2]) ** 2).sum(axis=1))
+        return np.asarray(p[2] + reach - np.sqrt(square) - heights)
+
+    start = np.array([*places.mean(axis=0), heights.min()])
+    found = least_squares(misfit, start)
+    rms = float(np.sqrt(np.mean(found.fun**2)))
+    spread = np.linalg.pinv(found.jac.T @ found.jac) * (found.fun**2).sum()
+    spread = spread / max(1, len(heights) - 3)
+    return found.x[:2], float(found.x[2]), float(np.sqrt(np.diag(spread)[:2].mean())), rms
+
+
+def fit_yaw(from_centre: Array, seen: Array) -> tuple[float, float]:
+    """Yaw of the image's x axis in the work frame and its one sigma, deg."""
+    flipped = from_centre * [1.0, -1.0]
+    square = (flipped**2).sum(axis=1, keepdims=True)
+
+    def misfit(p: Array) -> Array:
+        angle, scale, cubic, cx, cy = p
+        c, s = math.cos(angle), math.sin(angle)
+        turned = flipped @ np.array([[c, s], [-s, c]])
+        return np.asarray(((scale + cubic * square) * turned + [cx, cy] - seen).ravel())
+
+    best = None
+    for start in np.arange(0.0, 2.0 * math.pi, math.pi / 4):
+        first = np.array([start, 3.0, 0.0, *seen.mean(axis=0)])
+        found = least_squares(misfit, first)
+        middle = found.x[1] + found.x[2] * float(square.mean())  # scale where the presses are
+        if middle > 0 and (best is None or found.cost < best.cost):
+            best = found
+    assert best is not None, "one of eight starts has a positive scale"  # noqa: S101
+    spread = np.linalg.pinv(best.jac.T @ best.jac) * 2.0 * best.cost / max(1, len(seen) * 2 - 5)
+    yaw = math.degrees(float(best.x[0]))
+    return (yaw + 180.0) % 360.0 - 180.0, math.degrees(float(np.sqrt(spread[0, 0])))

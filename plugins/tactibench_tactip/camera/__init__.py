@@ -1,0 +1,1 @@
+"""The camera: fresh frames with the time at which they were taken."""

@@ -1,0 +1,1 @@
+"""Collecting a data set, press by press."""

@@ -1,0 +1,94 @@
+"""A press as a sample of the data set."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from tactibench import Scene
+from tactibench.datasets.v1 import Draft
+from tactibench.lab import Press
+from tactibench_tactip.camera.source import Image
+from tactibench_tactip.settings import Pose6
+from tactibench_tactip.station import Pressed
+
+Outcome = Literal["ok", "bad_frame", "no_contact", "aborted"]
+
+
+def draft_of(
+    press: Press, pressed: Pressed, *, session: str, attempt: int, method: str, reason: str
+) -> Draft:
+    """The sample of a press that came to its end; reason: why its frame is bad, "" when it is not.
+
+    Every key of ``extra`` has the same type in every row.
+    """
+    judged = pressed.judged
+    force = pressed.state.force_n
+    extra: dict[str, Any] = {
+        "draw": press.draw,
+        "outcome": "bad_frame" if reason else "ok",
+        "reason": reason,
+        "depth_cmd_mm": float(press.scene.pose.depth),
+        "depth_meas_mm": pressed.scene.pose.depth,
+        "z0_mm": pressed.z0,
+        "z0_method": method,
+        "pose_cmd": _floats(pressed.commanded),
+        "pose_meas_before": _floats(pressed.before),
+        "pose_meas_after": _floats(pressed.after),
+        "force_n": [] if force is None else [float(value) for value in force],
+        "t_settle_ns": pressed.settled_ns,
+        "robot_timestamp": [] if pressed.state.time_s is None else [pressed.state.time_s],
+        "frames_median": len(pressed.frames),
+        "looks": pressed.looks,
+        "brightness_mean": judged.brightness,
+        "brightness_std": judged.contrast,
+        "saturated": judged.saturated,
+        "n_pins": judged.pins,
+    }
+    return Draft(
+        judged.image,
+        press.id,
+        pressed.scene,
+        press=press.name,
+        session=session,
+        t_frame_ns=judged.t_ns,
+        extra=extra,
+        status="bad" if reason else "ok",
+        attempt=attempt,
+    )
+
+
+def aborted_draft(
+    press: Press, image: Image, scene: Scene, *, outcome: Outcome, reason: str, session: str,
+    attempt: int, z0: float, method: str,
+) -> Draft:  # fmt: skip
+    """The sample of a press that was given up; its image is of the undeformed sensor."""
+    nothing: list[float] = []
+    extra: dict[str, Any] = {
+        "draw": press.draw,
+        "outcome": outcome,
+        "reason": reason,
+        "depth_cmd_mm": float(press.scene.pose.depth),
+        "depth_meas_mm": 0.0,
+        "z0_mm": z0,
+        "z0_method": method,
+        "pose_cmd": nothing,
+        "pose_meas_before": nothing,
+        "pose_meas_after": nothing,
+        "force_n": nothing,
+        "t_settle_ns": 0,
+        "robot_timestamp": nothing,
+        "frames_median": 0,
+        "looks": 0,
+        "brightness_mean": float(image.mean()),
+        "brightness_std": float(image.std()),
+        "saturated": 0.0,
+        "n_pins": -1,
+    }
+    return Draft(
+        image, press.id, scene, press=press.name, session=session, extra=extra, status="bad",
+        attempt=attempt,
+    )  # fmt: skip
+
+
+def _floats(pose: Pose6) -> list[float]:
+    return [float(value) for value in pose]

@@ -1,0 +1,82 @@
+"""How the image of a held press changes with time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactibench import Pose, Scene
+from tactibench_tactip.geometry.frames import Array
+from tactibench_tactip.motion import press_moves
+from tactibench_tactip.motion.mover import Mover
+from tactibench_tactip.station import Station
+
+MEAN_OF = 5
+"""Frames that are averaged against noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """times: (N,) device seconds after the end of the move. change: (N,) mean absolute difference
+    of running means to the last one, grey levels. noise: of such a difference at rest."""
+
+    times: Array
+    change: Array
+    noise: float
+
+    def change_at(self, seconds: float) -> float:
+        return float(self.change[int(np.argmin(np.abs(self.times - seconds)))])
+
+    @property
+    def settled_s(self) -> float:
+        """From when on the change stays below twice the noise."""
+        loud = np.flatnonzero(self.change > 2.0 * self.noise)
+        if not len(loud):
+            return float(self.times[0])
+        return float(self.times[min(loud[-1] + 1, len(self.times) - 1)])
+
+
+def measure_settling(station: Station, depth: float, seconds: float) -> Settling:
+    """Press at the apex, hold, and look at every frame. Raises RobotError, CameraError."""
+    settings = station.settings
+    scene = Scene(settings.indenter.indenter(), Pose(depth=depth))
+    trip = press_moves.way(scene, station.geometry, settings)
+    scale = settings.robot.time_scale
+    count = max(3 * MEAN_OF, int(seconds / scale / station.camera.period_s))
+
+    def down(mover: Mover) -> int:
+        press_moves.descend(mover, trip, lambda _: "")
+        return time.monotonic_ns()
+
+    with station.at(scene):
+        begun = station.do(down)
+        shots = station.camera.fresh(begun, count)
+        station.do(lambda m: press_moves.withdraw(m, scene, station.geometry, settings))
+    images = np.stack([shot.image for shot in shots]).astype(np.float32)
+    means = np.stack([images[k : k + MEAN_OF].mean(axis=0) for k in range(count - MEAN_OF + 1)])
+    change = np.abs(means - means[-1]).mean(axis=(1, 2))
+    rest = station.rest
+    assert rest is not None, "looked at before"  # noqa: S101
+    # Means of n frames each differ by sqrt(2 / n) of the deviation; two frames by sqrt(2) of it.
+    noise = rest.between / MEAN_OF**0.5
+    times = np.array([(shot.t_ns - begun) * 1e-9 * scale for shot in shots[: len(means)]])
+    return Settling(times, change.astype(np.float64), noise)
+
+
+def draw_settling(path: Path, found: Settling, depth: float) -> None:
+    """Write a PNG of the change against time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot(found.times, found.change, lw=1)
+    axes.axhline(2 * found.noise, ls="--", lw=0.8, color="0.5", label="twice the noise")
+    axes.set(xlabel="seconds after the move", ylabel="change to the end, grey levels",
+             title=f"held at {depth:g} mm")  # fmt: skip
+    axes.legend()
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,62 @@
+"""``tactibench hw calibrate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tactibench_tactip.commands.common import (
+    bar,
+    config_options,
+    devices,
+    json_option,
+    write_figures,
+)
+
+
+@click.command("calibrate")
+@config_options
+@click.option("--radius", type=click.FloatRange(1, 8), default=4.0, show_default=True,
+              help="Of the circle of presses, mm.")  # fmt: skip
+@click.option("--depth", type=click.FloatRange(0.5, 5), default=2.0, show_default=True,
+              help="Of the presses, mm.")  # fmt: skip
+@click.option("--points", type=click.IntRange(4, 24), default=8, show_default=True,
+              help="Presses on the circle.")  # fmt: skip
+@json_option
+def command(
+    config: Path, emulate: bool, time_scale: float, radius: float, depth: float, points: int,
+    json_file: Path | None,
+) -> None:  # fmt: skip
+    """Find where the sensor sits, from presses of one tip: centre, yaw of the image, height.
+
+    First touch is found at every place: the heights lie on the dome, whose top is the centre. The
+    place of every press in the image, against where the tool was, gives the yaw. Prints the line
+    for [frames].
+    """
+    from tactibench import UserError
+    from tactibench_tactip.calibration import calibrate
+    from tactibench_tactip.rehearsal import Hidden
+    from tactibench_tactip.station import Station
+
+    known = {"hidden": Hidden(0.4, -0.3, 0.8, 6.0)} if emulate else {}
+    with devices(config, emulate, time_scale, **known) as (settings, _):
+        if settings.indenter.kind != "single":
+            raise UserError(
+                'a calibration needs one tip; mount it and say indenter.kind = "single".'
+            )
+        with Station(settings) as station, bar("press", points + 1) as advance:
+            found = calibrate(station, radius, depth, points, advance)
+    x, y, yaw = found.sensor
+    click.echo(f"sensor = [{x:.3f}, {y:.3f}, {yaw:.2f}]    # in [frames]")
+    click.echo(
+        f"one sigma {found.centre_std_mm:.3f} mm and {found.yaw_std_deg:.2f} deg from {points + 1} "
+        f"presses; heights lie {found.height_rms_mm:.3f} mm from the dome; first touch at z "
+        f"{found.z0_mm:+.3f} mm of the work frame"
+    )
+    if emulate:
+        click.echo("emulated: the sensor sits at 0.4, -0.3 mm and 6 deg from [frames]")
+    write_figures(json_file, [
+        ("centre", "x", x, "mm"), ("centre", "y", y, "mm"), ("yaw", "all", yaw, "deg"),
+        ("first_touch", "all", found.z0_mm, "mm"),
+    ])  # fmt: skip

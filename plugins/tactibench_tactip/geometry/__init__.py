@@ -1,0 +1,1 @@
+"""Rigid transforms, and how a press on the dome becomes a pose of the tool."""

@@ -1,0 +1,1 @@
+"""A model that watches the camera: loop latency, pictures."""

@@ -1,0 +1,1 @@
+"""Motion: one thread owns the robot, every target is checked, every wait ends."""

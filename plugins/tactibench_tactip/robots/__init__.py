@@ -1,0 +1,1 @@
+"""Robots behind one protocol: UR, GRBL, cri."""

@@ -1,0 +1,61 @@
+"""Getting a robot, within a time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from tactibench import UserError
+from tactibench_tactip.failures import RobotError
+from tactibench_tactip.robots.base import Robot
+from tactibench_tactip.settings import Settings
+
+T = TypeVar("T")
+
+
+def within(seconds: float, what: str, job: Callable[[], T]) -> T:
+    """Do a job that may hang, in a thread that is left behind then. Raises RobotError."""
+    done: list[T] = []
+    failed: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            done.append(job())
+        except BaseException as error:  # noqa: BLE001 - raised again by the caller
+            failed.append(error)
+
+    thread = threading.Thread(target=work, name=f"tactip {what}", daemon=True)
+    thread.start()
+    thread.join(seconds)
+    if failed:
+        raise failed[0]
+    if not done:
+        raise RobotError(
+            f"{what} did not answer within {seconds:g} s; check that it is switched on and that "
+            "robot.address is right."
+        )
+    return done[0]
+
+
+def robot_of(settings: Settings) -> Robot:
+    """The driver of a configuration, not connected. Raises UserError for a missing package."""
+    keys = settings.robot
+    if keys.driver == "ur":
+        from tactibench_tactip.robots.ur import UrRobot
+
+        return UrRobot(settings)
+    if keys.driver == "grbl":
+        from tactibench_tactip.robots.grbl import GrblRobot
+
+        return GrblRobot(settings)
+    from tactibench_tactip.robots.cri import CriRobot
+
+    return CriRobot(settings)
+
+
+def missing(package: str, extra: str, why: str = "") -> UserError:
+    """A driver's package is not installed."""
+    return UserError(
+        f"the package {package} is missing; install it with pip install 'tactibench[{extra}]'{why}."
+    )

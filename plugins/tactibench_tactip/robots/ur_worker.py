@@ -1,0 +1,130 @@
+"""The process that holds a UR: ``ur_rtde`` in a loop of 125 Hz.
+
+``ur_rtde`` keeps Python's lock while it waits, in its constructors without end and in a move for up
+to 300 s; in a process of its own it can stop nothing but itself. This one does what it is told over
+a local connection, kicks the watchdog, and tells at every turn what the controller says. When the
+connection ends, for whatever reason, it stops the arm and ends. Poses are here as the controller
+has them, m and rotation vector.
+
+    python -m tactibench_tactip.robots.ur_worker PORT < key
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from multiprocessing.connection import Client, Connection
+from typing import Any
+
+VARIABLES = (
+    "timestamp", "actual_TCP_pose", "actual_TCP_force", "robot_mode", "safety_mode",
+    "safety_status_bits", "runtime_state",
+)  # fmt: skip
+"""A short list at 125 Hz: everything at 500 Hz takes a core."""
+HZ = 125.0
+STOP_M_S2 = 2.0
+
+
+class Arm:
+    """The two interfaces of ur_rtde. Every return is looked at: False instead of an exception."""
+
+    def __init__(self, host: str, tcp: list[float], watchdog_hz: float) -> None:
+        from rtde_control import RTDEControlInterface
+        from rtde_receive import RTDEReceiveInterface
+
+        self._receive = RTDEReceiveInterface(host, HZ, list(VARIABLES))
+        self._control = RTDEControlInterface(host)
+        self._tcp, self._watchdog_hz = tcp, watchdog_hz
+        self.prepare()
+
+    def prepare(self) -> str:
+        if not self._control.setWatchdog(self._watchdog_hz):
+            return "the watchdog could not be set"
+        return "" if self._control.setTcp(self._tcp) else "the TCP could not be set"
+
+    def start(self, pose: list[float], speed: float, acceleration: float) -> str:
+        if not self._control.isPoseWithinSafetyLimits(pose):
+            return "its safety limits exclude the next pose; look at its planes and at [frames]"
+        if not self._control.moveL(pose, speed, acceleration, True):
+            return "it did not begin a move"
+        return ""
+
+    def stop(self) -> str:
+        if self._control.isProgramRunning():  # otherwise the arm stands, and nobody would answer
+            self._control.stopL(STOP_M_S2, True)
+        return ""
+
+    def reload(self, seconds: float) -> str:
+        """Load the control program again and wait until it runs."""
+        if not self._control.reuploadScript():
+            return "the control program could not be loaded again"
+        end = time.monotonic() + seconds
+        while not self._control.isProgramRunning():
+            if time.monotonic() > end:
+                return "the control program did not start again"
+            time.sleep(0.01)
+        return self.prepare()
+
+    def kick(self) -> None:
+        self._control.kickWatchdog()
+
+    def facts(self) -> dict[str, Any]:
+        receive, control = self._receive, self._control
+        return {
+            "time": receive.getTimestamp(),
+            "pose": receive.getActualTCPPose(),
+            "force": list(receive.getActualTCPForce())[:3],
+            "bits": int(receive.getSafetyStatusBits()),
+            "mode": int(receive.getRobotMode()),
+            "linked": bool(receive.isConnected() and control.isConnected()),
+            "program": bool(control.isProgramRunning()),
+            "moving": bool(control.getAsyncOperationProgressEx().isAsyncOperationRunning()),
+        }
+
+    def close(self) -> None:
+        self._control.stopScript()
+        self._control.disconnect()
+        self._receive.disconnect()
+
+
+def serve(link: Connection) -> None:
+    """Until the other side is gone."""
+    first = json.loads(link.recv_bytes())
+    try:
+        arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
+    except Exception as error:  # noqa: BLE001 - told to the other side
+        _send(link, {"failed": " ".join(str(error).split())})
+        return
+    _send(link, {"ready": True})
+    number, due = 0, time.monotonic()
+    try:
+        while True:
+            while link.poll(max(0.0, due - time.monotonic())):
+                told = json.loads(link.recv_bytes())
+                answer = getattr(arm, told["do"])(*told["with"])
+                number += 1
+                _send(link, {"answer": answer or "", "to": told["number"], "facts": number})
+            arm.kick()
+            number += 1
+            _send(link, {"number": number, **arm.facts()})
+            due = max(due + 1.0 / HZ, time.monotonic())
+    except (EOFError, OSError):  # nobody is there any more
+        pass
+    finally:
+        arm.stop()
+        arm.close()
+
+
+def _send(link: Connection, value: dict[str, Any]) -> None:
+    link.send_bytes(json.dumps(value).encode())
+
+
+def main() -> None:
+    key = sys.stdin.buffer.readline().strip()
+    with Client(("127.0.0.1", int(sys.argv[1])), authkey=key) as link:
+        serve(link)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,204 @@
+"""The configuration of a setup: validated tables of a TOML file, millimetres and degrees.
+
+Names and conventions are those of the Bristol robot stack: poses are (x, y, z, alpha, beta, gamma)
+in mm and deg, extrinsic ``sxyz``; +z of the work frame and of the tool points into the object.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    model_validator,
+)
+
+from tactibench import Indenter
+
+Pose6 = tuple[float, float, float, float, float, float]
+"""x, y, z mm, alpha, beta, gamma deg, extrinsic about x, y, z."""
+
+Pose6Key = Annotated[Pose6, Field(strict=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class RobotKeys(_Table):
+    """driver: who speaks to the robot. address: a host (ur), a serial port or socket:// (grbl),
+    ``package.module:callable`` that makes the robot (cri). time_scale: how many times faster than
+    real an emulator runs; 1 on a robot. home: drive a stage to its switches when it is not homed.
+    allow_unhomed: run a stage that has none. watchdog_hz: a UR stops when it hears nothing of us
+    for as long as one period."""
+
+    driver: Literal["ur", "grbl", "cri"]
+    address: str = Field(min_length=1)
+    approach_mm_s: Annotated[float, Field(gt=0, le=100)] = 20.0
+    press_mm_s: Annotated[float, Field(gt=0, le=20)] = 5.0
+    retract_mm_s: Annotated[float, Field(gt=0, le=100)] = 50.0
+    acceleration_mm_s2: Annotated[float, Field(gt=0, le=2000)] = 500.0
+    connect_s: Annotated[float, Field(gt=0, le=120)] = 20.0
+    time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
+    watchdog_hz: Annotated[float, Field(ge=2, le=50)] = 10.0
+    home: bool = False
+    allow_unhomed: bool = False
+
+    @model_validator(mode="after")
+    def _real_time(self) -> Self:
+        local = ("127.", "localhost", "socket://127.", "socket://localhost", "/dev/pts/")
+        if self.time_scale != 1 and not self.address.startswith(local) and self.driver != "cri":
+            raise ValueError(
+                f"time_scale is {self.time_scale:g}, but {self.address} is no emulator on this "
+                "machine; a robot runs in real time: leave time_scale out"
+            )
+        return self
+
+
+class FrameKeys(_Table):
+    """moves: what the robot carries. work_frame: in the robot's base; for an indenter that moves
+    its origin is the sensor's undeformed apex, for a sensor that moves the indenter's foremost
+    point. tcp_pose: of the tool in the flange. sensor: x, y mm of the apex and yaw deg of the
+    image's x axis in the work frame (in the tool, for a sensor that moves); ``hw calibrate``."""
+
+    moves: Literal["indenter", "sensor"] = "indenter"
+    work_frame: Pose6Key
+    tcp_pose: Pose6Key = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sensor: Annotated[tuple[float, float, float], Field(strict=False)] = (0.0, 0.0, 0.0)
+
+
+class SensorKeys(_Table):
+    """pins: that a frame of the undeformed sensor shows, None: nobody counts. pins_tolerance: how
+    many a frame may lack or have more. deepest_mm: past first touch, at most."""
+
+    name: str = "tactip-127"
+    dome_radius_mm: PositiveFloat = 20.0
+    deepest_mm: Annotated[float, Field(gt=0, le=12)] = 6.5
+    pins: PositiveInt | None = None
+    pins_tolerance: NonNegativeInt = 2
+
+
+class CameraKeys(_Table):
+    """source: a number, a path such as /dev/v4l/by-id/..., or an address. size: width, height px;
+    None: what comes. crop: x, y, width, height px of the frame that is kept. exposure: the
+    backend's own unit; None, the camera stays as it is and must hold its brightness. burst: frames
+    of one sample, of which the median is kept."""
+
+    source: str | int
+    size: Annotated[tuple[PositiveInt, PositiveInt], Field(strict=False)] | None = None
+    fps: PositiveFloat = 30.0
+    fourcc: Annotated[str, Field(pattern=r"^[A-Za-z0-9]{4}$")] | None = None
+    crop: (
+        Annotated[
+            tuple[NonNegativeInt, NonNegativeInt, PositiveInt, PositiveInt], Field(strict=False)
+        ]
+        | None
+    ) = None
+    exposure: float | None = None
+    gain: float | None = None
+    burst: Annotated[int, Field(ge=2, le=15)] = 3
+    warmup_frames: Annotated[int, Field(ge=1, le=600)] = 60
+    stall_s: Annotated[float, Field(gt=0, le=10)] = 1.0
+
+
+class IndenterKeys(_Table):
+    """What is mounted. distance_mm: of a dual's tips. side_mm, heights_mm: of a triple and its
+    inserts, seen facing the tips, x right and y down: the tip below, upper left, upper right."""
+
+    kind: Literal["single", "dual", "triple", "plate"] = "single"
+    radius_mm: PositiveFloat = 3.0
+    distance_mm: PositiveFloat | None = None
+    side_mm: PositiveFloat = 8.0
+    heights_mm: Annotated[tuple[float, float, float], Field(strict=False)] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.kind == "dual") != (self.distance_mm is not None):
+            raise ValueError("distance_mm belongs to a dual indenter, and a dual needs it")
+        if (self.kind == "triple") != (self.heights_mm is not None):
+            raise ValueError("heights_mm belongs to a triple indenter, and a triple needs it")
+        return self
+
+    def indenter(self) -> Indenter:
+        """The indenter of the vocabulary."""
+        if self.kind == "plate":
+            return Indenter.plate()
+        if self.distance_mm is not None:
+            return Indenter.dual(self.distance_mm, self.radius_mm)
+        if self.heights_mm is not None:
+            return Indenter.triple(self.heights_mm, self.side_mm, self.radius_mm)
+        return Indenter.single(self.radius_mm)
+
+
+class EnvelopeKeys(_Table):
+    """Where the tool's centre point may be, in the work frame: a box, x and y to +-half_width_mm,
+    z from -above_mm to below_mm; turned by at most tilt_deg against the work frame's z, and
+    yaw_deg about it. clearance_mm: before first touch, where all sideways motion is.
+    max_force_n: change of the measured force in a descent, where the robot measures it."""
+
+    half_width_mm: PositiveFloat = 12.0
+    above_mm: Annotated[float, Field(gt=0, le=200)] = 60.0
+    below_mm: Annotated[float, Field(gt=0, le=15)] = 10.0
+    clearance_mm: Annotated[float, Field(ge=2, le=50)] = 10.0
+    tilt_deg: Annotated[float, Field(ge=0, le=45)] = 25.0
+    yaw_deg: Annotated[float, Field(ge=0, le=180)] = 180.0
+    max_force_n: Annotated[float, Field(gt=0, le=50)] = 15.0
+
+
+class ContactKeys(_Table):
+    """How first touch is found. every_presses, every_minutes: when it is found again.
+    travel_mm: beyond and before the expected place, at most. at_mm: where on the sensor.
+    fixed_mm: of method fixed, past the work frame's zero. spread_mm: two searches may differ by.
+    force_n: of method force."""
+
+    method: Literal["visual", "force", "probe", "fixed"] = "visual"
+    every_presses: PositiveInt = 250
+    every_minutes: PositiveFloat = 30.0
+    travel_mm: Annotated[float, Field(gt=0, le=10)] = 3.0
+    at_mm: Annotated[tuple[float, float], Field(strict=False)] = (0.0, 0.0)
+    fixed_mm: float = 0.0
+    spread_mm: PositiveFloat = 0.15
+    force_n: PositiveFloat = 2.0
+
+
+class TimingKeys(_Table):
+    """settle_s: from the end of the descent to the first frame that counts."""
+
+    settle_s: Annotated[float, Field(ge=0, le=10)] = 0.2
+
+
+class SafetyKeys(_Table):
+    """auto_recover: protective stops that are released without asking, at most one in 500 presses.
+    give_up: presses without contact, or bad frames, in a row."""
+
+    auto_recover: NonNegativeInt = 0
+    give_up: PositiveInt = 5
+
+
+class Settings(_Table):
+    """One configuration file."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    robot: RobotKeys
+    frames: FrameKeys
+    camera: CameraKeys
+    sensor: SensorKeys = SensorKeys()
+    indenter: IndenterKeys = IndenterKeys()
+    envelope: EnvelopeKeys = EnvelopeKeys()
+    contact: ContactKeys = ContactKeys()
+    timing: TimingKeys = TimingKeys()
+    safety: SafetyKeys = SafetyKeys()
+
+    def lasting(self) -> dict[str, Any]:
+        """What must stay the same when a collection goes on: all that decides on frames and labels.
+
+        Not the mounted indenter, which changes in a collection, nor where the devices are."""
+        keys = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
+        for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):
+            del keys[table][name]
+        return keys

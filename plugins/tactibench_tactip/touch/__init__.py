@@ -1,0 +1,1 @@
+"""First touch: where depth begins."""

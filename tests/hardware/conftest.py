@@ -1,0 +1,51 @@
+"""Fixtures around a robot and a camera that are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from fake_station import FakeCapture, FakeRobot, make_settings
+
+from tactibench import Indenter, Pose, Scene
+from tactibench_tactip.camera.driver import Camera
+from tactibench_tactip.settings import Settings
+
+
+@pytest.fixture
+def settings() -> Settings:
+    """Of a UR, the camera as it is; pins are not counted."""
+    return make_settings()
+
+
+@pytest.fixture
+def make() -> Callable[..., Settings]:
+    """Settings with some keys changed: ``make(robot={...})``."""
+    return make_settings
+
+
+@pytest.fixture
+def robot(settings: Settings) -> FakeRobot:
+    return FakeRobot(settings)
+
+
+@pytest.fixture
+def capture(robot: FakeRobot) -> FakeCapture:
+    return FakeCapture(robot)
+
+
+@pytest.fixture
+def camera(settings: Settings, capture: FakeCapture) -> Camera:
+    def opened(_: object) -> FakeCapture:
+        capture.opened += 1
+        return capture
+
+    return Camera(settings.camera, opened)
+
+
+@pytest.fixture
+def press_of() -> Callable[..., Scene]:
+    def scene(x: float = 0.0, y: float = 0.0, depth: float = 2.0) -> Scene:
+        return Scene(Indenter.single(), Pose(x, y, depth=depth))
+
+    return scene

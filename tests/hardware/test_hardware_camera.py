@@ -1,0 +1,169 @@
+"""Frames are fresh, settings are what was asked for, frames that cannot be kept are not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from fake_station import FakeCapture
+
+from tactibench import UserError
+from tactibench_tactip.camera.driver import Camera, Shot
+from tactibench_tactip.camera.gate import Reference, judge
+from tactibench_tactip.camera.source import configure, open_capture
+from tactibench_tactip.failures import CameraError
+from tactibench_tactip.settings import CameraKeys, SensorKeys, Settings
+
+KEYS = CameraKeys(source="fake", fps=500.0, stall_s=0.1)
+
+
+def test_no_frame_is_older_than_a_period_after_the_moment(
+    camera: Camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A frame taken less than a period later was begun before."""
+    monkeypatch.setattr(Camera, "period_s", 0.02)
+    with camera:
+        for _ in range(3):
+            moment = time.monotonic_ns()
+            times = [shot.t_ns for shot in camera.after(moment, 3)]
+            assert times == sorted(set(times))
+            assert times[0] >= moment + 20_000_000
+
+
+def test_the_period_is_measured(camera: Camera) -> None:
+    with camera:
+        shots = camera.fresh(0, 60)
+        gaps = np.diff([shot.t_ns for shot in shots]) * 1e-9
+        assert camera.period_s == pytest.approx(float(np.median(gaps)), rel=0.9)
+
+
+def test_a_stalled_camera_is_opened_once_more(capture: FakeCapture) -> None:
+    opened: list[FakeCapture] = []
+
+    def fresh_one(_: CameraKeys) -> FakeCapture:
+        opened.append(capture if not opened else FakeCapture())
+        return opened[-1]
+
+    with Camera(KEYS, fresh_one) as camera:
+        camera.now()
+        capture.stalled.set()
+        assert camera.now().image.shape == (48, 48)
+        assert len(opened) == 2
+        capture.stalled.clear()
+
+
+def test_a_camera_that_stays_stalled_is_an_error(capture: FakeCapture) -> None:
+    with Camera(KEYS, lambda _: capture) as camera:
+        camera.now()
+        capture.stalled.set()
+        with pytest.raises(CameraError, match=r"no frame for 0\.1 s"):
+            camera.now()
+        assert not camera.alive()
+        capture.stalled.clear()
+
+
+def test_a_stream_that_ends_is_opened_again_then_given_up(capture: FakeCapture) -> None:
+    with Camera(KEYS, lambda _: capture) as camera:
+        camera.now()
+        capture.gone = True
+        with pytest.raises(CameraError, match="no more frames"):
+            camera.now()
+
+
+def test_crop(capture: FakeCapture) -> None:
+    keys = KEYS.model_copy(update={"crop": (4, 2, 20, 10)})
+    with Camera(keys, lambda _: capture) as camera:
+        assert camera.now().image.shape == (10, 20)
+
+
+def test_exposure_is_manual_and_read_back(capture: FakeCapture) -> None:
+    keys = KEYS.model_copy(update={"exposure": 120.0, "gain": 3.0})
+    found = configure(capture, keys)
+    assert (found.auto_exposure, found.exposure, found.gain) == (1.0, 120.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("refused", "keys", "words"),
+    [
+        (cv2.CAP_PROP_AUTO_EXPOSURE, {"exposure": 50.0}, "does not switch its automatic exposure"),
+        (cv2.CAP_PROP_EXPOSURE, {"exposure": 50.0}, r"camera.exposure is 50.*stays at 0"),
+        (cv2.CAP_PROP_GAIN, {"gain": 2.0}, r"camera.gain is 2"),
+        (cv2.CAP_PROP_FRAME_WIDTH, {"size": (640, 480)}, r"640 x 480; name a size"),
+        (cv2.CAP_PROP_FOURCC, {"fourcc": "MJPG"}, r"camera.fourcc asks for 'MJPG'"),
+    ],
+)
+def test_a_setting_that_is_not_taken_is_refused(
+    capture: FakeCapture, refused: int, keys: dict[str, Any], words: str
+) -> None:
+    capture.refused.add(refused)
+    with pytest.raises(UserError, match=words):
+        configure(capture, KEYS.model_copy(update=keys))
+
+
+def test_a_camera_that_is_not_there(make: Callable[..., Settings]) -> None:
+    keys = CameraKeys(source="/dev/v4l/by-id/nothing")
+    with pytest.raises(CameraError, match="hw list"):
+        open_capture(keys)
+
+
+class TestGate:
+    keys = SensorKeys()
+
+    def shots(self, change: float = 0.0, noise: float = 1.0, count: int = 3) -> list[Shot]:
+        capture = FakeCapture()
+        rng = np.random.default_rng(1)
+        image = capture.rest + change * capture.pattern
+        return [
+            Shot(np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255)
+                 .astype(np.uint8), k)
+            for k in range(count)
+        ]  # fmt: skip
+
+    @pytest.fixture
+    def rest(self) -> Reference:
+        return Reference.of(self.shots(count=20))
+
+    def test_a_press_is_kept_as_the_median(self, rest: Reference) -> None:
+        shots = self.shots(0.3)
+        judged = judge(shots, rest, self.keys, 2.0)
+        assert judged.reason == ""
+        assert judged.t_ns == 1
+        assert np.array_equal(judged.image, np.median([s.image for s in shots], axis=0))
+
+    @pytest.mark.parametrize(
+        ("spoil", "words"),
+        [
+            (lambda i, k: np.zeros_like(i), "brightness"),
+            (lambda i, k: np.clip(i.astype(int) + 20, 0, 255), "brightness"),
+            (lambda i, k: np.where(np.arange(48) < 1, 255, i), "saturated"),
+            (lambda i, k: i + 3.0 * (k % 2), "still moves"),
+        ],
+    )
+    def test_what_cannot_be_kept(
+        self, rest: Reference, spoil: Callable[[Any, int], Any], words: str
+    ) -> None:
+        shots = [Shot(spoil(s.image, k).astype(np.uint8), s.t_ns)
+                 for k, s in enumerate(self.shots(0.1))]  # fmt: skip
+        assert words in judge(shots, rest, self.keys, 2.0).reason
+
+    def test_a_camera_that_repeats_itself(self, rest: Reference) -> None:
+        shots = [Shot(self.shots(0.3)[0].image, k) for k in range(3)]
+        assert "repeats itself" in judge(shots, rest, self.keys, 2.0).reason
+
+    def test_a_deep_press_that_nobody_sees(self, rest: Reference) -> None:
+        assert "no contact is seen" in judge(self.shots(0.0), rest, self.keys, 2.0).reason
+        assert judge(self.shots(0.0), rest, self.keys, 0.2).reason == ""
+
+    def test_pins_are_counted(self, rest: Reference) -> None:
+        keys = SensorKeys(pins=rest.pins)
+        assert rest.pins == 36
+        assert judge(self.shots(0.3), rest, keys, 2.0).reason == ""
+        assert "pins" in judge(self.shots(0.3), rest, SensorKeys(pins=30), 2.0).reason
+
+    def test_noise_is_not_a_touch_and_a_touch_is(self, rest: Reference) -> None:
+        assert all(rest.change_of(s.image) < rest.threshold for s in self.shots(count=20))
+        assert all(rest.change_of(s.image) > rest.threshold for s in self.shots(0.05))

@@ -1,0 +1,301 @@
+"""A collection: what is written, what is resumed, what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
+
+from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.datasets.v1 import open_dataset, verify
+from tactibench.lab import Press
+from tactibench_tactip.camera.driver import Camera
+from tactibench_tactip.collecting import collect as collecting
+from tactibench_tactip.collecting.collect import collect
+from tactibench_tactip.collecting.collector import Report
+from tactibench_tactip.collecting.dry_run import dry_run
+from tactibench_tactip.collecting.plan import Plan
+from tactibench_tactip.failures import ProtectiveStopError, RobotLostError
+from tactibench_tactip.geometry.frames import inverse, matrix, pose_of
+from tactibench_tactip.settings import Settings
+
+COUNT = 4
+
+
+def plan(count: int = COUNT, indenter: Indenter | None = None) -> Plan:
+    single = Indenter.single()
+    presses = [
+        Press(k, f"p{k}", Scene(single, Pose(0.5 * k, -0.3 * k, depth=2.0 + 0.5 * k)), "singles")
+        for k in range(count)
+    ]
+    if indenter is not None:
+        presses.append(Press(count, "other", Scene(indenter, Pose(depth=2.0)), "others"))
+    return Plan("test", tuple(presses), {"half": {"train": [0, 1], "validation": [2], "test": [3]}})
+
+
+class Lab:
+    """Collects with fakes; every session has a robot of its own."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder = folder
+        self.settings = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+        self.robot = FakeRobot(self.settings)
+        self.capture = FakeCapture(self.robot)
+        self.said: list[str] = []
+        monkeypatch.setattr(collecting, "robot_of", self._new_robot)
+        monkeypatch.setattr(collecting, "Camera", lambda keys: Camera(keys, lambda _: self.capture))
+        self.prepare: Callable[[FakeRobot], None] = lambda _: None
+
+    def _new_robot(self, settings: Settings) -> FakeRobot:
+        self.robot = FakeRobot(settings)
+        self.capture.robot = self.robot
+        self.prepare(self.robot)
+        return self.robot
+
+    def collect(self, what: Plan | None = None, **more: Any) -> Report:
+        return collect(self.settings, what or plan(), self.folder, told=self.said.append, **more)
+
+    def ids(self) -> list[int]:
+        return [sample.id for sample in open_dataset(self.folder).samples]
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Lab:
+    return Lab(tmp_path / "data", monkeypatch)
+
+
+def test_every_press_is_written_with_what_was_reached(lab: Lab) -> None:
+    report = lab.collect()
+    assert (report.ok, report.bad, report.left) == (COUNT, 0, 0)
+    dataset = open_dataset(lab.folder)
+    assert dataset.header.status == "closed"
+    assert verify(lab.folder) == []
+    for sample, press in zip(dataset.samples, plan().presses, strict=True):
+        assert sample.scene is not None
+        assert sample.scene.pose.depth == pytest.approx(press.scene.pose.depth, abs=1e-6)
+        assert sample.scene.pose.x == pytest.approx(press.scene.pose.x, abs=1e-6)
+        assert sample.t_frame_ns is not None
+        assert sample.t_frame_ns > sample.extra["t_settle_ns"]
+        assert sample.extra["z0_mm"] == TRUE_Z0
+    assert dataset.rest is not None
+    assert list(dataset.splits) == ["half"]
+    assert {event["kind"] for event in dataset.events} == {"session", "reference", "touch"}
+
+
+def test_the_tool_is_never_moved_sideways_below_clearance(lab: Lab) -> None:
+    lab.collect()
+    robot = lab.robot
+    work = [pose_of(inverse(robot.work) @ matrix(pose)) for pose in robot.moves]
+    clear = TRUE_Z0 - lab.settings.envelope.clearance_mm + 0.01
+    for before, after in pairwise(work):
+        if max(abs(a - b) for a, b in zip(before[:2], after[:2], strict=True)) > 1e-6:
+            assert max(before[2], after[2]) <= clear
+
+
+def test_a_complete_data_set_moves_nothing(lab: Lab) -> None:
+    lab.collect()
+    moves = len(lab.robot.moves)
+    assert lab.collect().left == 0
+    assert len(lab.robot.moves) == moves
+    with pytest.raises(UserError, match="is closed"):
+        lab.collect(plan(COUNT - 1))
+    assert lab.robot.moves == []
+
+
+def test_an_interrupted_session_goes_on(lab: Lab) -> None:
+    def asked(robot: FakeRobot) -> None:
+        def fail(_: int) -> None:
+            if len(lab.ids_now()) == 2:
+                raise KeyboardInterrupt
+
+        robot.fails = fail
+
+    lab.ids_now = lambda: (  # type: ignore[attr-defined]
+        (lab.folder / "metadata.jsonl").read_bytes().splitlines()
+        if (lab.folder / "metadata.jsonl").exists()
+        else []
+    )
+    lab.prepare = asked
+    with pytest.raises(KeyboardInterrupt):
+        lab.collect()
+    assert lab.ids() == [0, 1]
+    lab.prepare = lambda _: None
+    assert lab.collect().ok == 2
+    assert lab.ids() == [0, 1, 2, 3]
+
+
+def test_other_settings_are_refused_before_the_robot_moves(lab: Lab) -> None:
+    lab.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), 6))
+    with pytest.raises(RuntimeError):
+        lab.collect()
+    lab.prepare = lambda _: None
+    lab.settings = make_settings(contact={"method": "fixed", "fixed_mm": 0.5})
+    with pytest.raises(UserError, match=r"fixed_mm 0\.35, now it is 0\.5"):
+        lab.collect()
+    assert lab.robot.moves == []
+
+
+def test_a_sensor_that_looks_otherwise_is_refused(lab: Lab) -> None:
+    lab.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), 6))
+    with pytest.raises(RuntimeError):
+        lab.collect()
+    lab.prepare = lambda _: None
+    lab.capture.rest = lab.capture.rest[:, ::-1] + 8.0
+    with pytest.raises(UserError, match="grey levels from the one that"):
+        lab.collect()
+
+
+def test_a_protective_stop_asks(lab: Lab) -> None:
+    lab.prepare = lambda robot: setattr(robot, "fails", _stopper(robot, 6))
+    with pytest.raises(ProtectiveStopError, match=r"at press \d+\. Look at the arm"):
+        lab.collect()
+    written = lab.ids()
+    lab.prepare = lambda _: None
+    assert lab.collect().left == 0
+    assert lab.ids() == [0, 1, 2, 3]
+    assert len(written) < COUNT
+    assert sum(e["kind"] == "protective-stop" for e in open_dataset(lab.folder).events) == 1
+
+
+def test_a_press_that_stops_the_arm_twice_is_given_up(lab: Lab) -> None:
+    for _ in range(2):
+        lab.prepare = lambda robot: setattr(robot, "fails", _stopper(robot, 3))
+        with pytest.raises(ProtectiveStopError):
+            lab.collect()
+    lab.prepare = lambda _: None
+    lab.collect()
+    samples = {sample.id: sample for sample in open_dataset(lab.folder).samples}
+    assert sorted(samples) == [0, 1, 2, 3]
+    assert [samples[k].status for k in range(4)] == ["bad", "ok", "ok", "ok"]
+    assert samples[0].extra["outcome"] == "aborted"
+
+
+def test_an_arm_that_was_lost_is_connected_again(lab: Lab) -> None:
+    robots: list[FakeRobot] = []
+
+    def prepare(robot: FakeRobot) -> None:
+        robots.append(robot)
+        if len(robots) == 2:  # the first is asked whether it can turn
+            robot.fails = _raiser(RobotLostError("gone."), 6)
+
+    lab.prepare = prepare
+    robots.append(lab.robot)
+    report = lab.collect()
+    assert (report.ok, report.left) == (COUNT, 0)
+    assert sorted(lab.ids()) == [0, 1, 2, 3]
+    assert any("Connecting again" in said for said in lab.said)
+    assert [e["kind"] for e in open_dataset(lab.folder).events].count("lost") == 1
+
+
+def test_an_arm_that_stays_lost_ends_the_session(lab: Lab) -> None:
+    lab.prepare = lambda robot: setattr(robot, "fails", _raiser(RobotLostError("gone."), 1))
+    with pytest.raises(RobotLostError, match="gone"):
+        lab.collect()
+    assert lab.ids() == []
+
+
+def test_bad_frames_are_tried_again_and_then_marked(lab: Lab) -> None:
+    lab.capture.pattern = 0.0 * lab.capture.pattern  # no press can be seen
+    lab.settings = make_settings(
+        contact={"method": "fixed", "fixed_mm": TRUE_Z0}, safety={"give_up": 3}
+    )
+    with pytest.raises(UserError, match=r"3 presses in a row were bad.*no contact is seen"):
+        lab.collect()
+    dataset = open_dataset(lab.folder)
+    assert [sample.status for sample in dataset.samples] == ["bad"] * 3
+    assert all(sample.attempt == 2 for sample in dataset.samples)
+
+
+def test_an_indenter_that_is_not_mounted_waits(lab: Lab) -> None:
+    what = plan(indenter=Indenter.dual(9.0))
+    report = lab.collect(what)
+    assert (report.ok, report.left, report.unmounted) == (COUNT, 1, 1)
+    assert open_dataset(lab.folder).header.status == "open"
+    asked: list[Indenter] = []
+
+    def mount(indenter: Indenter, count: int) -> bool:
+        asked.append(indenter)
+        assert count == 1
+        assert lab.robot.tool()[2] < -40.0  # room for hands
+        return True
+
+    assert lab.collect(what, mount=mount).left == 0
+    assert asked == [Indenter.dual(9.0)]
+    assert open_dataset(lab.folder).header.status == "closed"
+
+
+def test_a_plan_outside_the_envelope_opens_nothing(lab: Lab) -> None:
+    far = Plan("far", (Press(0, "p", Scene(Indenter.single(), Pose(14.0, 0, depth=1.0))),), {})
+    with pytest.raises(UserError, match="before any motion"):
+        lab.collect(far)
+    assert not lab.folder.exists()
+    assert lab.robot.moves == []
+
+
+def test_a_flickering_light_is_refused(lab: Lab) -> None:
+    grabs = iter(range(10_000))
+    steady = lab.capture.retrieve
+
+    def brighter() -> tuple[bool, Any]:
+        good, image = steady()
+        return good, (image * (0.6 + 0.004 * min(next(grabs), 90))).astype(image.dtype)
+
+    lab.capture.retrieve = brighter  # type: ignore[method-assign]
+    with pytest.raises(UserError, match="automatic exposure off"):
+        lab.collect()
+    assert lab.robot.moves == []
+
+
+def test_a_full_disk_ends_the_session_and_the_next_goes_on(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tactibench.datasets.v1 import placing
+
+    real, calls = placing.write_new, iter(range(100))
+
+    def full(path: Path, data: bytes) -> None:
+        if next(calls) == 2:
+            raise OSError(28, "No space left on device")
+        real(path, data)
+
+    monkeypatch.setattr(placing, "write_new", full)
+    with pytest.raises(OSError, match="No space"):
+        lab.collect()
+    clear = -lab.settings.envelope.clearance_mm
+    assert lab.robot.tool()[2] <= clear + TRUE_Z0 + 0.1
+    monkeypatch.setattr(placing, "write_new", real)
+    assert lab.collect().left == 0
+    assert sorted(lab.ids()) == [0, 1, 2, 3]
+
+
+def test_a_dry_run_stays_high_and_keeps_nothing(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tactibench_tactip import station
+
+    monkeypatch.setattr(station, "robot_of", lab._new_robot)
+    monkeypatch.setattr(station, "Camera", lambda keys: Camera(keys, lambda _: lab.capture))
+    assert dry_run(lab.settings, plan().presses, 20.0, lambda _: None) == COUNT
+    heights = [(inverse(lab.robot.work) @ matrix(pose))[2, 3] for pose in lab.robot.moves]
+    assert max(heights) < -15.0
+    assert not lab.folder.exists()
+    with pytest.raises(UserError, match="dry-run-height"):
+        dry_run(lab.settings, plan().presses, 55.0, lambda _: None)
+
+
+def _raiser(error: Exception, at: int) -> Callable[[int], None]:
+    def fail(number: int) -> None:
+        if number == at:
+            raise error
+
+    return fail
+
+
+def _stopper(robot: FakeRobot, at: int) -> Callable[[int], None]:
+    def stop(number: int) -> None:
+        if number == at:
+            robot.normal, robot.stopped = False, True
+
+    return stop

@@ -1,0 +1,158 @@
+"""The verbs of `tactibench hw`, as a user meets them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tactibench.cli.main import call
+from tactibench_tactip.commands.group import VERBS
+from tactibench_tactip.configuration import read_settings
+from tactibench_tactip.example import example
+
+Said = Callable[[], str]
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    path = tmp_path / "lab.toml"
+    path.write_text(example("ur"), encoding="utf-8")
+    return path
+
+
+def plan_file(folder: Path, x: float = 1.0) -> Path:
+    path = folder / "plan.jsonl"
+    row = {"id": 0, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": x, "y_mm": 0.0,
+           "depth_mm": 2.0}  # fmt: skip
+    other = {**row, "id": 1, "indenter": "dual", "indenter_offsets_mm": [[-4, 0, 0], [4, 0, 0]],
+             "x_mm": 0.0, "yaw_deg": 20.0}  # fmt: skip
+    path.write_text(f"{json.dumps(row)}\n{json.dumps(other)}\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_every_verb_has_a_help(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["hw", verb, "--help"]) == 0
+    assert "Usage" in capsys.readouterr().out
+
+
+def test_a_misspelt_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["hw", "colect"]) == 2
+    assert "did you mean 'collect'?" in capsys.readouterr().err
+
+
+def test_help_and_list_load_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom tactibench.cli.main import call\ncall(['hw', '--help'])\n"
+        "print(*sorted({'numpy', 'torch', 'cv2', 'pydantic', 'serial'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines()[-1] == ""
+
+
+def test_emulate_writes_a_configuration_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new.toml"
+    assert call(["hw", "emulate", "--driver", "grbl", "--write", str(path)]) == 0
+    assert read_settings(path).robot.driver == "grbl"
+    assert call(["hw", "emulate", "--write", str(path)]) == 2
+    assert "is there already" in capsys.readouterr().err
+
+
+def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, figures = tmp_path / "plan.png", tmp_path / "plan.json"
+    arguments = ["hw", "plan", str(plan_file(tmp_path)), "--config", str(lab)]
+    assert call([*arguments, "--out", str(out), "--json", str(figures)]) == 0
+    said = capsys.readouterr().out
+    assert "mounted" in said
+    assert "two tips of radius 3 mm, 8 mm apart" in said
+    assert "2 presses" in said
+    assert out.read_bytes().startswith(b"\x89PNG")
+    rows = json.loads(figures.read_text())
+    assert {"metric": "presses", "group": "one tip of radius 3 mm", "value": 1, "unit": ""} in rows
+
+
+@pytest.mark.parametrize(
+    ("change", "x", "words"),
+    [
+        (("", ""), 13.0, "envelope.half_width_mm allows 12 mm"),
+        (('driver = "ur"', 'driver = "grbl"'), 1.0, "cannot make; choose draws of single presses"),
+        (("approach_mm_s = 20.0", "approach_mm_s = 2000.0"), 1.0, "robot.approach_mm_s"),
+    ],
+)
+def test_a_plan_that_cannot_be_pressed_is_refused_before_any_device(
+    lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    change: tuple[str, str], x: float, words: str,
+) -> None:  # fmt: skip
+    lab.write_text(lab.read_text().replace(*change), encoding="utf-8")
+    out = tmp_path / "data"
+    for verb in (["plan"], ["collect", "--out", str(out)]):
+        arguments = ["hw", verb[0], str(plan_file(tmp_path, x)), "--config", str(lab), *verb[1:]]
+        assert call(arguments) == 2
+        assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_the_sensor_needs_a_configuration(capsys: pytest.CaptureFixture[str]) -> None:
+    import numpy as np
+
+    from tactibench import SensorContext, UserError, open_sensor
+
+    sensor = open_sensor("tactip", SensorContext(np.random.SeedSequence(0)), {})
+    with pytest.raises(UserError, match=r"sensor.config=FILE.toml"):
+        sensor.describe()
+    with pytest.raises(UserError, match=r"sensor.config=FILE.toml"), sensor:
+        pass
+
+
+def test_the_sensor_describes_itself_while_closed(lab: Path) -> None:
+    import numpy as np
+
+    from tactibench import Indenter, Pose, Scene, SensorContext, UserError, open_sensor
+
+    context = SensorContext(np.random.SeedSequence(0))
+    sensor = open_sensor("tactip", context, {"config": str(lab)})
+    assert sensor.describe()["sensor"]["dome_radius_mm"] == 20.0
+    json.dumps(sensor.describe())
+    with pytest.raises(UserError, match="is closed"):
+        sensor.press(Scene(Indenter.single(), Pose(depth=1.0)))
+
+
+@pytest.mark.slow
+class TestRehearsed:
+    """With real clients and emulators."""
+
+    @pytest.mark.parametrize("driver", ["ur", "grbl"])
+    def test_a_collection_feeds_a_run(
+        self, driver: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        if driver == "ur":
+            pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
+        config = tmp_path / "lab.toml"
+        config.write_text(example(driver), encoding="utf-8")
+        arguments = ["hw", "collect", "exp1", "--config", str(config), "--emulate", "--draw",
+                     "singles", "--count", "40", "--out", str(tmp_path / "data")]  # fmt: skip
+        assert call(arguments) == 0
+        assert "40 good and 0 bad samples" in capsys.readouterr().out
+        assert call(["data", "verify", str(tmp_path / "data")]) == 0
+        run = ["run", "exp1", "--sensor", "recorded", "--data", str(tmp_path / "data"), "--model",
+               "nearest", "--out", str(tmp_path / "runs"), "--quick"]  # fmt: skip
+        assert call(run) == 0
+
+    def test_a_killed_collection_goes_on(self, tmp_path: Path) -> None:
+        """SIGKILL at random moments; every planned id is there once."""
+        script = Path(__file__).parents[2] / "benchmarks" / "hardware.py"
+        done = subprocess.run(
+            [sys.executable, str(script), "kills", "--kills", "3", "--presses", "20"],
+            capture_output=True, text=True, check=True, timeout=580,
+        )  # fmt: skip
+        assert "exactly the planned" in done.stdout
+        assert "all as it was written" in done.stdout

@@ -1,0 +1,240 @@
+"""One thread owns the robot; every target is checked, every wait ends, the tool is drawn back."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from fake_station import FakeRobot
+
+from tactibench import Scene, UserError
+from tactibench_tactip.camera.driver import Camera
+from tactibench_tactip.collecting.stops import Stops
+from tactibench_tactip.failures import (
+    ProtectiveStopError,
+    RobotError,
+    StopNowError,
+    TrippedError,
+)
+from tactibench_tactip.geometry.press import PressGeometry
+from tactibench_tactip.motion import mover as movers
+from tactibench_tactip.motion import press_moves
+from tactibench_tactip.motion.mover import Mover, beside_line
+from tactibench_tactip.motion.owner import Owner
+from tactibench_tactip.robots.connect import within
+from tactibench_tactip.settings import Settings
+from tactibench_tactip.station import Station
+
+
+@pytest.fixture
+def mover(robot: FakeRobot, settings: Settings) -> Mover:
+    return Mover(robot, settings, threading.Event())
+
+
+def test_a_move_ends_where_it_was_sent(mover: Mover, robot: FakeRobot) -> None:
+    mover.go((1.0, 2.0, -10.0, 0.0, 0.0, 30.0), 20.0)
+    assert mover.pose() == pytest.approx((1.0, 2.0, -10.0, 0.0, 0.0, 30.0), abs=1e-6)
+    assert len(robot.moves) == 1
+
+
+def test_a_target_outside_the_envelope_never_reaches_the_robot(
+    mover: Mover, robot: FakeRobot
+) -> None:
+    with pytest.raises(RobotError, match=r"half_width_mm.*nothing was moved"):
+        mover.go((20.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0)
+    assert robot.moves == []
+
+
+@pytest.mark.parametrize(("stopped", "kind"), [(True, ProtectiveStopError), (False, RobotError)])
+def test_a_robot_that_is_not_normal_is_not_moved(
+    mover: Mover, robot: FakeRobot, stopped: bool, kind: type[RobotError]
+) -> None:
+    robot.normal, robot.stopped = False, stopped
+    with pytest.raises(kind, match="not normal"):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
+    assert robot.moves == []
+
+
+def test_a_move_that_never_ends_is_stopped(
+    mover: Mover, robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(movers, "patience", lambda *_: 0.02)
+    robot.busy = True
+    with pytest.raises(RobotError, match="took longer than"):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
+    assert robot.stops == 1
+
+
+def test_halt_stops_a_move_and_refuses_the_next(robot: FakeRobot, settings: Settings) -> None:
+    halt = threading.Event()
+    mover = Mover(robot, settings, halt)
+    robot.busy = True
+    robot.fails = lambda _: halt.set()
+    with pytest.raises(StopNowError):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
+    assert robot.stops == 1
+    with pytest.raises(StopNowError):
+        mover.go((0.0, 0.0, -21.0, 0.0, 0.0, 0.0), 5.0)
+    assert len(robot.moves) == 1
+
+
+def test_a_guard_stops_a_descent(mover: Mover, robot: FakeRobot) -> None:
+    robot.busy = True
+    with pytest.raises(TrippedError, match="enough"):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0, lambda _: "enough")
+    assert robot.stops == 1
+
+
+def test_too_much_force_is_a_reason(mover: Mover, robot: FakeRobot) -> None:
+    robot.force = (0.0, 0.0, 2.0)
+    guard = press_moves.force_guard(mover, 5.0)
+    assert guard(mover.pose()) == ""
+    robot.force = (0.0, 3.0, -2.5)
+    assert "max_force_n" in guard(mover.pose())
+    robot.force = None
+    assert guard(mover.pose()) == ""
+
+
+def test_a_robot_that_was_held_is_noticed(mover: Mover, robot: FakeRobot) -> None:
+    """It stops on its way: not tried again. It does not move at all: tried once more."""
+    at = robot.at
+
+    def held(_: int) -> None:
+        robot.start = lambda *_: setattr(robot, "at", (at[0], at[1], at[2] - 3.0, *at[3:]))  # type: ignore[method-assign,assignment]
+
+    robot.fails = held
+    mover.go((0.0, 0.0, -40.0, 0.0, 0.0, 0.0), 5.0)
+    with pytest.raises(RobotError, match="before its target"):
+        mover.go((0.0, 0.0, -30.0, 0.0, 0.0, 0.0), 5.0)
+    calls: list[int] = []
+    robot.start = lambda *_: calls.append(1)  # type: ignore[method-assign,assignment]
+    with pytest.raises(RobotError, match="before its target"):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
+    assert len(calls) == 2
+
+
+def test_distance_beside_a_line() -> None:
+    start, end = (0.0,) * 6, (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert beside_line(start, end, (4.0, 3.0, 0.0, 0, 0, 0)) == pytest.approx(3.0)  # type: ignore[arg-type]
+    assert beside_line(start, end, (13.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
+    assert beside_line(start, start, (3.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
+
+
+def test_the_tool_is_drawn_back_along_the_press(
+    mover: Mover, robot: FakeRobot, settings: Settings, press_of: Callable[..., Scene]
+) -> None:
+    geometry = PressGeometry(settings.frames, 20.0)
+    scene = press_of(4.0, -3.0, 5.0)
+    mover.go(geometry.at_depth(scene, -10.0), 20.0)
+    mover.go(geometry.at_depth(scene, 3.0), 5.0)
+    x, y, *_ = mover.pose()
+    press_moves.withdraw(mover, scene, geometry, settings)
+    after = mover.pose()
+    assert after[:2] == pytest.approx((x, y), abs=1e-6)
+    assert after[2] == pytest.approx(-settings.envelope.clearance_mm)
+    count = len(robot.moves)
+    press_moves.withdraw(mover, scene, geometry, settings)
+    assert len(robot.moves) == count  # high enough already
+
+
+def test_what_hangs_is_left_behind() -> None:
+    event = threading.Event()
+    with pytest.raises(RobotError, match=r"the robot did not answer within 0\.02 s"):
+        within(0.02, "the robot", lambda: event.wait(5.0))
+    event.set()
+    assert within(1.0, "it", lambda: 3) == 3
+    with pytest.raises(ZeroDivisionError):
+        within(1.0, "it", lambda: 1 / 0)  # type: ignore[arg-type,return-value]
+
+
+def test_only_one_thread_touches_the_robot(robot: FakeRobot, settings: Settings) -> None:
+    names: set[str] = set()
+    robot.fails = lambda _: names.add(threading.current_thread().name)
+    with Owner(robot, settings) as owner:
+        for z in (-20.0, -25.0):
+            owner.do(lambda m, z=z: m.go((0.0, 0.0, z, 0.0, 0.0, 0.0), 5.0), 5.0)
+    assert names == {"tactip robot"}
+    assert robot.closed
+
+
+def test_a_job_that_never_ends_halts_the_robot(robot: FakeRobot, settings: Settings) -> None:
+    robot.busy = True
+    with Owner(robot, settings) as owner:
+        with pytest.raises(RobotError, match="told to stop"):
+            owner.do(lambda m: m.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0), 0.05)
+        assert owner.halt.is_set()
+    assert robot.stops >= 1
+
+
+class TestStation:
+    def test_a_tool_outside_the_envelope_is_not_moved(
+        self, settings: Settings, robot: FakeRobot, camera: Camera
+    ) -> None:
+        x, y, z, *turn = robot.at
+        robot.at = (x + 50.0, y, z, *turn)  # type: ignore[assignment]
+        with pytest.raises(UserError, match=r"stands at.*hw jog"), Station(settings, robot, camera):
+            pass
+        assert robot.moves == []
+        assert robot.closed
+
+    @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+    def test_any_error_in_a_press_draws_the_tool_back(
+        self, settings: Settings, robot: FakeRobot, camera: Camera, error: type[BaseException],
+        press_of: Callable[..., Scene],
+    ) -> None:  # fmt: skip
+        def at_fourth(number: int) -> None:
+            if robot.tool()[2] > -5.0:
+                robot.fails = lambda _: None
+                raise error
+
+        robot.fails = at_fourth
+        with pytest.raises(error), Station(settings, robot, camera) as station:
+            station.press(press_of())
+        assert robot.tool()[2] == pytest.approx(-settings.envelope.clearance_mm)
+        assert robot.closed
+
+    def test_a_robot_that_is_stopped_is_left_where_it_is(
+        self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
+    ) -> None:
+        def stop(_: int) -> None:
+            if robot.tool()[2] > -5.0:
+                robot.normal, robot.stopped = False, True
+
+        robot.fails = stop
+        with (
+            pytest.raises(ProtectiveStopError),
+            Station(settings, robot, camera) as station,
+        ):
+            station.press(press_of())
+        assert robot.tool()[2] > -5.0
+
+
+class TestStops:
+    def test_the_first_interrupt_asks_the_second_stops(self) -> None:
+        told: list[str] = []
+        stopped: list[int] = []
+        stops = Stops(told.append)
+        stops.stop = lambda: stopped.append(1)
+        stops.interrupt()
+        assert (stops.asked.is_set(), stopped) == (True, [])
+        stops.interrupt()
+        assert stopped == [1]
+        assert "Ctrl-C again" in told[0]
+
+    def test_sigterm_stops_at_once(self) -> None:
+        stopped: list[int] = []
+        stops = Stops(lambda _: None)
+        stops.stop = lambda: stopped.append(1)
+        stops.interrupt(signal.SIGTERM)
+        assert stopped == [1]
+
+    def test_handlers_are_put_back(self) -> None:
+        before: Any = signal.getsignal(signal.SIGINT)
+        stops = Stops(lambda _: None)
+        with stops.installed():
+            signal.raise_signal(signal.SIGINT)
+        assert stops.asked.is_set()
+        assert signal.getsignal(signal.SIGINT) is before

@@ -1,0 +1,184 @@
+"""Plans are checked before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.geometry import true_contacts
+from tactibench.lab import Press
+from tactibench_tactip.collecting.plan import (
+    Plan,
+    check,
+    eased,
+    estimate_s,
+    fits,
+    keys_of,
+    plan_of,
+    words,
+)
+from tactibench_tactip.geometry.envelope import outside
+from tactibench_tactip.geometry.press import PressGeometry
+from tactibench_tactip.motion.press_moves import way
+from tactibench_tactip.motion.times import move_seconds
+from tactibench_tactip.settings import EnvelopeKeys, Pose6, Settings
+
+KEYS = EnvelopeKeys()
+HOME: Pose6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def one(scene: Scene) -> Plan:
+    return Plan("test", (Press(0, "first", scene),), {})
+
+
+def geometry(settings: Settings, z0: float = 0.0) -> PressGeometry:
+    return PressGeometry(settings.frames, settings.sensor.dome_radius_mm, z0)
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (HOME, ""),
+        ((12.0, -12.0, 10.0, 0.0, 0.0, 180.0), ""),
+        ((12.1, 0.0, 0.0, 0.0, 0.0, 0.0), "half_width_mm"),
+        ((0.0, float("nan"), 0.0, 0.0, 0.0, 0.0), "half_width_mm"),
+        ((0.0, 0.0, -60.1, 0.0, 0.0, 0.0), "above_mm"),
+        ((0.0, 0.0, 10.1, 0.0, 0.0, 0.0), "below_mm"),
+        ((0.0, 0.0, float("nan"), 0.0, 0.0, 0.0), "above_mm"),
+        ((0.0, 0.0, 0.0, 25.5, 0.0, 0.0), "tilt_deg"),
+        ((0.0, 0.0, 0.0, 0.0, -26.0, 0.0), "tilt_deg"),
+    ],
+)
+def test_the_envelope(pose: Pose6, words: str) -> None:
+    assert words in outside(KEYS, pose)
+    assert bool(words) == bool(outside(KEYS, pose))
+
+
+def test_a_yaw_is_limited_where_cables_are_short() -> None:
+    assert "yaw_deg" in outside(EnvelopeKeys(yaw_deg=90.0), (0, 0, 0, 0, 0, 91.0))
+
+
+@pytest.mark.parametrize(
+    ("scene", "reason"),
+    [
+        (Scene(Indenter.single(), Pose(13.0, 0.0, depth=1.0)), "half_width_mm"),
+        (Scene(Indenter.single(), Pose(depth=6.6)), "deepest_mm"),
+        (Scene(Indenter.plate(), Pose(tilt=30.0, depth=1.0)), "half_width_mm"),
+    ],
+)
+def test_a_plan_that_leaves_the_envelope_is_refused(
+    settings: Settings, scene: Scene, reason: str
+) -> None:
+    with pytest.raises(UserError, match=f"1 of 1 presses of test are refused.*{reason}"):
+        check(one(scene), settings, geometry(settings), turns=True)
+
+
+def test_a_plate_is_limited_in_tilt(make: Callable[..., Settings]) -> None:
+    settings = make(envelope={"half_width_mm": 20.0})
+    for tilt, good in ((20.0, True), (26.0, False)):
+        plan = one(Scene(Indenter.plate(), Pose(tilt=tilt, depth=1.0)))
+        if good:
+            check(plan, settings, geometry(settings), turns=True)
+        else:
+            with pytest.raises(UserError, match="tilt_deg"):
+                check(plan, settings, geometry(settings), turns=True)
+
+
+def test_first_touch_far_below_makes_a_plan_leave_the_envelope(settings: Settings) -> None:
+    plan = one(Scene(Indenter.single(), Pose(depth=6.0)))
+    check(plan, settings, geometry(settings), turns=True)
+    with pytest.raises(UserError, match="below_mm"):
+        check(plan, settings, geometry(settings, 4.5), turns=True)
+
+
+def test_a_stage_refuses_what_it_would_have_to_turn(settings: Settings) -> None:
+    plan = one(Scene(Indenter.dual(8.0), Pose(yaw=30.0, depth=1.0)))
+    check(plan, settings, geometry(settings), turns=True)
+    with pytest.raises(UserError, match=r"turn of 30.0 deg.*--draw"):
+        check(plan, settings, geometry(settings), turns=False)
+    check(one(Scene(Indenter.dual(8.0), Pose(yaw=180.0, depth=1.0))), settings,
+          geometry(settings), turns=False)  # fmt: skip
+
+
+@given(st.floats(0.0, 360.0), st.sampled_from([1, 2, 3, 4]))
+def test_the_smallest_turn_presses_the_same_contacts(yaw: float, kind: int) -> None:
+    indenter = {
+        1: Indenter.single(), 2: Indenter.dual(9.0), 3: Indenter.triple((1.0, 1.0, 1.0)),
+        4: Indenter.triple((0.0, 0.5, 1.0)),
+    }[kind]  # fmt: skip
+    scene = Scene(indenter, Pose(1.0, -2.0, yaw, 0.0, 3.0))
+    found = eased(scene)
+    assert abs(found.pose.yaw) <= {1: 0.0, 2: 90.0, 3: 60.0, 4: 180.0}[kind] + 1e-9
+    one, other = (true_contacts(s) for s in (scene, found))
+    order = [np.lexsort(np.round(c.xy.T, 6)) for c in (one, other)]
+    assert one.xy[order[0]] == pytest.approx(other.xy[order[1]], abs=1e-6)
+    assert one.depth[order[0]] == pytest.approx(other.depth[order[1]], abs=1e-6)
+
+
+def test_sideways_motion_is_at_one_height_for_all_presses(settings: Settings) -> None:
+    scenes = [
+        Scene(Indenter.single(), Pose(x, y, depth=2.0)) for x, y in ((0, 0), (6, -6), (-3, 5))
+    ]
+    heights = [way(scene, geometry(settings), settings).above[2] for scene in scenes]
+    assert heights == pytest.approx([-settings.envelope.clearance_mm] * 3)
+
+
+def test_mounts_and_words(settings: Settings) -> None:
+    assert fits(settings.indenter, Indenter.single())
+    assert not fits(settings.indenter, Indenter.single(2.0))
+    assert not fits(settings.indenter, Indenter.dual(8.0))
+    for indenter in (Indenter.single(2.0), Indenter.dual(7.5), Indenter.triple((0.0, 3.0, 1.0)),
+                     Indenter.plate()):  # fmt: skip
+        keys = keys_of(indenter)
+        assert keys is not None
+        assert fits(keys, indenter)
+        assert words(indenter)
+    assert keys_of(Indenter(3.0, ((0.0, 0.0, 0.0),) * 4, "four")) is None
+    assert keys_of(Indenter(3.0, ((0.0, -4.0, 0.0), (0.0, 4.0, 0.0)), "turned")) is None
+
+
+def test_a_plan_file(settings: Settings, tmp_path: Path) -> None:
+    path = tmp_path / "plan.jsonl"
+    rows = [
+        '{"id": 3, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": 1.0, "y_mm": 0.0, '
+        '"depth_mm": 2.0}',
+        '{"id": 5, "indenter": "dual", "indenter_radius_mm": 3.0, "indenter_offsets_mm": '
+        '[[-4, 0, 0], [4, 0, 0]], "x_mm": 0.0, "y_mm": 0.0, "depth_mm": 1.0}',
+        '{"id": 4, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": 2.0, "y_mm": 0.0, '
+        '"depth_mm": 2.0}',
+    ]
+    path.write_text("\n".join(rows) + "\n")
+    plan = plan_of(str(path), settings)
+    assert [press.id for press in plan.presses] == [3, 4, 5]  # one indenter after the other
+    assert [len(presses) for _, presses in plan.mounts()] == [2, 1]
+    assert len(plan_of(str(path), settings, count=1)) == 2
+    assert [row["id"] for row in plan.rows()] == [3, 4, 5]
+    with pytest.raises(UserError, match="no draw 'singles'"):
+        plan_of(str(path), settings, draws=("singles",))
+
+
+def test_time_of_a_move_in_closed_form() -> None:
+    start, end = HOME, (30.0, 40.0, 0.0, 0.0, 0.0, 0.0)
+    assert move_seconds(start, end, 20.0, 500.0) == pytest.approx(50 / 20 + 20 / 500)
+    assert move_seconds(start, (0.2, 0, 0, 0, 0, 0), 20.0, 500.0) == pytest.approx(2 * 0.02)
+    assert move_seconds(start, (0, 0, 0, 0, 0, 90.0), 20.0, 500.0) == pytest.approx(1.8)
+
+
+def test_the_estimate_counts_every_press(settings: Settings) -> None:
+    press = Press(0, "p", Scene(Indenter.single(), Pose(depth=3.0)))
+    few, many = (estimate_s([press] * n, settings) for n in (10, 20))
+    assert 1.5 < (many - few) / 10 < 6.0
+
+
+def test_deeper_than_the_sensor_is_not_drawn(make: Callable[..., Settings]) -> None:
+    shallow = make(sensor={"deepest_mm": 3.0})
+    plan = plan_of("exp1", shallow, draws=("singles",), count=20)
+    assert len(plan) == 20
+    assert max(press.scene.pose.depth for press in plan.presses) <= 3.0
+    check(plan, shallow, geometry(shallow), turns=False)

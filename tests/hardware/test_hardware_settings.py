@@ -1,0 +1,82 @@
+"""The configuration file: what it takes, and what it says of mistakes."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tactibench import Indenter, UserError
+from tactibench_tactip.configuration import read_settings
+from tactibench_tactip.example import example
+from tactibench_tactip.settings import Settings
+
+
+@pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])
+def test_the_example_is_valid_and_shows_every_table(driver: str) -> None:
+    tables = tomllib.loads(example(driver))
+    settings = Settings.model_validate(tables)
+    assert settings.robot.driver == driver
+    assert {"schema", *tables} == {"schema", *Settings.model_fields} - {"schema_"}
+
+
+def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path:
+    text = example(driver)
+    assert before in text
+    path = tmp_path / "lab.toml"
+    path.write_text(text.replace(before, after), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("press_mm_s", "pres_mm_s", r"unknown key 'robot.pres_mm_s'.*'press_mm_s'"),
+        ("press_mm_s = 5.0", "press_mm_s = 50.0", r"'robot.press_mm_s' is 50.0.*equal to 20"),
+        ("[contact]", "[contakt]", r"unknown key 'contakt'.*'contact'"),
+        ('driver = "ur"', 'driver = "kuka"', r"'robot.driver' is 'kuka'.*'ur', 'grbl' or 'cri'"),
+        ("pins = 127", "pins = true", r"'sensor.pins' is True"),
+        ("settle_s = 0.2", "settle_s = nan", r"'timing.settle_s' is nan"),
+        ('kind = "single"', 'kind = "dual"', r"distance_mm belongs to a dual"),
+        ('driver = "ur"', 'driver = "ur"\ntime_scale = 5.0', r"no emulator.*leave time_scale out"),
+        ("schema = 1", "schema = 2", r"key 'schema' is 2"),
+        ("schema = 1", "schema = [", r"not valid TOML"),
+        ('address = "192.168.1.10"', "", r"'robot.address' is missing"),
+    ],
+)
+def test_a_mistake_is_one_sentence_with_the_key(
+    tmp_path: Path, before: str, after: str, words: str
+) -> None:
+    path = changed(tmp_path, before, after)
+    with pytest.raises(UserError, match=words) as caught:
+        read_settings(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_is_not_there_says_how_to_get_one(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="hw emulate` writes one"):
+        read_settings(tmp_path / "none.toml")
+
+
+def test_indenters() -> None:
+    base = tomllib.loads(example("ur"))
+    base["indenter"] = {"kind": "triple", "heights_mm": [0.0, 1.5, 3.0]}
+    keys = Settings.model_validate(base).indenter
+    assert keys.indenter() == Indenter.triple((0.0, 1.5, 3.0))
+    base["indenter"] = {"kind": "dual", "distance_mm": 8.5}
+    assert Settings.model_validate(base).indenter.indenter() == Indenter.dual(8.5)
+    base["indenter"] = {"kind": "plate"}
+    assert Settings.model_validate(base).indenter.indenter().is_plate
+
+
+def test_what_must_last_is_what_decides_on_frames_and_labels() -> None:
+    tables = tomllib.loads(example("ur"))
+    before = Settings.model_validate(tables).lasting()
+    tables["robot"]["address"] = "10.0.0.2"
+    tables["camera"]["source"] = 3
+    tables["indenter"] = {"kind": "dual", "distance_mm": 9.0}
+    tables["safety"]["auto_recover"] = 1
+    assert Settings.model_validate(tables).lasting() == before
+    tables["timing"]["settle_s"] = 0.3
+    assert Settings.model_validate(tables).lasting() != before

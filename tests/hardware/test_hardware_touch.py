@@ -1,0 +1,130 @@
+"""First touch: where a signal begins, and what the search does about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from fake_station import TRUE_Z0, FakeCapture, FakeRobot
+from hypothesis import given
+from hypothesis import settings as settings_of
+from hypothesis import strategies as st
+
+from tactibench import UserError
+from tactibench_tactip.calibration import fit_centre, fit_yaw
+from tactibench_tactip.camera.driver import Camera
+from tactibench_tactip.settings import Settings
+from tactibench_tactip.station import Station
+from tactibench_tactip.touch.ramp import onset, projections
+from tactibench_tactip.touch.search import NoTouchError, find_touch
+
+
+@given(st.floats(-0.2, 0.2), st.sampled_from([1.0, 1.2, 1.5, 2.0]), st.integers(0, 50))
+def test_the_begin_of_a_power_law_is_found(start: float, power: float, seed: int) -> None:
+    depths = np.arange(-0.4, 0.65, 0.1)
+    signal = 0.7 * np.maximum(0.0, depths - start) ** power
+    noisy = signal + np.random.default_rng(seed).normal(0.0, 1e-4, len(depths))
+    found = onset(depths, noisy)
+    assert found.at_mm == pytest.approx(start, abs=0.02)
+    assert found.misfit < 0.01
+
+
+def test_a_projection_is_blind_to_brightness() -> None:
+    rng = np.random.default_rng(0)
+    rest, change = rng.uniform(0, 200, (2, 16, 16))
+    images = np.stack([rest + share * change for share in (0.0, 0.25, 1.0)])
+    assert projections(images, rest) == pytest.approx([0.0, 0.25, 1.0])
+    brighter = images + np.array([7.0, -3.0, 0.0])[:, None, None]
+    assert projections(brighter, rest) == pytest.approx([0.0, 0.25, 1.0])
+
+
+@pytest.fixture
+def station(settings: Settings, robot: FakeRobot, camera: Camera) -> Station:
+    return Station(settings, robot, camera)
+
+
+def test_first_touch_is_found_and_taken_over(station: Station) -> None:
+    with camera_of(station), station:
+        touch = find_touch(station, first=True)
+        assert touch.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
+        assert station.geometry.z0 == touch.z0_mm
+        again = find_touch(station, first=False)
+        assert again.z0_mm == pytest.approx(TRUE_Z0, abs=0.03)
+
+
+def test_nothing_there_is_said(station: Station, capture: FakeCapture, robot: FakeRobot) -> None:
+    capture.robot = None
+    with camera_of(station), station:
+        with pytest.raises(NoTouchError, match=r"3\.0 mm before.*contact.travel_mm"):
+            find_touch(station, first=True)
+        assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
+
+
+def test_force_is_asked_of_a_robot_that_measures_it(
+    make: Callable[..., Settings], robot: FakeRobot, camera: Camera
+) -> None:
+    station = Station(make(contact={"method": "force", "force_n": 1.0}), robot, camera)
+    with camera, station, pytest.raises(UserError, match="measures none"):
+        find_touch(station, first=True)
+
+    robot.stiffness = 2.0
+    with camera, station:
+        touch = find_touch(station, first=True)
+    assert touch.method == "force"
+    assert touch.z0_mm == pytest.approx(
+        TRUE_Z0 + 0.6, abs=0.15
+    )  # half a newton a mm, one step late
+
+
+def test_a_fixed_place_moves_nothing(
+    make: Callable[..., Settings], robot: FakeRobot, camera: Camera
+) -> None:
+    settings = make(contact={"method": "fixed", "fixed_mm": 0.3})
+    with camera, Station(settings, robot, camera) as station:
+        before = len(robot.moves)
+        assert find_touch(station, first=True).z0_mm == 0.3
+        assert len(robot.moves) == before
+
+
+def test_a_probe_needs_a_stage(
+    make: Callable[..., Settings], robot: FakeRobot, camera: Camera
+) -> None:
+    settings = make(contact={"method": "probe"})
+    with (
+        camera,
+        Station(settings, robot, camera) as station,
+        pytest.raises(UserError, match="needs a stage"),
+    ):
+        find_touch(station, first=True)
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
+def test_the_centre_of_a_dome_from_heights(x: float, y: float, z: float) -> None:
+    turn = np.linspace(0, 2 * np.pi, 7)[:-1]
+    places = np.vstack([[0, 0], 4 * np.column_stack([np.cos(turn), np.sin(turn)])])
+    heights = z + 23 - np.sqrt(23**2 - ((places - [x, y]) ** 2).sum(axis=1))
+    centre, z0, std, rms = fit_centre(places, heights, 23.0)
+    assert centre == pytest.approx([x, y], abs=1e-5)
+    assert z0 == pytest.approx(z, abs=1e-5)
+    assert max(std, rms) < 1e-5
+
+
+@settings_of(max_examples=15)
+@given(st.floats(-179.0, 179.0), st.floats(2.0, 5.0))
+def test_the_yaw_of_the_image(yaw: float, scale: float) -> None:
+    turn = np.linspace(0, 2 * np.pi, 9)[:-1]
+    places = 4 * np.column_stack([np.cos(turn), np.sin(turn)])
+    c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+    flipped = places * [1.0, -1.0]
+    seen = 64 + scale * np.column_stack(
+        [c * flipped[:, 0] - s * flipped[:, 1], s * flipped[:, 0] + c * flipped[:, 1]]
+    )
+    found, std = fit_yaw(places, seen)
+    assert (found - yaw + 180) % 360 - 180 == pytest.approx(0.0, abs=0.01)
+    assert std < 0.01
+
+
+def camera_of(station: Station) -> Camera:
+    """A station opens only the camera that it made."""
+    return station.camera
