@@ -54,7 +54,8 @@ def ways(
     else:
         reason = "the model is no network of tactibench.training, whose numbers could be changed"
         skipped = {name: reason for name in TYPES if name not in found}
-    if not compiled and found.pop(COMPILED, None):
+    if COMPILED in found and not compiled:
+        del found[COMPILED]
         skipped[COMPILED] = "it takes long to make; add --compile"
     return found, skipped
 

@@ -1,0 +1,1 @@
+"""Models that are the same every time, and models that are not."""

@@ -1,0 +1,145 @@
+"""Losses on saturated logits, in float32 and bf16: finite where the formula is, else not hidden."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch.nn import functional as F  # noqa: N812
+
+from tactibench import Grid, ModelContext
+from tactibench.plugins.host import PluginHost
+from tactibench.training import MixtureScale, count_nll, mixture_loss, mixture_values
+
+GRID = Grid.centred(16, 1.6)
+HUGE = 1e4
+SCALE = MixtureScale(reach_mm=2.0, max_depth_mm=6.0)
+ANCHORS = torch.tensor([[-4.0, 0.0], [4.0, 0.0], [0.0, 4.0]])
+KINDS = [torch.float32, torch.bfloat16]
+
+
+@pytest.fixture(scope="module")
+def models() -> dict[str, Any]:
+    host = PluginHost()
+    hertz = host.encoders["hertz"].load()()
+    return {
+        name: host.models[name].load()(ModelContext("contacts", GRID, 6.0, encoder))
+        for name, encoder in (("unet", hertz), ("cnn", None), ("pins", None))
+    }
+
+
+def raw(value: float, kind: torch.dtype = torch.float32) -> torch.Tensor:
+    return torch.full((2, 7, 3), value, dtype=kind, requires_grad=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("logit", [HUGE, -HUGE])
+@pytest.mark.parametrize("heat", [0.0, 1.0])
+def test_cross_entropy_of_saturated_logits_is_linear(
+    models: Any, kind: torch.dtype, logit: float, heat: float
+) -> None:
+    """max(x, 0) - x t: from a sigmoid it would be -log 0."""
+    logits = torch.full((1, 1, 4, 4), logit, dtype=kind, requires_grad=True)
+    loss = models["unet"].loss(logits.float(), torch.full((1, 1, 4, 4), heat))
+    target = 0.7 * heat  # of its headroom
+    held = float(logits.detach()[0, 0, 0, 0])
+    assert loss.item() == pytest.approx(max(held, 0.0) - held * target, rel=1e-6)
+    loss.backward()
+    assert torch.isfinite(logits.grad).all()
+    steep = (1.0 if logit > 0 else 0.0) - target
+    np.testing.assert_allclose(logits.grad.float().numpy(), steep / 16, rtol=0.01, atol=1e-9)
+
+
+def test_losses_take_logits_not_probabilities(models: Any) -> None:
+    """A loss of a rounded sigmoid cannot tell a logit of 50 from one of 100."""
+    heat = torch.zeros(1, 1, 4, 4)
+    near, far = (models["unet"].loss(torch.full_like(heat, x), heat) for x in (50.0, 100.0))
+    assert float(far) == pytest.approx(2 * float(near))
+    p = torch.tensor([[50.0], [100.0]])
+    left, right = count_nll(p, torch.zeros(2))
+    assert torch.isfinite(torch.stack([left, right])).all()
+
+
+@pytest.mark.parametrize("name", ["unet", "cnn", "pins"])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_an_output_that_is_not_finite_makes_the_loss_so(models: Any, name: str, bad: float) -> None:
+    shape = {"unet": (2, 1, 4, 4), "cnn": (2, 3), "pins": (2, 4, 3)}[name]
+    wanted = torch.zeros((2, 3) if name == "pins" else shape)
+    outputs = torch.zeros(shape)
+    assert math.isfinite(float(models[name].loss(outputs, wanted)))
+    outputs[(0,) * len(shape)] = bad
+    assert not math.isfinite(float(models[name].loss(outputs, wanted)))
+
+
+@pytest.mark.parametrize("name", ["cnn", "pins"])
+def test_regression_of_huge_outputs_is_finite(models: Any, name: str) -> None:
+    outputs = torch.full((2, 4, 3) if name == "pins" else (2, 3), HUGE, requires_grad=True)
+    loss = models[name].loss(outputs, torch.zeros(2, 3))
+    loss.backward()
+    assert math.isfinite(loss.item())
+    assert torch.isfinite(outputs.grad).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("value", [HUGE, -HUGE, 0.0])
+def test_the_likelihood_of_saturated_outputs_is_finite(kind: torch.dtype, value: float) -> None:
+    """All seven outputs at once: probability, place, depth and log std (std is cut off)."""
+    outputs = raw(value, kind)
+    contacts = torch.tensor([[[0.0, 0.0, 3.0]], [[math.nan] * 3]])
+    loss = mixture_loss(outputs, ANCHORS, contacts, SCALE)
+    assert torch.isfinite(loss)
+    loss.backward()
+    assert torch.isfinite(outputs.grad).all()
+
+
+@pytest.mark.parametrize("logit", [HUGE, -HUGE])
+def test_the_likelihood_of_a_saturated_probability_in_closed_form(logit: float) -> None:
+    """One anchor on the contact with the std s: 3 log s + 3/2 log 2 pi of the place, and the
+    Gaussian of the count with variance 1/12 around 1 or 0."""
+    outputs = torch.zeros(1, 7, 1)
+    outputs[0, 0] = logit
+    outputs[0, 4:] = math.log(0.5)
+    contact = torch.tensor([[[0.0, 0.0, 3.0]]])
+    loss = float(mixture_loss(outputs, torch.zeros(1, 2), contact, SCALE))
+    std = math.hypot(0.5, SCALE.floor_mm)
+    place = 3 * math.log(std) + 1.5 * math.log(2 * math.pi)
+    missed = 0.0 if logit > 0 else 1.0
+    count = 0.5 * (missed * 12 + math.log(1 / 12) + math.log(2 * math.pi))
+    assert loss == pytest.approx(place + count, rel=1e-5)
+
+
+def test_a_std_that_goes_to_zero_or_infinity_stays_between_its_bounds() -> None:
+    low, high = (mixture_values(raw(value), ANCHORS, SCALE)[2] for value in (-HUGE, HUGE))
+    np.testing.assert_allclose(low.detach(), SCALE.floor_mm, rtol=1e-4)
+    np.testing.assert_allclose(high.detach(), math.exp(4.0), rtol=1e-4)
+
+
+@pytest.mark.parametrize("channel", range(7))
+def test_no_channel_of_the_mixture_hides_a_nan(channel: int) -> None:
+    outputs = torch.zeros(1, 7, 3)
+    outputs[0, channel, 1] = math.nan
+    contact = torch.tensor([[[0.0, 0.0, 3.0]]])
+    assert torch.isnan(mixture_loss(outputs, ANCHORS, contact, SCALE))
+    values = torch.cat([v.reshape(-1) for v in mixture_values(outputs, ANCHORS, SCALE)])
+    assert torch.isnan(values).any()
+
+
+def test_bf16_outputs_are_weighed_in_float32() -> None:
+    """The loss of bf16 outputs is that of the same numbers in float32, bit for bit."""
+    outputs = torch.randn(2, 7, 3, generator=torch.Generator().manual_seed(0)).bfloat16()
+    contacts = torch.tensor([[[0.0, 0.0, 3.0]], [[4.0, 1.0, 2.0]]])
+    one = mixture_loss(outputs, ANCHORS, contacts, SCALE)
+    assert one.dtype == torch.float32
+    assert torch.equal(one, mixture_loss(outputs.float(), ANCHORS, contacts, SCALE))
+
+
+def test_what_the_likelihood_would_lose_in_bf16() -> None:
+    """Why it is not computed there: in 8 bits 1 - p of a logit of 6 is off by half."""
+    p = torch.tensor(6.0).sigmoid()
+    assert float(1 - p.bfloat16()) != pytest.approx(float(1 - p), rel=0.3)
+    assert float(F.logsigmoid(torch.tensor(-6.0))) == pytest.approx(
+        math.log(1 - float(p)), rel=1e-3
+    )

@@ -1,0 +1,181 @@
+"""Every encoder on maps at the ends of what numbers can be: read to finite contacts, or refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tactibench import Contacts, Grid, UserError
+from tactibench.plugins.host import PluginHost
+
+GRID = Grid.centred(32, 0.8)
+EDGE = GRID.axes()[0][-1]
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "wide": ("hertz", {}),
+    "least-squares": ("hertz", {"decoder": "least-squares", "width": "free"}),
+    "dark": ("hertz", {"decoder": "dark"}),
+    "maximum": ("hertz", {"decoder": "maximum"}),
+    "depth": ("depth", {"sigma": 1.6, "reach": 4.0}),
+    "offset": ("offset", {"sigma": 1.6, "reach": 4.0}),
+    "axes": ("axes", {"sigma": 1.6}),
+    "mixture": ("mixture", {}),
+}
+
+
+@pytest.fixture(scope="module")
+def encoders() -> dict[str, Any]:
+    host = PluginHost()
+    assert {name for name, _ in KINDS.values()} == {spec.name for spec in host.encoders}
+    return {kind: host.encoders[name].load()(**more) for kind, (name, more) in KINDS.items()}
+
+
+@pytest.fixture(params=KINDS)
+def encoder(request: pytest.FixtureRequest, encoders: dict[str, Any]) -> Any:
+    return encoders[request.param]
+
+
+def flat(encoder: Any, value: float) -> np.ndarray:
+    return np.full((encoder.channels, *GRID.shape), value, dtype=np.float32)
+
+
+def sound(found: Contacts, encoder: Any) -> None:
+    """Finite by construction of Contacts; on the grid, a cell of straying and all steps allowed."""
+    step = float(getattr(encoder, "reach", 0.0)) + 2 * GRID.pitch
+    assert (np.abs(found.xy) <= EDGE + step).all()
+    assert ((found.score >= 0) & (found.score <= 1)).all()
+
+
+def test_empty_maps_hold_no_contact(encoder: Any) -> None:
+    assert len(encoder.decode(flat(encoder, 0.0), GRID)) == 0
+
+
+@pytest.mark.parametrize("value", [1.0, 0.5, np.float32(1e-45), 1e4, -1e4, -1.0])
+def test_flat_maps_are_read_without_a_peak(encoder: Any, value: float) -> None:
+    found = encoder.decode(flat(encoder, value), GRID)
+    if type(encoder).__name__ == "Mixture":  # whose cells say where by themselves
+        assert len(found) <= 6
+        return
+    assert len(found) == 0
+
+
+@pytest.mark.parametrize("kind", ["ones", "stripes", "checks", "corners", "rim", "half", "two"])
+def test_ties_plateaus_and_borders_are_read(encoder: Any, kind: str) -> None:
+    rows, columns = np.indices(GRID.shape)
+    heat = {
+        "ones": (rows > 8) & (rows < 20) & (columns > 8) & (columns < 20),
+        "stripes": rows % 2 == 0,
+        "checks": (rows + columns) % 2 == 0,
+        "corners": (rows % 31 == 0) & (columns % 31 == 0),
+        "rim": (rows % 31 == 0) | (columns % 31 == 0),
+        "half": columns < 16,
+        "two": (rows == 16) & ((columns == 8) | (columns == 24)),
+    }[kind]
+    maps = flat(encoder, 0.0)
+    maps[:] = heat
+    found = encoder.decode(maps, GRID)
+    assert len(found) <= 6
+    sound(found, encoder)
+    again = encoder.decode_batch(np.stack([maps, maps]), GRID)
+    for one in again:
+        np.testing.assert_array_equal(one.xy, found.xy)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("channel", [0, -1])
+def test_a_value_that_is_not_finite_is_counted_and_refused(
+    encoder: Any, bad: float, channel: int
+) -> None:
+    maps = flat(encoder, 0.0)
+    maps[channel, 0, 0] = bad
+    with pytest.raises(UserError, match=f"hold 1 of {maps.size} values that are not finite"):
+        encoder.decode(maps, GRID)
+    with pytest.raises(UserError, match=f"hold 2 of {3 * maps.size} values"):
+        encoder.decode_batch(np.stack([maps, flat(encoder, 0.0), maps]), GRID)
+
+
+@pytest.mark.parametrize("height", [1e4, -1e4])
+def test_a_peak_far_outside_of_0_to_1_is_read(encoder: Any, height: float) -> None:
+    maps = flat(encoder, 0.0)
+    maps[0, 10:13, 10:13] = height
+    found = encoder.decode(maps, GRID)
+    assert len(found) <= 6
+    sound(found, encoder)
+
+
+@pytest.mark.parametrize("place", [(EDGE, 0.0), (EDGE, EDGE), (-EDGE, EDGE), (0.0, -EDGE)])
+@pytest.mark.parametrize("depth", [0.3, 3.0, 6.0])
+def test_peaks_on_the_border_and_in_corners(
+    encoder: Any, place: tuple[float, float], depth: float
+) -> None:
+    found = encoder.decode(encoder.encode(Contacts.truth([place], [depth]), GRID), GRID)
+    assert len(found) == 1
+    assert np.abs(found.xy - place).max() <= 0.5 * GRID.pitch + 1e-9
+    assert abs(found.depth[0] - depth) <= 0.05 * depth + 0.01
+
+
+def test_heat_of_exactly_one_and_of_exactly_zero(encoder: Any) -> None:
+    deepest = encoder.encode(Contacts.truth([GRID.xy(16, 16)], [6.0]), GRID)
+    assert np.isfinite(deepest).all()
+    assert deepest[0].max() == 1.0
+    (found,) = encoder.decode(deepest, GRID).depth
+    assert found == pytest.approx(6.0, abs=0.05)
+    nothing = encoder.encode(Contacts.truth([GRID.xy(16, 16)], [0.0]), GRID)
+    assert np.isfinite(nothing).all()
+    assert encoder.decode(nothing, GRID).depth == pytest.approx(0.0, abs=1e-6)
+
+
+def test_contacts_in_one_place_are_one(encoder: Any) -> None:
+    if type(encoder).__name__ == "Axes":
+        pytest.skip("shows one contact a frame")
+    place = GRID.xy(16, 16)
+    found = encoder.decode(encoder.encode(Contacts.truth([place, place], [3.0, 3.0]), GRID), GRID)
+    assert len(found) == 1
+    assert np.abs(found.xy - place).max() <= 0.5 * GRID.pitch + 1e-9
+
+
+@pytest.mark.parametrize("kind", [torch.float64, torch.bfloat16, torch.float16])
+def test_maps_in_other_numbers_are_read_as_finely_as_these_are(
+    encoder: Any, kind: torch.dtype
+) -> None:
+    """bf16 holds 8 bits: of a depth of 3 mm it is off by up to 1 / 256, 0.012 mm."""
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        truth = Contacts.truth(rng.uniform(-8, 8, (1, 2)), rng.uniform(1, 5.5, 1))
+        maps = encoder.encode(truth, GRID)
+        given = torch.from_numpy(maps).to(kind).double().numpy()
+        exact, found = encoder.decode(maps, GRID), encoder.decode(given, GRID)
+        assert len(exact) == len(found) == 1
+        slack = 1e-9 if kind == torch.float64 else 2.0 * torch.finfo(kind).eps
+        coarse = GRID.pitch if type(encoder).__name__ == "HertzGaussian" and (
+            encoder.peaks.decoder == "maximum") and kind == torch.bfloat16 else 0.0  # fmt: skip
+        assert np.abs(found.xy - exact.xy).max() <= 6 * slack + coarse
+        assert abs(found.depth[0] - exact.depth[0]) <= 6 * slack
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("hertz", {"blur": 0.1, "radius": 0.0}),
+        ("hertz", {"blur": 100.0, "radius": 100.0}),
+        ("depth", {"sigma": 0.1}),
+        ("depth", {"sigma": 100.0, "reach": 100.0}),
+        ("offset", {"sigma": 0.1}),
+        ("offset", {"sigma": 100.0, "reach": 100.0}),
+        ("axes", {"sigma": 0.1}),
+        ("axes", {"sigma": 100.0}),
+    ],
+)
+def test_the_narrowest_and_the_widest_kernels_give_finite_maps_and_contacts(
+    name: str, values: dict[str, float]
+) -> None:
+    reach = {"reach": 4.0} if name in ("depth", "offset") else {}
+    encoder = PluginHost().encoders[name].load()(**{**reach, **values})
+    for place in (GRID.xy(16, 16), GRID.xy(16.5, 16.5), GRID.xy(0, 0)):
+        maps = encoder.encode(Contacts.truth([place], [3.0]), GRID)
+        assert np.isfinite(maps).all()
+        found = encoder.decode(maps, GRID)
+        assert len(found) <= 1
+        sound(found, encoder)
