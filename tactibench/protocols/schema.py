@@ -103,7 +103,7 @@ class Split(Strict):
 class Recorded(Strict):
     """How the presses of a recorded folder are divided."""
 
-    test_frames: str | None = None
+    test_frames: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")] | None = None
     test_frames_size: tuple[PositiveInt, PositiveInt] | None = Field(default=None, strict=False)
     test_share: Share
     validation_share: Share

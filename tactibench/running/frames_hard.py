@@ -5,6 +5,7 @@ Scenes are pressed; faults are done, when they are asked for, to the frames of t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -44,6 +45,11 @@ def hard_frames(request: RunRequest, tester: Presser) -> tuple[Wanted, ...]:
         raise UserError(
             f"protocol {tester.keys.id!r} presses hard cases of its own and has no reference "
             "scenes; leave --test reference out."
+        )
+    if math.isinf(tester.pressed.workspace.dome_radius_mm):
+        raise UserError(
+            f"protocol {tester.keys.id!r} presses a dome as far as its edge, but sensor "
+            f"{tester.part.name!r} is flat; take a sensor with a dome."
         )
     maker = _Maker(tester, tester.pressed)
     kept = spread(maker.rows, scored_limit(request))

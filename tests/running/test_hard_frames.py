@@ -132,6 +132,15 @@ def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
         planned(hard, sensor="other")
 
 
+def test_a_flat_sensor_has_no_edge(
+    planned: Callable[..., RunPlan], hard: str, tiny: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiny.TinySensor, "dome_radius_mm", float("inf"), raising=False)
+    monkeypatch.setattr(tiny.TinySensor, "deepest_mm", 6.0, raising=False)
+    with pytest.raises(UserError, match="presses a dome as far as its edge"):
+        planned(hard)
+
+
 def test_recorded_folders_and_reference_scenes_are_refused(
     planned: Callable[..., RunPlan], hard: str, tmp_path: Path
 ) -> None:

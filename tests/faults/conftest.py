@@ -1,0 +1,71 @@
+"""Runs of a tiny model on a tiny sensor in this process, and bytes that flip."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tiny_lab import Lab, Quiet, tiny_host
+
+from tactibench.records.store import StoredRun
+from tactibench.running import run as running
+from tactibench.running.plan import RunPlan, make_plan
+from tactibench.running.request import RunRequest
+from tactibench.running.speed import NOT_TIMED
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Callable[[], RunPlan]:
+    """A new plan of the same run, on the cache of this test."""
+    protocol = Lab(tmp_path / "lab").protocols / "exp1.toml"
+    return lambda: make_plan(RunRequest(str(protocol), "tiny"), tiny_host(), tmp_path / "cache")
+
+
+@pytest.fixture
+def run(
+    plan: Callable[[], RunPlan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., StoredRun]:
+    """Carry the run out, untimed, into a store of that name; ``fresh`` as on the command line."""
+    monkeypatch.setattr(running, "measure_speed", lambda *_, **__: NOT_TIMED)
+
+    def executed(store: str = "runs", *, fresh: bool = False) -> StoredRun:
+        return running.execute(plan(), tmp_path / store, Quiet(), fresh=fresh)
+
+    return executed
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Cache, store and protocols of one undisturbed run, to be copied, and its record."""
+    folder = tmp_path_factory.mktemp("first")
+    protocol = Lab(folder / "lab").protocols / "exp1.toml"
+    request = RunRequest(str(protocol), "tiny")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(running, "measure_speed", lambda *_, **__: NOT_TIMED)
+        made = running.execute(
+            make_plan(request, tiny_host(), folder / "cache"), folder / "runs", Quiet()
+        )
+    return folder, made.record
+
+
+@pytest.fixture
+def copied(first: tuple[Path, dict[str, Any]], tmp_path: Path) -> Path:
+    """A copy of the undisturbed run's folder: that of this test."""
+    for name in ("cache", "runs", "lab"):
+        shutil.copytree(first[0] / name, tmp_path / name)
+    return tmp_path
+
+
+def flip(path: Path, at: int) -> None:
+    """Change one byte of a file."""
+    data = bytearray(path.read_bytes())
+    data[at] ^= 0x15
+    path.write_bytes(data)
+
+
+@pytest.fixture(name="flip")
+def _flip() -> Callable[[Path, int], None]:
+    return flip

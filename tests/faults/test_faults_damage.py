@@ -1,0 +1,130 @@
+"""Flipped bytes in everything that is kept: made again or refused by name, never used."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench import UserError
+from tactibench.board.submissions import compact
+from tactibench.records.record import checked
+from tactibench.records.store import PARTS, RECORD, StoredRun, open_run, run_names
+
+CACHED = (
+    *(f"frames/*/{name}" for name in ("frames.npy", "rest.npy", "poses.npy", "manifest.json")),
+    *(f"weights/*/{name}" for name in ("weights.safetensors", "manifest.json")),
+    "answers/*.npz",
+)
+SAME = ("data", "test_frames", "weights", "weights_hash", "predictions_hash")
+
+
+PARTS_OF_A_FILE = ("magic", "header", "third", "middle", "end")
+
+
+def place(path: Path, part: str) -> int:
+    """A byte in that part of a file."""
+    size = path.stat().st_size
+    return {"magic": 0, "header": 9, "third": size // 3, "middle": size // 2}.get(part, size - 2)
+
+
+@pytest.mark.parametrize("pattern", CACHED)
+def test_a_damaged_cache_is_made_again(
+    pattern: str,
+    first: tuple[Path, dict[str, Any]],
+    copied: Path,
+    run: Callable[..., StoredRun],
+    flip: Callable[[Path, int], None],
+) -> None:
+    whole = first[1]
+    file = sorted((copied / "cache").glob(pattern))[0]
+    for part in PARTS_OF_A_FILE:
+        flip(file, place(file, part))
+        again = run(f"again-{part}").record
+        assert {k: again["identity"][k] for k in SAME} == {k: whole["identity"][k] for k in SAME}
+        assert again["metrics"] == whole["metrics"]
+
+
+def test_a_checkpoint_that_is_damaged_is_not_used(
+    first: tuple[Path, dict[str, Any]],
+    copied: Path,
+    run: Callable[..., StoredRun],
+    plan: Callable[..., Any],
+) -> None:
+    weights = plan().weights
+    for data in (b"", b"\x08" * 500):
+        (weights.folder / "manifest.json").unlink()
+        weights.checkpoints.mkdir(parents=True)
+        (weights.checkpoints / "checkpoint.safetensors").write_bytes(data)
+        again = run("again").record
+        assert again["identity"]["weights_hash"] == first[1]["identity"]["weights_hash"]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_damaged_array_of_a_run_is_refused(
+    part: str, copied: Path, flip: Callable[[Path, int], None]
+) -> None:
+    store = copied / "runs"
+    (name,) = run_names(store)
+    file = store / name / f"{part}.npz"
+    whole, arrays = file.read_bytes(), open_run(store, name).arrays(part)
+    for where in PARTS_OF_A_FILE:
+        flip(file, place(file, where))
+        try:
+            found = open_run(store, name).arrays(part)
+        except UserError as error:
+            assert str(file) in str(error)  # noqa: PT017 - it may also be right
+        else:  # a byte that says nothing: the time of a member of the archive, say
+            assert found.keys() == arrays.keys()
+            assert all((found[k] == arrays[k]).all() or k == "std" for k in found)
+        file.write_bytes(whole)
+
+
+def test_every_damaged_byte_of_a_record_is_refused(
+    copied: Path, flip: Callable[[Path, int], None]
+) -> None:
+    """A digit of a metric is as damaged as a bracket."""
+    store = copied / "runs"
+    (name,) = run_names(store)
+    file = store / name / RECORD
+    whole = file.read_bytes()
+    before = json.loads(whole)
+    for at in range(0, len(whole), 37):
+        flip(file, at)
+        try:
+            found = open_run(store, name).record  # the name of the seal itself, at most
+            assert {**found, "identity": 0} == {**before, "identity": 0}, at
+            lost = {k for k, v in before["identity"].items() if found["identity"].get(k) != v}
+            assert lost <= {"sealed"}, at
+        except UserError as error:
+            assert RECORD in str(error)  # noqa: PT017
+        file.write_bytes(whole)
+
+
+def test_a_record_from_before_seals_is_read(copied: Path) -> None:
+    store = copied / "runs"
+    (name,) = run_names(store)
+    record = json.loads((store / name / RECORD).read_text())
+    del record["identity"]["sealed"]
+    (store / name / RECORD).write_text(json.dumps(record))
+    assert open_run(store, name).record == record
+
+
+def test_a_committed_record_needs_no_seal(first: tuple[Path, dict[str, Any]]) -> None:
+    committed = compact(first[1])
+    assert "sealed" not in committed["identity"]
+    assert "sealed" in first[1]["identity"]
+    checked(committed, "it")
+
+
+def test_a_damaged_run_is_named_when_runs_are_added_to_a_board(copied: Path) -> None:
+    from tactibench.cli.board import _chosen
+
+    store = copied / "runs"
+    (name,) = run_names(store)
+    (store / name / RECORD).write_text("{")
+    with pytest.raises(UserError, match=name):
+        _chosen(store, ("exp1-*",))

@@ -1,0 +1,62 @@
+"""Spoilt files and command lines: a sentence or success, in time and in memory."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from fuzzed import TARGETS, attempt, inputs
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+FEW, MANY, LIMIT_S = 40, 20_000, 600.0
+SLOWEST_S, MOST_BYTES = 2.0, 2**30
+
+
+def memory() -> int:
+    """The most that this process has had, bytes; 0 where the system does not say."""
+    try:
+        import resource
+    except ImportError:
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+@pytest.mark.filterwarnings(
+    "default"
+)  # of numpy, about what was asked of it; no warning is an error
+@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
+def test_spoilt_input_gets_a_sentence(name: str, count: int, tmp_path: Path) -> None:
+    if name == "hardware":
+        pytest.importorskip("tactibench_tactip")
+    target, began, refused = TARGETS[name], time.monotonic(), 0
+    for data in target.seeds(tmp_path)[:1]:
+        attempt(target, data, tmp_path)  # imports and compiles
+    before = memory()
+    for number, data in enumerate(inputs(target, tmp_path, 7, count)):
+        start = time.process_time()
+        try:
+            refused += not attempt(target, data, tmp_path)
+        except Exception as error:
+            error.add_note(f"input {number} of {name}: {data[:2000]!r}")
+            raise
+        assert time.process_time() - start < SLOWEST_S, (number, data[:2000])
+        assert time.monotonic() - began < LIMIT_S, f"only {number} inputs in {LIMIT_S:g} s"
+    assert refused > 0
+    assert memory() - before < MOST_BYTES
+
+
+@pytest.mark.parametrize("name", sorted(set(TARGETS) - {"hardware"}))
+def test_any_bytes_get_a_sentence(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp(name)
+
+    @settings(max_examples=15)
+    @given(st.binary(max_size=400) | st.text(max_size=200).map(lambda text: text.encode()))
+    def check(data: bytes) -> None:
+        attempt(TARGETS[name], data, folder)
+
+    check()

@@ -1,0 +1,274 @@
+"""What reads files and words of strangers, with valid inputs to begin from.
+
+A target takes bytes. It may succeed or raise what becomes a sentence for the user, nothing else.
+"""
+
+from __future__ import annotations
+
+import io
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+import mutated as m
+import numpy as np
+
+from tactibench import UserError
+from tactibench.training.container import DamagedFile
+
+ROOT = Path(__file__).parents[2]
+SENTENCES = (
+    UserError,
+    click.ClickException,
+    click.exceptions.Exit,
+    click.exceptions.Abort,
+    DamagedFile,
+)
+"""DamagedFile is turned into one by all that read containers."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """read: bytes, a scratch folder. seeds: made in the folder. ways: to spoil them."""
+
+    read: Callable[[bytes, Path], Any]
+    seeds: Callable[[Path], list[bytes]]
+    ways: tuple[m.Mutation, ...] = field(default=(m.bytes_wrong, m.tokens_wrong))
+
+
+def _in(folder: Path, name: str, data: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def _files(pattern: str) -> Callable[[Path], list[bytes]]:
+    return lambda _: [path.read_bytes() for path in sorted(ROOT.glob(pattern))]
+
+
+def _protocol(data: bytes, folder: Path) -> None:
+    from tactibench.protocols.loader import check_metrics, read_protocol
+
+    check_metrics(read_protocol(_in(folder, "p.toml", data)))
+
+
+def _sweep(data: bytes, folder: Path) -> None:
+    from tactibench.sweep.read import read_sweep
+
+    read_sweep(_in(folder, "s.toml", data))
+
+
+def _settings(data: bytes, folder: Path) -> None:
+    from tactibench_tactip.configuration import read_settings
+
+    read_settings(_in(folder, "hw.toml", data))
+
+
+def _settings_seeds(_: Path) -> list[bytes]:
+    from tactibench_tactip import example
+
+    texts = [
+        value for value in vars(example).values() if isinstance(value, str) and "[robot]" in value
+    ]
+    return [text.encode() for text in texts] or [b"[robot]\ndriver = 'ur'\naddress = '127.0.0.1'\n"]
+
+
+def _record(data: bytes, folder: Path) -> None:
+    from tactibench.board.safe import read_record, refuse_names
+    from tactibench.board.submissions import compact, slot, text_of
+    from tactibench.board.verifying.verdict import refuse_differences, refuse_signature
+    from tactibench.records.record import checked
+    from tactibench.records.seal import refuse_changed
+
+    path = _in(folder, "r.json", data)
+    record = read_record(path)
+    checked(record, str(path))
+    refuse_changed(record, str(path))
+    refuse_names(record, str(path))
+    slot(record)
+    text_of(compact(record))
+    refuse_differences(record["metrics"], record["metrics"], str(path))
+    refuse_signature(record, str(path))
+
+
+def _records(_: Path) -> list[bytes]:
+    found = sorted(ROOT.glob("leaderboards/submissions/*/*.json"))
+    return [path.read_bytes() for path in found[:: max(1, len(found) // 6)]]
+
+
+def _answers(data: bytes, folder: Path) -> None:
+    from tactibench.board.committed import read_answers_file, read_press_errors, split_ranked
+    from tactibench.board.verifying.answers import check_answers
+    from tactibench.records.answers import unpack_contacts
+    from tactibench.records.files import arrays_hash
+
+    path = _in(folder, "a.npz", data)
+    answers, _ = split_ranked(read_answers_file(path))
+    arrays_hash(answers)
+    read_press_errors(path)
+    check_answers(answers, "contacts", 6, str(path))
+    unpack_contacts(answers)
+
+
+def _answers_seeds(_: Path) -> list[bytes]:
+    from stored_answers import answered_parts
+
+    good = answered_parts()["predictions"]
+    ranked = {"ranked.press": np.array(["a", "b"]), "ranked.error": np.ones(2)}
+    strange: list[Mapping[str, Any]] = [
+        {}, good, {**good, **ranked}, {**good, "count": -good["count"]},
+        {**good, "count": good["count"].astype(float)}, {**good, "xy": good["xy"].T},
+        {**good, "depth": good["depth"] * np.nan}, {**good, "score": np.array("text")},
+        {**good, "count": np.full(6, 2**62)}, {**good, "std": good["std"][:0]},
+        {**good, "xy": good["xy"].astype(np.complex128)},
+        {**good, **ranked, "ranked.error": np.ones(3)},
+        {**ranked, "ranked.press": np.zeros((2, 2)), **good},
+        {**good, "depth": good["depth"].astype("S9")},
+    ]  # fmt: skip
+    made = []
+    for arrays in strange:
+        for write in (np.savez, np.savez_compressed):
+            stream = io.BytesIO()
+            write(stream, **arrays)
+            made.append(stream.getvalue())
+    return made
+
+
+def _table(data: bytes, folder: Path) -> None:
+    from tactibench.datasets.importing.names import frame_names
+    from tactibench.datasets.importing.table import read_table
+
+    table = read_table(folder / "targets.csv", data)
+    for column in table.columns:
+        table.numeric(column)
+        for use in (table.numbers, lambda name: frame_names(table.path, table.cells[name])):
+            try:
+                use(column)
+            except UserError:
+                continue
+
+
+def _tables(_: Path) -> list[bytes]:
+    comma = "image_name,pose_1,pose_2,pose_6\n" + "".join(
+        f"frame_{k}.png,{k}.5,-1e-3,{k}\n" for k in range(5)
+    )
+    return [
+        comma.encode(),
+        comma.replace(",", ";").replace(".5", ",5").encode(),
+        b"\xef\xbb\xbf" + comma.encode(),
+    ]
+
+
+def _png(data: bytes, _: Path) -> None:
+    from tactibench.png import check_png, decode_png
+
+    kind = check_png("it", data)
+    decode_png("it", data, kind)
+
+
+def _pngs(_: Path) -> list[bytes]:
+    from tactibench.png import encode_png
+
+    rng = np.random.default_rng(0)
+    shapes = ((6, 8), (6, 8, 3), (1, 1))
+    return [encode_png(rng.integers(0, 256, shape, dtype=np.uint8)) for shape in shapes]
+
+
+def _weights(data: bytes, folder: Path) -> None:
+    from tactibench.training import load_weights
+    from tactibench.training.container import read_container
+
+    path = _in(folder, "weights.safetensors", data)
+    try:
+        load_weights(folder, model="m", architecture={"width": 8})
+    except UserError:
+        read_container(path)
+
+
+def _weights_seeds(folder: Path) -> list[bytes]:
+    import torch
+
+    from tactibench.training import save_weights
+
+    tensors = {"a": torch.arange(6.0).reshape(2, 3), "b": torch.ones(1, dtype=torch.bfloat16)}
+    save_weights(folder, tensors, model="m", architecture={"width": 8}, extra={"k": [1]})
+    return [(folder / "weights.safetensors").read_bytes()]
+
+
+def commands() -> dict[str, click.Command]:
+    """Every built-in command, those inside groups too, by its words."""
+    from importlib import import_module
+
+    from tactibench.cli.main import VERBS
+
+    found: dict[str, click.Command] = {}
+
+    def add(words: str, command: click.Command) -> None:
+        found[words] = command
+        for name, inner in getattr(command, "commands", {}).items():
+            add(f"{words} {name}", inner)
+
+    for verb, (target, _) in VERBS.items():
+        module, _, attribute = target.partition(":")
+        add(verb, getattr(import_module(module), attribute))
+    return found
+
+
+def _words(data: bytes, _: Path) -> None:
+    """A command line is read and checked, and not carried out."""
+    from tactibench.running.request import read_parameters, read_tested
+
+    known = commands()
+    line = data.decode("utf-8", errors="replace").replace("\x00", "").split("\n")
+    command = known.get(line[0], known["run"])
+    context = command.make_context(line[0], list(line[1:]))
+    for key, read in (("params", read_parameters), ("tests", read_tested)):
+        if given := context.params.get(key):
+            read(tuple(given))
+
+
+def _lines(_: Path) -> list[bytes]:
+    lines = [
+        "run\nexp1\n--model\nunet\n--param\nmodel.width=8\n--seed\n1\n--test\nsensor.instance=1"
+    ]
+    for words, command in commands().items():
+        options = [o for o in command.params if isinstance(o, click.Option)]
+        given = [w for o in options for w in ([o.opts[0]] if o.is_flag else [o.opts[0], "1"])]
+        lines.append("\n".join([words, "exp1", *given]))
+    return [line.encode() for line in lines]
+
+
+JSON, TEXT = (
+    (m.json_wrong, m.json_wrong, m.tokens_wrong, m.bytes_wrong),
+    (m.tokens_wrong, m.bytes_wrong),
+)
+TARGETS = {
+    "protocol": Target(_protocol, _files("protocols/*.toml"), TEXT),
+    "sweep": Target(_sweep, _files("docs/examples/*.toml"), TEXT),
+    "hardware": Target(_settings, _settings_seeds, TEXT),
+    "record": Target(_record, _records, JSON),
+    "answers": Target(_answers, _answers_seeds, (m.bytes_wrong, lambda _, data: data)),
+    "table": Target(_table, _tables, TEXT),
+    "png": Target(_png, _pngs, (m.png_wrong, m.png_wrong, m.bytes_wrong)),
+    "weights": Target(_weights, _weights_seeds, (m.safetensors_wrong, m.bytes_wrong)),
+    "words": Target(_words, _lines, TEXT),
+}
+
+
+def attempt(target: Target, data: bytes, folder: Path) -> bool:
+    """Whether the input was accepted. Any exception but a sentence passes through."""
+    try:
+        target.read(data, folder)
+    except SENTENCES:
+        return False
+    return True
+
+
+def inputs(target: Target, folder: Path, seed: int, count: int) -> Any:
+    """So many spoilt inputs, the same for the same seed."""
+    seeds, rng = target.seeds(folder), random.Random(seed)  # noqa: S311 - nothing secret
+    for _ in range(count):
+        yield m.mutated(rng, seeds, target.ways)
