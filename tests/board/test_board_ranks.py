@@ -77,7 +77,7 @@ def test_seeds_are_averaged_press_by_press(fabricate, errors) -> None:
 def test_a_row_without_the_error_and_a_protocol_without_an_order(fabricate) -> None:
     rows = rows_of([fabricate(), fabricate(model="cnn", error=None)])
     assert by_model(ranks("exp1", rows, {}), rows) == {"unet": 1, "cnn": None}
-    assert ranks("stability", rows, {}) is None
+    assert ranks("unordered", rows, {}) is None
 
 
 @given(st.integers(0, 10_000), st.floats(-0.9, 0.99), st.floats(0, 1))

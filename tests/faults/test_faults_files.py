@@ -132,6 +132,8 @@ import signal, sys, time
 import click
 from tactibench.cli import main
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests may be a background job
+
 @click.command()
 def waits():
     try:

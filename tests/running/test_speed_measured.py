@@ -69,7 +69,7 @@ def test_every_way_is_compared_and_what_fails_is_said() -> None:
     found = configurations(model, seen, model.predict(seen), TRUTH)
     assert [one.name for one in found.usable] == ["float32", "exact", "coarse", "many"]
     gaps = {one.name: one.difference for one in found.usable}
-    assert gaps["exact"] == Difference(0.0, 10, 0, 0.0)
+    assert gaps["exact"] == Difference(0.0, 10, 0, 0.0, largest_mm=0.0)
     assert gaps["coarse"].median_mm == pytest.approx(0.1)
     assert gaps["coarse"].error_change == pytest.approx(0.2)
     assert gaps["many"].other_count == 10

@@ -20,7 +20,7 @@ def test_a_shift_is_the_distance():
     scored = [at((0, 0, 1)), at((3, 4, 2), (-3, 0, 2))]
     found = [at((0.3, 0.4, 1)), at((3, 4, 2.5), (-3, 0, 2.5))]
     gap = compare(found, scored)
-    assert gap == Difference(0.5, 2, 0, None)
+    assert gap == Difference(0.5, 2, 0, None, largest_mm=0.5)
     assert gap.allowed
 
 
@@ -31,7 +31,7 @@ def test_contacts_in_another_order_are_the_same():
 
 def test_another_count_is_counted_not_measured():
     gap = compare([at(), at((0, 0, 1))], [at((0, 0, 1)), at((0, 0, 1))])
-    assert gap == Difference(0.0, 2, 1, None)
+    assert gap == Difference(0.0, 2, 1, None, largest_mm=0.0)
     assert not gap.allowed
     assert not compare([None], [PlatePose(1.0, 0.0)]).allowed
 
