@@ -51,14 +51,17 @@ def match(
     if not len(truth) or not len(predicted):
         none = np.empty(0, dtype=np.intp)
         return none, none, np.empty(0)
-    offset = truth[:, None, :] - predicted[None, :, :]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
+    x, y = (np.subtract.outer(truth[:, axis], predicted[:, axis]) for axis in (0, 1))
+    distance = np.hypot(x, y)
     if distance.size == 1:
         rows = columns = np.zeros(1, dtype=np.intp)
     else:
-        rows, columns = linear_sum_assignment(np.minimum(distance, gate) ** power)
+        cost = np.minimum(distance, gate)
+        rows, columns = linear_sum_assignment(cost if power == 1 else cost**power)
     chosen = distance[rows, columns]
     inside = chosen < gate
+    if inside.all():
+        return rows, columns, chosen
     return rows[inside], columns[inside], chosen[inside]
 
 
