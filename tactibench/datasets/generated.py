@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -63,11 +63,6 @@ class FrameRequest:
     @cached_property
     def key(self) -> str:
         """Identity of the frames and of their truth: the same key, the same frames and truth."""
-        surface: dict[str, Any] = {}
-        if self.dome_radius is not None:  # said only where it is not the protocol's
-            # An infinite radius has no meaning in JSON.
-            flat = math.isinf(self.dome_radius)
-            surface["surface"] = "flat" if flat else self.dome_radius
         return digest(
             {
                 "sensor": self.identity,
@@ -75,9 +70,22 @@ class FrameRequest:
                 "seed": self.seed,
                 "chunk": CHUNK,
                 "numpy": np.__version__,
-                **surface,
+                **self._surface,
             }
         )
+
+    def content(self, manifest: Mapping[str, Any]) -> str:
+        """Of frames, scenes and surface: equal where these are, whatever code made them."""
+        scenes = digest([[_plain(scene) for scene in self.scenes], self._surface])
+        return combined([*(manifest[part] for part in PARTS), scenes])
+
+    @property
+    def _surface(self) -> dict[str, Any]:
+        """Said only where it is not the protocol's."""
+        if self.dome_radius is None:
+            return {}
+        # An infinite radius has no meaning in JSON.
+        return {"surface": "flat" if math.isinf(self.dome_radius) else self.dome_radius}
 
 
 def folder_of(cache: Path, key: str) -> Path:
@@ -113,9 +121,14 @@ def open_frames(
         Frame(image, float(i), Pose(*pose), rest)
         for i, (image, pose) in enumerate(zip(images, poses.tolist(), strict=True))
     ]
-    content = combined([*(manifest[part] for part in PARTS), manifest["key"]])
     return Presses(
-        request.name, request.scenes, frames, request.names, content, folder, request.dome_radius
+        request.name,
+        request.scenes,
+        frames,
+        request.names,
+        request.content(manifest),
+        folder,
+        request.dome_radius,
     )
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -247,3 +249,15 @@ def test_a_sensor_that_answers_wrongly_is_named(
     with pytest.raises(UserError, match="sensor 'noise' made"):
         open_frames(request_of(build=build), tmp_path)
     assert not is_cached(folder_of(tmp_path, request.key))
+
+
+def test_equal_frames_have_one_hash_whatever_code_made_them(
+    request_of: RequestOf, tmp_path: Path
+) -> None:
+    """Rows of two versions of the code stand in one table when they were asked the same."""
+    first, other = request_of(), request_of()
+    other = replace(other, identity={**other.identity, "code": "newer"})
+    assert other.key != first.key
+    assert open_frames(other, tmp_path).hash == open_frames(first, tmp_path).hash
+    flat = replace(first, dome_radius=math.inf)
+    assert open_frames(flat, tmp_path).hash != open_frames(first, tmp_path).hash
