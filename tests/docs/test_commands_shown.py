@@ -48,7 +48,8 @@ def shown() -> list[tuple[str, str]]:
 def parsed(words: list[str]) -> tuple[str, dict[str, object]]:
     """The verb's path and what its parser took. Raises click's errors and UserError."""
     command: click.Command = main
-    context = click.Context(main, info_name="tactibench")
+    # With its own settings: click keeps the help option that it makes first.
+    context = click.Context(main, info_name="tactibench", **main.context_settings)
     while isinstance(command, click.Group):
         name = words.pop(0)
         inner = command.get_command(context, name)

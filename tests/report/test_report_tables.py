@@ -17,8 +17,8 @@ from tactibench.board.page import page
 from tactibench.protocols.loader import load_protocol
 
 ROOT = Path(__file__).resolve().parents[2]
-TAGS = {"p", "ul", "li", "em", "strong", "h3", "h4", "div", "table", "thead", "tbody", "tr", "th",
-        "td", "br", "sub", "code", "pre", "details", "summary"}  # fmt: skip
+TAGS = {"p", "ul", "li", "em", "strong", "h3", "h4", "h5", "div", "table", "thead", "tbody", "tr",
+        "th", "td", "br", "sub", "code", "pre", "details", "summary"}  # fmt: skip
 ATTRIBUTES = {"class", "role", "tabindex", "aria-label", "scope", "title", "data-v"}
 
 
