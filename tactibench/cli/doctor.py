@@ -97,12 +97,14 @@ def _repeat(
     from tactibench.running.environment import environment_facts
     from tactibench.running.evidence import Asked
     from tactibench.running.repeated import repeat, steps
+    from tactibench.running.request import QUICK_FIT
 
     terminal = Terminal()
     with terminal.task("repeat", len(models) * steps()) as advance:
         found = [row for name in models for row in repeat(Asked(name, protocol, sensor), advance)]
     facts = environment_facts()
-    subject = f"{protocol}, seed 0, 200 presses; {facts['cpu']}, fingerprint {facts['fingerprint']}"
+    machine = f"{facts['cpu']}, fingerprint {facts['fingerprint']}"
+    subject = f"{protocol}, seed 0, {QUICK_FIT} presses; {machine}"
     print_findings(terminal.out, found, subject)
     if json_file is not None:
         rows = [row.as_row() for row in found]

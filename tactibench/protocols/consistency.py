@@ -129,6 +129,11 @@ def _about_families(keys: Protocol) -> Iterator[str]:
         yield f"cases.base: no family is named {keys.cases.base!r}; {_near(keys.cases.base, names)}"
     elif base.press is None or len(base.pressed_values) != 1:
         yield f"cases.base {base.name!r} must press scenes and have one value and no easy one"
+    elif base.sensor or (base.presses or keys.cases.presses) < keys.cases.presses:
+        yield (
+            f"cases.base {base.name!r} must be pressed by the sensor as it is, and as often as any "
+            "case: faults are done to its frames"
+        )
 
 
 def _near(name: str, names: list[str]) -> str:

@@ -21,6 +21,7 @@ from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.axes import case
 from tactibench.protocols.families import Cases, Family
 from tactibench.protocols.schema import Protocol
+from tactibench.records.files import arrays_hash
 from tactibench.records.identity import combined, digest
 from tactibench.running.frames import Advance, Wanted, scored_limit, spread
 from tactibench.running.parts import Part, Sensors
@@ -165,7 +166,8 @@ def damaged(base: Wanted, damage: Damage, advance: Advance) -> Presses:
         frames.append(replace(frame, image=image))
         advance(1)
     rows = [f"{case(name, value)}-{k}" for name, value, k in damage.rows]
-    content = combined([whole.hash, digest([damage.fault, damage.data_seed, damage.stream]), *rows])
+    images = arrays_hash({"images": np.stack([frame.image for frame in frames])})
+    content = combined([whole.hash, images, *rows])
     scenes = tuple(whole.scenes[k] for _, _, k in damage.rows)
     return Presses(whole.name, scenes, frames, tuple(rows), content, None, whole.dome_radius)
 

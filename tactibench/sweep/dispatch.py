@@ -54,9 +54,12 @@ def carried_out(
     """
     waiting = list(jobs)
     running: dict[object, Job] = {}
+    had_gpu = False
     while waiting or running:
         room = engine.room()
-        if room.slots and not room.gpus:
+        had_gpu |= bool(room.gpus)
+        # A local worker with a card that died is being started again.
+        if room.slots and not room.gpus and (engine.remote or not had_gpu):
             refused = [job for job in waiting if job.needs_gpu]
             waiting = [job for job in waiting if not job.needs_gpu]
             yield from _failed(refused, Outcome(why=NO_GPU))

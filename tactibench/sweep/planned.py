@@ -10,11 +10,12 @@ from typing import Any, Literal
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.records.identity import digest
+from tactibench.records.seal import SEAL
 from tactibench.records.store import RECORD, stored_runs
 from tactibench.running.plan import RunPlan, make_plan
 from tactibench.running.request import RunRequest
 
-ADDED = ("commit", "data", "weights_hash", "predictions_hash", "stored")
+ADDED = ("commit", "data", "weights_hash", "predictions_hash", "stored", SEAL)
 """What a record's identity holds beside that of its plan."""
 
 State = Literal["done", "to do", "cannot"]
@@ -43,7 +44,8 @@ class Planned:
 
 
 def plan_cells(requests: Sequence[RunRequest], place: Place) -> tuple[Planned, ...]:
-    """Look cells up in the store and the cache, where this is called."""
+    """Look cells up in the store and the cache, where this is called; what cannot be planned is
+    said in words."""
     host = PluginHost()
     known = dict(_known(place.store)) if place.any_machine else {}
     return tuple(_planned(request, place, host, known) for request in requests)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,13 +40,22 @@ def test_a_damaged_cache_is_made_again(
     run: Callable[..., StoredRun],
     flip: Callable[[Path, int], None],
 ) -> None:
-    whole = first[1]
-    file = sorted((copied / "cache").glob(pattern))[0]
+    """Of every such file: frames that were trained on are read where there are no weights."""
+    whole, cache = first[1], copied / "cache"
     for part in PARTS_OF_A_FILE:
-        flip(file, place(file, part))
+        if pattern.startswith("frames"):
+            for made in ("weights", "answers"):
+                shutil.rmtree(cache / made)
+        spoilt = {}
+        for file in sorted(cache.glob(pattern)):
+            flip(file, place(file, part))
+            spoilt[file] = file.read_bytes()
         again = run(f"again-{part}").record
         assert {k: again["identity"][k] for k in SAME} == {k: whole["identity"][k] for k in SAME}
         assert again["metrics"] == whole["metrics"]
+        assert spoilt
+        for file, data in spoilt.items():  # a byte of the others may mean nothing
+            assert file.read_bytes() != data or file.suffix not in (".npy", ".safetensors")
 
 
 def test_a_checkpoint_that_is_damaged_is_not_used(

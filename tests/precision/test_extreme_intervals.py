@@ -53,7 +53,7 @@ def test_a_value_that_is_not_finite_is_counted_and_refused(name: str, bad: float
 
 def test_a_share_takes_only_yes_and_no() -> None:
     for bad in (np.nan, 0.5, 2.0):
-        with pytest.raises(ValueError, match=r"0|finite"):
+        with pytest.raises(ValueError, match=r"not all 0 or 1|not finite"):
             share_interval([1.0, bad], [0, 1])
 
 

@@ -112,7 +112,7 @@ def test_hostile_names_add_no_element(page_of, hostile):
     names = {trace.get("name", "") for spec in data.values() for trace in spec["data"]}
     assert not any("<" in name for name in names)
     assert any("&lt;" in name for name in names)
-    assert "49" not in re.findall(r"\{\{(\S+?)\}\}", html)
+    assert "{{7*7}}" in html
 
 
 @pytest.mark.parametrize("text", HOSTILE)

@@ -125,6 +125,11 @@ def test_failures_of_strangers_are_not_believed(more: dict[str, Any], said: str)
         check_answers(submitted(**more), "contacts", 6, "a.npz", guarded=True)
 
 
+def test_answers_of_another_shape_are_refused_before_failures_are_read() -> None:
+    with pytest.raises(UserError, match="array 'count' has type"):
+        check_answers(submitted(count=np.array(3)), "contacts", 6, "a.npz", guarded=True)
+
+
 def test_missing_failures_are_refused() -> None:
     answers, _ = ask(Fragile())
     with pytest.raises(UserError, match="array 'failed' is missing"):

@@ -268,3 +268,15 @@ def test_a_submission_cannot_choose_its_own_numbers_of_labelled_frames(
     path.write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(UserError, match=r"shown \[0, 18\] labelled frames"):
         verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))
+
+
+@pytest.mark.parametrize("seen", [None, 3, {}, {"labelled_frames": list(SHOTS), "described": 7}])
+def test_a_record_that_says_nothing_of_the_tested_sensor_is_refused_in_a_sentence(
+    submitted: Callable[[str], Path], folders: tuple[Path, Path], tmp_path: Path, seen: Any
+) -> None:
+    path = submitted("mean")
+    record = json.loads(path.read_text(encoding="utf-8"))
+    record["data"]["of_tested_sensor"] = seen
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(UserError, match=r"labelled frames|is not the recording"):
+        verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tactibench.errors import UserError
+from tactibench.records.files import read_json, write_json
+from tactibench.records.seal import sealed, unsealed
+from tactibench.records.store import RECORD
 from tactibench.running.request import RunRequest
 from tactibench.sweep.cells import Cell
 from tactibench.sweep.dispatch import carried_out, jobs_of
 from tactibench.sweep.engine import NO_GPU, Room, WorkersDied
-from tactibench.sweep.planned import Place, Planned
+from tactibench.sweep.planned import Place, Planned, plan_cells
 from tactibench.sweep.sweep import Finished, look_up
 from tactibench.sweep.work import Outcome, run_cell, train_weights
 
@@ -128,12 +131,44 @@ def test_cards_are_for_as_many_as_there_are() -> None:
     assert len(outcomes) == 5
 
 
+def test_a_card_whose_worker_is_started_again_is_waited_for() -> None:
+    rooms = [Room(2, 1), Room(2, 0)]
+
+    class Restarting(Engine):
+        def room(self) -> Room:
+            return rooms.pop(0) if rooms else Room(2, 1)
+
+    engine = Restarting(gpus=1)
+    outcomes = dispatched(engine, to_do("a", "b", device="cuda"))
+    assert {one.why for one in outcomes.values()} == {""}
+
+
 def test_without_a_card_those_that_need_one_are_reported() -> None:
     planned = {**to_do("a", "b", device="cuda"), **to_do("c")}
     engine = Engine()
     outcomes = dispatched(engine, planned)
     assert engine.begun == ["run c"]
     assert outcomes["a"].why == outcomes["b"].why == NO_GPU
+
+
+def test_a_run_of_another_machine_counts_where_any_may_run_it(
+    asked: Callable[[str], Path], tmp_path: Path
+) -> None:
+    from tactibench.plugins.host import PluginHost
+    from tactibench.sweep.cells import cells_of
+    from tactibench.sweep.read import read_sweep
+
+    (one, *_) = cells_of(read_sweep(asked('model = "toy"\n')), PluginHost())
+    place = Place(tmp_path / "runs", tmp_path / "cache")
+    name = run_cell(one.request, place).name
+    file = place.store / name / RECORD
+    record = unsealed(read_json(file))
+    record["identity"]["machine"], record["name"] = "another", "elsewhere"
+    write_json(file, sealed(record))
+    file.parent.rename(place.store / "elsewhere")
+    (here,) = plan_cells([one.request], place)
+    (anywhere,) = plan_cells([one.request], replace(place, any_machine=True))
+    assert (here.state, anywhere.state, anywhere.name) == ("to do", "done", "elsewhere")
 
 
 def test_cells_that_come_to_the_same_run_are_one(

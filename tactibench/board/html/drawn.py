@@ -25,6 +25,8 @@ from tactibench.running.parts import Part, Sensors
 from tactibench.running.presser import Presser
 from tactibench.running.request import RunRequest
 
+_BEHIND = ("tactibench.hardcases", "tactibench.protocols", "tactibench.running")
+"""Packages whose code draws presses."""
 NOISE = 2_000_000
 """Spawn key of frames that are made again one by one: their noise is drawn anew."""
 
@@ -89,7 +91,7 @@ class Drawer:
 
     def _kept(self, presser: Presser, regime: str) -> Presses:
         """Drawn once, then read from the cache, as long as no code behind it has changed."""
-        code = [code_hash(name) for name in ("tactibench.protocols", "tactibench.running")]
+        code = [code_hash(name) for name in _BEHIND]
         asked = [self._protocol.hash, presser.part.name, dict(presser.part.values)]
         path = self._cache / "drawn" / f"{digest([*asked, presser.part.code(), code])[:24]}.npz"
         try:

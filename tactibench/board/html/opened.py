@@ -114,6 +114,8 @@ class Opened:
         """Only where the presses had to be drawn for the truth already: that takes seconds."""
         if record["name"] in self.board.runs:
             return "the run keeps frames of its own"
+        if self.board.protocol.keys.families:
+            return "hard cases are faults of frames, or frames of other sensors"
         return self._drawer.drawn(record)
 
     def _folders(self, record: Record) -> list[Path] | None:

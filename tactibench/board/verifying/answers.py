@@ -30,8 +30,8 @@ def check_answers(
     kind: "contacts" or "plate". guarded: whether the frames on which the model failed are listed
     beside them (see ``Failures``).
     """
+    given = answers
     if guarded:
-        _failures(answers, frames, where)
         answers = {name: array for name, array in answers.items() if name not in FAILURES}
     columns = PLATES if kind == "plate" else CONTACTS
     if set(answers) != set(columns):
@@ -61,6 +61,8 @@ def check_answers(
         low, high = float(answers["score"].min()), float(answers["score"].max())
         if low < 0 or high > 1:
             raise UserError(f"{where}: scores go from {low:g} to {high:g}; a score lies in 0..1.")
+    if guarded:
+        _failures(given, frames, where)
 
 
 def _failures(answers: Arrays, frames: int, where: str) -> None:
@@ -73,11 +75,11 @@ def _failures(answers: Arrays, frames: int, where: str) -> None:
                 f"{where}: array {name!r} is missing or not how failures are stored; submit the "
                 "run with `tactibench submit`."
             )
-    rows, count = found["failed"], answers.get("count", np.empty(0))
+    rows = found["failed"]
     good = (
         bool((np.diff(rows, prepend=-1) > 0).all())
-        and bool((rows < min(frames, len(count))).all())
-        and not count[rows].any()
+        and bool((rows < frames).all())
+        and not answers["count"][rows].any()
     )
     if not good:
         raise UserError(

@@ -106,6 +106,7 @@ def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: So
             f"{record['name']}: the truth of {keys.id!r} is in the recording that was tested, not "
             "in the one trained on; name the folder of the tested one with --data DIR."
         )
+    shots = shots_of(record, protocol)
     sensors = with_target(request, protocol, _sensors(record, request, source.host), source.host)
     presser = None
     if not sensors.sensor.spec.needs_data:
@@ -114,7 +115,6 @@ def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: So
     _same_recording(record, target, request.tested.data)
     wanted = target.want(None)
     truth = wanted.open(lambda _: None).truth(keys.answer, keys.workspace.dome_radius_mm)
-    shots = shots_of(record, protocol)
     return {
         **pack(shots.repeated(truth), keys.answer),
         "press": np.array(shots.repeated(wanted.clusters)),
@@ -124,9 +124,10 @@ def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: So
 
 def _same_recording(record: Mapping[str, Any], target: Target, folder: Path) -> None:
     """Raise UserError where the labels in the folder are not those that the run was tested on."""
-    stated = record["data"]["of_tested_sensor"].get("described", {}).get("sha256")
+    described = record["data"]["of_tested_sensor"].get("described")
+    stated = described.get("sha256") if isinstance(described, Mapping) else None
     found = target.folder.identity["describe"].get("sha256")
-    if stated != found:
+    if stated is None or stated != found:
         raise UserError(
             f"{record['name']} was tested on {record['sensor']['tested']['on']}, which is not the "
             f"recording in {folder}; name its folder with --data DIR."

@@ -194,11 +194,11 @@ def refuse_differences(stated: Sequence[Row], again: Sequence[Row], where: str) 
             )
         if metric in FROM_MAPS:
             continue
-        for field in other:
-            if not _same(one.get(field), other[field]):
+        for field in {**other, **one}:  # a row may also state too much, such as ">"
+            if not _same(one.get(field), other.get(field)):
                 raise UserError(
                     f"{where} states {field} {one.get(field)} for {metric} of {group}, but its "
-                    f"predictions give {other[field]}."
+                    f"predictions give {other.get(field)}."
                 )
     return tuple(sorted({m for (m, _), row in before.items()
                          if m in FROM_MAPS and row["value"] is not None}))  # fmt: skip

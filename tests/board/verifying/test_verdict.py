@@ -47,6 +47,15 @@ def answered(path: Path, **changes: Any) -> Path:
     return edited(path, change)
 
 
+@pytest.mark.parametrize("sign", [">", "<"])
+def test_a_row_that_states_more_than_its_answers_give_is_refused(submitted, source, sign) -> None:
+    def claim(record: dict[str, Any]) -> None:
+        record["metrics"][0]["censored"] = sign
+
+    with pytest.raises(UserError, match="states censored"):
+        verify(edited(submitted(), claim), source)
+
+
 @pytest.mark.parametrize(("name", "frames"), [("exp1", 20), ("exp2", 28), ("exp3", 40)])
 def test_a_submission_that_holds_is_verified(submitted, source, name, frames) -> None:
     found = verify(submitted(name), source)

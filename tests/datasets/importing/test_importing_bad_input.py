@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tactibench import UserError
 from tactibench.datasets.importing import ImportOptions, find_format, import_folder, open_recording
 from tactibench.datasets.v1 import Writer, open_dataset, verify
 
@@ -233,7 +234,7 @@ def test_an_interruption_leaves_nothing(first, tmp_path, monkeypatch, error):
 
     monkeypatch.setattr(Writer, "add_many", stop)
     before = sorted(p.name for p in tmp_path.iterdir())
-    with pytest.raises(Exception if error is not KeyboardInterrupt else KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else UserError):
         import_folder(first, tmp_path / "out")
     assert sorted(p.name for p in tmp_path.iterdir()) == before
 
