@@ -7,7 +7,8 @@ trained on; a frame without an answer counts as infinitely wrong. Both recipes a
 run on the same simulated presses, seeds and threads, one after the other, ``paper`` in eager
 float32; the time of each epoch includes its validation. The whole ``paper`` recipe takes a good
 half hour on two cores: ``--epochs-cap`` ends it early, and then its time is a lower bound. The last
-line is the ratio of the two times. The encoder is ``hertz`` with its default decoder.
+lines are the ratios of the two times, by the clock and by the processor's time, which other jobs on
+the machine disturb less. The encoder is ``hertz`` with its default decoder.
 """
 
 from __future__ import annotations
@@ -49,34 +50,35 @@ class Watch:
 
     def __init__(self, target_mm: float, cap: int | None) -> None:
         self.target_mm, self.cap = target_mm, cap
-        self.began = 0.0
-        self.reached_s: float | None = None
-        self.last_s = 0.0
+        self.began = self.began_cpu = 0.0
+        self.reached = False
+        self.last_s = self.last_cpu_s = 0.0
         self.best_mm = float("inf")
 
     def start(self, epochs: int, steps: int) -> None:  # noqa: ARG002
-        self.began = time.perf_counter()
+        self.began, self.began_cpu = time.perf_counter(), time.process_time()
 
     def step(self, loss: float) -> None: ...
 
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
         self.last_s = time.perf_counter() - self.began
+        self.last_cpu_s = time.process_time() - self.began_cpu
         error = float("inf") if validation_mm is None else validation_mm
         self.best_mm = min(self.best_mm, error)
         print(
-            f"  epoch {epoch:2d}  {self.last_s:7.1f} s  loss {loss:.5f}  {error:8.4f} mm",
+            f"  epoch {epoch:2d}  {self.last_s:7.1f} s  processor {self.last_cpu_s:7.1f} s  "
+            f"loss {loss:.5f}  {error:8.4f} mm",
             flush=True,
         )
-        if error <= self.target_mm and self.reached_s is None:
-            self.reached_s = self.last_s
+        if error <= self.target_mm:
+            self.reached = True
             raise Reached
         if epoch == self.cap:
             raise Reached
 
     def __str__(self) -> str:
-        if self.reached_s is not None:
-            return f"{self.reached_s:.0f} s"
-        return f"> {self.last_s:.0f} s (stopped at {self.best_mm:.4f} mm)"
+        took = f"{self.last_s:.0f} s, {self.last_cpu_s:.0f} s of the processor"
+        return took if self.reached else f"more than {took} (best {self.best_mm:.4f} mm)"
 
 
 def presses(count: int, seed: int):
@@ -122,12 +124,15 @@ def main() -> None:
         for recipe in ("default", "paper")
     ]
     fast, slow = watches
-    if fast.reached_s is None:
+    if not fast.reached:
         print("default did not reach the target: no ratio")
         return
-    bound = "" if slow.reached_s is not None else "at least "
-    ratio = slow.last_s / fast.reached_s
-    print(f"time to {options.target_mm} mm, paper / default: {bound}{ratio:.1f}")
+    bound = "" if slow.reached else "at least "
+    for name, ratio in (
+        ("by the clock", slow.last_s / fast.last_s),
+        ("by processor time", slow.last_cpu_s / fast.last_cpu_s),
+    ):
+        print(f"time to {options.target_mm} mm, paper / default, {name}: {bound}{ratio:.1f}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import nn
 
@@ -10,7 +12,7 @@ _SIDE = 4
 
 
 class CNNNetwork(nn.Module):
-    """(B, 1, S, S) uint8 frames -> (B, outputs) normalised targets.
+    """(B, 1, S, S) uint8 frames -> (B, values) normalised targets, and the logit of a presence.
 
     A 5x5 convolution of stride 2, then blocks of 3x3 convolution, batch normalisation, ReLU and
     2x2 max pooling with doubling channels until 4 to 7 cells a side are left, then two dense
@@ -20,7 +22,7 @@ class CNNNetwork(nn.Module):
     mean: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(self, width: int, size: int, hidden: int, outputs: int) -> None:
+    def __init__(self, width: int, size: int, hidden: int, values: int, presence: bool) -> None:
         super().__init__()
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
@@ -35,15 +37,19 @@ class CNNNetwork(nn.Module):
             nn.Flatten(),
             nn.Linear(channels * side * side, hidden),
             nn.ReLU(inplace=True),
-            nn.Linear(hidden, outputs),
+            nn.Linear(hidden, values + presence),
         )
+        self.presence = presence
 
     @torch.no_grad()
-    def start_from(self, images: torch.Tensor) -> None:
-        """Fix the input scale to the training frames (uint8)."""
+    def start_from(self, images: torch.Tensor, with_contact: int, without: int) -> None:
+        """Fix the input scale to the training frames (uint8), and begin with a presence as likely
+        as it is among them (one of each added: Laplace's rule)."""
         values = images.float()
         self.mean.copy_(values.mean())
         self.scale.copy_(1 / values.std(correction=0).clamp_min(1.0))
+        if self.presence:
+            self.head[-1].bias[-1] = math.log((with_contact + 1) / (without + 1))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         normal: torch.Tensor = self.head(self.features((images.float() - self.mean) * self.scale))

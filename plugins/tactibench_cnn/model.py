@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.special import expit
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench import Answer, Frame, ModelContext
+from tactibench import Answer, Contacts, Frame, ModelContext
 from tactibench.training import (
     ANSWER_WIDTH,
     RECIPES,
@@ -21,6 +22,7 @@ from tactibench.training import (
     answer_vectors,
     image_tensor,
     regressable,
+    resting_frames,
     vector_answers,
 )
 from tactibench_cnn.architecture import CNNNetwork
@@ -31,13 +33,17 @@ _RECIPES = RECIPES | {
 """Half the U-Net's learning rate; others were not tried with this optimiser."""
 _HIDDEN = 128
 """Units of the dense layer."""
+_RESTING = 0.05
+"""Frames at rest that are added to a training, as a share of its frames."""
+_THERE = 0.5
+"""Probability from which a contact is reported."""
 
 
 class CNN(LearnedModel):
-    """Regression baseline: exactly one answer for every frame, score 1.
+    """Regression baseline: a contact and the probability that there is one, or a plate pose.
 
-    Frames without contact have nothing to regress and are left out of a training; a frame with
-    several contacts is refused.
+    That there may be no contact is learned from the sensor at rest, as the frames bring it, and
+    from training frames without contact. A frame with several contacts is refused.
     """
 
     name = "cnn"
@@ -58,39 +64,62 @@ class CNN(LearnedModel):
             "answer": context.answer,
         }
         super().__init__(context, _RECIPES[recipe].with_choices(epochs, precision), architecture)
-        outputs = ANSWER_WIDTH[context.answer]
-        self._normalisation = Normalisation(np.zeros(outputs), np.ones(outputs))
+        values = ANSWER_WIDTH[context.answer]
+        self._normalisation = Normalisation(np.zeros(values), np.ones(values))
+
+    @property
+    def _contacts(self) -> bool:
+        return bool(self.context.answer == "contacts")
 
     def build(self) -> CNNNetwork:
         shape = self.architecture
-        return CNNNetwork(
-            shape["width"], shape["size"], shape["hidden"], ANSWER_WIDTH[shape["answer"]]
-        )
+        values = ANSWER_WIDTH[shape["answer"]]
+        return CNNNetwork(shape["width"], shape["size"], shape["hidden"], values, self._contacts)
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         return image_tensor(frames, self.architecture["size"])
 
+    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:
+        return resting_frames(frames, _RESTING) if self._contacts else []
+
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
+        """(N, T) in standard deviations, rows of NaN where there is no contact."""
         known = answer_vectors(truth, self.context.answer, self.name)
         return torch.from_numpy(self._normalisation.apply(known)).float()
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """Huber with a knee at a tenth of a deviation: the metric is an absolute error."""
-        return F.huber_loss(outputs, targets, delta=0.1) * 10
+        """Huber with a knee at a tenth of a deviation, for the metric is an absolute error, where
+        there is an answer; for contacts also the cross-entropy of their presence."""
+        there = ~targets.isnan().any(dim=1)
+        values = outputs[:, : targets.shape[1]]
+        error = F.huber_loss(values[there], targets[there], delta=0.1, reduction="sum")
+        regression = error * 10 / max(1, int(there.sum()) * targets.shape[1])
+        if not self._contacts:
+            return regression
+        return regression + F.binary_cross_entropy_with_logits(outputs[:, -1], there.float())
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
-        return vector_answers(self._normalisation.invert(outputs), self.context.answer)
+        values = self._normalisation.invert(outputs[:, : ANSWER_WIDTH[self.context.answer]])
+        found = vector_answers(values, self.context.answer)
+        if not self._contacts:
+            return found
+        there = expit(outputs[:, -1].astype(np.float64))
+        return [
+            Contacts(one.xy, one.depth, np.array([sure])) if sure >= _THERE else Contacts.none()
+            for one, sure in zip(found, there, strict=True)
+        ]
 
     def usable(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
-        return regressable(truth, self.context.answer, self.name)
+        rows = regressable(truth, self.context.answer, self.name)
+        return super().usable(truth) if self._contacts and len(rows) else rows
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
-        self._normalisation = Normalisation.of(
-            answer_vectors(truth, self.context.answer, self.name)
-        )
+        known = answer_vectors(truth, self.context.answer, self.name)
+        self._normalisation = Normalisation.of(known[np.isfinite(known).all(axis=1)])
 
     def start(self, network: CNNNetwork, training: Examples) -> None:
-        network.start_from(training.images)
+        there = ~training.targets.isnan().any(dim=1)
+        network.start_from(training.images, int(there.sum()), int((~there).sum()))
 
     def extra(self) -> dict[str, Any]:
         return self._normalisation.plain()

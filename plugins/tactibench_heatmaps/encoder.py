@@ -14,6 +14,8 @@ import numpy.typing as npt
 from tactibench import Contacts, Grid, UserError
 
 MapStack = npt.NDArray[np.float32]
+LARGEST = 1e6
+"""A heat is about 1 at most. What is a million times that can overflow where it is read."""
 
 
 class MapEncoder(ABC):
@@ -39,7 +41,8 @@ class MapEncoder(ABC):
     def decode(self, maps: npt.ArrayLike, grid: Grid) -> Contacts:
         """Read contacts from (C, H, W) maps, best first.
 
-        Raises ValueError for another shape, UserError for values that are not finite.
+        Raises ValueError for another shape, UserError for values that are not finite or beyond
+        ``LARGEST``.
         """
         return self._decode(_checked(maps, (self.channels, *grid.shape)), grid)[0]
 
@@ -55,7 +58,7 @@ class MapEncoder(ABC):
 def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
     """Contiguous (N, C, H, W) float32 of maps with the given shape; the input is left as it is.
 
-    Raises ValueError for another shape, UserError for values that are not finite.
+    Raises ValueError for another shape, UserError for values that no heat has.
     """
     given = np.asarray(maps)
     fits = given.ndim == len(shape) and all(
@@ -65,11 +68,13 @@ def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
         wanted = ", ".join("N" if size is None else str(size) for size in shape)
         raise ValueError(f"maps have shape {given.shape}, expected ({wanted})")
     stack = np.ascontiguousarray(given, dtype=np.float32).reshape(-1, *given.shape[-3:])
-    if not np.isfinite(stack.sum()) and not np.isfinite(stack).all():
-        bad = int((~np.isfinite(stack)).sum())
+    # the extremes of a map with NaN are NaN
+    if stack.size and not (stack.max() <= LARGEST and stack.min() >= -LARGEST):
+        bad = int((~(np.abs(stack) <= LARGEST)).sum())
         raise UserError(
-            f"the heatmaps hold {bad} of {stack.size} values that are not finite; the model that "
-            "drew them has diverged: train it again, with a lower learning rate."
+            f"the heatmaps hold {bad} of {stack.size} values that are not finite or beyond "
+            f"{LARGEST:g}; the model that drew them has diverged: train it again, with a lower "
+            "learning rate."
         )
     # a compiled loop for arrays that may not be written to would be compiled apart
     return stack if stack.flags.writeable else stack.copy()

@@ -10,10 +10,17 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from tactibench import Answer, Contacts, Frame, ModelContext, Pose, UserError
+from tactibench import Answer, Contacts, Frame, ModelContext, UserError
 from tactibench.markers import Tracks, pin_graph
 from tactibench.superposition import Eye
-from tactibench.training import MixtureModel, Recipe, pack_image, read_mixture, unpack_image
+from tactibench.training import (
+    MixtureModel,
+    Recipe,
+    pack_image,
+    read_mixture,
+    resting_frames,
+    unpack_image,
+)
 from tactibench_vgnn.architecture import GraphNetwork
 from tactibench_vgnn.features import NOBODY, neighbours, node_features
 from tactibench_vgnn.layout import PinLayout
@@ -64,8 +71,7 @@ class VGNN(MixtureModel):
         """The sensor at rest, as the frames bring it: no contact, which is no plate pose."""
         if self.context.answer == "plate":
             return []
-        rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
-        return [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / _BLANK)]]
+        return resting_frames(frames, _BLANK)
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tactibench.training.calibration import held_back, scale_std, std_factors
-    from tactibench.training.examples import Examples, image_tensor
+    from tactibench.training.examples import Examples, image_tensor, resting_frames
     from tactibench.training.fold import fold_batch_norm
     from tactibench.training.learned import LearnedModel
     from tactibench.training.loop import train
@@ -55,6 +55,7 @@ _HOME = {
     "Normalisation": "regression",
     "answer_vectors": "regression",
     "regressable": "regression",
+    "resting_frames": "examples",
     "vector_answers": "regression",
     "Recipe": "recipe",
     "Seeds": "seeds",
@@ -115,6 +116,7 @@ __all__ = [
     "read_mixture",
     "regressable",
     "resolve_precision",
+    "resting_frames",
     "save_weights",
     "scale_std",
     "seeded",

@@ -16,6 +16,14 @@ from safetensors.torch import save
 from tactibench.training.network import tensor_bytes
 
 _ENTRY = "tactibench"
+_UNREADABLE = (
+    safetensors.SafetensorError,
+    KeyError,
+    TypeError,
+    ValueError,
+    OSError,
+    RecursionError,  # of JSON in JSON without an end
+)
 
 
 class DamagedFile(Exception):  # noqa: N818
@@ -50,7 +58,7 @@ def read_container(path: Path) -> tuple[dict[str, torch.Tensor], Any]:
         entry = json.loads(metadata[_ENTRY])
         text, stated = entry["header"], entry["digest"]
         header = json.loads(text)
-    except (safetensors.SafetensorError, KeyError, TypeError, ValueError, OSError) as error:
+    except _UNREADABLE as error:
         raise DamagedFile(f"it cannot be read ({error})") from error
     if _digest(tensors, text) != stated:
         raise DamagedFile("its digest does not fit its content")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from tactibench.contacts import Frame
+from tactibench.contacts import Frame, Pose
 from tactibench.images import gray_frames
 from tactibench.training.network import tensor_bytes
 
@@ -43,6 +43,13 @@ class Examples:
         """Everything the weights can depend on, for an identity."""
         shapes = f"{tuple(self.images.shape)} {tuple(self.targets.shape)} {self.targets.dtype}"
         return shapes.encode() + tensor_bytes(self.images) + tensor_bytes(self.targets)
+
+
+def resting_frames(frames: Sequence[Frame], share: float) -> list[Frame]:
+    """The rest images that the frames bring with them, as frames without contact: ``share`` of as
+    many as there are frames with one."""
+    rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
+    return [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / share)]]
 
 
 def image_tensor(frames: Sequence[Frame], size: int) -> torch.Tensor:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from tactibench.contacts import Answer, Frame
+from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import FitReport, ModelContext, Progress
 from tactibench.training.deploy import CONFIGURATIONS, Unavailable, deployed
@@ -95,6 +95,10 @@ class LearnedModel(ABC):
         """Rows that can be learned from; the others are left out and counted."""
         return np.arange(len(truth))
 
+    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:  # noqa: ARG002
+        """Frames without a contact to learn from besides those given."""
+        return []
+
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: B027
         """Learn what inputs and targets need (scales, a rest layout) before the training."""
 
@@ -135,6 +139,8 @@ class LearnedModel(ABC):
         notes: dict[str, Any] = {}
         if len(frames) < given:
             notes["without_contact"] = given - len(frames)
+        blanks = self.blanks(frames)
+        frames, truth = [*frames, *blanks], [*truth, *(Contacts.none() for _ in blanks)]
         if self.mixing:
             from tactibench.superposition import mix
 

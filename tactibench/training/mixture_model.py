@@ -50,12 +50,6 @@ class MixtureModel(LearnedModel):
     def read(self, outputs: Array) -> list[Contacts]:
         """Contacts of every row of what ``outputs`` gave, with the std as the network states it."""
 
-    # What it may override.
-
-    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:  # noqa: ARG002
-        """Frames without a contact to learn from besides those given."""
-        return []
-
     # What it gives them.
 
     def fit(
@@ -70,12 +64,11 @@ class MixtureModel(LearnedModel):
         """Train, then scale the std. Frames with several contacts are kept back for the latter:
         one of twenty of those given, and as many new mixtures as validation frames if it mixes."""
         used, kept = held_back(truth)
-        blanks = self.blanks(frames)
         seen = [*validation[0], *(frames[row] for row in kept)]
         known = [*validation[1], *(truth[row] for row in kept)]
         report = super().fit(
-            [*(frames[row] for row in used), *blanks],
-            [*(truth[row] for row in used), *(Contacts.none() for _ in blanks)],
+            [frames[row] for row in used],
+            [truth[row] for row in used],
             validation=(seen, known),
             rng=rng,
             progress=progress,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
+from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.training import save_weights, state_hash
 
 
@@ -40,10 +40,59 @@ def test_it_learns_where_and_how_deep(make_cnn, fit, make_presses, silent):
     assert (error < 0.25 * spread).all()
 
 
-def test_every_answer_is_one_contact_with_score_1(make_presses, trained):
+def test_without_a_frame_at_rest_every_answer_is_a_contact(make_presses, trained):
     for contacts in trained.predict(make_presses(5, 8)[0]):
         assert len(contacts) == 1
-        assert contacts.score[0] == 1.0
+        assert contacts.score[0] > 0.8
+
+
+def resting(count, seed):
+    """Frames that bring the image at rest, 20 grey levels, and noise of their own."""
+    rng = np.random.default_rng(seed)
+    still = np.full((64, 64), 20, np.uint8)
+    noisy = [still + rng.integers(0, 3, still.shape, dtype=np.uint8) for _ in range(count)]
+    return still, [Frame(image, 0.0, Pose(), still) for image in noisy]
+
+
+def test_a_sensor_at_rest_is_no_contact(make_cnn, make_presses, silent):
+    """Learned from the rest images that the presses bring; none of the frames is at rest."""
+    still, empty = resting(50, 3)
+    frames, truth = make_presses(200, 1)
+    frames = [Frame(frame.image, 0.0, frame.pose, still) for frame in frames]
+    model = make_cnn(epochs=8)
+    rng = np.random.default_rng(3)
+    model.fit(frames, truth, validation=make_presses(6, 2), rng=rng, progress=silent())
+    assert [len(found) for found in model.predict(empty)] == [0] * 50
+    assert [len(found) for found in model.predict(make_presses(50, 8)[0])] == [1] * 50
+
+
+def test_training_frames_without_contact_are_learned_from(make_cnn, make_presses, silent):
+    frames, truth = make_presses(200, 1)
+    _, empty = resting(20, 3)
+    model = make_cnn(epochs=8)
+    report = model.fit(
+        [*frames, *empty[:10]],
+        [*truth, *[Contacts.none()] * 10],
+        validation=make_presses(6, 2),
+        rng=np.random.default_rng(3),
+        progress=silent(),
+    )
+    assert "without_contact" not in report.notes
+    assert not any(map(len, model.predict(empty[10:])))
+
+
+def test_the_loss_of_an_answer_that_is_not_there_is_its_presence_alone(make_cnn):
+    model = make_cnn()
+    outputs = torch.tensor([[9.0, 9.0, 9.0, 0.0], [1.0, 2.0, 3.0, 50.0]])
+    targets = torch.tensor([[np.nan] * 3, [1.0, 2.0, 3.0]])
+    assert model.loss(outputs, targets).item() == pytest.approx(np.log(2) / 2)
+    assert model.loss(outputs[:1], targets[:1]).item() == pytest.approx(np.log(2))
+
+
+@pytest.mark.parametrize("logit", [-1e4, -1.0, -1e-6, 1e-6, 1.0, 1e4])
+def test_a_contact_is_reported_from_an_even_chance_on(make_cnn, logit):
+    (found,) = make_cnn().answers(np.array([[0.0, 0.0, 1.0, logit]], np.float32))
+    assert len(found) == (logit > 0)
 
 
 def test_fit_resumes_from_its_checkpoint(make_cnn, fit, silent, trained, tmp_path):
@@ -154,17 +203,17 @@ def test_a_frame_with_several_contacts_is_refused(make_cnn, make_presses, silent
         )
 
 
-def test_frames_without_contact_are_left_out_and_counted(make_cnn, make_presses, silent):
-    frames, truth = make_presses(9, 5)
-    truth[2] = Contacts.none()
-    report = make_cnn(epochs=1).fit(
-        frames,
-        truth,
-        validation=(frames[:3], truth[:3]),
-        rng=np.random.default_rng(0),
-        progress=silent(),
-    )
-    assert report.notes["without_contact"] == 1
+def test_training_frames_without_any_contact_are_refused(make_cnn, make_presses, silent):
+    frames, _ = make_presses(3, 5)
+    truth = [Contacts.none()] * 3
+    with pytest.raises(UserError, match="no training frame"):
+        make_cnn().fit(
+            frames,
+            truth,
+            validation=([], []),
+            rng=np.random.default_rng(0),
+            progress=silent(),
+        )
 
 
 def test_training_without_frames_is_refused(make_cnn, silent):
