@@ -126,13 +126,17 @@ class Tracker:
         """The pins of frames (N, H, W) of which is known roughly where they are.
 
         xy: (N, P, 2) px, within about half a spacing. Discs are fitted from there, which tells pins
-        apart that overlap; no blob is looked for. Where pins are centroids nothing can be fitted:
-        xy comes back, and no pin is seen.
+        apart that overlap; no blob is looked for. A pin whose disc shrinks has no light there and
+        is not seen. Where pins are centroids nothing can be fitted: xy comes back, none is seen.
         """
+        from tactibench.markers.frame import THERE
+
         found = np.array(xy, dtype=np.float64, order="C")
         seen = np.full(found.shape[:2], self.look is not None)
         radius = np.full(seen.shape, np.nan)
         self._fit(np.ascontiguousarray(images), found, seen, radius)
+        if self.look is not None:
+            seen &= radius > THERE * self.look.disc[:, 2]
         return Tracks(found, seen, radius)
 
     def _fit(self, images: Images, xy: Array, seen: npt.NDArray[np.bool_], radius: Array) -> None:

@@ -291,6 +291,14 @@ def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexago
     np.testing.assert_allclose(found.xy[0], true, atol=0.1)
 
 
+def test_a_pin_without_light_is_not_seen_again(drawn, hexagon) -> None:
+    whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
+    lost = np.arange(len(whole.rest)) % 9 == 0
+    image = drawn(whole.rest[~lost], 3.5, 200, soft=True)
+    found = whole.refit(image[None], whole.rest[None])
+    np.testing.assert_array_equal(found.seen[0], ~lost)
+
+
 def test_centroids_cannot_be_fitted_again(tracker, sketch) -> None:
     places = (tracker.rest + 1.0)[None]
     found = tracker.refit(sketch(tracker.rest)[None], places)

@@ -37,9 +37,9 @@ def field():
     return Field.learn(contacts, push(contacts))
 
 
-def detector(field, gain=1.3, most=6):
+def detector(field, gain=1.3, most=6, sigma=SIGMA):
     eye = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH, again=nothing_found)
-    weight = np.full(field.coefficients.shape[-1], 1 / SIGMA**2)
+    weight = np.full(field.coefficients.shape[-1], 1 / sigma**2)
     return Detector.of(field, eye, weight, gain, most)
 
 
@@ -70,7 +70,27 @@ def test_the_lattice_of_starts_covers_the_field(usual, field):
     assert (usual.places >= low).all()
     assert (usual.places <= high + 1e-9).all()
     np.testing.assert_allclose(usual.shapes, field(usual.places), atol=1e-5)
-    np.testing.assert_allclose(usual.energy, (usual.weight * field(usual.places) ** 2).sum(axis=1))
+    np.testing.assert_allclose(usual.squares, usual.shapes**2)
+    assert usual.places[:, 2].min() < 0.5  # shallower than most training begins
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_doubtful_pins_do_not_hide_a_contact(usual, field, seed, share):
+    rng = np.random.default_rng(seed)
+    wanted = np.array([[*rng.uniform(-5, 5, 2), rng.uniform(0.5, 5)]])
+    sure = rng.uniform(size=len(PINS)) >= share
+    solution, _ = usual.find(IMAGE, field(wanted)[0] + noise(seed), sure)
+    np.testing.assert_allclose(solution.contacts[0], wanted, atol=0.1)
+
+
+@pytest.mark.parametrize("depth", [0.3, 0.4])
+def test_a_contact_shallower_than_the_first_training_press_is_found(field, depth):
+    wanted = np.array([[1.0, -2.0, depth]])
+    fine = detector(field, sigma=SIGMA / 5)
+    solution, _ = fine.find(IMAGE, push(wanted)[0] + noise(0) / 5, SURE)
+    assert solution.contacts.shape == (1, 1, 3)
+    assert np.hypot(*(solution.contacts[0, 0, :2] - wanted[0, :2])) < 1.0
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
@@ -175,8 +195,11 @@ def test_a_doubtful_pin_that_was_seen_nowhere_near_is_left_out(usual, field):
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
 
 
-def test_a_frame_in_which_no_pin_is_sure_has_no_contact(usual, field):
-    _, taken = usual.find(IMAGE, field(far_apart(1))[0], ~SURE)
+@pytest.mark.parametrize("seed", range(8))
+def test_pins_that_went_anywhere_are_no_contact(usual, seed):
+    """As in a frame of another sensor: none is sure, and nothing explains where they are."""
+    moved = np.random.default_rng(seed).uniform(-PITCH / 2, PITCH / 2, 2 * len(PINS))
+    _, taken = usual.find(IMAGE, moved, ~SURE)
     assert len(taken) == 0
 
 
