@@ -13,7 +13,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
         ModelSpec(
             name="cnn",
             target="tactibench_cnn.model:CNN",
-            summary="convolutional regression from frame to one contact or plate pose",
+            summary="convolutional regression from frame to a contact, none, or a plate pose",
             parameters=(
                 Parameter("recipe", "default", "training recipe", choices=("default", "paper")),
                 Parameter("width", 16, "channels of the first block", choices=(8, 16, 32, 64)),

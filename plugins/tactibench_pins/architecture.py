@@ -19,7 +19,8 @@ _LAST = 0.1
 
 
 class Members(nn.Module):
-    """(B, 2 P) displacements, px -> (B, M, T) normalised targets of every member.
+    """(B, 2 P) displacements, px -> (B, M, T + 1): normalised targets of every member, and how far
+    the pins went, rms.
 
     The displacements are first turned into K whitened components. While it trains, every member
     sees them with noise of its own, as if every pin had been found that much elsewhere. Hidden
@@ -66,7 +67,9 @@ class Members(nn.Module):
     def forward(self, moved: torch.Tensor) -> torch.Tensor:
         hidden = self.hidden(moved)
         bias = self.biases[-1].view(self.members, 1, -1)
-        return torch.baddbmm(bias, hidden, self.weights[-1]).transpose(0, 1)
+        values = torch.baddbmm(bias, hidden, self.weights[-1]).transpose(0, 1)
+        far = moved.square().mean(dim=1).sqrt()[:, None, None].expand(-1, self.members, 1)
+        return torch.cat([values, far.to(values)], dim=2)
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
         """(M, B, U) last hidden layer of every member."""

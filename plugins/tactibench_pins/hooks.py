@@ -15,7 +15,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
         ModelSpec(
             name="kernel",
             target="tactibench_pins.kernel:Kernel",
-            summary="kernel regression of pin displacements, one contact or plate pose",
+            summary="kernel regression of pin displacements: a contact, none, or a plate pose",
             parameters=(),
             answers=_ANSWERS,
             max_contacts=1,
@@ -23,7 +23,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
         ModelSpec(
             name="pins",
             target="tactibench_pins.model:Pins",
-            summary="averaged networks over pin displacements, one contact or plate pose",
+            summary="averaged networks over pin displacements: a contact, none, or a plate pose",
             parameters=(
                 Parameter("members", 4, "networks whose answers are averaged", low=1, high=32),
                 Parameter("width", 256, "units of a layer", low=8, high=1024),

@@ -22,12 +22,12 @@ from tactibench.training import (
     regressable,
     save_weights,
     unpack_image,
-    vector_answers,
 )
 from tactibench_pins.choose import MOST, START, Features, best
 from tactibench_pins.components import Components
 from tactibench_pins.correction import Correction
 from tactibench_pins.eye import LATTICE, Sight, displacements, sight, sight_at
+from tactibench_pins.presence import answers_of, least, went
 from tactibench_pins.ridge import Setting, kernel, weights
 from tactibench_pins.views import views
 
@@ -41,7 +41,8 @@ _UNLIKE = 0.003
 
 
 class Kernel:
-    """Kernel ridge regression with reweighting towards the median: one answer for every frame.
+    """Kernel ridge regression with reweighting towards the median; no contact where the pins
+    hardly moved.
 
     Its setting is chosen on the validation frames; without such frames it is ``START``.
     """
@@ -58,6 +59,7 @@ class Kernel:
         self._components = Components(np.zeros(1), np.zeros((1, 1)), np.ones(1))
         self._places, self._alpha = np.zeros((0, 1)), np.zeros((0, count))
         self._length = 1.0
+        self._least = 0.0
 
     def fit(
         self,
@@ -80,6 +82,7 @@ class Kernel:
         self._sight = sight(frames, known, self.context.transfers)
         self._scale = Normalisation.of(known)
         moved = displacements(self._sight, frames, self.name)
+        self._least = least(moved, self.context.answer)
         components = Components.fit(moved, min(MOST, len(frames) - 1))
         seen, wanted = self._known(*validation)
         held = displacements(self._sight, seen, self.name) if seen else moved[:0]
@@ -128,8 +131,8 @@ class Kernel:
         """Pins, regression, answers."""
         return [
             ("preprocess", lambda frames: displacements(self._sight, frames, self.name)),
-            ("forward", self._regress),
-            ("decode", lambda values: vector_answers(values, self.context.answer)),
+            ("forward", lambda moved: np.column_stack([self._regress(moved), went(moved)])),
+            ("decode", lambda values: answers_of(values, self.context.answer, self._least)),
         ]
 
     def save(self, directory: Path) -> None:
@@ -153,6 +156,7 @@ class Kernel:
                 "setting": asdict(self._setting),
                 "scale": self._scale.plain(),
                 "length": self._length,
+                "least": self._least,
             },
         )
 
@@ -166,6 +170,7 @@ class Kernel:
         self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
+        self._least = extra["least"]
 
     @property
     def _architecture(self) -> dict[str, Any]:

@@ -21,12 +21,12 @@ from tactibench.training import (
     pack_image,
     regressable,
     unpack_image,
-    vector_answers,
 )
 from tactibench_pins.architecture import Members
 from tactibench_pins.components import Components
 from tactibench_pins.correction import Correction
 from tactibench_pins.eye import LATTICE, Sight, displacements, sight, sight_at
+from tactibench_pins.presence import answers_of, least
 from tactibench_pins.views import views
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +58,7 @@ _BATCH = 32
 
 
 class Pins(LearnedModel):
-    """Regression of one answer from where all pins went: exactly one for every frame.
+    """Regression of one answer from where all pins went; no contact where they hardly moved.
 
     A pin that was not seen stands where its neighbours say. The median is learned (the loss is the
     absolute error of the targets in standard deviations), by several networks that differ in
@@ -83,6 +83,7 @@ class Pins(LearnedModel):
         self._sight: Sight | None = None
         self._correction: Correction | None = None
         self._pins = self._components = 1
+        self._least = 0.0
         count = ANSWER_WIDTH[context.answer]
         self._scale = Normalisation(np.zeros(count), np.ones(count))
 
@@ -104,7 +105,9 @@ class Pins(LearnedModel):
         self._components = min(most, 2 * self._pins, max(1, len(frames) - 1))
 
     def start(self, network: Members, training: Examples) -> None:
-        found = Components.fit(training.images.double().numpy(), self._components)
+        moved = training.images.double().numpy()
+        self._least = least(moved, self.context.answer)
+        found = Components.fit(moved, self._components)
         transfers = self.context.transfers
         network.start_from(found, _WHITENING, _UNLIKE if transfers else _NOISE_PX)
         if transfers:  # the same views for every training seed
@@ -118,14 +121,15 @@ class Pins(LearnedModel):
         return torch.from_numpy(self._scale.apply(known)).float()
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        return (outputs - targets[:, None]).abs().mean()
+        return (outputs[..., :-1] - targets[:, None]).abs().mean()
 
     def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
-        """(B, T) mean over the members, in mm and deg."""
-        return self._scale.invert(raw.float().mean(dim=1).cpu().numpy())
+        """(B, T + 1) mean over the members, in mm and deg, and how far the pins went."""
+        mean = raw.float().mean(dim=1).cpu().numpy()
+        return np.column_stack([self._scale.invert(mean[:, :-1]), mean[:, -1]])
 
     def answers(self, outputs: npt.NDArray[Any]) -> list[Answer | None]:
-        return vector_answers(outputs, self.context.answer)
+        return answers_of(outputs, self.context.answer, self._least)
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
         """Correct the answers by what labelled frames of another sensor lack (``Correction``).
@@ -138,20 +142,21 @@ class Pins(LearnedModel):
         if not len(rows):
             return {"frames": 0}
         known = self._scale.apply(answer_vectors(truth, self.context.answer, self.name)[rows])
-        features, raw = self._seen([frames[row] for row in rows])
+        features, raw, _ = self._seen([frames[row] for row in rows])
         self._correction = Correction.fit(features, known - raw)
         return {"frames": len(rows), "ridge": list(self._correction.ridges)}
 
     def evaluate(self, frames: Sequence[Frame]) -> npt.NDArray[Any]:
-        """(N, T) answers in mm and deg, corrected by ``adapt``."""
+        """(N, T + 1) answers in mm and deg, corrected by ``adapt``, and how far the pins went."""
         if self._correction is None:
             return super().evaluate(frames)
-        features, raw = self._seen(frames)
-        return self._scale.invert(raw + self._correction(features))
+        features, raw, far = self._seen(frames)
+        return np.column_stack([self._scale.invert(raw + self._correction(features)), far])
 
     @torch.inference_mode()
-    def _seen(self, frames: Sequence[Frame]) -> tuple[Array, Array]:
-        """(N, M U) last hidden layers and (N, T) normalised answers, not corrected."""
+    def _seen(self, frames: Sequence[Frame]) -> tuple[Array, Array, Array]:
+        """(N, M U) last hidden layers, (N, T) normalised answers, not corrected, and (N,) how far
+        the pins went."""
         network = cast("Members", self.network)
         features, raw = [], []
         for start in range(0, len(frames), _BATCH):
@@ -159,13 +164,15 @@ class Pins(LearnedModel):
             hidden = network.hidden(batch)
             features.append(hidden.transpose(0, 1).flatten(1).double().cpu().numpy())
             raw.append(network(batch).mean(dim=1).double().cpu().numpy())
-        return np.concatenate(features), np.concatenate(raw)
+        found = np.concatenate(raw)
+        return np.concatenate(features), found[:, :-1], found[:, -1]
 
     def extra(self) -> dict[str, Any]:
         return {
             "rest": None if self._sight is None else pack_image(self._sight.still),
             "components": self._components,
             "scale": self._scale.plain(),
+            "least": self._least,
         }
 
     def use_extra(self, extra: dict[str, Any]) -> None:
@@ -174,3 +181,4 @@ class Pins(LearnedModel):
         self._pins = 1 if self._sight is None else self._sight.places
         self._components = extra["components"]
         self._scale = Normalisation.of_plain(extra["scale"])
+        self._least = extra["least"]

@@ -8,6 +8,7 @@ import pytest
 
 from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.running.speed import measure_speed
+from tactibench_pins.presence import answers_of, least, went
 
 NAMES = ("kernel", "pins")
 FAR = {"kernel": 0.1, "pins": 0.35}
@@ -37,6 +38,42 @@ def test_single_contacts_are_read_too(make_model, fit, make_presses, name):
     assert all(len(contacts) == 1 for contacts in found)
     apart = [np.linalg.norm(f.xy[0] - t.xy[0]) for f, t in zip(found, truth, strict=True)]
     assert np.mean(apart) < 1.0
+
+
+@both
+def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp_path):
+    """No training frame is at rest: the faintest press says how far pins go at least."""
+    model = make_model(name, answer="contacts", **({"epochs": 20} if name == "pins" else {}))
+    fit(model, plate=False, count=60)
+    frames, _ = make_presses(20, 8, plate=False)
+    rng = np.random.default_rng(1)
+    still = [
+        replace(frame, image=frame.rest + rng.integers(0, 3, frame.rest.shape, dtype=np.uint8))
+        for frame in frames
+    ]
+    model.save(tmp_path)
+    again = make_model(name, answer="contacts", **({"epochs": 20} if name == "pins" else {}))
+    again.load(tmp_path)
+    for one in (model, again):
+        assert [len(found) for found in one.predict(still)] == [0] * 20
+        assert [len(found) for found in one.predict(frames)] == [1] * 20
+
+
+def test_a_plate_is_always_there(taught, make_presses):
+    frames, _ = make_presses(3, 8)
+    still = [replace(frame, image=frame.rest) for frame in frames]
+    for model, _ in taught.values():
+        assert all(np.isfinite([pose.depth, pose.tilt]).all() for pose in model.predict(still))
+
+
+def test_how_far_pins_went_decides():
+    values = np.array([[1.0, 2.0, 3.0, far] for far in (0.0, 0.49, 0.5, 2.0)])
+    assert [len(one) for one in answers_of(values, "contacts", 0.5)] == [0, 0, 1, 1]
+    assert [pose.tilt for pose in answers_of(values[:, 1:], "plate", 0.0)] == [3.0] * 4
+    moved = np.repeat([[1.0], [2.0], [4.0]], 6, axis=1)
+    np.testing.assert_allclose(went(moved), [1.0, 2.0, 4.0])
+    assert 0.5 <= least(moved, "contacts") < 0.52
+    assert least(moved, "plate") == 0.0
 
 
 @both
@@ -153,6 +190,7 @@ def test_members_differ_and_their_mean_is_the_answer(taught, make_presses):
     frames, _ = make_presses(5, 17)
     with torch.no_grad():
         raw = model.network(model.inputs(frames))
-    assert raw.shape == (5, 2, 2)
-    assert float((raw[:, 0] - raw[:, 1]).abs().max()) > 1e-4
-    np.testing.assert_allclose(model.outputs(raw), poses(model.predict(frames)), atol=1e-5)
+    assert raw.shape == (5, 2, 3)
+    assert float((raw[:, 0, :2] - raw[:, 1, :2]).abs().max()) > 1e-4
+    assert (raw[:, 0, 2] == raw[:, 1, 2]).all()
+    np.testing.assert_allclose(model.outputs(raw)[:, :2], poses(model.predict(frames)), atol=1e-5)
