@@ -38,7 +38,8 @@ def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
             features[frame, :, NODE:] = neighbours(found.edges, xy)
     features[..., :2] = (tracks.xy - layout.rest) / layout.moved_px
     features[..., 2] = layout.growth(areas) / layout.grown
-    features[..., 3] = layout.swelling(tracks.radius) / layout.swollen
+    known = np.where(tracks.seen, tracks.radius, np.nan)  # a fit to no light has shrunk
+    features[..., 3] = layout.swelling(known) / layout.swollen
     features[..., 4] = tracks.seen
     return features
 

@@ -58,7 +58,7 @@ class PinLayout:
             layout,
             moved_px=_rms(tracks.xy - pins),
             grown=_rms(layout.growth(areas)),
-            swollen=_rms(layout.swelling(tracks.radius)),
+            swollen=_rms(layout.swelling(np.where(tracks.seen, tracks.radius, np.nan))),
             reach_mm=max(1.0, _REACH * float(away.max())),
         )
 

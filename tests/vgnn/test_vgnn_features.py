@@ -148,6 +148,14 @@ def test_a_picture_of_a_pin_that_grows_says_so_and_an_unknown_one_nothing(rest_p
     assert not node_features(tracks, unknown, "rest")[..., 3].any()
 
 
+def test_the_size_of_a_pin_that_was_not_seen_is_not_known(rest_pins):
+    """Its disc was fitted to no light and has shrunk: 45 deviations, where pins swell by one."""
+    tracks = tracked(rest_pins, rest_pins)
+    tracks.radius[1, 5] *= 0.4
+    tracks.seen[1, 5] = False
+    assert not node_features(tracks, flat(rest_pins), "rest")[..., 3].any()
+
+
 def test_no_frames_give_no_features(rest_pins):
     empty = Tracks(np.empty((0, 37, 2)), np.empty((0, 37), dtype=bool), np.empty((0, 37)))
     assert node_features(empty, flat(rest_pins), "rest").shape == (0, 37, NODE)
