@@ -28,10 +28,11 @@ from tactibench.plugins.host import PluginHost
 from tactibench.records.cache import cache_folder
 from tactibench.records.files import read_json, write_json
 from tactibench.running.drift import run_drift
-from tactibench.running.evidence import Silent
 from tactibench.running.plan import make_plan
 from tactibench.running.request import RunRequest
+from tactibench.running.silent import Silent
 from tactibench.running.training import open_frames, trained_model
+from tactibench.running.truth import true_answers
 from tactibench.timing.difference import compare
 
 MODELS = ("cnn", "unet", "vgnn", "mixture", "superpose")
@@ -49,12 +50,11 @@ def model_rows(name: str, frames: int, compiled: bool) -> dict[str, Any] | None:
     if not plan.weights.cached:
         return None
     model, _ = trained_model(plan, Silent())
-    keys = plan.protocol.keys
     presses = [open_frames(wanted, Silent()) for wanted in plan.frames.test]
     found = run_drift(
         model,
         [frame for one in presses for frame in one.frames],
-        [a for one in presses for a in one.truth(keys.answer, keys.workspace.dome_radius_mm)],
+        true_answers(plan.protocol.keys, presses),
         compiled=compiled,
     )
     return {"model": {"name": name}, **found.as_json()}

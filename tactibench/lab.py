@@ -7,13 +7,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactibench.datasets.generating.stretches import Press, Pressing, Stretch
+from tactibench.errors import did_you_mean
+from tactibench.records.files import write_json
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
     from tactibench.plugins.interfaces import Model
 
-__all__ = ["Press", "Pressing", "Stretch", "first_mistake", "presses_of", "trained_model"]
+__all__ = [
+    "Press",
+    "Pressing",
+    "Stretch",
+    "did_you_mean",
+    "first_mistake",
+    "presses_of",
+    "trained_model",
+    "write_json",
+]
 
 
 def first_mistake(error: ValidationError, schema: type[BaseModel]) -> str:

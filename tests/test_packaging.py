@@ -51,11 +51,12 @@ def empty(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     in it are not read, so an editable install of the checkout stays out of sight.
     """
     environment = tmp_path_factory.mktemp("empty") / "venv"
-    ran(sys.executable, "-m", "venv", environment, cwd=environment.parent)
+    ran(sys.executable, "-m", "venv", "--without-pip", environment, cwd=environment.parent)
     python = environment / "bin" / "python"
     site = Path(ran(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))",
                     cwd=environment).strip())  # fmt: skip
-    ran(python, "-m", "pip", "install", "--no-deps", "--no-index", "-q", wheel, cwd=environment)
+    pip = (sys.executable, "-m", "pip", "--python", python)  # its own takes seconds to install
+    ran(*pip, "install", "--no-deps", "--no-index", "-q", wheel, cwd=environment)
     lent = [p for p in sys.path if Path(p).name in ("site-packages", "dist-packages")]
     (site / "zz_lent_dependencies.pth").write_text("\n".join(lent) + "\n")
     return environment

@@ -7,10 +7,9 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
+from tactibench.board.html.origins import AUTO, BOTH, ORIGINS, RUNS
 from tactibench.cli.options import board_option, runs_option, writable_place
 from tactibench.errors import UserError
-
-ORIGINS = ("auto", "runs", "board", "both")
 
 
 def page_place(ctx: click.Context, option: click.Parameter, path: Path) -> Path:
@@ -37,7 +36,7 @@ def page_place(ctx: click.Context, option: click.Parameter, path: Path) -> Path:
     "--from",
     "origin",
     type=click.Choice(ORIGINS),
-    default="auto",
+    default=AUTO,
     show_default=True,
     help="Stored runs, the committed records of the boards, or both; auto: the store's complete "
     "runs, or the boards where it has none.",
@@ -72,7 +71,7 @@ def report(
     from tactibench.records.files import atomic
 
     named = ctx.get_parameter_source("runs") is not ParameterSource.DEFAULT
-    if not runs.is_dir() and (origin in ("runs", "both") or (named and origin == "auto")):
+    if not runs.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
         raise UserError(f"there is no run store in {runs}; name one with --runs DIR.")
     material = gather(runs, board_folder, origin=origin, protocols=protocols)
     terminal = Terminal()

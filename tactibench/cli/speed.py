@@ -66,6 +66,7 @@ def speed(
     from tactibench.running.plan import make_plan
     from tactibench.running.race import metric_rows, run_race, steps
     from tactibench.running.training import open_frames
+    from tactibench.running.truth import true_answers
 
     if train and untrained:
         raise UserError("--train and --untrained exclude each other; leave one of them out.")
@@ -76,11 +77,7 @@ def speed(
     keys = plan.protocol.keys
     presses = [open_frames(wanted, terminal) for wanted in plan.frames.test]
     seen = [frame for one in presses for frame in one.frames]
-    truth = [
-        answer
-        for one in presses
-        for answer in one.truth(keys.answer, keys.workspace.dome_radius_mm)
-    ]
+    truth = true_answers(keys, presses)
     facts = environment_facts()
     subject = (
         f"{plan.parts.model.label()} on {plan.device}, {len(seen)} test frames of {keys.id}; "

@@ -27,6 +27,8 @@ def ospa(trials: Trials) -> Sample:
     with n true and m predicted contacts, c the gate, d the distance in x, y and depth of contacts
     that are paired in the plane; 0 where both are none. That is OSPA with p = 1 (Schuhmacher, Vo
     and Vo 2008, equation 3) but for the assignment, which is the one of all other metrics.
+
+    Raises UserError where the gate is not finite.
     """
     if not np.isfinite(trials.gate):
         raise UserError(

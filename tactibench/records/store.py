@@ -91,6 +91,12 @@ def open_run(store: Path, name: str) -> StoredRun:
     return _opened(folder)
 
 
+def readable_run(store: Path, name: str) -> StoredRun | None:
+    """The run of this name; None where there is none, or none that can be read."""
+    _mend(store)
+    return _readable(store / name)
+
+
 def run_names(store: Path) -> list[str]:
     """Names of the runs in a store, sorted, whether they can be read or not."""
     if not store.is_dir():
@@ -103,10 +109,16 @@ def run_names(store: Path) -> list[str]:
 def stored_runs(store: Path) -> Iterator[StoredRun]:
     """Readable runs of a store, sorted by name; unreadable ones are left out."""
     for name in run_names(store):
-        try:
-            yield _opened(store / name)
-        except UserError:
-            continue
+        run = _readable(store / name)
+        if run is not None:
+            yield run
+
+
+def _readable(folder: Path) -> StoredRun | None:
+    try:
+        return _opened(folder) if (folder / RECORD).is_file() else None
+    except UserError:
+        return None
 
 
 def _opened(folder: Path) -> StoredRun:

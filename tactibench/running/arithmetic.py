@@ -38,6 +38,8 @@ def ways(
 ) -> tuple[dict[str, tuple[str, Make]], dict[str, str]]:
     """Name -> (words, what makes the stages ready for frames), and name -> why it is left out.
 
+    A way that the model configures goes before the type of number of its name, which stands in
+    where this machine cannot go that way: what a type does to the answers can be asked anywhere.
     Making raises UserError with the reason where this machine or model cannot.
     """
     from tactibench.training import LearnedModel
@@ -50,7 +52,10 @@ def ways(
     else:
         found[OWN] = (timed_as(model), lambda _: model_stages(model))
     if isinstance(model, LearnedModel):
-        found |= {name: (words, _typed(model, name)) for name, words in TYPES.items()}
+        for name, words in TYPES.items():
+            typed = _typed(model, name)
+            own = found.get(name)
+            found[name] = (words, typed) if own is None else (own[0], _or_else(own[1], typed))
     else:
         reason = "the model is no network of tactibench.training, whose numbers could be changed"
         skipped = {name: reason for name in TYPES if name not in found}
@@ -62,6 +67,16 @@ def ways(
 
 def _configured(model: ConfiguredModel, name: str) -> Make:
     return lambda frames: model.configured(name, frames)
+
+
+def _or_else(make: Make, other: Make) -> Make:
+    def made(frames: Sequence[Frame]) -> Sequence[Stage]:
+        try:
+            return make(frames)
+        except UserError:
+            return other(frames)
+
+    return made
 
 
 def _typed(model: LearnedModel, name: str) -> Make:

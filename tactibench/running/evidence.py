@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 from tactibench.errors import UserError
 
@@ -28,30 +24,12 @@ class Asked:
     sensor: str | None = None
 
 
-class Silent:
-    """A reporter that shows nothing."""
-
-    @contextmanager
-    def task(self, _title: str, _total: int) -> Iterator[Callable[[int], None]]:
-        yield lambda _: None
-
-    @contextmanager
-    def training(self) -> Iterator[Any]:
-        yield SimpleNamespace(start=_nothing, step=_nothing, epoch=_nothing)
-
-
-def _nothing(*_: Any) -> None:
-    pass
-
-
 def evidence(asked: Asked, cache: Path, *, frames_only: bool = False) -> Evidence:
     """Do the work in this process and give the hashes of what came out.
 
     Weights are those of the files that are kept, answers those at batch 1, metrics all rows with
     their intervals. Raises UserError.
     """
-    import numpy as np
-
     from tactibench.plugins.host import PluginHost
     from tactibench.records.answers import pack
     from tactibench.records.files import arrays_hash
@@ -60,7 +38,9 @@ def evidence(asked: Asked, cache: Path, *, frames_only: bool = False) -> Evidenc
     from tactibench.running.predictions import predict_all
     from tactibench.running.request import RunRequest
     from tactibench.running.scoring import score_arrays
+    from tactibench.running.silent import Silent
     from tactibench.running.training import open_frames, trained_model
+    from tactibench.running.truth import true_answers, truth_arrays
 
     request = RunRequest(**asdict(asked), quick=True, device="cpu")
     plan = make_plan(request, PluginHost(), cache)
@@ -81,19 +61,15 @@ def evidence(asked: Asked, cache: Path, *, frames_only: bool = False) -> Evidenc
     test = [(wanted, presses) for wanted, presses in opened if wanted.role == "test"]
     frames = [frame for _, presses in test for frame in presses.frames]
     most, shape = plan.parts.model.spec.max_contacts, keys.grid.grid().shape
-    answers, heat = predict_all(model, frames, keys.answer, most, shape, _nothing)
+    answers, heat = predict_all(model, frames, keys.answer, most, shape, lambda _: None)
     predicted = pack(answers, keys.answer)
     maps = {} if heat is None else {"maps": heat}
-    known = [
-        answer
-        for _, presses in test
-        for answer in presses.truth(keys.answer, keys.workspace.dome_radius_mm)
-    ]
-    truth = {
-        **pack(known, keys.answer),
-        "press": np.array([n for w, p in test for n in w.presses or p.names]),
-        "group": np.array([group for wanted, _ in test for group in wanted.groups]),
-    }
+    truth = truth_arrays(
+        keys,
+        true_answers(keys, [presses for _, presses in test]),
+        [name for wanted, presses in test for name in wanted.presses or presses.names],
+        [group for wanted, _ in test for group in wanted.groups],
+    )
     return {
         **found,
         "weights": trained.hash,

@@ -154,6 +154,16 @@ def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHos
     )
 
 
+def sensors_of(record: Mapping[str, Any], host: PluginHost) -> Sensors:
+    """What pressed the scenes of a record's run: the sensor that it names, as it was set.
+
+    Raises UserError for one that is not installed, or has no such parameters.
+    """
+    stated = record["sensor"]
+    values = {name: str(value) for name, value in stated["parameters"].items()}
+    return Sensors(sensor=_part(host.sensors, stated["name"], values), regime=record["regime"])
+
+
 def _opened(part: Part[SensorSpec], context: SensorContext) -> Sensor:
     sensor: Sensor = part.spec.load()(context, **part.values)
     return sensor

@@ -14,7 +14,6 @@ from tactibench.datasets.known import true_bounds, true_surfaces
 from tactibench.datasets.presses import Presses
 from tactibench.plugins.interfaces import KeepsAccount, Model, SensorContext
 from tactibench.protocols.loader import check_metrics
-from tactibench.records.answers import pack
 from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.running.answered import answered
 from tactibench.running.examples import example_arrays
@@ -27,6 +26,7 @@ from tactibench.running.scoring import score_arrays
 from tactibench.running.shots import open_shots
 from tactibench.running.speed import NOT_TIMED, Speed, measure_speed
 from tactibench.running.training import Reporter, open_frames, trained_model
+from tactibench.running.truth import true_answers, truth_arrays
 
 QUICK_CALLS, CALLS = 60, 300
 QUICK_BUDGET_S = 3.0
@@ -82,12 +82,12 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         )
     answers, predicted = found.answers(keys.answer)[: len(frames)], found.predicted
     maps: Arrays = {} if found.heat is None else {"maps": found.heat}
-    truth: Arrays = {
-        **pack(shots.repeated(test.truth), keys.answer),
-        "press": np.array(shots.repeated(test.names)),
-        "group": np.array(shots.groups(test.groups)),
-        **_released(plan, test),
-    }
+    truth = truth_arrays(
+        keys,
+        shots.repeated(test.truth),
+        shots.repeated(test.names),
+        shots.groups(test.groups),
+    ) | _released(plan, test)
     if not _recorded(plan):
         _add_known(plan, test, reporter, truth, maps)
     speed = NOT_TIMED if hard else _timed(plan, model, test, answers, reporter)
@@ -143,20 +143,14 @@ def _released(plan: RunPlan, test: TestData) -> Arrays:
 
 
 def _test_data(plan: RunPlan, reporter: Reporter) -> TestData:
-    keys = plan.protocol.keys
     opened = tuple(open_frames(wanted, reporter) for wanted in plan.frames.test)
-    truth = [
-        answer
-        for presses in opened
-        for answer in presses.truth(keys.answer, keys.workspace.dome_radius_mm)
-    ]
     groups = tuple(group for wanted in plan.frames.test for group in wanted.groups)
     names = tuple(
         name
         for wanted, presses in zip(plan.frames.test, opened, strict=True)
         for name in wanted.presses or presses.names
     )
-    return TestData(opened, groups, tuple(truth), names)
+    return TestData(opened, groups, tuple(true_answers(plan.protocol.keys, opened)), names)
 
 
 def _add_known(

@@ -18,6 +18,7 @@ from tactibench.contacts import Answer, Frame
 from tactibench.plugins.interfaces import Adapts, Model
 from tactibench.running.plan import RunPlan
 from tactibench.running.training import Reporter, open_frames
+from tactibench.running.truth import true_answers
 
 Row = TypeVar("Row")
 Asked = tuple[list[Answer | None], npt.NDArray[np.float16] | None]
@@ -103,5 +104,4 @@ def open_shots(plan: RunPlan, model: Model, reporter: Reporter) -> Shots:
     if not isinstance(model, Adapts):
         return Shots((0,))
     presses = open_frames(wanted, reporter)
-    truth = presses.truth(keys.answer, keys.workspace.dome_radius_mm)
-    return Shots(keys.transfer.shots, presses.frames, truth)
+    return Shots(keys.transfer.shots, presses.frames, true_answers(keys, [presses]))

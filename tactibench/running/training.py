@@ -11,6 +11,7 @@ from tactibench.datasets.presses import Presses
 from tactibench.plugins.interfaces import Model, Progress
 from tactibench.running.frames import Wanted
 from tactibench.running.plan import RunPlan
+from tactibench.running.truth import true_answers
 from tactibench.running.weights import Examples, Trained, trained_weights
 
 
@@ -43,11 +44,10 @@ def open_frames(wanted: Wanted, reporter: Reporter) -> Presses:
 
 
 def _examples(plan: RunPlan, role: str, reporter: Reporter) -> Examples:
-    keys = plan.protocol.keys
     frames: list[Frame] = []
     truth: list[Answer] = []
     for wanted in plan.frames.fit if role == "fit" else plan.frames.validation:
         presses = open_frames(wanted, reporter)
         frames += presses.frames
-        truth += presses.truth(keys.answer, keys.workspace.dome_radius_mm)
+        truth += true_answers(plan.protocol.keys, [presses])
     return frames, truth

@@ -31,6 +31,8 @@ def mean_ratio(
     so that a press that occurs in both counts once, as the pair that it is;
     var = G / (G - 1) sum u_g^2, t quantile of G - 1 (Liang and Zeger 1986, delta method).
     No value where the reference is 0, no interval where either mean is.
+
+    Raises ValueError for values that are not finite, and for labels that are not one to a value.
     """
     a, b = finite(values, "values"), finite(reference, "reference")
     if not len(a) or not len(b) or b.mean() == 0:

@@ -11,7 +11,7 @@ from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.records.identity import digest
 from tactibench.records.seal import SEAL
-from tactibench.records.store import RECORD, stored_runs
+from tactibench.records.store import readable_run, stored_runs
 from tactibench.running.plan import RunPlan, make_plan
 from tactibench.running.request import RunRequest
 
@@ -66,8 +66,9 @@ def _planned(request: RunRequest, place: Place, host: PluginHost, known: dict[st
 
 
 def stored_name(plan: RunPlan, place: Place, known: dict[str, str]) -> str | None:
-    """The run of this identity in the store, if there is one. known: those of any machine."""
-    if (place.store / plan.name / RECORD).is_file():
+    """The run of this identity in the store, if there is one that can be read. known: those of any
+    machine."""
+    if readable_run(place.store, plan.name) is not None:
         return plan.name
     return known.get(digest(_without(plan.identity, ("machine",))))
 

@@ -15,7 +15,10 @@ def rows_of(
     finished: Iterable[Finished], sets: Iterable[WantedSet], store: Path
 ) -> list[dict[str, Any]]:
     """Every metric of every run that is in the store, a row "failed" for every cell that is not,
-    and the samples of every data set that is there."""
+    and the samples of every data set that is there.
+
+    Raises UserError for a run that is gone or cannot be read.
+    """
     rows = [row for one in finished for row in _rows(one, store)]
     made = (one for one in sets if one.is_complete)
     return [*rows, *({"metric": "samples", "group": one.label, "value": one.samples, "unit": ""}

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import Progress
 from tactibench.protocols.loader import check_metrics
 from tactibench.running.plan import RunPlan, make_plan
 from tactibench.running.request import RunRequest
+from tactibench.running.silent import Silent
 from tactibench.sweep.planned import Place, stored_name
 
 
@@ -25,30 +24,13 @@ class Outcome:
     seconds: float = 0.0
 
 
-class _Bar:
-    """Nobody watches a worker."""
-
-    def start(self, epochs: int, steps: int) -> None: ...
-    def step(self, loss: float) -> None: ...
-    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None: ...
-
-
-class _Silent:
-    @contextmanager
-    def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:  # noqa: ARG002
-        yield lambda _: None
-
-    def training(self) -> AbstractContextManager[Progress]:
-        return nullcontext(_Bar())
-
-
 def train_weights(request: RunRequest, place: Place) -> Outcome:
     """Make sure that the weights of a cell are in the cache."""
 
     def train(plan: RunPlan) -> str:
         from tactibench.running.training import trained_model
 
-        trained_model(plan, _Silent())
+        trained_model(plan, Silent())
         return ""
 
     return _tried(train, request, place)
@@ -63,7 +45,7 @@ def run_cell(request: RunRequest, place: Place) -> Outcome:
 
         if stored_name(plan, place, {}) is None:
             check_metrics(plan.protocol)
-            execute(plan, place.store, _Silent())
+            execute(plan, place.store, Silent())
         return plan.name
 
     return _tried(run, request, place)

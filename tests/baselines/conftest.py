@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Grid, ModelContext
-
-
-class Silent:
-    """A progress display that nobody sees."""
-
-    def start(self, epochs: int, steps: int) -> None: ...
-
-    def step(self, loss: float) -> None: ...
-
-    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None: ...
+from tactibench.running.silent import SilentProgress
 
 
 @pytest.fixture
@@ -36,7 +27,11 @@ def fitted(context: Any) -> Callable[..., Any]:
     def fit(kind: Any, frames: Any, truth: Any, answer: str = "contacts", **parameters: Any) -> Any:
         model = kind(context(answer), **parameters)
         report = model.fit(
-            frames, truth, validation=([], []), rng=np.random.default_rng(0), progress=Silent()
+            frames,
+            truth,
+            validation=([], []),
+            rng=np.random.default_rng(0),
+            progress=SilentProgress(),
         )
         assert report.notes == {"frames": len(frames)}
         return model

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from surroundings import surroundings
 
 import tactibench
 from tactibench.cli.main import VERBS
@@ -28,7 +29,8 @@ HEAVY = (
     "platformdirs",
 )
 UNET = ("run", "exp1", "--model", "unet", "--quick", "--device", "cpu")
-SMALL = ("--param", "model.width=8", "--param", "model.size=64", "--param", "model.epochs=900")
+SMALL = ("--param", "model.width=8", "--param", "model.size=64", "--param", "model.epochs=900",
+         "--presses", "40")  # fmt: skip
 
 
 BUFFERED = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
@@ -42,13 +44,10 @@ def ran(*arguments: str, **keys: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=120, **keys)
 
 
-@pytest.fixture
-def surroundings(tmp_path: Path) -> dict[str, Any]:
+@pytest.fixture(name="surroundings")
+def _surroundings(tmp_path: Path) -> dict[str, Any]:
     """A folder and a cache for a process."""
-    path = os.pathsep.join(str(Path(p).resolve()) for p in sys.path if Path(p).is_dir())
-    threads = {"OMP_NUM_THREADS": "1"}
-    cache = {"TACTIBENCH_CACHE": str(tmp_path / "cache")}
-    return {"cwd": tmp_path, "env": {**os.environ, **threads, **cache, "PYTHONPATH": path}}
+    return {"cwd": tmp_path, "env": surroundings(tmp_path)}
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["list"], ["list", "--json"], ["--version"], []])
@@ -130,7 +129,7 @@ def test_a_full_disk_under_stdout() -> None:
 def test_a_write_that_fails_half_way(surroundings: dict[str, Any]) -> None:
     """A real failing write: files may not grow beyond 200 kB."""
     done = ran(
-        *("run", "exp1", "--model", "mean", "--quick", "--device", "cpu"),
+        *("run", "exp1", "--model", "mean", "--quick", "--presses", "40", "--device", "cpu"),
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000)),
         **surroundings,
     )

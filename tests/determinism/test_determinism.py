@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fake_distribution import fake_distribution
 from few_presses import few_presses
 
 from tactibench.cli.main import call
@@ -24,11 +25,9 @@ FRAMES = ["frames, fit", "frames, validation", "frames, test"]
 @pytest.fixture
 def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Asked]:
     """Model, sensor -> what is repeated: few presses with a plugin that other processes see."""
-    info = tmp_path / "site" / "unsteady_tactile-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: unsteady-tactile\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[tactibench]\nunsteady = unsteady_tactile.hooks\n")
-    folders = [info.parent, TESTS / "determinism/fake", TESTS / "running/fake"]
+    site = tmp_path / "site"
+    fake_distribution(site, "unsteady-tactile", unsteady="unsteady_tactile.hooks")
+    folders = [site, TESTS / "determinism/fake", TESTS / "running/fake"]
     before = os.environ.get("PYTHONPATH", "")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([*map(str, folders), before]))
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))

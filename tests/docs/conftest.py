@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from fake_distribution import fake_distribution
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "tactile_pocket"
@@ -28,14 +29,7 @@ def pocket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The example plugin as a distribution on the path; forgotten afterwards."""
     site = tmp_path / "site"
     shutil.copytree(EXAMPLE, site / EXAMPLE.name, ignore=shutil.ignore_patterns("__pycache__"))
-    info = site / f"{EXAMPLE.name}-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: tactile-pocket\nVersion: 1.0\n", encoding="utf-8"
-    )
-    (info / "entry_points.txt").write_text(
-        f"[tactibench]\npocket = {EXAMPLE.name}.hooks\n", encoding="utf-8"
-    )
+    fake_distribution(site, "tactile-pocket", pocket=f"{EXAMPLE.name}.hooks")
     monkeypatch.syspath_prepend(str(site))
     yield site
     for name in [name for name in sys.modules if name.partition(".")[0] == EXAMPLE.name]:

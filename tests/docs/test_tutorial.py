@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from documented import Block, alike, blocks, missing, steps
+from surroundings import surroundings
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "tutorial.md"
-
-
-def surroundings(folder: Path) -> dict[str, str]:
-    path = os.pathsep.join([str(ROOT), str(ROOT / "plugins")])
-    programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    cache = {"TACTIBENCH_CACHE": str(folder / "cache")}
-    return {**os.environ, **threads, **cache, "PYTHONPATH": path, "PATH": programs}
 
 
 def printed(arguments: list[str], folder: Path) -> str:

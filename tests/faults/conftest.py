@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tiny_lab import Lab, Quiet, tiny_host
+from tiny_lab import Lab, tiny_host
 
 from tactibench.records.store import StoredRun
 from tactibench.running import run as running
 from tactibench.running.plan import RunPlan, make_plan
 from tactibench.running.request import RunRequest
+from tactibench.running.silent import Silent
 from tactibench.running.speed import NOT_TIMED
 
 
@@ -32,7 +33,7 @@ def run(
     monkeypatch.setattr(running, "measure_speed", lambda *_, **__: NOT_TIMED)
 
     def executed(store: str = "runs", *, fresh: bool = False) -> StoredRun:
-        return running.execute(plan(), tmp_path / store, Quiet(), fresh=fresh)
+        return running.execute(plan(), tmp_path / store, Silent(), fresh=fresh)
 
     return executed
 
@@ -46,7 +47,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(running, "measure_speed", lambda *_, **__: NOT_TIMED)
         made = running.execute(
-            make_plan(request, tiny_host(), folder / "cache"), folder / "runs", Quiet()
+            make_plan(request, tiny_host(), folder / "cache"), folder / "runs", Silent()
         )
     return folder, made.record
 

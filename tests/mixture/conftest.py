@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from silent import Epochs
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose
 from tactibench.training import read_mixture
@@ -26,20 +27,6 @@ class CellEncoder:
         mean = cells[..., 1:4]
         mean[..., :2] += np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return read_mixture(cells[..., 0], mean, cells[..., 4:])
-
-
-class Silent:
-    """A Progress that draws nothing."""
-
-    def __init__(self):
-        self.epochs = []
-
-    def start(self, epochs, steps): ...
-
-    def step(self, loss): ...
-
-    def epoch(self, epoch, loss, validation_mm):
-        self.epochs.append((epoch, loss, validation_mm))
 
 
 def pins(shift=0.0):
@@ -95,7 +82,7 @@ def draw():
 
 @pytest.fixture(scope="session")
 def silent():
-    return Silent
+    return Epochs
 
 
 @pytest.fixture(scope="session")
@@ -118,7 +105,7 @@ def fit():
             truth,
             validation=presses(24, 2, plate),
             rng=np.random.default_rng(seed),
-            progress=progress or Silent(),
+            progress=progress or Epochs(),
         )
 
     return _fit

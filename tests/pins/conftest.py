@@ -7,14 +7,7 @@ import pytest
 from drawn_pins import presses
 
 from tactibench import Grid, ModelContext
-
-
-class Silent:
-    def start(self, epochs, steps): ...
-
-    def step(self, loss): ...
-
-    def epoch(self, epoch, loss, validation_mm): ...
+from tactibench.running.silent import SilentProgress
 
 
 @pytest.fixture(scope="session")
@@ -45,7 +38,7 @@ def fit():
             truth,
             validation=presses(held, 2, plate),
             rng=np.random.default_rng(seed),
-            progress=Silent(),
+            progress=SilentProgress(),
         )
 
     return _fit

@@ -9,6 +9,7 @@ from drawn_pins import SIZE, draw, hexagon
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import lattice
 from tactibench.plugins.interfaces import Adapts
+from tactibench.running.silent import SilentProgress
 from tactibench_pins.correction import RIDGES, Correction
 from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins
@@ -17,14 +18,6 @@ from tactibench_pins.views import Spread, views
 TRAINED, OTHER = hexagon(3, 8.0), hexagon(4, 6.0)
 """37 and 61 pins, one outline."""
 both = pytest.mark.parametrize("kind", [Kernel, Pins])
-
-
-class Silent:
-    def start(self, epochs, steps): ...
-
-    def step(self, loss): ...
-
-    def epoch(self, epoch, loss, validation_mm): ...
 
 
 def presses(rest, count, seed, offset=0.0):
@@ -53,7 +46,7 @@ def taught():
     for kind in (Kernel, Pins):
         model = made(kind)
         model.fit(*presses(TRAINED, 240, 1), validation=presses(TRAINED, 40, 2),
-                  rng=np.random.default_rng(0), progress=Silent())  # fmt: skip
+                  rng=np.random.default_rng(0), progress=SilentProgress())  # fmt: skip
         found[kind] = model
     return found
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
+from fake_distribution import fake_distribution
 
 from tactibench.plugins.host import Problem
 
@@ -39,14 +40,7 @@ def install(site: Path) -> Callable[..., Path]:
         name = distribution or f"dist-{plugin}"
         module = name.replace("-", "_") + "_hooks"
         (site / f"{module}.py").write_text(HEADER + dedent(source), encoding="utf-8")
-        info = site / f"{name.replace('-', '_')}-1.2.dist-info"
-        info.mkdir(exist_ok=True)
-        (info / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n\nName: not this\n", "utf-8"
-        )
-        with (info / "entry_points.txt").open("a", encoding="utf-8") as file:
-            file.write(f"[tactibench]\n{plugin} = {target or module}\n")
-        return info
+        return fake_distribution(site, name, version="1.2", **{plugin: target or module})
 
     return installed
 

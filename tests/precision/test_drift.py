@@ -12,9 +12,11 @@ import pytest
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 from tactibench.cli.main import call
 from tactibench.cli.report.drift import length, share, table, verdict, worst
-from tactibench.running import drift
+from tactibench.running import arithmetic, drift
+from tactibench.running.arithmetic import ways
 from tactibench.running.drift import Drift, Drifts, read_all, run_drift
 from tactibench.timing.difference import Difference, compare
+from tactibench.training import LearnedModel
 
 FRAMES = [Frame(np.full((2, 2), k, np.uint8), 0.0, Pose()) for k in range(8)]
 TRUTH = [Contacts.truth([[float(k), 0.5]], [2.0]) for k in range(8)]
@@ -133,6 +135,39 @@ def test_a_way_that_takes_long_to_compile_is_left_out(monkeypatch: pytest.Monkey
     assert found.skipped["compiled"] == "it takes long to make; add --compile"
 
 
+class Own(LearnedModel):
+    """Its own bf16, where the machine has it; nothing else of it is asked."""
+
+    name, native = "own", True
+    answers = build = inputs = loss = targets = None  # type: ignore[assignment]
+
+    @property
+    def configurations(self) -> dict[str, str]:
+        return {"bf16": "its own bf16"}
+
+    def configured(self, name: str, frames: Any) -> list[tuple[str, Any]]:
+        if not self.native:
+            raise UserError("not on this machine.")
+        return [("own", list)]
+
+
+def test_a_way_of_the_model_goes_before_the_type_of_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where it cannot be gone the type stands in: what it does can be asked anywhere."""
+    model: Any = object.__new__(Own)
+    monkeypatch.setattr(arithmetic, "typed_stages", lambda _, name: [(f"any {name}", list)])
+    found, skipped = ways(model)
+    assert list(found) == ["bf16", "float64", "fp16"]
+    assert not skipped
+    words, make = found["bf16"]
+    assert words == "its own bf16"
+    assert [name for name, _ in make(FRAMES[:1])] == ["own"]
+    model.native = False
+    assert [name for name, _ in make(FRAMES[:1])] == ["any bf16"]
+    assert [name for name, _ in found["fp16"][1](FRAMES[:1])] == ["any fp16"]
+
+
 def test_the_verb_on_a_network_that_ships(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -141,7 +176,8 @@ def test_the_verb_on_a_network_that_ships(
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(drift, "FEW", 2)
     code = call(["speed", "cnn", "--untrained", "--precision", "--frames", "3", "--device", "cpu",
-                 "--param", "model.size=64", "--json", "drift.json"])  # fmt: skip
+                 "--param", "model.size=64", "--param", "model.width=8",
+                 "--json", "drift.json"])  # fmt: skip
     printed = capsys.readouterr()
     assert (code, printed.err) == (0, "")
     assert "RANDOM WEIGHTS" in printed.out

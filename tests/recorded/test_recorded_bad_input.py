@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import struct
 import zlib
 
 import cv2
 import numpy as np
 import pytest
+from png_bytes import png
 
 from tactibench import UserError
 
@@ -108,19 +108,6 @@ def test_frame_that_breaks_after_opening(open_recording, recording, data):
     with pytest.raises(UserError, match=r"frame_2_0\.png cannot be decoded"):
         list(sensor.press_many(scenes))
     assert sensor.press(scenes[3]).timestamp == 3
-
-
-def png(width, height, pixels):
-    """A PNG with sound checksums around any bytes that claim to be pixels."""
-    chunks = {
-        b"IHDR": struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0),
-        b"IDAT": pixels,
-        b"IEND": b"",
-    }
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in chunks.items()
-    )
 
 
 def test_the_png_writer_of_these_tests_is_right(open_recording, recording):

@@ -12,7 +12,15 @@ import pytest
 
 from tactibench import UserError
 from tactibench.records import store as module
-from tactibench.records.store import PARTS, Arrays, open_run, stored_runs, write_run
+from tactibench.records.store import (
+    BEFORE,
+    PARTS,
+    Arrays,
+    open_run,
+    readable_run,
+    stored_runs,
+    write_run,
+)
 
 Parts = dict[str, Arrays]
 
@@ -107,6 +115,22 @@ def test_an_unreadable_record_is_named_when_asked_for_and_skipped_in_lists(
     assert [run.folder.name for run in stored_runs(tmp_path)] == [record["name"]]
     with pytest.raises(UserError, match="broken"):
         open_run(tmp_path, "broken")
+
+
+def test_only_a_run_that_can_be_read_is_one(
+    record: dict[str, Any], parts: Parts, tmp_path: Path
+) -> None:
+    name = record["name"]
+    assert readable_run(tmp_path, name) is None
+    run = write_run(tmp_path, record, parts)
+    found = readable_run(tmp_path, name)
+    assert found is not None
+    assert found.record == run.record
+    run.folder.rename(tmp_path / f".{name}{BEFORE}")  # a replacement was stopped
+    assert readable_run(tmp_path, name) is not None
+    path = run.folder / "record.json"
+    path.write_text(path.read_text(encoding="utf-8")[:-9], encoding="utf-8")
+    assert readable_run(tmp_path, name) is None
 
 
 def test_a_run_in_the_working_folder_does_not_hide_the_store(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from briefly import time_briefly
 from few_presses import few_presses
 
 from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
@@ -18,6 +18,7 @@ from tactibench.records.store import StoredRun
 from tactibench.running.plan import RunPlan, make_plan
 from tactibench.running.request import RunRequest
 from tactibench.running.run import execute
+from tactibench.running.silent import Silent
 
 ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
 
@@ -25,6 +26,12 @@ ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
 def catalogue(kind: str, *specs: Any) -> Catalogue[Any]:
     names = {spec.name: spec for spec in specs}
     return Catalogue(kind, names, dict.fromkeys(names, ORIGIN), {})
+
+
+@pytest.fixture(autouse=True)
+def timed_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """See ``time_briefly``; measuring itself is tested where it is called."""
+    time_briefly(monkeypatch.setattr)
 
 
 @pytest.fixture
@@ -94,22 +101,6 @@ def mini(tmp_path: Path) -> Callable[[str], str]:
     """exp1, exp2 and exp3 with few presses, as paths."""
     files = few_presses(tmp_path / "protocols")
     return lambda name: str(files[name])
-
-
-class Silent:
-    """A reporter that remembers the titles of its tasks."""
-
-    def __init__(self) -> None:
-        self.titles: list[str] = []
-
-    @contextmanager
-    def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
-        self.titles.append(title)
-        yield lambda _: None
-
-    @contextmanager
-    def training(self) -> Iterator[Any]:
-        yield SimpleNamespace(start=lambda *_: None, step=lambda *_: None, epoch=lambda *_: None)
 
 
 @pytest.fixture

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from briefly import time_briefly
 from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import UserError
@@ -30,23 +30,12 @@ from tactibench.running.request import RunRequest, TestedOn, folder_label, read_
 from tactibench.running.rescore import differences
 from tactibench.running.run import execute
 from tactibench.running.scoring import score_arrays
-
-
-class Silent:
-    """A reporter that shows nothing."""
-
-    @contextmanager
-    def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
-        yield lambda _: None
-
-    @contextmanager
-    def training(self) -> Iterator[Any]:
-        yield SimpleNamespace(start=lambda *_: None, step=lambda *_: None, epoch=lambda *_: None)
-
+from tactibench.running.silent import Silent
 
 SHOTS = (0, 5, 20)
 GIVEN = {"labels": "given"}
 Plan = Callable[..., RunPlan]
+Done = Callable[[str], tuple[RunPlan, StoredRun]]
 
 
 def write(folder: Path, rest: np.ndarray, count: int, seed: int) -> Path:
@@ -75,17 +64,23 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     )
 
 
-@pytest.fixture
-def protocol(tmp_path: Path) -> str:
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of the protocol, the cache and the runs that all tests share."""
+    return tmp_path_factory.mktemp("transfer")
+
+
+@pytest.fixture(scope="module")
+def protocol(place: Path) -> str:
     text = protocol_files()["transfer"].read_text(encoding="utf-8")
     text = text.replace("[0, 10, 50, 200]", str(list(SHOTS))).replace("= 4000", "= 40")
-    path = tmp_path / "transfer.toml"
+    path = place / "transfer.toml"
     path.write_text(text, encoding="utf-8")
     return str(path)
 
 
-@pytest.fixture
-def planned(protocol: str, folders: tuple[Path, Path], tmp_path: Path) -> Plan:
+@pytest.fixture(scope="module")
+def planned(protocol: str, folders: tuple[Path, Path], place: Path) -> Plan:
     def plan(model: str = "kernel", **more: Any) -> RunPlan:
         asked: dict[str, Any] = {
             "data": folders[0],
@@ -93,29 +88,38 @@ def planned(protocol: str, folders: tuple[Path, Path], tmp_path: Path) -> Plan:
             "parameters": {"sensor": GIVEN},
         }
         request = RunRequest(protocol, model, **asked | more)
-        return make_plan(request, PluginHost(), tmp_path / "cache")
+        return make_plan(request, PluginHost(), place / "cache")
 
     return plan
 
 
-def done(planned: Plan, tmp_path: Path, model: str = "kernel") -> tuple[RunPlan, StoredRun]:
-    plan = planned(model, limit=12)
-    return plan, execute(plan, tmp_path / "runs", Silent())
+@pytest.fixture(scope="module")
+def done(planned: Plan, place: Path) -> Done:
+    """Model -> its plan and its run on all 18 test frames, carried out once."""
+
+    @cache
+    def run_of(model: str) -> tuple[RunPlan, StoredRun]:
+        plan = planned(model)
+        with pytest.MonkeyPatch.context() as patch:
+            time_briefly(patch.setattr)
+            return plan, execute(plan, place / "runs", Silent())
+
+    return run_of
 
 
 def test_every_test_frame_is_answered_for_every_number_of_labelled_frames(
-    planned: Plan, tmp_path: Path
+    done: Done, place: Path
 ) -> None:
-    plan, run = done(planned, tmp_path)
+    plan, run = done("kernel")
     record, truth = run.record, run.arrays("truth")
     checked(record, "here")
-    assert list(truth["group"]) == [str(count) for count in SHOTS for _ in range(12)]
+    assert list(truth["group"]) == [str(count) for count in SHOTS for _ in range(18)]
     poses = unpack_plates(truth)
     for rows in (list(truth["press"]), list(poses)):
-        assert rows == rows[:12] * len(SHOTS)
+        assert rows == rows[:18] * len(SHOTS)
     rows = {(row["metric"], row["group"]): row for row in record["metrics"]}
     assert {group for metric, group in rows if metric == "tilt_mae_deg"} == {"0", "5", "20"}
-    assert all(row["n"] == row["clusters"] == 12 for row in rows.values())
+    assert all(row["n"] == row["clusters"] == 18 for row in rows.values())
     assert rows["depth_mae_mm", "20"]["value"] < 1.0
     seen = record["data"]["of_tested_sensor"]
     assert seen["labelled_frames"] == list(SHOTS)
@@ -128,7 +132,7 @@ def test_every_test_frame_is_answered_for_every_number_of_labelled_frames(
         f"real recording {folder_label(plan.request.tested.data)}"
     )
     assert trained_on(record) in section_key(record)[-1]
-    assert str(tmp_path.parent) not in str(record["sensor"])
+    assert str(place.parent) not in str(record["sensor"])
 
 
 def test_no_press_is_both_seen_and_tested(planned: Plan) -> None:
@@ -149,10 +153,8 @@ def test_two_recordings_of_one_plan_are_divided_alike(
     assert not seen & set(plan.frames.test[0].names)
 
 
-def test_models_that_cannot_adapt_answer_without_labelled_frames(
-    planned: Plan, tmp_path: Path
-) -> None:
-    _, run = done(planned, tmp_path, "mean")
+def test_models_that_cannot_adapt_answer_without_labelled_frames(done: Done) -> None:
+    _, run = done("mean")
     assert {row["group"] for row in run.record["metrics"]} == {"0"}
     assert run.record["data"]["of_tested_sensor"]["labelled_frames"] == [0]
 
@@ -222,7 +224,7 @@ def test_a_label_names_a_folder_without_the_machine() -> None:
 
 @pytest.fixture
 def submitted(
-    planned: Plan, protocol: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    done: Done, protocol: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[str], Path]:
     """Model -> its submission, on all test frames; the path of its record."""
     for module in (
@@ -232,8 +234,7 @@ def submitted(
         monkeypatch.setattr(module, "protocol_files", lambda: {"transfer": Path(protocol)})
 
     def made(model: str) -> Path:
-        run = execute(planned(model), tmp_path / "runs", Silent())
-        return submissions.add(run, tmp_path / "boards").path
+        return submissions.add(done(model)[1], tmp_path / "boards").path
 
     return made
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from surroundings import surroundings
 
 from tactibench.plugins.specs import KINDS
 from tactibench.scaffold.names import Names
@@ -26,14 +25,6 @@ def shell_blocks() -> list[str]:
     return re.findall(r"^```sh\n(.*?)^```", DOCUMENT.read_text(encoding="utf-8"), re.M | re.S)
 
 
-def surroundings(folder: Path) -> dict[str, str]:
-    path = os.pathsep.join([str(folder / "site"), str(ROOT), str(ROOT / "plugins")])
-    programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    cache = str(folder / "cache")
-    one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONWARNINGS": ""}
-    return {**os.environ, **one, "PYTHONPATH": path, "PATH": programs, "TACTIBENCH_CACHE": cache}
-
-
 def ran(script: str, folder: Path) -> str:
     """Lines of a shell, stopped by the first that fails; what they print."""
     work = folder / "work"
@@ -41,7 +32,7 @@ def ran(script: str, folder: Path) -> str:
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", script],
         cwd=work,
-        env=surroundings(folder),
+        env=surroundings(folder, folder / "site", PYTHONWARNINGS=""),
         capture_output=True,
         text=True,
         timeout=1800,

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from fake_distribution import fake_distribution
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [
@@ -75,11 +76,8 @@ def test_a_danger_is_found(code: str) -> None:
 def stranger(tmp_path: Path) -> tuple[Path, dict[str, str], Path]:
     """Environment of a process beside a distribution whose modules leave a mark when imported."""
     site, marks = tmp_path / "site", tmp_path / "marks"
-    info = site / "stranger-1.0.dist-info"
-    info.mkdir(parents=True)
+    fake_distribution(site, "stranger", stranger="stranger_hooks")
     marks.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[tactibench]\nstranger = stranger_hooks\n")
     for name in ("hooks", "model"):
         source = STRANGER.format(mark=str(marks / name))
         (site / f"stranger_{name}.py").write_text(source)

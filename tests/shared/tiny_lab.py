@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from briefly import time_briefly
 from few_presses import few_presses
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "running" / "fake"))
@@ -51,16 +52,22 @@ def tiny_host() -> Any:
     )
 
 
-class Quiet:
-    """A reporter that says nothing."""
+def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None:
+    """Have commands of this process find the tiny plugins and the protocols in a folder.
 
-    @contextmanager
-    def task(self, _title: str, _total: int) -> Iterator[Callable[[int], None]]:
-        yield lambda _: None
+    put: ``setattr``, or that of a patch, which takes everything back.
+    """
+    from tactibench.datasets import generated
+    from tactibench.datasets.generating import asked
+    from tactibench.plugins import host
+    from tactibench.protocols import loader
 
-    @contextmanager
-    def training(self) -> Iterator[Any]:
-        yield SimpleNamespace(start=lambda *_: None, step=lambda *_: None, epoch=lambda *_: None)
+    shipped = loader.shipped_folder
+    put(generated, "CHUNK", 16)  # several chunks of 60 presses
+    time_briefly(put)
+    put(loader, "shipped_folder", lambda name: protocols if name == "protocols" else shipped(name))
+    put(host, "PluginHost", tiny_host)
+    put(asked, "PluginHost", tiny_host)
 
 
 class Lab:
@@ -118,11 +125,6 @@ class Lab:
     ) -> int:
         from tactibench.board import run_pictures
         from tactibench.cli.main import call
-        from tactibench.datasets import generated
-        from tactibench.datasets.generating import asked
-        from tactibench.plugins import host
-        from tactibench.protocols import loader
-        from tactibench.running import run, speed
 
         os.chdir(where)
         os.environ["TACTIBENCH_CACHE"] = str(where / "cache")
@@ -131,14 +133,8 @@ class Lab:
         os.dup2(file, 2)
         sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
         sys.stderr = os.fdopen(2, "w", encoding="utf-8", closefd=False)
-        generated.CHUNK = 16  # several chunks of 60 presses
-        run.CALLS, speed.BATCHES = 5, (1,)  # how fast it is does not matter here
-        run_pictures.draw_pictures = lambda *_: []  # nor what is drawn of a record that is there
-        shipped = loader.shipped_folder
-        loader.shipped_folder = lambda name: (  # type: ignore[attr-defined]
-            self.protocols if name == "protocols" else shipped(name)
-        )
-        host.PluginHost = asked.PluginHost = tiny_host  # type: ignore[misc,assignment]
+        tiny_commands(setattr, self.protocols)
+        run_pictures.draw_pictures = lambda *_: []  # the records are there before their pictures
         if before is not None:
             before()
         return call(arguments)

@@ -6,18 +6,9 @@ import pytest
 from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
+from tactibench.running.silent import SilentProgress
 
 SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 160, "crowded": 24}
-
-
-class Silent:
-    """A Progress that draws nothing."""
-
-    def start(self, epochs, steps): ...
-
-    def step(self, loss): ...
-
-    def epoch(self, epoch, loss, validation_mm): ...
 
 
 def single(rng):
@@ -83,7 +74,7 @@ def fit(presses):
             known[1] if truth is None else truth,
             validation=presses["validation"] if validation is None else validation,
             rng=np.random.default_rng(0),
-            progress=Silent(),
+            progress=SilentProgress(),
         )
 
     return _fit

@@ -10,21 +10,17 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
+from fake_distribution import fake_distribution
 from few_presses import few_presses
 
 TESTS = Path(__file__).parents[1]
-POINTS = "[tactibench]\ntoy = toy_tactile.hooks\n"
-METADATA = "Metadata-Version: 2.1\nName: toy-tactile\nVersion: 1.0\n\n"
 
 
 @pytest.fixture
 def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The plugin is installed; gives its diary of trainings. This is the folder of the test."""
     site = tmp_path / "site"
-    info = site / "toy_tactile-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text(METADATA)
-    (info / "entry_points.txt").write_text(POINTS)
+    fake_distribution(site, "toy-tactile", toy="toy_tactile.hooks")
     folders = [str(site), str(TESTS / "sweep/fake"), str(TESTS / "running/fake")]
     for folder in folders:
         monkeypatch.syspath_prepend(folder)

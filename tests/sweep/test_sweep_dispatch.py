@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from briefly import time_briefly
 
 from tactibench.errors import UserError
 from tactibench.records.files import read_json, write_json
@@ -152,12 +154,13 @@ def test_without_a_card_those_that_need_one_are_reported() -> None:
 
 
 def test_a_run_of_another_machine_counts_where_any_may_run_it(
-    asked: Callable[[str], Path], tmp_path: Path
+    asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from tactibench.plugins.host import PluginHost
     from tactibench.sweep.cells import cells_of
     from tactibench.sweep.read import read_sweep
 
+    time_briefly(monkeypatch.setattr)
     (one, *_) = cells_of(read_sweep(asked('model = "toy"\n')), PluginHost())
     place = Place(tmp_path / "runs", tmp_path / "cache")
     name = run_cell(one.request, place).name
@@ -169,6 +172,30 @@ def test_a_run_of_another_machine_counts_where_any_may_run_it(
     (here,) = plan_cells([one.request], place)
     (anywhere,) = plan_cells([one.request], replace(place, any_machine=True))
     assert (here.state, anywhere.state, anywhere.name) == ("to do", "done", "elsewhere")
+
+
+def test_a_run_that_cannot_be_read_is_to_do_again(
+    asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tactibench.plugins.host import PluginHost
+    from tactibench.sweep.cells import cells_of
+    from tactibench.sweep.read import read_sweep
+
+    time_briefly(monkeypatch.setattr)
+    (one, *_) = cells_of(read_sweep(asked('model = "toy"\n')), PluginHost())
+    place = Place(tmp_path / "runs", tmp_path / "cache")
+    name = run_cell(one.request, place).name
+    file = place.store / name / RECORD
+    whole = file.read_bytes()
+    for spoilt in (b"", whole[: len(whole) // 2], whole.replace(b'"seed": 0', b'"seed": 1', 1)):
+        file.write_bytes(spoilt)
+        (planned,) = plan_cells([one.request], place)
+        assert (planned.state, planned.name) == ("to do", name)
+    outcome = run_cell(one.request, place)
+    assert (outcome.name, outcome.why) == (name, "")
+    (planned,) = plan_cells([one.request], place)
+    assert planned.state == "done"
+    assert json.loads(file.read_text())["name"] == name
 
 
 def test_cells_that_come_to_the_same_run_are_one(

@@ -10,14 +10,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from folder_files import CLOCKED, files
 
 from tactibench.datasets.v1 import verify
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 pytestmark = pytest.mark.slow
 
+PATIENCE_S = 300.0
 Command = Callable[..., subprocess.CompletedProcess[str]]
 SET = '\n[[generate]]\nout = "{0}"\nprotocol = "protocols/exp3.toml"\nsensor = "toy"\n'
 
@@ -25,6 +28,15 @@ SET = '\n[[generate]]\nout = "{0}"\nprotocol = "protocols/exp3.toml"\nsensor = "
 def started(*arguments: str) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", *arguments]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def waited_for(what: Callable[[], bool], process: subprocess.Popen[Any]) -> None:
+    """Wait until it is so, while the process lives and for PATIENCE_S at most."""
+    end = time.monotonic() + PATIENCE_S
+    while not what():
+        assert process.poll() is None, f"it ended with {process.returncode}"
+        assert time.monotonic() < end, f"nothing in {PATIENCE_S:g} s"
+        time.sleep(0.1)
 
 
 @pytest.fixture
@@ -35,9 +47,7 @@ def scheduler(toy: Path, tmp_path: Path) -> Iterator[str]:
     options = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-show")
     processes = [started("distributed.cli.dask_scheduler", *options, *known)]
     try:
-        while not (file.is_file() and file.read_text().endswith("}")):
-            assert processes[0].poll() is None
-            time.sleep(0.1)
+        waited_for(lambda: file.is_file() and file.read_text().endswith("}"), processes[0])
         address = json.loads(file.read_text())["address"]
         worker = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1")
         processes.append(started("distributed.cli.dask_worker", address, *worker))
@@ -57,15 +67,6 @@ def anybody_in(group: int) -> bool:
     return True
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    """Of a data set, all but the clock."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file() and path.name not in ("dataset.json", "events.jsonl")
-    }
-
-
 def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
     asked: Callable[[str], Path], tactibench: Command, scheduler: str, tmp_path: Path
 ) -> None:
@@ -83,7 +84,8 @@ def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
 
     alone = ("data", "generate", "protocols/exp3.toml", "--sensor", "toy", "--out", "alone")
     assert tactibench(*alone).returncode == 0
-    assert files(tmp_path / "set") == files(tmp_path / "alone")
+    made, alone = (files(tmp_path / name, without=CLOCKED) for name in ("set", "alone"))
+    assert made == alone
     assert verify(tmp_path / "set") == []
 
 
@@ -95,9 +97,11 @@ def test_an_interrupted_sweep_keeps_what_is_finished(
         [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "1"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    while "Slow" not in toy.read_text():
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.1)
+    try:
+        waited_for(lambda: "Slow" in toy.read_text(), process)
+    except AssertionError:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from folder_files import CLOCKED, files
 
 from tactibench.datasets.generating import press
 from tactibench.datasets.generating.press import generate
@@ -48,21 +49,12 @@ def wanted(asked: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> Wan
     return one
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    """All but the clock."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file() and path.name not in ("dataset.json", "events.jsonl")
-    }
-
-
 def test_shards_are_the_data_set_of_one_process(wanted: WantedSet, tmp_path: Path) -> None:
     told: list[int] = []
     engine: Any = Elsewhere()
     press_in_shards(wanted, engine, told.append)
     generate(tmp_path / "whole", wanted.source, wanted.pressing, lambda _: None)
-    assert files(wanted.folder) == files(tmp_path / "whole")
+    assert files(wanted.folder, without=CLOCKED) == files(tmp_path / "whole", without=CLOCKED)
     assert engine.done > 10
     assert sum(told) == wanted.samples > 70
     assert wanted.is_complete
@@ -80,7 +72,7 @@ def test_what_dead_workers_left_is_gone_on_with(
     rest: Any = Elsewhere()
     press_in_shards(wanted, rest, lambda _: None)
     generate(tmp_path / "whole", wanted.source, wanted.pressing, lambda _: None)
-    assert files(wanted.folder) == files(tmp_path / "whole")
+    assert files(wanted.folder, without=CLOCKED) == files(tmp_path / "whole", without=CLOCKED)
     assert died.done == after
 
 

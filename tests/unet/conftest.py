@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from silent import Epochs
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose
 
@@ -30,20 +31,6 @@ class PeakEncoder:
 
     def decode_batch(self, maps, grid):
         return [self.decode(one, grid) for one in maps]
-
-
-class Silent:
-    """A Progress that draws nothing."""
-
-    def __init__(self):
-        self.epochs = []
-
-    def start(self, epochs, steps): ...
-
-    def step(self, loss): ...
-
-    def epoch(self, epoch, loss, validation_mm):
-        self.epochs.append((epoch, loss, validation_mm))
 
 
 def press(x, y, depth, size=64):
@@ -75,7 +62,7 @@ def make_presses():
 
 @pytest.fixture(scope="session")
 def silent():
-    return Silent
+    return Epochs
 
 
 @pytest.fixture(scope="session")
@@ -107,7 +94,7 @@ def fit():
             truth,
             validation=presses(6, 2, plate),
             rng=np.random.default_rng(seed),
-            progress=progress or Silent(),
+            progress=progress or Epochs(),
         )
 
     return _fit

@@ -3,20 +3,9 @@
 import numpy as np
 import pytest
 from drawn_pins import REST, draw, presses, pushed
+from silent import Epochs
 
 from tactibench import Frame, Grid, ModelContext, Pose
-
-
-class Silent:
-    def __init__(self):
-        self.epochs = []
-
-    def start(self, epochs, steps): ...
-
-    def step(self, loss): ...
-
-    def epoch(self, epoch, loss, validation_mm):
-        self.epochs.append((epoch, loss, validation_mm))
 
 
 @pytest.fixture(scope="session")
@@ -58,7 +47,7 @@ def make_vgnn():
 @pytest.fixture(scope="session")
 def fit():
     def _fit(model, count=64, seed=3, plate=False):
-        progress = Silent()
+        progress = Epochs()
         frames, truth = presses(count, 1, plate)
         report = model.fit(
             frames,

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
+from tactibench.running.silent import SilentProgress
 from tactibench.training import save_weights, state_hash
 
 
@@ -142,15 +143,12 @@ def test_frames_with_several_contacts_are_learned_from(make_vgnn, make_presses, 
         truth[row] = Contacts.truth([*truth[row].xy, [0.0, 0.0]], [*truth[row].depth, 1.0])
     model = make_vgnn(epochs=1)
 
-    class Quiet:
-        start = step = epoch = lambda *_: None
-
     report = model.fit(
         frames,
         truth,
         validation=(frames[:4], truth[:4]),
         rng=np.random.default_rng(0),
-        progress=Quiet(),
+        progress=SilentProgress(),
     )
     assert report.notes["kept_for_std"] == 1
     assert len(model.predict(frames)) == 60

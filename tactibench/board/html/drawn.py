@@ -16,14 +16,14 @@ from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import SensorContext
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.records.answers import pack_contacts
 from tactibench.records.files import read_arrays, write_arrays
 from tactibench.records.identity import code_hash, digest
 from tactibench.records.store import Arrays
 from tactibench.running.frames_drawn import frames_of_test, presser_of_test
-from tactibench.running.parts import Part, Sensors
+from tactibench.running.parts import sensors_of
 from tactibench.running.presser import Presser
 from tactibench.running.request import RunRequest
+from tactibench.running.truth import truth_arrays
 
 _BEHIND = ("tactibench.hardcases", "tactibench.protocols", "tactibench.running")
 """Packages whose code draws presses."""
@@ -77,17 +77,10 @@ class Drawer:
         spec = self._host.sensors[stated["name"]]
         if spec.needs_data:
             return "its presses are in a recording"
-        values = spec.settings({name: str(value) for name, value in stated["parameters"].items()})
-        part = Part(spec, values, self._host.sensors.origins[spec.name])
-        sensors = Sensors(sensor=part, regime=record["regime"])
-        presser = presser_of_test(keys, sensors, self._cache)
+        presser = presser_of_test(keys, sensors_of(record, self._host), self._cache)
         scenes, names, groups, radius = self._kept(presser, record["regime"])
-        truth = {
-            **pack_contacts([true_contacts(scene, radius) for scene in scenes]),
-            "press": np.array(names),
-            "group": np.array(groups),
-        }
-        return Drawn(scenes, truth, presser)
+        answers = [true_contacts(scene, radius) for scene in scenes]
+        return Drawn(scenes, truth_arrays(keys, answers, names, groups), presser)
 
     def _kept(self, presser: Presser, regime: str) -> Presses:
         """Drawn once, then read from the cache, as long as no code behind it has changed."""

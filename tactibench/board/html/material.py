@@ -9,6 +9,7 @@ from pathlib import Path
 from tactibench.board.boards import check_folder
 from tactibench.board.committed import PressErrors, answers_file, press_errors_of
 from tactibench.board.html.answers import Answered, Truth, answered, unpacked_truth
+from tactibench.board.html.origins import AUTO, BOARD, RUNS
 from tactibench.board.labels import Record
 from tactibench.board.published import PublishedTable, load_published
 from tactibench.board.ranking import RANKING
@@ -19,9 +20,6 @@ from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_pro
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 from tactibench.running.request import folder_label
 from tactibench.shipped import shipped_folder
-
-AUTO, RUNS, BOARD, BOTH = "auto", "runs", "board", "both"
-ORIGINS = (AUTO, RUNS, BOARD, BOTH)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,20 +21,21 @@ from tactibench.plugins.discovery import installed
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import KnowsBound, SensorContext
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.records.answers import pack
+from tactibench.protocols.schema import Protocol
 from tactibench.records.store import Arrays
 from tactibench.running.frames import Wanted
 from tactibench.running.frames_drawn import frames_of_test, presser_of_test
 from tactibench.running.frames_recorded import recorded_frames
 from tactibench.running.frames_transfer import Target, open_target
 from tactibench.running.hidden import HiddenSeed
-from tactibench.running.parts import Part, Sensors
+from tactibench.running.parts import Sensors, sensors_of
 from tactibench.running.presser import Presser
 from tactibench.running.released import find_released, released_arrays
 from tactibench.running.request import HIDDEN, RunRequest, TestedOn, read_tested
 from tactibench.running.shots import Shots
 from tactibench.running.tested import with_test_sensor
 from tactibench.running.transfer import with_target
+from tactibench.running.truth import true_answers, truth_arrays
 
 OURS = "tactibench"
 """The distribution whose plugins are trusted."""
@@ -76,7 +77,7 @@ def truth_of(
     wanted, _ = frames_of_test(request, tester, protocol.keys.split)
     radius = tester.pressed.workspace.dome_radius_mm
     truth = [true_contacts(scene, radius) for one in wanted for scene in one.scenes]
-    arrays = _arrays(wanted, truth, protocol.keys.answer)
+    arrays = _arrays(protocol.keys, wanted, truth)
     if "rmse_over_bound" in protocol.keys.metrics.names:
         arrays |= _bounds(tester, wanted)
     return arrays
@@ -114,12 +115,9 @@ def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: So
     target = open_target(keys, sensors, request.tested.data, presser)
     _same_recording(record, target, request.tested.data)
     wanted = target.want(None)
-    truth = wanted.open(lambda _: None).truth(keys.answer, keys.workspace.dome_radius_mm)
-    return {
-        **pack(shots.repeated(truth), keys.answer),
-        "press": np.array(shots.repeated(wanted.clusters)),
-        "group": np.array(shots.groups(wanted.groups)),
-    }
+    truth = true_answers(keys, [wanted.open(lambda _: None)])
+    presses, groups = shots.repeated(wanted.clusters), shots.groups(wanted.groups)
+    return truth_arrays(keys, shots.repeated(truth), presses, groups)
 
 
 def _same_recording(record: Mapping[str, Any], target: Target, folder: Path) -> None:
@@ -161,19 +159,15 @@ def _sensors(record: Mapping[str, Any], request: RunRequest, host: PluginHost) -
             f"{record['name']}: the truth of {record['protocol']['id']!r} on sensor "
             f"{spec.name!r} is in the recording; name its folder with --data DIR."
         )
-    values = spec.settings({name: str(value) for name, value in stated["parameters"].items()})
-    return Sensors(
-        sensor=Part(spec, values, host.sensors.origins[spec.name]), regime=record["regime"]
-    )
+    return sensors_of(record, host)
 
 
 def _recorded(request: RunRequest, protocol: LoadedProtocol, sensors: Sensors) -> Arrays:
     frames = recorded_frames(request, protocol, sensors)
     keys = protocol.keys
     opened = [one.open(lambda _: None) for one in frames.test]
-    radius = keys.workspace.dome_radius_mm
-    truth = [answer for presses in opened for answer in presses.truth(keys.answer, radius)]
-    arrays = _arrays(frames.test, truth, keys.answer)
+    truth = true_answers(keys, opened)
+    arrays = _arrays(keys, frames.test, truth)
     if frames.published:
         released = find_released(protocol, request.data, None)
         names = [name for presses in opened for name in presses.names]
@@ -181,12 +175,9 @@ def _recorded(request: RunRequest, protocol: LoadedProtocol, sensors: Sensors) -
     return arrays
 
 
-def _arrays(wanted: Sequence[Wanted], truth: Sequence[Answer], answer: str) -> Arrays:
-    return {
-        **pack(truth, answer),
-        "press": np.array([press for one in wanted for press in one.clusters]),
-        "group": np.array([group for one in wanted for group in one.groups]),
-    }
+def _arrays(keys: Protocol, wanted: Sequence[Wanted], truth: Sequence[Answer]) -> Arrays:
+    presses = [press for one in wanted for press in one.clusters]
+    return truth_arrays(keys, truth, presses, [group for one in wanted for group in one.groups])
 
 
 def _bounds(tester: Presser, wanted: Sequence[Wanted]) -> Arrays:

@@ -15,22 +15,13 @@ from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import Encoder, FitReport, Model, ModelContext
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, Value, in_one_line
+from tactibench.running.silent import SilentProgress
 from tactibench.testing.pressed import Examples, Presser, changes, writable
 from tactibench.testing.property import Failed, NotApplicable, require
 
 FIT, VALIDATION, SEEN = 40, 10, 12
 """Frames that the model under test is trained on, validated on and asked about."""
 SEED = 3
-
-
-class Quiet:
-    """A progress that nobody watches."""
-
-    def start(self, epochs: int, steps: int) -> None: ...
-
-    def step(self, loss: float) -> None: ...
-
-    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +92,7 @@ class ModelSubject:
             list(frames.truth),
             validation=(list(held_out.frames), list(held_out.truth)),
             rng=np.random.default_rng(SEED),
-            progress=Quiet(),
+            progress=SilentProgress(),
         )
 
     @cached_property

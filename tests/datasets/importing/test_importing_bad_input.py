@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
-import struct
 import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from png_bytes import png
 
 from tactibench import UserError
 from tactibench.datasets.importing import ImportOptions, find_format, import_folder, open_recording
@@ -35,19 +35,6 @@ def edit(folder, row, old, new):
     assert old in lines[row]
     lines[row] = lines[row].replace(old, new)
     path.write_text("\n".join(lines))
-
-
-def png(width, height, pixels, bits=8):
-    """Sound checksums around any bytes that claim to be pixels."""
-    chunks = {
-        b"IHDR": struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0),
-        b"IDAT": pixels,
-        b"IEND": b"",
-    }
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d))
-        for k, d in chunks.items()
-    )
 
 
 @pytest.mark.parametrize(

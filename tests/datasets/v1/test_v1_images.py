@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -11,24 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from png_bytes import png
 
 from tactibench import UserError
 from tactibench.datasets.v1 import Writer, open_dataset, verify
 
 NAME = "images/000000/000002.png"
-
-
-def png(width: int, height: int, pixels: bytes) -> bytes:
-    """A PNG with sound checksums around any bytes that claim to be pixels."""
-    chunks = {
-        b"IHDR": struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0),
-        b"IDAT": pixels,
-        b"IEND": b"",
-    }
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in chunks.items()
-    )
 
 
 def other_pixels(data: bytes) -> bytes:

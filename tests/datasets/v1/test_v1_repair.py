@@ -6,17 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from folder_files import files
 
 from tactibench import UserError
 from tactibench.datasets.v1 import Writer, open_dataset, verify
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
 
 
 def test_orphans_go_to_the_trash_and_unfinished_files_go(open_set: Path) -> None:
