@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
+from tactibench.records.files import parse_json
 
 NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
 """Of a run, a model, an encoder, a sensor: it becomes part of file names and of pages."""
@@ -19,7 +19,7 @@ LARGEST = 2**20
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """The JSON object in a file of at most LARGEST bytes, without NaN. Raises UserError."""
+    """The JSON object in a file of at most LARGEST bytes, every number finite. Raises UserError."""
     try:
         size = path.stat().st_size
         if path.is_symlink() or not path.is_file():
@@ -29,7 +29,7 @@ def read_record(path: Path) -> dict[str, Any]:
                 f"{path} has {size:,} bytes, more than the {LARGEST:,} that a record may take; "
                 "a committed record holds no arrays and no history."
             )
-        value = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refused)
+        value = parse_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(f"{path} does not exist.") from None
     except (ValueError, RecursionError, OSError) as error:
@@ -88,7 +88,3 @@ def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
     elif isinstance(value, list):
         for inner in value:
             yield from _texts(inner, key)
-
-
-def _refused(constant: str) -> Any:
-    raise ValueError(f"it holds {constant}, which is no number")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -41,10 +42,25 @@ def write_json(path: Path, value: Any) -> None:
         stream.write(text.encode() + b"\n")
 
 
+def parse_json(text: str) -> Any:
+    """What JSON says, every number finite: ``write_json`` writes no other.
+
+    Raises ValueError, for NaN and 1e999 too, and RecursionError for lists without an end.
+    """
+    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(word: str) -> float:
+    value = float(word)
+    if not math.isfinite(value):
+        raise ValueError(f"it holds {word[:40]}, which is no finite number")
+    return value
+
+
 def read_json(path: Path) -> Any:
     """Read JSON. Raises UserError when the file is missing or damaged."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return parse_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(f"{path} does not exist.") from None
     except (ValueError, RecursionError, OSError) as error:

@@ -156,3 +156,12 @@ def test_a_lock_lets_one_in_at_a_time(tmp_path: Path) -> None:
     for worker in workers:
         worker.join()
     assert (inside, most) == (0, 1)
+
+
+@pytest.mark.parametrize("word", ["NaN", "Infinity", "-Infinity", "1e999", "-1e400"])
+def test_a_number_that_is_not_finite_is_refused(tmp_path: Path, word: str) -> None:
+    """Python's own reader takes them all, and 1e999 for infinity."""
+    path = tmp_path / "values.json"
+    path.write_text(f'{{"value": [1.5, {word}]}}')
+    with pytest.raises(UserError, match=f"holds {word}, which is no finite number"):
+        read_json(path)

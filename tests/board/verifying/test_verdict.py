@@ -243,7 +243,7 @@ def test_large_strange_and_misnamed_records(submitted, source) -> None:
         verify(other, source)
     for changed, words in (
         (text + " " * 2**20, "more than the 1,048,576 that a record may take"),
-        (text.replace('"seed": 0', '"seed": NaN', 1), "holds NaN, which is no number"),
+        (text.replace('"seed": 0', '"seed": NaN', 1), "holds NaN, which is no finite number"),
         ("[" * 100_000, "cannot be read as JSON"),
         ("[]", "holds a list, not a record"),
     ):
