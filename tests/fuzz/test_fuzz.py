@@ -45,6 +45,13 @@ def test_who_asks_for_too_much_gets_none() -> None:
     assert len(bytearray(2**27)) == 2**27
 
 
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_is_spoilt_is_right_before(name: str, tmp_path: Path) -> None:
+    """Or else everything would be refused at the first key, and nothing tried."""
+    target = TARGETS[name]
+    assert any(attempt(target, seed, tmp_path) for seed in target.seeds(tmp_path))
+
+
 @pytest.mark.filterwarnings(
     "default"
 )  # of numpy, about what was asked of it; no warning is an error

@@ -68,12 +68,9 @@ def _settings(data: bytes, folder: Path) -> None:
 
 
 def _settings_seeds(_: Path) -> list[bytes]:
-    from tactibench_tactip import example
+    from tactibench_tactip.example import example
 
-    texts = [
-        value for value in vars(example).values() if isinstance(value, str) and "[robot]" in value
-    ]
-    return [text.encode() for text in texts] or [b"[robot]\ndriver = 'ur'\naddress = '127.0.0.1'\n"]
+    return [example(driver).encode() for driver in ("ur", "grbl", "cri")]
 
 
 def _record(data: bytes, folder: Path) -> None:
