@@ -14,7 +14,7 @@ from matplotlib.ticker import (
 )
 
 from tactibench.board.curve import Curve, counts
-from tactibench.board.figures.style import MARKERS, SERIES, figure, headline, plain, save
+from tactibench.board.figures.style import figure, headline, plain, save, series_look
 
 DODGE = 0.012
 """Between the curves, as a share of the presses, so that bars stand beside each other."""
@@ -35,7 +35,7 @@ def learning_curves(
         y = [pooled.value for _, pooled in known]
         low = [p.value - (p.value if p.low is None else p.low) for _, p in known]
         high = [(p.value if p.high is None else p.high) - p.value for _, p in known]
-        axes.errorbar(x, y, [low, high], color=SERIES[k % 7], marker=MARKERS[k % 7], markersize=5.5,
+        axes.errorbar(x, y, [low, high], **series_look(k), markersize=5.5,
                       linestyle=DASHES[k // 7 % 3], linewidth=1.5, elinewidth=1.1, capsize=2.5,
                       label=curve.label)  # fmt: skip
     axes.set(xscale="log", yscale="log", xlabel="presses that the model learned from", ylabel=error)

@@ -11,12 +11,11 @@ from matplotlib.axes import Axes
 
 from tactibench.board.figures.style import (
     GREY,
-    MARKERS,
-    SERIES,
     figure,
     headline,
     plain,
     save,
+    series_look,
     spread,
 )
 from tactibench.board.published import PublishedTable, published_means
@@ -45,7 +44,7 @@ def distance_errors(
     ceiling = 0.0
     for k, (label, rows) in enumerate(series):
         shift = (k - middle) * DODGE_MM
-        look = {"color": SERIES[k % 7], "marker": MARKERS[k % 7]}
+        look = series_look(k)
         share = by_distance(rows, "resolved")
         error = by_distance(rows, "distance_mae_mm")
         name = label if len(error) else f"{label}: no pair resolved"

@@ -13,12 +13,11 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from tactibench.board.figures.style import (
     GREY,
-    MARKERS,
-    SERIES,
     figure,
     headline,
     plain,
     save,
+    series_look,
     spread,
 )
 from tactibench.board.frontier import Frontier, Point
@@ -72,8 +71,7 @@ def _model(point: Point) -> str:
 
 def _looks(points: Sequence[Point]) -> dict[str, dict[str, Any]]:
     models = sorted({_model(point) for point in points})
-    return {model: {"color": SERIES[k % 7], "marker": MARKERS[k % 7]}
-            for k, model in enumerate(models)}  # fmt: skip
+    return {model: series_look(k) for k, model in enumerate(models)}
 
 
 def _mark(axes: Axes, point: Point, look: dict[str, Any], *, hollow: bool) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from tactibench.board.figures.style import GREY, MARKERS, SERIES, figure, headline, plain, save
+from tactibench.board.figures.style import GREY, figure, headline, plain, save, series_look
 from tactibench.board.hard_cases import Graded
 
 COLUMNS = 4
@@ -50,7 +50,7 @@ def _panel(axes: Axes, k: int, series: Series) -> None:
     axis = series[0][1][k].axis
     middle, shown = (len(series) - 1) / 2, 0
     for s, (label, families) in enumerate(series):
-        look = {"color": SERIES[s % 7], "marker": MARKERS[s % 7], "markersize": 3.5}
+        look = series_look(s) | {"markersize": 3.5}
         shown += _curve(axes, families[k], DODGE * (s - middle), label, look)
     values = [case.value for case in series[0][1][k].cases]
     axes.set_xticks(range(len(values)), [f"{value:g}" for value in values], fontsize=7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +25,7 @@ from tactibench.records.files import atomic
 
 __all__ = [
     "BLACK", "BLUE", "DPI", "GREEN", "GREY", "HEAT", "MARKERS", "ORANGE", "PURPLE", "SERIES", "SKY",
-    "VERMILION", "figure", "headline", "plain", "save", "spread",
+    "VERMILION", "figure", "headline", "plain", "save", "series_look", "spread",
 ]  # fmt: skip
 
 DPI = 150
@@ -32,6 +33,11 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 """One for each colour: colour is never the only difference."""
 HEAT = "cividis"
 """Perceptually uniform, and the same to readers with and without colour blindness."""
+
+
+def series_look(k: int) -> dict[str, Any]:
+    """Colour and marker of the k-th series: 49 pairs, of which the first 7 share neither."""
+    return {"color": SERIES[k % 7], "marker": MARKERS[(k + k // 7) % 7]}
 
 
 def figure(width: float, height: float) -> Figure:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from matplotlib.lines import Line2D
 
 from tactibench.board.figures.marks import depths, heat, marks, millimetres, rings
-from tactibench.board.figures.style import BLACK, MARKERS, SERIES, figure, headline, save
+from tactibench.board.figures.style import BLACK, figure, headline, save, series_look
 from tactibench.contacts import Contacts, Grid
 
 LETTERS = 30
@@ -44,7 +44,8 @@ def triple_comparison(
             drawn = heat(axes, grid, heatmap, max_depth)
         ink, contour = (BLACK, "white") if heatmap is None else ("white", "black")
         rings(axes, truth, ink, contour=contour)
-        marks(axes, found, SERIES[k % 7], MARKERS[k % 7], contour="white")
+        look = series_look(k)
+        marks(axes, found, look["color"], look["marker"], contour="white")
         depths(axes, found, ink, contour=contour)
         axes.set_title(f"{fill(label, LETTERS)}\n{len(found)} predicted, {len(truth)} true",
                        fontsize=9)  # fmt: skip
@@ -63,7 +64,8 @@ def triple_comparison(
 def _together(axes: Any, truth: Contacts, models: Mapping[str, Contacts]) -> None:
     rings(axes, truth, BLACK, contour="white")
     for k, found in enumerate(models.values()):
-        marks(axes, found, SERIES[k % 7], MARKERS[k % 7], contour="white")
+        look = series_look(k)
+        marks(axes, found, look["color"], look["marker"], contour="white")
     axes.set_title("all models and the truth", fontsize=9)
 
 
@@ -71,7 +73,6 @@ def _legend(models: Mapping[str, Contacts]) -> list[Line2D]:
     ring = Line2D([], [], linestyle="none", marker="o", markersize=11, markerfacecolor="none",
                   color=BLACK, label="truth")  # fmt: skip
     return [ring] + [
-        Line2D([], [], linestyle="none", marker=MARKERS[k % 7], markersize=8, color=SERIES[k % 7],
-               label=label)
+        Line2D([], [], linestyle="none", markersize=8, label=label, **series_look(k))
         for k, label in enumerate(models)
     ]  # fmt: skip
