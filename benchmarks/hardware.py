@@ -2,6 +2,7 @@
 
     python benchmarks/hardware.py collect --driver grbl --presses 500       labels, freshness, speed
     python benchmarks/hardware.py collect --protocol exp2 --draw pairs --presses 10 --driver ur
+    python benchmarks/hardware.py collect --presses 5000 --time-scale 200 --fps 240         memory
     python benchmarks/hardware.py faults                                    what every fault does
     python benchmarks/hardware.py kills --kills 50                          SIGKILL of the collector
 
@@ -22,13 +23,17 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
+import cv2
 import numpy as np
 
 from tactibench import UserError
-from tactibench.datasets.v1 import open_dataset
+from tactibench.datasets.v1 import open_dataset, placing
 from tactibench_tactip.collecting.collect import collect
 from tactibench_tactip.collecting.plan import plan_of
 from tactibench_tactip.emulators import Fault
@@ -40,12 +45,21 @@ UR_FAULTS = (
     "protective-stop", "unlock-refused", "emergency-stop", "socket-drop", "frozen-stream",
     "wrong-length", "program-stop",
 )  # fmt: skip
-GRBL_FAULTS = ("alarm-1", "alarm-2", "alarm-3", "no-ok", "garbled-line", "unplug", "hold")
+GRBL_FAULTS = (
+    "alarm-1", "alarm-2", "alarm-3", "alarm-5", "no-ok", "garbled-line", "unplug", "hold",
+)  # fmt: skip
 CAMERA_FAULTS = (
     "camera-stall", "camera-drop", "stale-frames", "black-frames", "brightness-jump", "pin-loss",
 )  # fmt: skip
-VALUES = {"camera-stall": 60.0, "frozen-stream": 60.0, "pin-loss": 5.0}
-"""Seconds of the world, and pins; a stall outlasts a deadline at a time scale of 20."""
+VALUES = {
+    "camera-stall": 60.0, "frozen-stream": 60.0, "stale-frames": 40.0, "black-frames": 40.0,
+    "pin-loss": 5.0, "alarm-5": 50.0,
+}  # fmt: skip
+"""Seconds of the world, pins, and probes; a stall outlasts a deadline at a time scale of 20."""
+DISK_FULL = "disk-full"
+ALIKE = 3.0
+"""Grey levels by which a kept frame may differ on average from what was so when it was taken: a
+frame of another moment differs by more than the camera's noise."""
 
 
 def settings_of(driver: str, **contact: Any) -> Settings:
@@ -61,6 +75,7 @@ class Frames:
     def __init__(self, rehearsed: Rehearsed, folder: Path) -> None:
         self._world, self._folder = rehearsed.world, folder
         self._seen = 0
+        self.off: list[float] = []
         self.depth: list[float] = []
         self.place: list[float] = []
         self.late_ms: list[float] = []
@@ -73,14 +88,23 @@ class Frames:
             self._seen += 1
             if row["status"] != "ok":
                 continue
-            truth = self._world.truth(row["t_frame_ns"]).contacts
+            at_ns = row["t_frame_ns"]
+            kept = cv2.imread(str(self._folder / row["file_name"]), cv2.IMREAD_GRAYSCALE)
+            self.off.append(float(np.abs(kept.astype(float) - self._world.image(at_ns)).mean()))
+            truth = self._world.truth(at_ns).contacts
             said_xy = np.array(row["contacts_xy_mm"])
             for xy, depth in zip(truth.xy, truth.depth, strict=True):
                 away = np.hypot(*(said_xy - xy).T)
                 nearest = int(away.argmin())
                 self.place.append(float(away[nearest]))
                 self.depth.append(row["contacts_depth_mm"][nearest] - float(depth))
-            self.late_ms.append((row["t_frame_ns"] - row["extra"]["t_settle_ns"]) * 1e-6)
+            self.late_ms.append((at_ns - row["extra"]["t_settle_ns"]) * 1e-6)
+
+    @property
+    def stale(self) -> int:
+        """Frames from before the end of settling, or that show another moment."""
+        pairs = zip(self.late_ms, self.off, strict=True)
+        return sum(late <= 0 or off > ALIKE for late, off in pairs)
 
 
 def run_collect(arguments: argparse.Namespace) -> None:
@@ -88,15 +112,18 @@ def run_collect(arguments: argparse.Namespace) -> None:
     settings = settings_of(arguments.driver)
     plan = plan_of(arguments.protocol, settings, draws=arguments.draw, count=arguments.presses)
     hidden = Hidden(z=0.8)
-    with rehearse(settings, time_scale=arguments.time_scale, hidden=hidden) as rehearsed:
+    with rehearse(
+        settings, time_scale=arguments.time_scale, fps=arguments.fps, hidden=hidden
+    ) as rehearsed:
         frames = Frames(rehearsed, folder)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        start, done = time.monotonic(), 0
+        start, done, early = time.monotonic(), 0, 0.0
 
         def advance(count: int) -> None:
-            nonlocal done
+            nonlocal done, early
             done += count
             frames.look()
+            if done <= max(1, len(plan) // 10):
+                early = _peak()
             if done % 100 == 0:
                 print(f"  {done} of {len(plan)}, {time.monotonic() - start:.0f} s", flush=True)
 
@@ -110,7 +137,6 @@ def run_collect(arguments: argparse.Namespace) -> None:
         )  # fmt: skip
         took = time.monotonic() - start
         outside = len(rehearsed.world.log.outside)
-        grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before
     depth, place = np.abs(frames.depth), np.array(frames.place)
     print(f"{arguments.protocol} on {arguments.driver}, time scale {arguments.time_scale:g}: "
           f"{report.ok} ok, {report.bad} bad, {report.left} left in {took:.0f} s "
@@ -118,21 +144,31 @@ def run_collect(arguments: argparse.Namespace) -> None:
     print(f"depth label against truth: mean {np.mean(frames.depth):+.4f}, worst "
           f"{depth.max():.4f} mm ({len(depth)} contacts)")  # fmt: skip
     print(f"position label against truth: worst {place.max():.5f} mm")
-    print(f"frame after the end of settling: {min(frames.late_ms):.1f} ms at least")
+    print(f"frames: {min(frames.late_ms):.1f} ms after the end of settling at least, at most "
+          f"{max(frames.off):.2f} grey levels from the truth; {frames.stale} stale")  # fmt: skip
     print(f"first touch: {[round(touch.z0_mm, 4) for touch in report.touches]}, true 0.8 mm")
-    print(f"motion outside the envelope: {outside} stretches; peak memory grew by {grown:.0f} MiB")
+    print(f"motion outside the envelope: {outside} stretches")
+    print(
+        f"peak memory: {early:.0f} MiB after a tenth of the presses, {_peak():.0f} MiB in the end"
+    )
     print(f"data set: {folder}")
+
+
+def _peak() -> float:
+    """MiB of this process so far: collector, emulators and the record of this benchmark."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def run_faults(arguments: argparse.Namespace) -> None:
     """Every fault at the fourth press of six; the same call again until all are there."""
     base = Path(tempfile.mkdtemp(prefix="tactibench-faults-"))
-    wanted = [("grbl", kind) for kind in (*GRBL_FAULTS, *CAMERA_FAULTS)]
-    wanted += [("ur", kind) for kind in (*UR_FAULTS, *CAMERA_FAULTS)]
+    wanted = [("grbl", kind) for kind in (*GRBL_FAULTS, *CAMERA_FAULTS, DISK_FULL)]
+    wanted += [("ur", kind) for kind in (*UR_FAULTS, *CAMERA_FAULTS, DISK_FULL)]
     if arguments.only:
         wanted = [pair for pair in wanted if pair[1] in arguments.only]
     print(
-        "robot fault            sessions  ok  bad  ids  longest s  outside  first session ended by"
+        "robot fault            sessions  ok  bad  ids  stale  longest s  outside  "
+        "first session ended by"
     )
     for driver, kind in wanted:
         print(_one_fault(driver, kind, base / f"{driver}-{kind}"), flush=True)
@@ -140,37 +176,72 @@ def run_faults(arguments: argparse.Namespace) -> None:
 
 
 def _one_fault(driver: str, kind: str, folder: Path) -> str:
-    settings = settings_of(driver)
+    settings = settings_of(driver, **({"method": "probe"} if kind == "alarm-5" else {}))
     plan = plan_of("exp1", settings, draws=("singles",), count=6)
-    faults = [Fault(kind, press=4, value=VALUES.get(kind))]
-    if kind == "unlock-refused":
-        faults.append(Fault("protective-stop", press=4))
     ended, longest, sessions = "", 0.0, 0
-    with rehearse(settings, faults=tuple(faults)) as rehearsed:
+    with rehearse(settings, faults=_faults(kind)) as rehearsed, _disk(kind) as disk:
+        if kind == "alarm-5":  # first touch is searched before any press
+            rehearsed.world.arm(Fault(kind, value=VALUES[kind]))
+        frames = Frames(rehearsed, folder)
         for sessions in range(1, 6):  # noqa: B007
             start = time.monotonic()
             try:
                 report = collect(
                     rehearsed.settings, plan, folder,
                     entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
+                    advance=lambda _: frames.look(),
                 )  # fmt: skip
                 longest = max(longest, time.monotonic() - start)
                 if not report.left:
                     break
-            except UserError as error:
+            except (UserError, OSError) as error:
                 longest = max(longest, time.monotonic() - start)
                 ended = ended or str(error)
                 _mend(rehearsed, driver, kind)
             finally:
                 rehearsed.world.keep_to(None)
         outside = len(rehearsed.world.log.outside)
-        fired = all(fired.taken for fired in rehearsed.world.fired) and rehearsed.world.fired
+        happened = rehearsed.world.fired
+        fired = disk.full or (happened and all(fired.taken for fired in happened))
     samples = open_dataset(folder).samples
     ok = sum(sample.status == "ok" for sample in samples)
     whole = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
     return (f"{driver:<5} {kind:<16} {sessions:>8} {ok:>4} {len(samples) - ok:>4}  "
-            f"{'all ' if whole else 'LOST'} {longest:>8.1f} {outside:>8}  "
+            f"{'all ' if whole else 'LOST'} {frames.stale:>6} {longest:>10.1f} {outside:>8}  "
             f"{'' if fired else 'NOT FIRED '}{ended[:90]}")  # fmt: skip
+
+
+def _faults(kind: str) -> tuple[Fault, ...]:
+    if kind in (DISK_FULL, "alarm-5"):
+        return ()
+    faults = [Fault(kind, press=4, value=VALUES.get(kind))]
+    if kind == "unlock-refused":
+        faults.append(Fault("protective-stop", press=4))
+    return tuple(faults)
+
+
+class _Disk:
+    """Full when the fourth image is written, and never again."""
+
+    def __init__(self, write: Callable[[Path, bytes], None]) -> None:
+        self._write, self._count, self.full = write, 0, False
+
+    def __call__(self, path: Path, data: bytes) -> None:
+        self._count += 1
+        if self._count == 5:  # the first is the undeformed sensor's
+            self.full = True
+            raise OSError(28, "No space left on device")
+        self._write(path, data)
+
+
+@contextmanager
+def _disk(kind: str) -> Iterator[_Disk]:
+    disk = _Disk(placing.write_new)
+    if kind != DISK_FULL:
+        yield disk
+        return
+    with mock.patch.object(placing, "write_new", disk):
+        yield disk
 
 
 def _mend(rehearsed: Rehearsed, driver: str, kind: str) -> None:
@@ -204,11 +275,12 @@ def run_kills(arguments: argparse.Namespace) -> None:
     config = base / "lab.toml"
     text = example("grbl").replace('method = "visual"', 'method = "fixed"\nfixed_mm = 0.8')
     config.write_text(text.replace("pins = 127", "# pins = 127"), encoding="utf-8")
-    out = base / "data"
+    out, presses = base / "data", base / "presses.jsonl"
     count = arguments.presses
-    command = [sys.executable, "-m", "tactibench", "hw", "collect", "exp1", "--config", str(config),
-               "--out", str(out), "--emulate", "--time-scale", "100", "--draw", "singles",
-               "--count", str(count)]  # fmt: skip
+    plan = plan_of("exp1", settings_of("grbl"), draws=("singles",), count=count)
+    presses.write_text("".join(json.dumps(row) + "\n" for row in plan.rows()), encoding="utf-8")
+    command = [sys.executable, "-m", "tactibench", "hw", "collect", str(presses), "--config",
+               str(config), "--out", str(out), "--emulate", "--time-scale", "100"]  # fmt: skip
     rng = random.Random(arguments.seed)  # noqa: S311
     killed, counts = 0, []
     while True:
@@ -226,9 +298,8 @@ def run_kills(arguments: argparse.Namespace) -> None:
             break
     ids = _ids(out)
     print(f"{killed} kills; rows after each: {counts}")
-    good = len(ids) == len(set(ids)) == count
-    print(f"ids: {len(ids)} rows, {len(set(ids))} different, planned {count}: "
-          f"{'exactly the planned' if good else 'WRONG'}")  # fmt: skip
+    good = sorted(ids) == sorted(press.id for press in plan.presses)
+    print(f"ids: {len(ids)} of {count}: {'exactly the planned' if good else 'WRONG'}")
     verified = subprocess.run([sys.executable, "-m", "tactibench", "data", "verify", str(out)],
                               capture_output=True, text=True, check=False)  # fmt: skip
     print(verified.stdout.strip())
@@ -239,7 +310,7 @@ def _wait_for_growth(out: Path, process: subprocess.Popen[bytes], rng: random.Ra
     """A random moment: at the start, or some milliseconds after a row or a few were written."""
     before, wanted = len(_ids(out)), rng.randint(0, 3)
     while process.poll() is None and len(_ids(out)) < before + wanted:
-        time.sleep(0.002)
+        time.sleep(0.01)
     time.sleep(rng.uniform(0.0, 1.5 if wanted == 0 else 0.15))
 
 
@@ -260,6 +331,7 @@ def main() -> None:
     one.add_argument("--driver", choices=("ur", "grbl"), default="grbl")
     one.add_argument("--presses", type=int, default=500)
     one.add_argument("--time-scale", type=float, default=20.0)
+    one.add_argument("--fps", type=float, default=60.0)
     one.add_argument("--out")
     faults = verbs.add_parser("faults")
     faults.add_argument("--only", nargs="*")

@@ -22,6 +22,7 @@ from scipy.optimize import least_squares
 
 from tactibench import Pose, Scene
 from tactibench_tactip.camera.source import Image
+from tactibench_tactip.collecting.plan import check_scenes
 from tactibench_tactip.geometry.frames import Array
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch.search import find_touch
@@ -45,16 +46,21 @@ def calibrate(
     indenter = station.settings.indenter.indenter()
     turns = [2.0 * math.pi * k / points for k in range(points)]
     spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in turns)]
+    deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
+    check_scenes(
+        "the calibration", deep, station.settings, station.geometry,
+        turns=station.owner.robot.turns,
+    )  # fmt: skip
     rest = station.look_at_rest()
     places, heights, seen = [], [], []
-    for number, (x, y) in enumerate(spots):
-        place = Scene(indenter, Pose(x, y))
+    for number, scene in enumerate(deep):
+        place = replace(scene, pose=replace(scene.pose, depth=0.0))
         station.look_at_rest()
         find_touch(station, first=number == 0, scene=place)
         tool = station.geometry.tool_pose(place)
         places.append(tool[:2])
         heights.append(tool[2])
-        pressed = station.press(replace(place, pose=replace(place.pose, depth=depth)))
+        pressed = station.press(scene)
         seen.append(middle_of(pressed.judged.image, rest.mean))
         advance(1)
     reach = station.settings.sensor.dome_radius_mm + indenter.radius

@@ -8,6 +8,7 @@ from tactibench_tactip.station import Pressed, Station
 
 def one_press(station: Station, scene: Scene) -> tuple[Pressed, str]:
     """The press, and why its frame cannot be kept, "" when it can. Raises as ``Station.press``."""
+    station.demand_undeformed()
     pressed = station.press(scene)
     reason = pressed.judged.reason
     if not station.looks_undeformed(pressed.judged.image) and not reason:

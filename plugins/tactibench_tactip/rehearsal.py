@@ -72,15 +72,12 @@ def rehearse(
     arguments of the robot's emulator.
     """
     rig = _rig(settings, hidden)
-    world = World(
-        simulated(sensor, **(parameters or {})),
-        rig,
-        envelope=envelope_of(settings.envelope),
-        time_scale=time_scale,
-        faults=faults,
-    )
     with ExitStack() as stack:
-        stack.enter_context(world)
+        shown = stack.enter_context(simulated(sensor, **(parameters or {})))
+        world = stack.enter_context(World(
+            shown, rig, envelope=envelope_of(settings.envelope), time_scale=time_scale,
+            faults=faults,
+        ))  # fmt: skip
         camera = stack.enter_context(CameraEmulator(world, fps=fps, stream=stream))
         emulated: Any
         if settings.robot.driver == "grbl":

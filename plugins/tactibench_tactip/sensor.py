@@ -10,8 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from tactibench import Frame, Pose, Scene, SensorContext, UserError, __version__
-from tactibench.lab import Press
-from tactibench_tactip.collecting.plan import Plan, check, eased, fits, words
+from tactibench_tactip.collecting.plan import check_scenes, eased, fits, words
 from tactibench_tactip.configuration import read_settings
 from tactibench_tactip.failures import DeviceError
 from tactibench_tactip.lab_press import one_press
@@ -109,5 +108,5 @@ class TacTip:
                 f"{words(self.settings.indenter.indenter())}; change the indenter and [indenter], "
                 "or collect with `tactibench hw collect`."
             )
-        plan = Plan("the scene", (Press(0, "it", scene),), {})
-        check(plan, self.settings, station.geometry, turns=station.owner.robot.turns)
+        turns = station.owner.robot.turns
+        check_scenes("the scene", [scene], self.settings, station.geometry, turns=turns)

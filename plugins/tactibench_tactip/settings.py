@@ -194,6 +194,12 @@ class Settings(_Table):
     timing: TimingKeys = TimingKeys()
     safety: SafetyKeys = SafetyKeys()
 
+    def slowed(self, scale: float) -> Settings:
+        """The same with all speeds times scale."""
+        names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
+        slow = {name: scale * getattr(self.robot, name) for name in names}
+        return self.model_copy(update={"robot": self.robot.model_copy(update=slow)})
+
     def lasting(self) -> dict[str, Any]:
         """What must stay the same when a collection goes on: all that decides on frames and labels.
 

@@ -14,7 +14,7 @@ from tactibench import Scene, UserError
 from tactibench_tactip.camera.driver import Camera, Shot
 from tactibench_tactip.camera.gate import Judged, Reference, count_pins, judge
 from tactibench_tactip.camera.source import Image
-from tactibench_tactip.failures import RobotError
+from tactibench_tactip.failures import CameraError, RobotError, StopNowError
 from tactibench_tactip.geometry.envelope import outside
 from tactibench_tactip.geometry.press import PressGeometry
 from tactibench_tactip.motion import press_moves
@@ -32,6 +32,8 @@ LOOKS = 3
 SAME_MM = 0.05
 """The tool may move by while frames are taken."""
 RELAXED = 0.3
+RELAXING_S = 5.0
+"""Host seconds for a skin to come back, and for a camera to show it."""
 LONG_S = 60.0
 
 
@@ -71,6 +73,7 @@ class Station:
         )
         self.rest: Reference | None = None
         self._pressing: Scene | None = None
+        self._still_seen: Image | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -91,7 +94,15 @@ class Station:
         trace: TracebackType | None,
     ) -> None:
         with self._stack:
-            self.withdraw()
+            try:
+                left = self.withdraw()
+            except StopNowError:
+                left = "the robot was stopped again; the tool was left where it is"
+            if left and self._pressing is not None:
+                told = f"{left}, at a press: look before anything moves."
+                if error is None:
+                    raise RobotError(told)
+                error.add_note(told)
 
     def do(self, job: Callable[[Mover], T], expected_s: float = LONG_S) -> T:
         """Let the robot's thread do a job; expected_s: device seconds."""
@@ -104,10 +115,10 @@ class Station:
 
     def withdraw(self) -> str:
         """Stop, and retract where the robot is normal. Returns why it was left as it is, or ""."""
-        self.owner.halt.clear()
         scene = self._pressing
 
         def back(mover: Mover) -> str:
+            self.owner.halt.clear()  # here: jobs before this one have seen it
             mover.stop()
             state = mover.state()
             if not state.normal:
@@ -123,6 +134,12 @@ class Station:
         if not left:
             self._pressing = None
         return left
+
+    def draw_back(self) -> None:
+        """Withdraw. Raises RobotError when the tool was left where it is."""
+        left = self.withdraw()
+        if left:
+            raise RobotError(f"{left}.")
 
     def make_room(self) -> None:
         """Go up as far as the envelope allows, so that somebody can change the indenter."""
@@ -165,13 +182,24 @@ class Station:
             raise
         self._pressing = None
 
+    def way(self, scene: Scene) -> press_moves.Way:
+        """Where a press goes. Raises UserError for one deeper than ``sensor.deepest_mm``."""
+        deepest = self.settings.sensor.deepest_mm
+        if scene.pose.depth > deepest:
+            raise UserError(
+                f"a press of {scene.pose.depth:.2f} mm was asked for, sensor.deepest_mm allows "
+                f"{deepest:g} mm; nothing was moved."
+            )
+        return press_moves.way(scene, self.geometry, self.settings)
+
     def press(self, scene: Scene) -> Pressed:
-        """Press once, take frames, go back. Raises RobotError, CameraError, StopNowError."""
+        """Press once, take frames, go back. Raises RobotError, CameraError, StopNowError, and
+        UserError as ``way``."""
         rest = self.rest or self.look_at_rest()
-        trip = press_moves.way(scene, self.geometry, self.settings)
+        trip = self.way(scene)
         expected = press_moves.seconds(trip, self.settings, 30.0)
         with self.at(scene):
-            settled_ns, before, state = self.do(lambda m: self._down(m, trip), expected)
+            settled_ns, before, state = self.do(lambda m: self._settle(m, trip), expected)
             reached = self.geometry.reached(scene, before)
             shots, judged, looks = self._frames_of(settled_ns, rest, reached.pose.depth)
             after = self.do(lambda m: m.pose())
@@ -204,11 +232,24 @@ class Station:
         press: a camera that still shows it lags behind, a skin creeps back."""
         rest = self.rest or self.look_at_rest()
         most = rest.change + max(0.3, RELAXED * (rest.change_of(press) - rest.change))
+        self._still_seen = press
         for _ in range(LOOKS):
             shot = self.camera.after(time.monotonic_ns(), 1)[0]
             if rest.change_of(shot.image) <= most:
+                self._still_seen = None
                 return True
         return False
+
+    def demand_undeformed(self) -> None:
+        """Wait for a press that was still seen after it to be gone, before the next one: a camera
+        that shows old frames must not show them there. Raises CameraError after RELAXING_S."""
+        end = time.monotonic() + RELAXING_S
+        while self._still_seen is not None and not self.looks_undeformed(self._still_seen):
+            if time.monotonic() > end:
+                raise CameraError(
+                    f"frames still show a contact {RELAXING_S:g} s after it: the camera lags, or "
+                    "the skin sticks; look at both, then go on with the same command."
+                )
 
     def _enter(self, mover: Mover) -> None:
         """Refuse to start where a straight way up is not known to be free."""
@@ -223,13 +264,19 @@ class Station:
             )
         press_moves.raise_straight(mover, self.geometry, self.settings)
 
-    def _down(self, mover: Mover, trip: press_moves.Way) -> tuple[int, Pose6, RobotState]:
+    def down(self, mover: Mover, trip: press_moves.Way) -> int:
+        """A job: the descent of a press, which too much force or a camera without frames stops.
+        Returns when it ended, ns on the clock of the frames. Raises as ``Mover.go``."""
         force = press_moves.force_guard(mover, self.settings.envelope.max_force_n)
 
         def guard(pose: Pose6) -> str:
             return force(pose) or ("" if self.camera.alive() else "the camera gives no frames")
 
         press_moves.descend(mover, trip, guard)
+        return time.monotonic_ns()
+
+    def _settle(self, mover: Mover, trip: press_moves.Way) -> tuple[int, Pose6, RobotState]:
+        self.down(mover, trip)
         mover.rest(self.settings.timing.settle_s)
         return time.monotonic_ns(), mover.pose(), mover.state()
 

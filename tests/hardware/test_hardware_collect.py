@@ -210,6 +210,53 @@ def test_bad_frames_are_tried_again_and_then_marked(lab: Lab) -> None:
     assert all(sample.attempt == 2 for sample in dataset.samples)
 
 
+class Sticking(FakeCapture):
+    """Shows a press for so many frames after it is gone."""
+
+    frames, left, last = 25, 0, 0.0
+
+    def depth(self) -> float:
+        depth = super().depth()
+        if depth > 0.0:
+            self.left, self.last = self.frames, depth
+        elif self.left > 0:
+            self.left -= 1
+            return self.last
+        return depth
+
+
+def test_a_press_waits_until_the_one_before_is_gone(lab: Lab) -> None:
+    sticking = Sticking(lab.robot)
+    lab.capture = sticking
+    begun: list[int] = []  # frames left, at every move of a tool that touches nothing
+
+    def look(robot: FakeRobot) -> None:
+        robot.fails = lambda _: begun.append(sticking.left) if robot.depth() == 0.0 else None
+
+    lab.prepare = look
+    lab.settings = make_settings(
+        contact={"method": "fixed", "fixed_mm": TRUE_Z0}, safety={"give_up": 9}
+    )
+    assert lab.collect().bad == COUNT
+    samples = open_dataset(lab.folder).samples
+    assert all("still shows a contact" in sample.extra["reason"] for sample in samples)
+    assert set(begun) == {0}
+
+
+def test_a_camera_that_lags_for_good_ends_the_session(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tactibench_tactip import station
+
+    monkeypatch.setattr(station, "RELAXING_S", 0.05)
+    sticking = Sticking(lab.robot)
+    sticking.frames = 10**9
+    lab.capture = sticking
+    with pytest.raises(UserError, match=r"still show a contact .* the camera lags"):
+        lab.collect()
+    assert lab.ids() == []
+
+
 def test_an_indenter_that_is_not_mounted_waits(lab: Lab) -> None:
     what = plan(indenter=Indenter.dual(9.0))
     report = lab.collect(what)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tactibench import UserError
 from tactibench.cli.main import call
+from tactibench_tactip.commands.common import devices
 from tactibench_tactip.commands.group import VERBS
 from tactibench_tactip.configuration import read_settings
 from tactibench_tactip.example import example
+from tactibench_tactip.settings import Settings
 
 Said = Callable[[], str]
 
@@ -67,6 +72,25 @@ def test_emulate_writes_a_configuration_once(
     assert "is there already" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("driver", ["ur", "grbl"])
+def test_emulate_prints_a_configuration_that_can_be_read(
+    driver: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("quit\n"))
+    assert call(["hw", "emulate", "--driver", driver]) == 0
+    settings = Settings.model_validate(tomllib.loads(capsys.readouterr().out))
+    assert settings.robot.watchdog_hz == 10.0
+    assert settings.robot.driver == driver
+
+
+def test_a_note_at_an_error_is_told(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    error = UserError("it failed.")
+    error.add_note("the tool was left where it is")
+    with pytest.raises(UserError), devices(lab, False, 1.0):
+        raise error
+    assert capsys.readouterr().err == "the tool was left where it is\n"
+
+
 def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, figures = tmp_path / "plan.png", tmp_path / "plan.json"
     arguments = ["hw", "plan", str(plan_file(tmp_path)), "--config", str(lab)]
@@ -104,7 +128,7 @@ def test_a_plan_that_cannot_be_pressed_is_refused_before_any_device(
 def test_the_sensor_needs_a_configuration(capsys: pytest.CaptureFixture[str]) -> None:
     import numpy as np
 
-    from tactibench import SensorContext, UserError, open_sensor
+    from tactibench import SensorContext, open_sensor
 
     sensor = open_sensor("tactip", SensorContext(np.random.SeedSequence(0)), {})
     with pytest.raises(UserError, match=r"sensor.config=FILE.toml"):
@@ -116,7 +140,7 @@ def test_the_sensor_needs_a_configuration(capsys: pytest.CaptureFixture[str]) ->
 def test_the_sensor_describes_itself_while_closed(lab: Path) -> None:
     import numpy as np
 
-    from tactibench import Indenter, Pose, Scene, SensorContext, UserError, open_sensor
+    from tactibench import Indenter, Pose, Scene, SensorContext, open_sensor
 
     context = SensorContext(np.random.SeedSequence(0))
     sensor = open_sensor("tactip", context, {"config": str(lab)})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
@@ -42,11 +43,11 @@ def finish(robot: Any) -> None:
         robot.tick()
 
 
+@pytest.mark.skipif(
+    find_spec("serial") is None,
+    reason="pyserial is not installed: pip install tactibench[serial]",
+)
 class TestGrbl:
-    pytest.importorskip(
-        "serial", reason="pyserial is not installed: pip install tactibench[serial]"
-    )
-
     @pytest.fixture
     def stage(self, world: World) -> Iterator[GrblEmulator]:
         with GrblEmulator(world, link="socket", settings=RATES) as found:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tactibench import UserError
 from tactibench_tactip.calibration import fit_centre, fit_yaw
 from tactibench_tactip.camera.driver import Camera
+from tactibench_tactip.failures import TrippedError
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch.ramp import onset, projections
@@ -58,6 +59,21 @@ def test_nothing_there_is_said(station: Station, capture: FakeCapture, robot: Fa
     with camera_of(station), station:
         with pytest.raises(NoTouchError, match=r"3\.0 mm before.*contact.travel_mm"):
             find_touch(station, first=True)
+        assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
+
+
+def test_a_force_that_grows_with_the_steps_ends_a_search(
+    make: Callable[..., Settings], robot: FakeRobot, camera: Camera, capture: FakeCapture
+) -> None:
+    """Two newtons a step, which alone are allowed, and nothing in the image."""
+    capture.robot, robot.stiffness = None, 20.0
+    station = Station(make(envelope={"max_force_n": 5.0}), robot, camera)
+    deepest: list[float] = []
+    robot.fails = lambda _: deepest.append(robot.depth())
+    with camera, station:
+        with pytest.raises(TrippedError, match="max_force_n"):
+            find_touch(station, first=True)
+        assert max(deepest) < 0.4
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1
 
 

@@ -22,8 +22,6 @@ Open = Callable[[CameraKeys], Any]
 MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
 """Of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
 3 aperture priority); other backends keep the normalised values of OpenCV 3."""
-FLAT_DRIFT = 0.02
-"""Share by which the brightness may differ between two seconds of an undeformed sensor."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from tactibench_tactip.collecting.collector import Collector, Mount, Report
 from tactibench_tactip.collecting.header import check_same_sensor, header_of
 from tactibench_tactip.collecting.plan import Plan
 from tactibench_tactip.collecting.stops import Stops
-from tactibench_tactip.failures import RobotLostError
+from tactibench_tactip.failures import RobotLostError, StopNowError
 from tactibench_tactip.geometry.press import PressGeometry
 from tactibench_tactip.robots.connect import robot_of
 from tactibench_tactip.settings import Settings
@@ -41,12 +41,14 @@ def collect(
     advance: Callable[[int], None] = lambda _: None,
     mount: Mount = nobody,
     entered: Callable[[Station], None] = lambda _: None,
+    speed_scale: float = 1.0,
 ) -> Report:
     """Make the presses of a plan that the folder has not, and close it when it has them all.
 
     In this order: the plan is checked, the camera opened and its settings compared with those of
     the data set, the robot connected; only then something moves. entered: told of the station.
-    Raises UserError.
+    speed_scale: of this session's motion; the data set's configuration stays what it is. Raises
+    UserError.
     """
     if _complete(folder, plan):
         advance(len(plan))
@@ -70,9 +72,10 @@ def collect(
         lost = 0
         while True:
             before = len(writer.done)
+            station = Station(settings.slowed(speed_scale), robot, camera)
+            stops.stop = station.stop_now
             try:
-                with Station(settings, robot, camera) as station:
-                    stops.stop = station.stop_now
+                with station:
                     entered(station)
                     if writer.done:
                         rest = open_dataset(folder, repair=False).rest
@@ -81,6 +84,9 @@ def collect(
                         station, plan, writer, report=report, told=told, advance=advance,
                         asked_to_end=stops.asked.is_set, mount=mount,
                     ).run()  # fmt: skip
+                break
+            except StopNowError:  # before the first press
+                report.interrupted, report.left = True, len(plan) - len(writer.done)
                 break
             except RobotLostError as error:
                 writer.event("lost", reason=str(error))

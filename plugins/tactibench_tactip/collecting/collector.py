@@ -94,6 +94,7 @@ class Collector:
         self.report.unmounted = 0
         self.writer.event(
             "session", session=self._session, todo=len(todo),
+            press_mm_s=self.settings.robot.press_mm_s,
             robot=self.station.owner.robot.describe(),
         )  # fmt: skip
         try:

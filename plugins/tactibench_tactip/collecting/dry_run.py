@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 
 from tactibench import UserError
@@ -10,7 +11,6 @@ from tactibench.lab import Press
 from tactibench_tactip.collecting.plan import Plan, check, eased
 from tactibench_tactip.collecting.stops import Stops
 from tactibench_tactip.failures import StopNowError
-from tactibench_tactip.motion import press_moves
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 
@@ -26,28 +26,21 @@ def dry_run(
             "clearance; take less."
         )
     done = 0
-    with Station(settings) as station:
-        stops = Stops(lambda _: None)
-        stops.stop = station.stop_now
-        station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
-        plan = Plan("dry run", tuple(presses), {})
-        check(plan, settings, station.geometry, turns=station.owner.robot.turns)
-        with stops.installed():
-            for press in presses:
-                if stops.asked.is_set():
-                    break
-                scene = eased(press.scene)
-                trip = press_moves.way(scene, station.geometry, settings)
-                try:
-                    with station.at(scene):
-                        station.do(partial(press_moves.descend, trip=trip, guard=_free))
-                        station.withdraw()
-                except StopNowError:
-                    break
-                done += 1
-                advance(1)
+    station = Station(settings)
+    station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
+    plan = Plan("dry run", tuple(presses), {})
+    check(plan, settings, station.geometry, turns=station.owner.robot.turns)
+    stops = Stops(lambda _: None)
+    stops.stop = station.stop_now
+    with suppress(StopNowError), stops.installed(), station:
+        for press in presses:
+            if stops.asked.is_set():
+                break
+            scene = eased(press.scene)
+            trip = station.way(scene)
+            with station.at(scene):
+                station.do(partial(station.down, trip=trip))
+                station.draw_back()
+            done += 1
+            advance(1)
     return done
-
-
-def _free(_: object) -> str:
-    return ""

@@ -130,6 +130,14 @@ def check(plan: Plan, settings: Settings, geometry: PressGeometry, *, turns: boo
         )
 
 
+def check_scenes(
+    what: str, scenes: Iterable[Scene], settings: Settings, geometry: PressGeometry, *, turns: bool
+) -> None:
+    """The same for presses of no protocol."""
+    presses = tuple(Press(k, f"press {k + 1}", scene) for k, scene in enumerate(scenes))
+    check(Plan(what, presses, {}), settings, geometry, turns=turns)
+
+
 def _wrong(scene: Scene, settings: Settings, geometry: PressGeometry, turns: bool) -> str:
     deepest = settings.sensor.deepest_mm
     if scene.pose.depth > deepest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Any, Literal
 
 from tactibench import Scene
@@ -13,37 +14,38 @@ from tactibench_tactip.station import Pressed
 
 Outcome = Literal["ok", "bad_frame", "no_contact", "aborted"]
 
+NOTHING = MappingProxyType(
+    {
+        "draw": "",
+        "outcome": "",
+        "reason": "",
+        "depth_cmd_mm": 0.0,
+        "depth_meas_mm": 0.0,
+        "z0_mm": 0.0,
+        "z0_method": "",
+        "pose_cmd": (),
+        "pose_meas_before": (),
+        "pose_meas_after": (),
+        "force_n": (),
+        "t_settle_ns": 0,
+        "robot_timestamp": (),
+        "frames_median": 0,
+        "looks": 0,
+        "brightness_mean": 0.0,
+        "brightness_std": 0.0,
+        "saturated": 0.0,
+        "n_pins": -1,
+    }
+)
+"""Every key of ``extra``, in its order: each has this type in every row."""
+
 
 def draft_of(
     press: Press, pressed: Pressed, *, session: str, attempt: int, method: str, reason: str
 ) -> Draft:
-    """The sample of a press that came to its end; reason: why its frame is bad, "" when it is not.
-
-    Every key of ``extra`` has the same type in every row.
-    """
-    judged = pressed.judged
-    force = pressed.state.force_n
-    extra: dict[str, Any] = {
-        "draw": press.draw,
-        "outcome": "bad_frame" if reason else "ok",
-        "reason": reason,
-        "depth_cmd_mm": float(press.scene.pose.depth),
-        "depth_meas_mm": pressed.scene.pose.depth,
-        "z0_mm": pressed.z0,
-        "z0_method": method,
-        "pose_cmd": _floats(pressed.commanded),
-        "pose_meas_before": _floats(pressed.before),
-        "pose_meas_after": _floats(pressed.after),
-        "force_n": [] if force is None else [float(value) for value in force],
-        "t_settle_ns": pressed.settled_ns,
-        "robot_timestamp": [] if pressed.state.time_s is None else [pressed.state.time_s],
-        "frames_median": len(pressed.frames),
-        "looks": pressed.looks,
-        "brightness_mean": judged.brightness,
-        "brightness_std": judged.contrast,
-        "saturated": judged.saturated,
-        "n_pins": judged.pins,
-    }
+    """The sample of a press that came to its end; reason: why its frame is bad, "" when it is
+    not."""
+    judged, state = pressed.judged, pressed.state
     return Draft(
         judged.image,
         press.id,
@@ -51,7 +53,26 @@ def draft_of(
         press=press.name,
         session=session,
         t_frame_ns=judged.t_ns,
-        extra=extra,
+        extra=_extra(
+            press,
+            outcome="bad_frame" if reason else "ok",
+            reason=reason,
+            depth_meas_mm=pressed.scene.pose.depth,
+            z0_mm=pressed.z0,
+            z0_method=method,
+            pose_cmd=_floats(pressed.commanded),
+            pose_meas_before=_floats(pressed.before),
+            pose_meas_after=_floats(pressed.after),
+            force_n=[] if state.force_n is None else [float(value) for value in state.force_n],
+            t_settle_ns=pressed.settled_ns,
+            robot_timestamp=[] if state.time_s is None else [state.time_s],
+            frames_median=len(pressed.frames),
+            looks=pressed.looks,
+            brightness_mean=judged.brightness,
+            brightness_std=judged.contrast,
+            saturated=judged.saturated,
+            n_pins=judged.pins,
+        ),
         status="bad" if reason else "ok",
         attempt=attempt,
     )
@@ -62,32 +83,22 @@ def aborted_draft(
     attempt: int, z0: float, method: str,
 ) -> Draft:  # fmt: skip
     """The sample of a press that was given up; its image is of the undeformed sensor."""
-    nothing: list[float] = []
-    extra: dict[str, Any] = {
-        "draw": press.draw,
-        "outcome": outcome,
-        "reason": reason,
-        "depth_cmd_mm": float(press.scene.pose.depth),
-        "depth_meas_mm": 0.0,
-        "z0_mm": z0,
-        "z0_method": method,
-        "pose_cmd": nothing,
-        "pose_meas_before": nothing,
-        "pose_meas_after": nothing,
-        "force_n": nothing,
-        "t_settle_ns": 0,
-        "robot_timestamp": nothing,
-        "frames_median": 0,
-        "looks": 0,
-        "brightness_mean": float(image.mean()),
-        "brightness_std": float(image.std()),
-        "saturated": 0.0,
-        "n_pins": -1,
-    }
+    extra = _extra(
+        press, outcome=outcome, reason=reason, z0_mm=z0, z0_method=method,
+        brightness_mean=float(image.mean()), brightness_std=float(image.std()),
+    )  # fmt: skip
     return Draft(
         image, press.id, scene, press=press.name, session=session, extra=extra, status="bad",
         attempt=attempt,
     )  # fmt: skip
+
+
+def _extra(press: Press, **found: Any) -> dict[str, Any]:
+    """What was found of a press, and nothing for the rest."""
+    known = {"draw": press.draw, "depth_cmd_mm": float(press.scene.pose.depth), **found}
+    assert known.keys() <= NOTHING.keys(), "keys of extra"  # noqa: S101
+    empty = {key: [] if value == () else value for key, value in NOTHING.items()}
+    return empty | known
 
 
 def _floats(pose: Pose6) -> list[float]:

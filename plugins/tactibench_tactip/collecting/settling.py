@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from tactibench import Pose, Scene
 from tactibench_tactip.geometry.frames import Array
 from tactibench_tactip.motion import press_moves
-from tactibench_tactip.motion.mover import Mover
+from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 
 MEAN_OF = 5
@@ -39,20 +38,22 @@ class Settling:
         return float(self.times[min(loud[-1] + 1, len(self.times) - 1)])
 
 
+def held(settings: Settings, depth: float) -> Scene:
+    """The press that is held: at the apex, mm deep."""
+    return Scene(settings.indenter.indenter(), Pose(depth=depth))
+
+
 def measure_settling(station: Station, depth: float, seconds: float) -> Settling:
-    """Press at the apex, hold, and look at every frame. Raises RobotError, CameraError."""
+    """Press at the apex, hold, and look at every frame. Raises RobotError, CameraError, and
+    UserError as ``Station.way``."""
     settings = station.settings
-    scene = Scene(settings.indenter.indenter(), Pose(depth=depth))
-    trip = press_moves.way(scene, station.geometry, settings)
+    scene = held(settings, depth)
+    trip = station.way(scene)
     scale = settings.robot.time_scale
     count = max(3 * MEAN_OF, int(seconds / scale / station.camera.period_s))
 
-    def down(mover: Mover) -> int:
-        press_moves.descend(mover, trip, lambda _: "")
-        return time.monotonic_ns()
-
     with station.at(scene):
-        begun = station.do(down)
+        begun = station.do(lambda m: station.down(m, trip))
         shots = station.camera.fresh(begun, count)
         station.do(lambda m: press_moves.withdraw(m, scene, station.geometry, settings))
     images = np.stack([shot.image for shot in shots]).astype(np.float32)

@@ -63,10 +63,10 @@ def command(
 
     with devices(config, emulate, time_scale) as (settings, rehearsed):
         plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
-        settings = _slower(settings, speed_scale)
+        slow = settings.slowed(speed_scale)
         if dry_run_height is not None:
-            return _dry_run(settings, plan.presses, dry_run_height)
-        left = hours(estimate_s(plan.presses, settings))
+            return _dry_run(slow, plan.presses, dry_run_height)
+        left = hours(estimate_s(plan.presses, slow))
         click.echo(f"{len(plan):,} presses of {presses}, about {left} of a robot's time", err=True)
         with bar("press", len(plan)) as advance:
             report = collect(
@@ -74,19 +74,10 @@ def command(
                 told=lambda text: click.echo(text, err=True),
                 mount=lambda indenter, n: _mount(rehearsed, indenter, n),
                 entered=lambda station: _entered(rehearsed, settings, station),
+                speed_scale=speed_scale,
             )  # fmt: skip
     _write(json_file, report)
     return _told(report, out)
-
-
-def _slower(settings: Settings, scale: float) -> Settings:
-    """Speeds of this session alone: the data set's configuration stays what it is."""
-    if scale == 1.0:
-        return settings
-    keys = settings.robot
-    names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
-    slow = keys.model_copy(update={name: scale * getattr(keys, name) for name in names})
-    return settings.model_copy(update={"robot": slow})
 
 
 def _entered(rehearsed: Rehearsed | None, settings: Settings, _station: Station) -> None:

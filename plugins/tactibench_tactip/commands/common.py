@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -46,13 +45,27 @@ def devices(
 
     settings = read_settings(config)
     if not emulate:
-        yield settings, None
+        with notes_told():
+            yield settings, None
         return
     from tactibench_tactip.rehearsal import rehearse
 
     click.echo(f"emulated, {time_scale:g} times as fast as real; no device is opened", err=True)
-    with rehearse(settings, time_scale=time_scale, **more) as rehearsed:
+    with notes_told(), rehearse(settings, time_scale=time_scale, **more) as rehearsed:
         yield rehearsed.settings, rehearsed
+
+
+@contextmanager
+def notes_told() -> Iterator[None]:
+    """Say what was noted at an error of which otherwise one sentence is shown."""
+    from tactibench import UserError
+
+    try:
+        yield
+    except (UserError, OSError, KeyboardInterrupt) as error:
+        for note in getattr(error, "__notes__", ()):
+            click.echo(note, err=True)
+        raise
 
 
 def print_rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -67,9 +80,10 @@ def write_figures(path: Path | None, rows: Sequence[tuple[str, str, Any, str]]) 
     """(metric, group, value, unit) as the other verbs write them; no file: nothing."""
     if path is None:
         return
+    from tactibench.lab import write_json
+
     keys = ("metric", "group", "value", "unit")
-    text = json.dumps([dict(zip(keys, row, strict=True)) for row in rows], indent=1)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_json(path, [dict(zip(keys, row, strict=True)) for row in rows])
 
 
 def hours(seconds: float) -> str:

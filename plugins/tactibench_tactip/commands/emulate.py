@@ -10,6 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from tactibench_tactip.rehearsal import Rehearsed
+    from tactibench_tactip.settings import Settings
 
 HELP = """what can be typed here:
   mount single | mount dual 11.5 | mount triple 0 1.5 3
@@ -61,7 +62,7 @@ def command(
     else:
         settings = read_settings(config)
     with rehearse(settings, time_scale=time_scale, sensor=sensor, fps=fps) as rehearsed:
-        click.echo(_toml(rehearsed.settings))
+        click.echo(_toml(_for_others(rehearsed.settings, settings)))
         click.echo(HELP, err=True)
         _converse(rehearsed)
 
@@ -114,6 +115,12 @@ def _done(rehearsed: Rehearsed, words: list[str]) -> str:
             return HELP
     world.mount(keys.indenter())
     return f"mounted: {' '.join(words[1:])}"
+
+
+def _for_others(found: Settings, given: Settings) -> Settings:
+    """The rehearsal's own watchdog is slower than a configuration may ask for."""
+    keys = found.robot.model_copy(update={"watchdog_hz": given.robot.watchdog_hz})
+    return found.model_copy(update={"robot": keys})
 
 
 def _toml(settings: object) -> str:

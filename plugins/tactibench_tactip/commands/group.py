@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from importlib import import_module
 
 import click
@@ -30,10 +29,9 @@ class Verbs(click.Group):
     def get_command(self, _ctx: click.Context, name: str) -> click.Command | None:
         if name not in VERBS:
             from tactibench import UserError
+            from tactibench.lab import did_you_mean
 
-            close = difflib.get_close_matches(name, VERBS, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(VERBS)}."
-            raise UserError(f"unknown command 'hw {name}'; {hint}")
+            raise UserError(f"unknown command 'hw {name}'; {did_you_mean(name, VERBS)}")
         module = import_module(f"tactibench_tactip.commands.{VERBS[name][0]}")
         command: click.Command = module.command
         return command
@@ -52,6 +50,6 @@ def hw() -> None:
     tactibench hw collect exp1 --config lab.toml --emulate --count 20 --out data/try
     tactibench hw doctor --config lab.toml              then the real devices
 
-    Every verb takes --emulate to rehearse on emulators. Limits of a configuration are no safety
-    function: see docs/hardware.md.
+    Verbs that open devices take --emulate to rehearse on emulators. Limits of a configuration are
+    no safety function: see docs/hardware.md.
     """

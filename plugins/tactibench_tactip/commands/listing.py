@@ -14,7 +14,8 @@ from tactibench_tactip.commands.common import print_rows
 def command() -> None:
     """List cameras and serial ports, and which drivers are installed."""
     rows = [("camera", str(path), path.resolve().name) for path in _cameras()]
-    rows += _ports()
+    rows = rows or [("camera", "none found", "")]
+    rows += _ports() or [("serial port", "none found", "")]
     rows += [
         ("driver", name, "installed" if find_spec(module) else f"missing: pip install "
          f"'tactibench[{extra}]'{more}")

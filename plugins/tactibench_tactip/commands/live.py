@@ -19,6 +19,7 @@ from tactibench_tactip.commands.common import (
 
 if TYPE_CHECKING:
     from tactibench_tactip.live.loop import Latency, Seen
+    from tactibench_tactip.live.presses import Presses
 
 
 @click.command("live")
@@ -62,6 +63,7 @@ def command(
         untrained=untrained,
     )  # fmt: skip
     with devices(config, emulate, time_scale if press else 1.0) as (settings, _), ExitStack() as at:
+        presses: Presses | None = None
         if press:
             from tactibench_tactip.live.presses import Presses
 
@@ -73,7 +75,10 @@ def command(
             camera = at.enter_context(Camera(settings.camera))
             rest = Reference.of(camera.fresh(time.monotonic_ns(), 20)).image
         show = _Shown(at, rest, label, serve, port, out)
-        found = watch(camera, reader, rest, frames, show)
+        found = watch(
+            camera, reader, rest, frames,
+            lambda seen: show(seen) and not (presses is not None and presses.failed),
+        )  # fmt: skip
     show.end()
     _told(found, label, untrained, json_file)
 

@@ -34,7 +34,7 @@ def command(
 
     from tactibench import UserError
     from tactibench.datasets.v1 import open_dataset
-    from tactibench_tactip.collecting.plan import fits
+    from tactibench_tactip.collecting.plan import check_scenes, eased, fits
     from tactibench_tactip.lab_press import one_press
     from tactibench_tactip.station import Station
     from tactibench_tactip.touch.search import find_touch
@@ -51,12 +51,15 @@ def command(
             raise UserError(f"{folder} has no good sample of the indenter that is mounted.")
         few = min(count, len(usable))
         picked = [usable[(2 * k + 1) * len(usable) // (2 * few)] for k in range(few)]
-        with Station(settings) as station, bar("press", few) as advance:
+        scenes = [eased(sample.scene) for sample in picked if sample.scene is not None]
+        station = Station(settings)
+        turns = station.owner.robot.turns
+        check_scenes(f"{folder}", scenes, settings, station.geometry, turns=turns)
+        with station, bar("press", few) as advance:
             noise = station.look_at_rest().between
             find_touch(station, first=True)
-            for sample in picked:
-                assert sample.scene is not None  # noqa: S101
-                pressed, reason = one_press(station, sample.scene)
+            for sample, scene in zip(picked, scenes, strict=True):
+                pressed, reason = one_press(station, scene)
                 stored = dataset.image(sample)
                 if stored.shape != pressed.judged.image.shape:
                     raise UserError(
@@ -64,7 +67,7 @@ def command(
                         "camera gives others; take the configuration it was recorded with."
                     )
                 change = np.abs(pressed.judged.image.astype(float) - stored).mean()
-                depth = pressed.scene.pose.depth - sample.scene.pose.depth
+                depth = pressed.scene.pose.depth - scene.pose.depth
                 rows.append((str(sample.id), f"{change:.2f}", f"{depth:+.3f}", reason))
                 figures.append(("change", str(sample.id), float(change), "grey levels"))
                 advance(1)

@@ -38,14 +38,20 @@ def command(
     Skin and gel creep after a press. timing.settle_s is well chosen when what still changes after
     it is less than the noise of a frame.
     """
-    from tactibench_tactip.collecting.settling import draw_settling, measure_settling
+    from tactibench_tactip.collecting.plan import check_scenes
+    from tactibench_tactip.collecting.settling import draw_settling, held, measure_settling
     from tactibench_tactip.station import Station
     from tactibench_tactip.touch.search import find_touch
 
-    with devices(config, emulate, time_scale) as (settings, _), Station(settings) as station:
-        station.look_at_rest()
-        find_touch(station, first=True)
-        found = measure_settling(station, depth, seconds)
+    with devices(config, emulate, time_scale) as (settings, _):
+        station = Station(settings)
+        turns = station.owner.robot.turns
+        scenes = [held(settings, depth)]
+        check_scenes("the test", scenes, settings, station.geometry, turns=turns)
+        with station:
+            station.look_at_rest()
+            find_touch(station, first=True)
+            found = measure_settling(station, depth, seconds)
         scale = settings.robot.time_scale
     rows = [(f"{t:.2f}", f"{found.change_at(t):.3f}")
             for t in (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0) if t <= seconds]  # fmt: skip

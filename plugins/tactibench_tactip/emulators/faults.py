@@ -21,7 +21,7 @@ FAULTS = MappingProxyType(
         "alarm-1": "hard limit: motion stops at once, position lost",
         "alarm-2": "soft limit: motion stops, position kept",
         "alarm-3": "reset while moving: position lost, banner",
-        "alarm-5": "the next probe meets nothing, wherever the surface is",
+        "alarm-5": "the next ``value`` probes meet nothing, wherever the surface is (default 1)",
         "no-ok": "the next ``value`` lines get no answer (default 1)",
         "garbled-line": "the next answer is damaged on its way",
         "unplug": "the port goes away",
@@ -29,7 +29,7 @@ FAULTS = MappingProxyType(
         # Camera
         "camera-stall": "no frame for ``value`` s (default: for ever); the connection stays",
         "camera-drop": "the connection closes; a new one is served",
-        "stale-frames": "for ``value`` s (default 2) frames are those of the moment it began",
+        "stale-frames": "for ``value`` s (default 2) the frame of the moment it began is repeated",
         "black-frames": "for ``value`` s (default 2) frames are black",
         "brightness-jump": "from now on frames are ``value`` grey levels brighter (default 40)",
         "pin-loss": "from now on ``value`` pins are missing (default 5)",

@@ -6,6 +6,8 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from tactibench_tactip.emulators.poses import Array, Pose6
 
 
@@ -23,14 +25,13 @@ class Envelope:
     tilt: float = 45.0
     slack_mm: float = 1e-3
 
-    def holds(self, m: Array) -> bool:
-        """Whether a (4, 4) pose in the work frame lies inside."""
-        slack = self.slack_mm
-        inside = all(
-            low - slack <= value <= high + slack
-            for value, (low, high) in zip(m[:3, 3], (self.x, self.y, self.z), strict=True)
-        )
-        return inside and float(m[2, 2]) >= math.cos(math.radians(self.tilt)) - 1e-6
+    def holds(self, poses: Array) -> bool:
+        """Whether all of (N, 4, 4) poses in the work frame lie inside."""
+        low, high = np.transpose([self.x, self.y, self.z])
+        places = poses[:, :3, 3]
+        inside = (places >= low - self.slack_mm) & (places <= high + self.slack_mm)
+        upright = poses[:, 2, 2] >= math.cos(math.radians(self.tilt)) - 1e-6
+        return bool(inside.all() and upright.all())
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tactibench_tactip.emulators.poses import Array, rotation, rotation_vector
+from tactibench_tactip.emulators.poses import Array, rotation_vector, rotations
 
 
 @dataclass(frozen=True)
@@ -155,20 +155,15 @@ class Line:
 
     def at(self, way: float) -> Array:
         """(4, 4) after ``way`` mm of its length."""
-        share = min(max(way / self.length, 0.0), 1.0) if self.length > 0 else 1.0
-        out = self.start.copy()
-        out[:3, 3] += share * (self.end[:3, 3] - self.start[:3, 3])
-        if self.angle:
-            out[:3, :3] = self.start[:3, :3] @ rotation(share * self._turn)
-        return out
+        return self.many(np.array([way]))[0]
 
     def many(self, ways: Array) -> Array:
-        """(N, 4, 4) after ``ways`` (N,)."""
-        if self.angle:
-            return np.array([self.at(float(way)) for way in ways])
+        """(N, 4, 4) after ``ways`` (N,); all at once, since a turn of an arm has thousands."""
         share = np.clip(ways / self.length, 0.0, 1.0) if self.length > 0 else np.ones(len(ways))
         out = np.broadcast_to(self.start, (len(ways), 4, 4)).copy()
         out[:, :3, 3] += share[:, None] * (self.end[:3, 3] - self.start[:3, 3])
+        if self.angle:
+            out[:, :3, :3] = self.start[:3, :3] @ rotations(self._turn, share)
         return out
 
 

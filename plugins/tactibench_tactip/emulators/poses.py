@@ -1,4 +1,8 @@
-"""Poses as six numbers, mm and deg, extrinsic xyz, and as 4 x 4 matrices."""
+"""Poses as six numbers, mm and deg, extrinsic xyz, and as 4 x 4 matrices.
+
+Written apart from what the drivers use, on purpose: an emulator that shared it would share its
+mistakes, and agree with them.
+"""
 
 from __future__ import annotations
 
@@ -64,12 +68,18 @@ def to_ur(m: Array) -> Array:
 
 def rotation(vector: Array) -> Array:
     """(3, 3) of a rotation vector, rad."""
+    return rotations(vector, np.ones(1))[0]
+
+
+def rotations(vector: Array, shares: Array) -> Array:
+    """(N, 3, 3) of shares (N,) of a rotation vector, rad."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
-        return np.eye(3)
+        return np.broadcast_to(np.eye(3), (len(shares), 3, 3)).copy()
     x, y, z = vector / angle
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    out: Array = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    turned = (angle * shares)[:, None, None]
+    out: Array = np.eye(3) + np.sin(turned) * cross + (1 - np.cos(turned)) * (cross @ cross)
     return out
 
 

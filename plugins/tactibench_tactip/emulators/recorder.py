@@ -62,8 +62,8 @@ class Recorder:
         if self.envelope is None:
             return True
         line = way.leg.line
-        ways = np.linspace(a, b, 17) if line.angle else (a, b)
-        return all(self.envelope.holds(line.at(float(s))) for s in ways)
+        ways = np.linspace(a, b, 17) if line.angle else np.array([a, b])
+        return self.envelope.holds(line.many(ways))
 
     def _deepen(self, way: Way, a: float, b: float) -> None:
         inner = way.nodes[(way.nodes > a) & (way.nodes < b)]

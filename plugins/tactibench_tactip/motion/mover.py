@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -27,6 +28,8 @@ REACHED_MM, REACHED_DEG = 0.1, 0.2
 OFF_LINE_MM = 2.0
 """How far beside its line the tool may be seen before a move is stopped."""
 STOP_S = 3.0
+PROBE_MM = 0.5
+"""Between two looks at whether to stop, while it probes."""
 
 Guard = Callable[[Pose6], str]
 """Looks at the pose in the work frame during a move; a reason stops it, "" lets it go on."""
@@ -99,14 +102,30 @@ class Mover:
                     "held it."
                 )
 
-    def probe(self, target: Pose6, speed: float) -> Pose6 | None:
-        """Towards a pose in the work frame until a probe's contact closes; None: it did not."""
+    def probe(self, target: Pose6, speed: float, guard: Guard) -> Pose6 | None:
+        """Towards a pose in the work frame until a probe's contact closes; None: it did not.
+
+        In short steps, for the robot answers nothing in one. Raises as ``go``.
+        """
         wrong = outside(self._settings.envelope, target)
-        if wrong or not isinstance(self._robot, Probes):
+        if wrong:
             raise RobotError(f"the probe was to go to {wrong}; nothing was moved.")
-        self._demand_normal()
-        met = self._robot.probe(pose_of(self._work @ matrix(target)), speed)
-        return None if met is None else pose_of(inverse(self._work) @ matrix(met))
+        robot = self._robot
+        assert isinstance(robot, Probes), "asked before"  # noqa: S101
+        start = self.pose()
+        steps = max(1, math.ceil(apart(start, target) / PROBE_MM))
+        for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
+            if self._halt.is_set():
+                raise StopNowError
+            self._demand_normal()
+            reason = guard(self.pose())
+            if reason:
+                raise TrippedError(reason)
+            x, y, z = (a + share * (b - a) for a, b in zip(start[:3], target[:3], strict=True))
+            met = robot.probe(pose_of(self._work @ matrix((x, y, z, *target[3:]))), speed)
+            if met is not None:
+                return pose_of(inverse(self._work) @ matrix(met))
+        return None
 
     def stop(self) -> None:
         """Stop and wait until it stands, at most STOP_S."""

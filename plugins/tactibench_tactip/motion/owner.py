@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -13,17 +14,20 @@ from typing import Any, Self, TypeVar
 from tactibench_tactip.failures import RobotError
 from tactibench_tactip.motion.mover import TICK_S, Mover
 from tactibench_tactip.robots.base import Robot
-from tactibench_tactip.robots.connect import within
+from tactibench_tactip.robots.connect import connect_seconds, within
 from tactibench_tactip.settings import Settings
 
 T = TypeVar("T")
 Job = Callable[[Mover], T]
+LOOK_S = 0.1
+"""Longest wait: a signal that comes just before it is handled when it ends."""
 
 
 class Owner:
     """Connects on entry and lets go on exit. ``do`` hands a job to the robot's thread and waits.
 
-    Raises RobotError when the robot does not answer within ``robot.connect_s``.
+    halt: stops what moves, also homing while it connects. Raises RobotError when the robot does not
+    answer within ``robot.connect_s``, homing not counted.
     """
 
     def __init__(self, robot: Robot, settings: Settings) -> None:
@@ -34,9 +38,9 @@ class Owner:
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
-        keys = self._settings.robot
+        what = f"the robot at {self._settings.robot.address}"
         try:
-            within(keys.connect_s, f"the robot at {keys.address}", self.robot.connect)
+            within(connect_seconds(self._settings), what, self.robot.connect, self.halt)
         except BaseException:
             self.robot.close()
             raise
@@ -56,19 +60,29 @@ class Owner:
 
     def do(self, job: Job[T], deadline_s: float) -> T:
         """The answer of a job that the robot's thread does. Raises what the job raises, and
-        RobotError when it has not ended after deadline_s, host seconds: the robot is stopped."""
+        RobotError when it has not ended after deadline_s, host seconds. A job that nobody waits for
+        any more, for that reason or for Ctrl-C, is told to stop, or never begun."""
         future: Future[T] = Future()
-        self._jobs.put((job, future))
+        end = time.monotonic() + deadline_s
         try:
-            return future.result(deadline_s)
-        except TimeoutError:
-            if future.done():
-                raise
-            self.halt.set()
+            self._jobs.put((job, future))
+            while not future.done() and (left := end - time.monotonic()) > 0:
+                wait([future], min(left, LOOK_S))
+        except BaseException:
+            self._abandon(future)
+            raise
+        if not future.done():
+            self._abandon(future)
             raise RobotError(
                 f"the robot's thread has not answered for {deadline_s:.0f} s; it was told to stop. "
                 "Look at the robot."
-            ) from None
+            )
+        return future.result()
+
+    def _abandon(self, future: Future[Any]) -> None:
+        if not future.done():
+            self.halt.set()
+            future.cancel()
 
     def _run(self) -> None:
         mover = Mover(self.robot, self._settings, self.halt)
@@ -81,6 +95,8 @@ class Owner:
             if item is None:
                 break
             job, future = item
+            if not future.set_running_or_notify_cancel():
+                continue
             try:
                 future.set_result(job(mover))
             except BaseException as error:  # noqa: BLE001 - handed to who asked

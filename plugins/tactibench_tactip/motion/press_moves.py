@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -110,15 +110,11 @@ def withdraw(mover: Mover, scene: Scene, geometry: PressGeometry, settings: Sett
 
 
 def raise_straight(mover: Mover, geometry: PressGeometry, settings: Settings) -> None:
-    """From wherever it is, back along the tool's z until clear of everything, before any sideways
-    motion."""
+    """From wherever it is, up along the work frame's z until the whole indenter is clearance_mm
+    above the apex, before any sideways motion."""
     here = mover.pose()
     longest = max(offset[2] for offset in settings.indenter.indenter().offsets)
     high = geometry.z0 - longest - settings.envelope.clearance_mm
     if here[2] > high + 0.05:
         x, y, _, *turn = here
         mover.go((x, y, high, *turn), settings.robot.approach_mm_s)  # type: ignore[arg-type]
-
-
-def with_depth(scene: Scene, depth: float) -> Scene:
-    return replace(scene, pose=replace(scene.pose, depth=depth))

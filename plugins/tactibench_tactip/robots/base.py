@@ -7,12 +7,15 @@ from typing import Protocol, runtime_checkable
 
 from tactibench_tactip.settings import Pose6
 
+HOMING_S = 90.0
+"""Within which a stage has found its switches, s."""
+
 
 @dataclass(frozen=True)
 class RobotState:
     """normal: whether it may be moved. stopped: by its controller, to protect something. words:
-    what it says of itself. force_n: (x, y, z) in the base frame, None where nobody measures it.
-    time_s: of the robot's own clock."""
+    what it says of itself. force_n: (x, y, z) N in the base frame, None where nobody measures it.
+    time_s: of the robot's own clock, s."""
 
     normal: bool
     words: str = "normal"
@@ -75,11 +78,14 @@ class Recovers(Protocol):
 
 @runtime_checkable
 class Homes(Protocol):
-    """Optional: a stage that finds its position at its switches. at_switches: where it is."""
+    """Optional: a stage that finds its position at its switches. at_switches: whether it stands
+    there."""
 
     at_switches: bool
 
-    def home(self) -> None: ...
+    def home(self) -> None:
+        """Drive to the switches, at most HOMING_S. Raises RobotError."""
+        ...
 
 
 @runtime_checkable
@@ -87,5 +93,5 @@ class Probes(Protocol):
     """Optional: a robot that stops by itself where a probe closes its contact."""
 
     def probe(self, pose: Pose6, speed: float) -> Pose6 | None:
-        """Move towards a pose until contact; None: there was none."""
+        """Move towards a pose, mm and deg, at mm/s until contact; the pose there, None: none."""
         ...

@@ -8,19 +8,19 @@ retracted afterwards. (A feed hold and reset, the other way to stop, loses the p
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import Any
 
 from tactibench import UserError
 from tactibench_tactip.failures import RobotError, RobotLostError
 from tactibench_tactip.geometry.frames import turned_by
-from tactibench_tactip.robots.base import RobotState
+from tactibench_tactip.robots.base import HOMING_S, RobotState
 from tactibench_tactip.robots.grbl_link import GrblLink, NoAnswerError, Status, alarm_words
 from tactibench_tactip.settings import Pose6, Settings
 
 BANNER_S = 2.5
 POLL_S = 0.1
 """Between status reports, device seconds; GRBL wants no more than 5 to 10 a second."""
-HOMING_S = 90.0
 _AXES = (("x", "$110", "$120"), ("y", "$111", "$121"), ("z", "$112", "$122"))
 _TOLD = ("$13", "$20", "$21", "$22")
 _CANCEL, _RESET, _HOLD = b"\x85", b"\x18", b"!"
@@ -39,7 +39,7 @@ class GrblRobot:
         self._settings: dict[str, float] = {}
         self._last: Status | None = None
         self._asked = 0.0
-        self._moving = False
+        self._moving = self._homing = False
         self.at_switches = False
 
     def connect(self) -> None:
@@ -63,10 +63,10 @@ class GrblRobot:
         self._demand_homed()
 
     def home(self) -> None:
-        """Drive to the switches. Raises RobotError."""
-        self._link.alarm = 0
+        """Drive to the switches, where GRBL answers nothing but a reset. Raises RobotError."""
+        self._link.alarm, self._homing = 0, True
         self._link.command("$H", HOMING_S)
-        self._asked, self.at_switches = 0.0, True
+        self._homing, self._asked, self.at_switches = False, 0.0, True
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:  # noqa: ARG002
         turn = turned_by(pose, self._frames.work_frame)
@@ -118,6 +118,8 @@ class GrblRobot:
         x, y, z = (to - now for to, now in zip(pose[:3], here[:3], strict=True))
         probe = f"G21G91G38.3X{x:.4f}Y{y:.4f}Z{z:.4f}F{60 * speed:.1f}"
         lines = self._link.command(probe, 60.0)
+        if self._link.alarm:
+            raise RobotError(f"the probe failed: GRBL {alarm_words(self._link.alarm)}.")
         self._link.command("G90")
         self._asked = 0.0
         report = next((line for line in lines if line.startswith("[PRB:")), "")
@@ -131,13 +133,18 @@ class GrblRobot:
     def close(self) -> None:
         if self._link is None:
             return
-        try:
-            if self._link.status(0.3).state in ("Run", "Jog", "Hold"):
+        with suppress(RobotError):
+            if self._homing or self._under_way():
                 self._link.realtime(_HOLD)
                 self._link.realtime(_RESET)
-        except RobotError:
-            pass
         self._link.close()
+
+    def _under_way(self) -> bool:
+        """Whether it may still move; a stage that says nothing may when it did."""
+        try:
+            return self._link.status(0.3).state in ("Run", "Jog", "Hold", "Home")
+        except NoAnswerError:
+            return self._moving
 
     def describe(self) -> dict[str, str]:
         told = {

@@ -34,6 +34,7 @@ class UrRobot:
         self._tcp = settings.frames.tcp_pose
         self._link: UrLink | None = None
         self._dashboard: Dashboard | None = None
+        self._closed = False
         self._target: Pose6 | None = None
         self._stands: tuple[Pose6, float] = ((0.0,) * 6, 0.0)
 
@@ -42,6 +43,8 @@ class UrRobot:
         self._dashboard = Dashboard(keys.address)
         self._dashboard.demand_ready()
         self._link = UrLink(keys.address, to_ur(self._tcp), keys.watchdog_hz, keys.connect_s)
+        if self._closed:  # nobody waited for it
+            self._link.close()
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
         self._must(self._there.ask("start", to_ur(pose), 1e-3 * speed, 1e-3 * acceleration))
@@ -101,6 +104,7 @@ class UrRobot:
         self._target = None
 
     def close(self) -> None:
+        self._closed = True
         if self._link is not None:
             self._link.close()
         if self._dashboard is not None:

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactibench import Pose, Scene, UserError
-from tactibench_tactip.failures import RobotError
+from tactibench_tactip.failures import RobotError, TrippedError
 from tactibench_tactip.motion import press_moves
-from tactibench_tactip.motion.mover import Mover
+from tactibench_tactip.motion.mover import Guard, Mover
 from tactibench_tactip.robots.base import Probes
 from tactibench_tactip.settings import Pose6
 from tactibench_tactip.station import Station
@@ -47,6 +47,16 @@ class NoTouchError(RobotError):
     """Nothing was touched."""
 
 
+@dataclass(frozen=True)
+class Approach:
+    """Where a search goes down. guard: against the force before the search, when nothing was
+    touched: one that were made at every step would not see a force that grows with the steps."""
+
+    station: Station
+    place: Scene
+    guard: Guard
+
+
 def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> Touch:
     """Find first touch and take it over into the station's geometry.
 
@@ -61,8 +71,9 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
     search = {"visual": _visual, "force": _force, "probe": _probe}[keys.method]
     start = -keys.travel_mm if first else -AGAIN_MM
     with station.at(place):
-        one, power = search(station, place, start)
-        two, _ = search(station, place, one - AGAIN_MM)
+        way = Approach(station, place, station.do(lambda m: _untouched(m, station)))
+        one, power = search(way, start)
+        two, _ = search(way, one - AGAIN_MM)
         station.do(lambda m: press_moves.withdraw(m, place, station.geometry, station.settings))
     if abs(one - two) > keys.spread_mm:
         raise UserError(
@@ -80,14 +91,20 @@ def _canary(station: Station) -> Scene:
     return Scene(station.settings.indenter.indenter(), Pose(x, y))
 
 
-def _visual(station: Station, place: Scene, start: float) -> tuple[float, float]:
+def _untouched(mover: Mover, station: Station) -> Guard:
+    press_moves.raise_straight(mover, station.geometry, station.settings)
+    return press_moves.force_guard(mover, station.settings.envelope.max_force_n)
+
+
+def _visual(way: Approach, start: float) -> tuple[float, float]:
     """Depth, in what the geometry counts now, at which the image begins to change; its power."""
-    noticed = _until(station, place, start, _seen(station))
+    station = way.station
+    noticed = _until(way, start, _seen(station))
     depths, images = [], []
     steps = np.arange(noticed - BEFORE_MM - STEP_MM, noticed + BEYOND_MM + 1e-9, STEP_MM)
-    station.do(lambda m: _step(m, station, place, float(steps[0]) - 0.2))
+    station.do(lambda m: _step(m, way, float(steps[0]) - 0.2))
     for depth in steps:
-        reached, shots = _look(station, place, float(depth), FRAMES)
+        reached, shots = _look(way, float(depth), FRAMES)
         depths.append(reached)
         images.append(np.mean(shots, axis=0))
     rest = station.rest
@@ -105,7 +122,8 @@ def _seen(station: Station) -> Callable[[float, list[np.ndarray]], bool]:
     return seen
 
 
-def _force(station: Station, place: Scene, start: float) -> tuple[float, float]:
+def _force(way: Approach, start: float) -> tuple[float, float]:
+    station = way.station
     station.do(lambda m: press_moves.raise_straight(m, station.geometry, station.settings))
     before = station.do(lambda m: m.force())
     if before is None:
@@ -119,10 +137,11 @@ def _force(station: Station, place: Scene, start: float) -> tuple[float, float]:
         now = station.do(lambda m: m.force())
         return now is not None and float(np.linalg.norm(now - before)) >= most
 
-    return _until(station, place, start, felt), 0.0
+    return _until(way, start, felt), 0.0
 
 
-def _probe(station: Station, place: Scene, start: float) -> tuple[float, float]:
+def _probe(way: Approach, start: float) -> tuple[float, float]:
+    station, place = way.station, way.place
     robot = station.owner.robot
     if not isinstance(robot, Probes):
         raise UserError(
@@ -132,9 +151,9 @@ def _probe(station: Station, place: Scene, start: float) -> tuple[float, float]:
     end = _last(station, start)
 
     def down(mover: Mover) -> Pose6 | None:
-        _step(mover, station, place, start)
+        _step(mover, way, start)
         target = station.geometry.at_depth(place, end)
-        return mover.probe(target, station.settings.robot.press_mm_s)
+        return mover.probe(target, station.settings.robot.press_mm_s, way.guard)
 
     met = station.do(down)
     if met is None:
@@ -143,16 +162,14 @@ def _probe(station: Station, place: Scene, start: float) -> tuple[float, float]:
 
 
 def _until(
-    station: Station,
-    place: Scene,
-    start: float,
-    touched: Callable[[float, list[np.ndarray]], bool],
+    way: Approach, start: float, touched: Callable[[float, list[np.ndarray]], bool]
 ) -> float:
     """Down in steps until touched."""
+    station = way.station
     end = _last(station, start)
     station.do(lambda m: press_moves.raise_straight(m, station.geometry, station.settings))
     for depth in np.arange(start, end + 1e-9, STEP_MM):
-        reached, images = _look(station, place, float(depth), 2)
+        reached, images = _look(way, float(depth), 2)
         if touched(reached, images):
             return reached
     raise NoTouchError(_nothing(start, end))
@@ -170,13 +187,12 @@ def _nothing(start: float, end: float) -> str:
     )
 
 
-def _look(
-    station: Station, place: Scene, depth: float, count: int
-) -> tuple[float, list[np.ndarray]]:
+def _look(way: Approach, depth: float, count: int) -> tuple[float, list[np.ndarray]]:
     """Go to a depth, settle, and look: the depth reached and frames."""
+    station, place = way.station, way.place
 
     def there(mover: Mover) -> tuple[int, float]:
-        _step(mover, station, place, depth)
+        _step(mover, way, depth)
         mover.rest(station.settings.timing.settle_s)
         reached = station.geometry.reached(place, mover.pose())
         return time.monotonic_ns(), reached.pose.depth
@@ -185,17 +201,19 @@ def _look(
     return reached, [shot.image for shot in station.camera.after(settled_ns, count)]
 
 
-def _step(mover: Mover, station: Station, place: Scene, depth: float) -> None:
+def _step(mover: Mover, way: Approach, depth: float) -> None:
     """Straight to a depth on the approach of a place, sideways only at clearance."""
-    settings, geometry = station.settings, station.geometry
+    settings, geometry, place = way.station.settings, way.station.geometry, way.place
     target = geometry.at_depth(place, depth)
     here = geometry.reached(place, mover.pose())
-    guard = press_moves.force_guard(mover, settings.envelope.max_force_n)
     if abs(here.pose.x - place.pose.x) > 0.2 or abs(here.pose.y - place.pose.y) > 0.2:
         press_moves.raise_straight(mover, geometry, settings)
         above = replace(press_moves.way(place, geometry, settings)).above
         mover.go(above, settings.robot.approach_mm_s)
     near = geometry.at_depth(place, min(depth, -press_moves.NEAR_MM))
     if here.pose.depth < -settings.contact.travel_mm - 0.5 and depth > -press_moves.NEAR_MM:
-        mover.go(near, settings.robot.approach_mm_s, guard)
-    mover.go(target, settings.robot.press_mm_s, guard)
+        mover.go(near, settings.robot.approach_mm_s, way.guard)
+    mover.go(target, settings.robot.press_mm_s, way.guard)
+    reason = way.guard(mover.pose())  # a step may have ended before the guard looked
+    if reason:
+        raise TrippedError(reason)

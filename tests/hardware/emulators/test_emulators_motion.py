@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
 
+from tactibench_tactip.emulators import Envelope
 from tactibench_tactip.emulators.motion import (
     MM_PER_RADIAN,
     Leg,
@@ -87,6 +89,34 @@ def test_a_line_turns_about_one_axis_while_it_goes() -> None:
     assert np.allclose(half, matrix((5, 0, 0, 0, 0, 45)))
     assert np.allclose(line.many(np.array([0.0, line.length])), [start, end])
     assert Line(start, start).length == 0.0
+
+
+ANGLE = st.floats(-170, 170)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.tuples(ANGLE, ANGLE, ANGLE), st.tuples(ANGLE, ANGLE, ANGLE))
+def test_a_turn_goes_the_shortest_way_at_an_even_rate(
+    one: tuple[float, float, float], other: tuple[float, float, float]
+) -> None:
+    line = Line(matrix((0, 0, 0, *one)), matrix((10, 0, 0, *other)))
+    shares = np.linspace(0.0, 1.0, 5)
+    ends = Rotation.from_euler("xyz", [one, other], degrees=True)
+    assume((ends[0].inv() * ends[1]).magnitude() < math.pi - 1e-3)
+    between = Slerp([0.0, 1.0], ends)(shares).as_matrix()
+    found = line.many(shares * line.length)
+    assert np.allclose(found[:, :3, :3], between, atol=1e-7)
+    assert np.allclose(found[:, 0, 3], 10.0 * shares)
+    assert np.allclose([line.at(share * line.length) for share in shares], found)
+
+
+def test_an_envelope_holds_all_poses_or_not() -> None:
+    box = Envelope(x=(-1, 1), y=(-2, 2), z=(-3, 3), tilt=20.0)
+    inside = [(1, 2, 3, 0, 0, 170), (-1, -2, -3, 19.9, 0, 0)]
+    assert box.holds(np.array([matrix(pose) for pose in inside]))
+    for bad in ((1.1, 0, 0, 0, 0, 0), (0, -2.1, 0, 0, 0, 0), (0, 0, 3.1, 0, 0, 0),
+                (0, 0, 0, 0, 20.1, 0), (0, 0, 0, 180, 0, 0)):  # fmt: skip
+        assert not box.holds(np.array([matrix(pose) for pose in (*inside, bad)]))
 
 
 def test_a_leg_stops_where_its_profile_ends() -> None:

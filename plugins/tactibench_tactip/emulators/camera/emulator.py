@@ -68,7 +68,7 @@ class CameraEmulator(Device):
         self._clients: set[socket.socket] = set()
         self._lock = Lock()
         self._until: dict[str, float] = {}
-        self._stale_at: npt.NDArray[np.uint8] | None = None
+        self._stale: npt.NDArray[np.uint8] | None = None
         self._brighter = 0.0
         world.answer(KINDS, self._fault)
 
@@ -101,11 +101,13 @@ class CameraEmulator(Device):
         with self.world.lock:
             now = self.world.advance()
             on = {kind for kind, until in self._until.items() if now < until}
-        image = self._stale_at if "stale-frames" in on else None
-        if image is None:
-            image = self.world.image()
+        if "stale-frames" in on and self._stale is not None:
+            return self._stale
+        return self._seen(self.world.image(), "black-frames" in on)
+
+    def _seen(self, image: npt.NDArray[np.uint8], black: bool = False) -> npt.NDArray[np.uint8]:
         with self._lock:
-            return self.picture.frame(image, self._brighter, "black-frames" in on)
+            return self.picture.frame(image, self._brighter, black)
 
     def _accept(self, server: socket.socket) -> None:
         while not self.stopping.is_set():
@@ -164,4 +166,4 @@ class CameraEmulator(Device):
             default = math.inf if kind == "camera-stall" else 2.0
             self._until[kind] = t + (default if fault.value is None else fault.value)
             if kind == "stale-frames":
-                self._stale_at = self.world.view.image(self.world.truth_at(t).scene)
+                self._stale = self._seen(self.world.view.image(self.world.truth_at(t).scene))

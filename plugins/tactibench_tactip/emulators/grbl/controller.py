@@ -32,7 +32,7 @@ class Controller:
         self.stage, self.settings = stage, settings
         self.planner = Planner(stage.place, stage.speed, stage.go)
         self.systems: dict[str, Array] = {name: np.zeros(3) for name in SYSTEMS}
-        self.probed, self.probe_hit, self.blind = np.zeros(3), False, False
+        self.probed, self.probe_hit, self.blind = np.zeros(3), False, 0
         self.homed = False
         self.t = 0.0
         self._out: list[str] = []
@@ -287,14 +287,14 @@ class Controller:
     # Probe
 
     def touching(self) -> bool:
-        """Whether the probe's circuit is closed."""
-        return self.stage.touching(self.t)
+        """Whether the probe's circuit is closed; a broken one never is."""
+        return not self.blind and self.stage.touching(self.t)
 
     def listen(self) -> int | None:
-        """Wait for the probe's circuit; None: it is broken, for this once."""
+        """Wait for the probe's circuit; None: it is broken."""
         self.probe_hit, self._probe_end = False, math.inf
         if self.blind:
-            self.blind = False
+            self.blind -= 1
             return None
         return self.stage.world.watch(Level("depth", 0.0, self._touched))
 

@@ -115,7 +115,7 @@ class GrblEmulator(Device):
             controller.lose(3)
             controller.reset()
         elif fault.kind == "alarm-5":
-            controller.blind = True
+            controller.blind += int(fault.value or 1)
         elif fault.kind == "no-ok":
             controller.mute += int(fault.value or 1)
         elif fault.kind == "garbled-line":

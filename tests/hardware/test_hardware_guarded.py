@@ -1,0 +1,181 @@
+"""Presses of every kind are under the guard of force, and end with a tool that was drawn back."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
+
+from tactibench import Indenter, Pose, Scene
+from tactibench.datasets.v1 import open_dataset
+from tactibench.lab import Press
+from tactibench_tactip import station as stations
+from tactibench_tactip.camera.driver import Camera
+from tactibench_tactip.collecting import collect as collecting
+from tactibench_tactip.collecting import dry_run as dry_runs
+from tactibench_tactip.collecting.plan import Plan
+from tactibench_tactip.collecting.settling import measure_settling
+from tactibench_tactip.failures import RobotError, TrippedError
+from tactibench_tactip.live import presses as lives
+from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.station import Station
+
+MAIN = threading.main_thread().ident or 0
+SCENE = Scene(Indenter.single(), Pose(depth=2.0))
+PLAN = Plan("test", (Press(0, "p", SCENE),), {"all": {"train": [0]}})
+
+
+class Looking(FakeRobot):
+    """The control loop turns a few times in every move. after: told of every move's end."""
+
+    ticks = 0
+
+    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
+        super().start(pose, speed, acceleration)
+        self.busy, self.ticks = True, 3
+
+    def tick(self) -> None:
+        self.ticks -= 1
+        self.busy = self.busy and self.ticks > 0
+
+
+@pytest.fixture
+def settings() -> Settings:
+    return make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+
+
+@pytest.fixture
+def robot(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Looking:
+    """The robot of every station that is made, with a camera beside it."""
+    robot = Looking(settings)
+    capture = FakeCapture(robot)
+    for module in (stations, collecting):
+        monkeypatch.setattr(module, "robot_of", lambda _: robot)
+        monkeypatch.setattr(module, "Camera", lambda keys: Camera(keys, lambda _: capture))
+    return robot
+
+
+def stop_when(robot: FakeRobot, when: Callable[[float, float], bool]) -> None:
+    """A protective stop at the first move from a height to one for which this is so."""
+    heights = [robot.tool()[2]]
+
+    def fail(_: int) -> None:
+        heights.append(robot.tool()[2])
+        if when(heights[-2], heights[-1]):
+            robot.normal, robot.stopped = False, True
+
+    robot.fails = fail
+
+
+class TestForce:
+    def test_of_a_settling_test(self, settings: Settings, robot: Looking) -> None:
+        with Station(settings) as station:
+            station.look_at_rest()
+            robot.stiffness = 20.0
+            with pytest.raises(TrippedError, match="max_force_n"):
+                measure_settling(station, 3.0, 1.0)
+            assert robot.depth() == 0.0
+
+    def test_of_a_dry_run(self, settings: Settings, robot: Looking) -> None:
+        """Somebody left a hand where the tool goes."""
+        begin, robot.force = robot.start, (0.0, 0.0, 0.0)
+
+        def start(pose: Pose6, speed: float, acceleration: float) -> None:
+            begin(pose, speed, acceleration)
+            robot.force = (0.0, 0.0, 30.0 if len(robot.moves) > 2 else 0.0)
+
+        robot.start = start  # type: ignore[method-assign]
+        with pytest.raises(TrippedError, match="max_force_n"):
+            dry_runs.dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+
+    def test_of_presses_while_somebody_watches(self, settings: Settings, robot: Looking) -> None:
+        def stiff() -> None:
+            robot.stiffness = 20.0
+
+        with pytest.raises(TrippedError, match="max_force_n"):
+            watched(lives.Presses(settings), stiff)
+
+
+class TestDrawnBack:
+    """The robot is stopped when it holds the deepest place: the tool stays there."""
+
+    def test_by_a_dry_run(
+        self, settings: Settings, robot: Looking, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        down = Station.down
+
+        def stopped(station: Station, mover: object, trip: object) -> int:
+            found = down(station, mover, trip)  # type: ignore[arg-type]
+            robot.normal, robot.stopped = False, True
+            return found
+
+        monkeypatch.setattr(Station, "down", stopped)
+        with pytest.raises(RobotError, match="left where it is"):
+            dry_runs.dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+
+    def test_by_presses_while_somebody_watches(
+        self, settings: Settings, robot: Looking, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        presses = lives.Presses(settings)
+
+        def hold(_: float) -> bool:
+            robot.normal, robot.stopped = False, True
+            return False
+
+        monkeypatch.setattr(presses._end, "wait", hold)
+        with pytest.raises(RobotError, match="left where it is"):
+            watched(presses)
+
+
+def watched(presses: lives.Presses, first: Callable[[], None] = lambda: None) -> None:
+    """Until they ended; first: once the robot is there."""
+    with presses:
+        first()
+        presses.begin()
+        assert presses._thread is not None
+        presses._thread.join(20.0)
+        assert not presses._thread.is_alive()
+        assert presses.failed
+
+
+class TestStopsAtOnce:
+    """SIGTERM before the first press: no traceback, and no split."""
+
+    @pytest.fixture
+    def low(self, robot: Looking) -> Looking:
+        """Stands low, so that entering moves it; a signal comes then."""
+        x, y, z, *turn = robot.at
+        robot.at = (x, y, z - 35.0, *turn)  # type: ignore[assignment]
+        assert robot.tool()[2] > -10.0
+
+        def sent(_: int) -> None:
+            robot.tick = lambda: None  # type: ignore[method-assign]
+            signal.pthread_kill(MAIN, signal.SIGTERM)
+
+        robot.fails = sent
+        return robot
+
+    def test_a_collection(self, settings: Settings, low: Looking, tmp_path: Path) -> None:
+        report = collecting.collect(settings, PLAN, tmp_path / "data")
+        assert report.interrupted
+        assert report.left == 1
+        dataset = open_dataset(tmp_path / "data")
+        assert dataset.header.status == "open"
+        assert not dataset.splits
+        assert low.closed
+
+    def test_a_dry_run(self, settings: Settings, low: Looking) -> None:
+        assert dry_runs.dry_run(settings, PLAN.presses, 20.0, lambda _: None) == 0
+        assert low.closed
+
+
+def test_a_protective_stop_while_watched_is_told(settings: Settings, robot: Looking) -> None:
+    def stopping() -> None:
+        stop_when(robot, lambda before, after: before < after > 0.5)
+
+    with pytest.raises(RobotError, match="not normal"):
+        watched(lives.Presses(settings), stopping)
