@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 from fake_station import FakeRobot
@@ -74,6 +74,15 @@ def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
         assert not station.owner.halt.is_set()
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """A process that was started in the background has SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_stops_a_descent(
     settings: Settings, robot: SlowRobot, camera: Camera, press_of: Callable[..., Scene]
 ) -> None:

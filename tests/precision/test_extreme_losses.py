@@ -66,8 +66,8 @@ def test_losses_take_logits_not_probabilities(models: Any) -> None:
 @pytest.mark.parametrize("name", ["unet", "cnn", "pins"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_an_output_that_is_not_finite_makes_the_loss_so(models: Any, name: str, bad: float) -> None:
-    shape = {"unet": (2, 1, 4, 4), "cnn": (2, 3), "pins": (2, 4, 3)}[name]
-    wanted = torch.zeros((2, 3) if name == "pins" else shape)
+    shape = {"unet": (2, 1, 4, 4), "cnn": (2, 4), "pins": (2, 4, 4)}[name]
+    wanted = torch.zeros(shape if name == "unet" else (2, 3))
     outputs = torch.zeros(shape)
     assert math.isfinite(float(models[name].loss(outputs, wanted)))
     outputs[(0,) * len(shape)] = bad
@@ -76,7 +76,7 @@ def test_an_output_that_is_not_finite_makes_the_loss_so(models: Any, name: str, 
 
 @pytest.mark.parametrize("name", ["cnn", "pins"])
 def test_regression_of_huge_outputs_is_finite(models: Any, name: str) -> None:
-    outputs = torch.full((2, 4, 3) if name == "pins" else (2, 3), HUGE, requires_grad=True)
+    outputs = torch.full((2, 4, 4) if name == "pins" else (2, 4), HUGE, requires_grad=True)
     loss = models[name].loss(outputs, torch.zeros(2, 3))
     loss.backward()
     assert math.isfinite(loss.item())
