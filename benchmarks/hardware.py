@@ -14,12 +14,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import random
 import resource
 import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 import tomllib
@@ -31,6 +27,7 @@ from unittest import mock
 
 import cv2
 import numpy as np
+from hardware_kills import run_kills
 
 from tactibench import UserError
 from tactibench.datasets.v1 import open_dataset, placing
@@ -269,59 +266,6 @@ def _mend(rehearsed: Rehearsed, driver: str, kind: str) -> None:
             rehearsed.robot.controller.robot_mode = 7
 
 
-def run_kills(arguments: argparse.Namespace) -> None:
-    """Kill the command at random moments; every id is to be there once in the end."""
-    base = Path(tempfile.mkdtemp(prefix="tactibench-kills-"))
-    config = base / "lab.toml"
-    text = example("grbl").replace('method = "visual"', 'method = "fixed"\nfixed_mm = 0.8')
-    config.write_text(text.replace("pins = 127", "# pins = 127"), encoding="utf-8")
-    out, presses = base / "data", base / "presses.jsonl"
-    count = arguments.presses
-    plan = plan_of("exp1", settings_of("grbl"), draws=("singles",), count=count)
-    presses.write_text("".join(json.dumps(row) + "\n" for row in plan.rows()), encoding="utf-8")
-    command = [sys.executable, "-m", "tactibench", "hw", "collect", str(presses), "--config",
-               str(config), "--out", str(out), "--emulate", "--time-scale", "100"]  # fmt: skip
-    rng = random.Random(arguments.seed)  # noqa: S311
-    killed, counts = 0, []
-    while True:
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        if killed >= arguments.kills:
-            process.wait()
-            break
-        _wait_for_growth(out, process, rng)
-        if process.poll() is None:
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-            killed += 1
-        counts.append(len(_ids(out)))
-        if counts[-1] == count:
-            break
-    ids = _ids(out)
-    print(f"{killed} kills; rows after each: {counts}")
-    good = sorted(ids) == sorted(press.id for press in plan.presses)
-    print(f"ids: {len(ids)} of {count}: {'exactly the planned' if good else 'WRONG'}")
-    verified = subprocess.run([sys.executable, "-m", "tactibench", "data", "verify", str(out)],
-                              capture_output=True, text=True, check=False)  # fmt: skip
-    print(verified.stdout.strip())
-    shutil.rmtree(base, ignore_errors=True)
-
-
-def _wait_for_growth(out: Path, process: subprocess.Popen[bytes], rng: random.Random) -> None:
-    """A random moment: at the start, or some milliseconds after a row or a few were written."""
-    before, wanted = len(_ids(out)), rng.randint(0, 3)
-    while process.poll() is None and len(_ids(out)) < before + wanted:
-        time.sleep(0.01)
-    time.sleep(rng.uniform(0.0, 1.5 if wanted == 0 else 0.15))
-
-
-def _ids(out: Path) -> list[int]:
-    try:
-        lines = (out / "metadata.jsonl").read_bytes().split(b"\n")[:-1]
-    except OSError:
-        return []
-    return [json.loads(line)["id"] for line in lines]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True)
@@ -344,7 +288,10 @@ def main() -> None:
         arguments.draw = arguments.draw or (
             ["singles"] if arguments.protocol == "exp1" else ["pairs"]
         )
-    {"collect": run_collect, "faults": run_faults, "kills": run_kills}[arguments.verb](arguments)
+    if arguments.verb == "kills":
+        run_kills(arguments.kills, arguments.presses, arguments.seed, settings_of("grbl"))
+    else:
+        {"collect": run_collect, "faults": run_faults}[arguments.verb](arguments)
 
 
 if __name__ == "__main__":

@@ -190,35 +190,28 @@ def test_plates_are_regressed_with_labels_of_any_sign(make_cnn, fit, make_presse
     assert 0 < progress.epochs[-1][2] < 1.0
 
 
+def learn(model, frames, truth, progress):
+    rng = np.random.default_rng(0)
+    return model.fit(frames, truth, validation=([], []), rng=rng, progress=progress)
+
+
 def test_a_frame_with_several_contacts_is_refused(make_cnn, make_presses, silent):
     frames, truth = make_presses(4, 5)
     truth[2] = Contacts.truth([[0, 0], [5, 0]], [1, 1])
     with pytest.raises(UserError, match="holds 2"):
-        make_cnn().fit(
-            frames,
-            truth,
-            validation=([], []),
-            rng=np.random.default_rng(0),
-            progress=silent(),
-        )
+        learn(make_cnn(), frames, truth, silent())
 
 
 def test_training_frames_without_any_contact_are_refused(make_cnn, make_presses, silent):
     frames, _ = make_presses(3, 5)
     truth = [Contacts.none()] * 3
     with pytest.raises(UserError, match="no training frame"):
-        make_cnn().fit(
-            frames,
-            truth,
-            validation=([], []),
-            rng=np.random.default_rng(0),
-            progress=silent(),
-        )
+        learn(make_cnn(), frames, truth, silent())
 
 
 def test_training_without_frames_is_refused(make_cnn, silent):
     with pytest.raises(UserError, match="no training frame"):
-        make_cnn().fit([], [], validation=([], []), rng=np.random.default_rng(0), progress=silent())
+        learn(make_cnn(), [], [], silent())
 
 
 def test_the_declaration_fits_the_class_and_imports_nothing_heavy():

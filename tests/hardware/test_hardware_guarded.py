@@ -8,13 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
+from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.datasets.v1 import open_dataset
 from tactibench.lab import Press
-from tactibench_tactip import station as stations
-from tactibench_tactip.camera.driver import Camera
 from tactibench_tactip.collecting import collect as collecting
 from tactibench_tactip.collecting import dry_run as dry_runs
 from tactibench_tactip.collecting.plan import Plan
@@ -52,10 +50,7 @@ def settings() -> Settings:
 def robot(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Looking:
     """The robot of every station that is made, with a camera beside it."""
     robot = Looking(settings)
-    capture = FakeCapture(robot)
-    for module in (stations, collecting):
-        monkeypatch.setattr(module, "robot_of", lambda _: robot)
-        monkeypatch.setattr(module, "Camera", lambda keys: Camera(keys, lambda _: capture))
+    stand_in(robot, monkeypatch.setattr)
     return robot
 
 

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
+from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.cli.main import call
 from tactibench.datasets.v1 import open_dataset
 from tactibench.lab import Press
-from tactibench_tactip import station as stations
 from tactibench_tactip.calibration import calibrate
 from tactibench_tactip.camera.driver import Camera
 from tactibench_tactip.collecting import collect as collecting
@@ -68,10 +67,7 @@ def test_a_calibration_is_checked_before_it_moves(
 def lab(monkeypatch: pytest.MonkeyPatch, settings: Settings) -> FakeRobot:
     """The robot of every station that is made, with a camera beside it."""
     robot = FakeRobot(settings)
-    capture = FakeCapture(robot)
-    for module in (stations, collecting):
-        monkeypatch.setattr(module, "robot_of", lambda _: robot)
-        monkeypatch.setattr(module, "Camera", lambda keys: Camera(keys, lambda _: capture))
+    stand_in(robot, monkeypatch.setattr)
     return robot
 
 

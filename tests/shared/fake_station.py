@@ -136,3 +136,16 @@ def make_settings(**tables: dict[str, Any]) -> Settings:
     for name, keys in tables.items():
         found[name] |= keys
     return Settings.model_validate(found)
+
+
+def stand_in(robot: FakeRobot, put: Callable[[Any, str, Any], None]) -> None:
+    """Let every station that is made have this robot, with a camera beside it. put: ``setattr`` of
+    a patch."""
+    from tactibench_tactip import station
+    from tactibench_tactip.camera.driver import Camera
+    from tactibench_tactip.collecting import collect
+
+    capture = FakeCapture(robot)
+    for module in (station, collect):
+        put(module, "robot_of", lambda _: robot)
+        put(module, "Camera", lambda keys: Camera(keys, lambda _: capture))

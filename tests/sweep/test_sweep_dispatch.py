@@ -153,9 +153,11 @@ def test_without_a_card_those_that_need_one_are_reported() -> None:
     assert outcomes["a"].why == outcomes["b"].why == NO_GPU
 
 
-def test_a_run_of_another_machine_counts_where_any_may_run_it(
+@pytest.fixture
+def stored(
     asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+) -> tuple[Any, Place, Path]:
+    """A cell that was run: its request, where it is kept, and the file of its record."""
     from tactibench.plugins.host import PluginHost
     from tactibench.sweep.cells import cells_of
     from tactibench.sweep.read import read_sweep
@@ -163,37 +165,33 @@ def test_a_run_of_another_machine_counts_where_any_may_run_it(
     time_briefly(monkeypatch.setattr)
     (one, *_) = cells_of(read_sweep(asked('model = "toy"\n')), PluginHost())
     place = Place(tmp_path / "runs", tmp_path / "cache")
-    name = run_cell(one.request, place).name
-    file = place.store / name / RECORD
+    return one.request, place, place.store / run_cell(one.request, place).name / RECORD
+
+
+def test_a_run_of_another_machine_counts_where_any_may_run_it(
+    stored: tuple[Any, Place, Path],
+) -> None:
+    request, place, file = stored
     record = unsealed(read_json(file))
     record["identity"]["machine"], record["name"] = "another", "elsewhere"
     write_json(file, sealed(record))
     file.parent.rename(place.store / "elsewhere")
-    (here,) = plan_cells([one.request], place)
-    (anywhere,) = plan_cells([one.request], replace(place, any_machine=True))
+    (here,) = plan_cells([request], place)
+    (anywhere,) = plan_cells([request], replace(place, any_machine=True))
     assert (here.state, anywhere.state, anywhere.name) == ("to do", "done", "elsewhere")
 
 
-def test_a_run_that_cannot_be_read_is_to_do_again(
-    asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from tactibench.plugins.host import PluginHost
-    from tactibench.sweep.cells import cells_of
-    from tactibench.sweep.read import read_sweep
-
-    time_briefly(monkeypatch.setattr)
-    (one, *_) = cells_of(read_sweep(asked('model = "toy"\n')), PluginHost())
-    place = Place(tmp_path / "runs", tmp_path / "cache")
-    name = run_cell(one.request, place).name
-    file = place.store / name / RECORD
+def test_a_run_that_cannot_be_read_is_to_do_again(stored: tuple[Any, Place, Path]) -> None:
+    request, place, file = stored
+    name = file.parent.name
     whole = file.read_bytes()
     for spoilt in (b"", whole[: len(whole) // 2], whole.replace(b'"seed": 0', b'"seed": 1', 1)):
         file.write_bytes(spoilt)
-        (planned,) = plan_cells([one.request], place)
+        (planned,) = plan_cells([request], place)
         assert (planned.state, planned.name) == ("to do", name)
-    outcome = run_cell(one.request, place)
+    outcome = run_cell(request, place)
     assert (outcome.name, outcome.why) == (name, "")
-    (planned,) = plan_cells([one.request], place)
+    (planned,) = plan_cells([request], place)
     assert planned.state == "done"
     assert json.loads(file.read_text())["name"] == name
 
