@@ -1,4 +1,8 @@
-"""Whether anything presses at all: by how far the pins went."""
+"""Whether anything presses at all: by how far the pins went.
+
+Distances are those of ``eye``: px of one sensor's own pins, units of the layout on the common
+lattice. They are compared with each other only.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +23,9 @@ _SHARE = 0.5
 
 
 def went(moved: Array) -> Array:
-    """(N,) how far the pins went, rms, of displacements (N, 2 P)."""
-    squares: Array = np.sqrt(np.mean(np.square(moved), axis=1))
-    return squares
+    """(N,) root mean square of displacements (N, 2 P)."""
+    rms: Array = np.sqrt(np.mean(np.square(moved), axis=1))
+    return rms
 
 
 def least(moved: Array, answer: str) -> float:
@@ -35,7 +39,8 @@ def least(moved: Array, answer: str) -> float:
 
 
 def answers_of(values: Array, answer: str, at_least: float) -> list[Answer | None]:
-    """Answers from rows (N, T + 1) of values and of how far the pins went."""
+    """Answers from rows (N, T + 1): values, mm and deg, and how far the pins went. at_least: as
+    ``least`` gave it."""
     found = vector_answers(values[:, :-1], answer)
     none = Contacts.none()
     return [none if far < at_least else one for one, far in zip(found, values[:, -1], strict=True)]
