@@ -28,9 +28,9 @@ from tactibench.training import (
 from tactibench_cnn.architecture import CNNNetwork
 
 _RECIPES = RECIPES | {
-    "default": replace(RECIPES["default"], epochs=16, optimiser="muon", learning_rate=4e-3)
+    "default": replace(RECIPES["default"], epochs=11, optimiser="muon", learning_rate=6e-3)
 }
-"""Half the U-Net's learning rate; others were not tried with this optimiser."""
+"""As many epochs as eight minutes allow on one core of 2020; 8 at 4e-3 end 10 % worse."""
 _HIDDEN = 128
 """Units of the dense layer."""
 _RESTING = 0.05

@@ -28,7 +28,9 @@ from tactibench_unet.features import layer_features
 from tactibench_unet.rest import rest_image, rest_images
 
 _RECIPES = RECIPES | {
-    "default": replace(RECIPES["default"], epochs=18, optimiser="muon", learning_rate=8e-3)
+    "default": replace(
+        RECIPES["default"], epochs=15, batch=32, optimiser="muon", learning_rate=1.2e-2
+    )
 }
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for

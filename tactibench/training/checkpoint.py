@@ -38,10 +38,16 @@ def save_checkpoint(
     state: TrainingState,
     network: nn.Module,
     optimiser: torch.optim.Optimizer,
+    mean: nn.Module | None = None,
 ) -> None:
-    """Replace the checkpoint in the folder; the one before stays whole until then."""
+    """Replace the checkpoint in the folder; the one before stays whole until then.
+
+    mean: of the weights over the steps, where there is one.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     tensors = {f"network/{name}": value for name, value in network.state_dict().items()}
+    if mean is not None:
+        tensors |= {f"mean/{name}": value for name, value in mean.state_dict().items()}
     tensors |= {f"best/{name}": value for name, value in state.best.items()}
     tensors |= {f"optimiser/{name}": value for name, value in _optimiser_tensors(optimiser)}
     header = {
@@ -57,12 +63,16 @@ def save_checkpoint(
 
 
 def load_checkpoint(
-    directory: Path, identity: str, network: nn.Module, optimiser: torch.optim.Optimizer
+    directory: Path,
+    identity: str,
+    network: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    mean: nn.Module | None = None,
 ) -> tuple[TrainingState, str | None]:
-    """Put network and optimiser where the checkpoint left them.
+    """Put network, optimiser and mean where the checkpoint left them.
 
-    Returns the state and None; or a fresh state, network and optimiser untouched, with a sentence
-    that says why a checkpoint that is there was not used (None where there is none).
+    Returns the state and None; or a fresh state, nothing else touched, with a sentence that says
+    why a checkpoint that is there was not used (None where there is none).
     """
     try:
         tensors, header = read_container(directory / FILE)
@@ -75,6 +85,8 @@ def load_checkpoint(
     parts = _split(tensors)
     network.load_state_dict(parts["network"])
     _restore_optimiser(optimiser, parts["optimiser"])
+    if mean is not None:
+        mean.load_state_dict(parts["mean"])
     return (
         TrainingState(
             epoch=header["epoch"],
@@ -89,7 +101,8 @@ def load_checkpoint(
 
 
 def _split(tensors: dict[str, torch.Tensor]) -> dict[str, dict[str, torch.Tensor]]:
-    parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "best": {}, "optimiser": {}}
+    names = ("network", "mean", "best", "optimiser")
+    parts: dict[str, dict[str, torch.Tensor]] = {name: {} for name in names}
     for key, tensor in tensors.items():
         part, _, name = key.partition("/")
         parts[part][name] = tensor

@@ -35,6 +35,13 @@ class Examples:
         at = index.to(self.images.device)
         return self.images[at].to(device), self.targets[at].to(device).float()
 
+    def spread(self, count: int) -> torch.Tensor:
+        """At most ``count`` rows with the same means as all have: evenly spread over the frames
+        when these are ordered by their mean target."""
+        order = self.targets.float().flatten(1).mean(dim=1).argsort(stable=True).cpu()
+        at = np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(np.int64)
+        return order[torch.from_numpy(at)]
+
     def to(self, device: str) -> Examples:
         """The same examples in the memory of a device: no copy in every step."""
         return Examples(self.images.to(device), self.targets.to(device))

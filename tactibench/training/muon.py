@@ -7,13 +7,12 @@ of Liu et al. 2025, "Muon is scalable for LLM training", which lets it take Adam
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import torch
 
 _MOMENTUM = 0.95
-_BETAS, _EPSILON = (0.9, 0.999), 1e-8
 _SMALLEST = 10
 """A kernel of fewer rows or columns (the first and the last layer) has no directions to balance."""
 _STEPS = 5
@@ -39,73 +38,84 @@ class Muon(torch.optim.Optimizer):
     ) -> None:
         super().__init__(params, {"lr": lr, "weight_decay": 0.0})
         self._dtype = dtype
+        self._small = torch.optim.AdamW(
+            [group | {"params": [w for w in group["params"] if not _has_directions(w)]}
+             for group in self.param_groups],
+            fused=True,
+        )  # fmt: skip
+        self._small.state = self.state  # what is kept of all weights is found in one place
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
         """One step; ``closure`` is not used."""
         del closure
-        for group in self.param_groups:
-            for weight in group["params"]:
-                if weight.grad is None:
-                    continue
-                state = self.state[weight]
-                if min(_matrix(weight).shape) < _SMALLEST:
-                    step = _adam(weight.grad, state)
-                else:
-                    step = _balanced(weight.grad, state, self._dtype)
+        for group, small in zip(self.param_groups, self._small.param_groups, strict=True):
+            small["lr"] = group["lr"]
+            large = [w for w in group["params"] if w.grad is not None and _has_directions(w)]
+            momenta = [_momentum(weight.grad, self.state[weight]) for weight in large]
+            for weight, even in zip(large, orthogonal(momenta, self._dtype), strict=True):
+                length = _RMS * math.sqrt(max(even.shape))
                 weight.mul_(1 - group["lr"] * group["weight_decay"])
-                weight.add_(step, alpha=-group["lr"])
+                weight.add_(even.reshape(weight.shape), alpha=-group["lr"] * length)
+        self._small.step()
+
+
+def _has_directions(weight: torch.Tensor) -> bool:
+    return min(_matrix(weight).shape) >= _SMALLEST
 
 
 def _matrix(weight: torch.Tensor) -> torch.Tensor:
     return weight.flatten(1) if weight.ndim > 1 else weight.reshape(1, -1)
 
 
-def _balanced(
-    gradient: torch.Tensor, state: dict[str, torch.Tensor], dtype: torch.dtype
-) -> torch.Tensor:
+def _momentum(gradient: torch.Tensor, state: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Nesterov's, as a matrix."""
     momentum = state.setdefault("momentum", torch.zeros_like(gradient))
     momentum.lerp_(gradient, 1 - _MOMENTUM)
-    matrix = _matrix(gradient.lerp(momentum, _MOMENTUM))  # Nesterov's
-    length = _RMS * math.sqrt(max(matrix.shape))
-    return (length * orthogonal(matrix, dtype)).reshape(gradient.shape)
+    return _matrix(gradient.lerp(momentum, _MOMENTUM))
 
 
-def _adam(gradient: torch.Tensor, state: dict[str, torch.Tensor]) -> torch.Tensor:
-    for name in ("first", "second"):
-        state.setdefault(name, torch.zeros_like(gradient))
-    count = state.setdefault("count", gradient.new_zeros(()))
-    count += 1
-    state["first"].lerp_(gradient, 1 - _BETAS[0])
-    state["second"].lerp_(gradient.square(), 1 - _BETAS[1])
-    first = state["first"] / (1 - _BETAS[0] ** count)
-    second = state["second"] / (1 - _BETAS[1] ** count)
-    step: torch.Tensor = first / (second.sqrt() + _EPSILON)
-    return step
+def orthogonal(
+    matrices: Sequence[torch.Tensor], dtype: torch.dtype = torch.float32
+) -> list[torch.Tensor]:
+    """(R, C) U V^T of the singular value decomposition U S V^T of each, approximately, float32.
 
-
-def orthogonal(matrix: torch.Tensor, dtype: torch.dtype = torch.float32) -> torch.Tensor:
-    """(R, C) U V^T of the singular value decomposition U S V^T, approximately, float32.
-
-    In float32 the steps are taken on the small square matrix by whose polynomials they multiply:
-    4 products of its size a step, not 2 with the long side. bfloat16, for which that would not be
-    stable, takes them on the whole. Singular values below about 1e-3 of the norm end below 0.7.
+    In float32 the steps are taken on the small square matrices by whose polynomials they multiply,
+    all of one size together: 4 products of that size a step, not 2 with the long side. bfloat16,
+    for which that would not be stable, takes them on the whole. Singular values below about 1e-3 of
+    the norm end below 0.7.
     """
-    if matrix.shape[0] > matrix.shape[1]:
-        return orthogonal(matrix.T, dtype).T
-    x = matrix.float()
-    x = (x / x.norm().clamp_min(1e-12)).to(dtype)
-    if dtype == torch.bfloat16:
+    wide = [matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T for matrix in matrices]
+    ones = [x / x.norm().clamp_min(1e-12) for x in (matrix.float() for matrix in wide)]
+    even = _on_the_whole(ones) if dtype == torch.bfloat16 else _by_polynomials(ones)
+    return [
+        found if found.shape == matrix.shape else found.T
+        for found, matrix in zip(even, matrices, strict=True)
+    ]
+
+
+def _on_the_whole(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+    found = []
+    for matrix in matrices:
+        x = matrix.to(torch.bfloat16)
         for _ in range(_STEPS):
             square = x @ x.T
             x = torch.addmm(x, _B * square + _C * (square @ square), x, beta=_A)
-        return x.float()
-    gram = x @ x.T
-    unit = torch.eye(len(gram), dtype=gram.dtype, device=gram.device)
-    product = unit
-    for _ in range(_STEPS):
-        factor = _A * unit + _B * gram + _C * (gram @ gram)
-        product = factor @ product
-        gram = factor @ (factor @ gram)
-    orthogonal_: torch.Tensor = product @ x
-    return orthogonal_
+        found.append(x.float())
+    return found
+
+
+def _by_polynomials(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+    found = list(matrices)
+    for side in sorted({len(matrix) for matrix in matrices}):
+        rows = [row for row, matrix in enumerate(matrices) if len(matrix) == side]
+        gram = torch.stack([matrices[row] @ matrices[row].T for row in rows])
+        unit = torch.eye(side, dtype=gram.dtype, device=gram.device)
+        product = unit.expand_as(gram)
+        for _ in range(_STEPS):
+            factor = _A * unit + _B * gram + _C * (gram @ gram)
+            product = factor @ product
+            gram = factor @ (factor @ gram)
+        for row, polynomial in zip(rows, product, strict=True):
+            found[row] = polynomial @ matrices[row]
+    return found

@@ -1,9 +1,8 @@
-"""The statistics of batch normalisation that prediction uses, and a training that knows them.
+"""The statistics of batch normalisation that prediction uses, measured where they are needed.
 
-A network that reads an absolute depth sees the statistics of its batch as noise, and the running
-averages of the last few batches would stay in its predictions as a bias. So they are measured over
-many frames once, near the end, and the last epochs train against them (compare "precise" and
-"frozen" batch normalisation, Wu and Johnson 2021, Rethinking "Batch" in BatchNorm).
+Averaged weights have none of their own, and running averages over the last few batches would stay
+in the predictions of a network that reads an absolute depth as a bias. So they are measured over
+many frames ("precise" batch normalisation, Wu and Johnson 2021, Rethinking "Batch" in BatchNorm).
 """
 
 from __future__ import annotations
@@ -19,12 +18,6 @@ def _normalisations(network: nn.Module) -> list[nn.modules.batchnorm._BatchNorm]
     return [module for module in network.modules() if isinstance(module, kind)]
 
 
-def freeze_statistics(network: nn.Module) -> None:
-    """Let the normalisations of a network in training mode use, and keep, what they have."""
-    for module in _normalisations(network):
-        module.eval()
-
-
 @torch.no_grad()
 def measure_statistics(
     network: nn.Module,
@@ -33,9 +26,12 @@ def measure_statistics(
 ) -> None:
     """Replace the running statistics by plain means over batches of images.
 
-    outputs(network, images): the forward pass, in the arithmetic of the training.
+    outputs(network, images): the forward pass, in the arithmetic of the training; it is not called
+    where nothing normalises by its batch.
     """
     found = _normalisations(network)
+    if not found:
+        return
     usual = [module.momentum for module in found]
     for module in found:
         module.reset_running_stats()

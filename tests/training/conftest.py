@@ -78,7 +78,7 @@ def recipe():
         learning_rate=1e-2,
         weight_decay=1e-2,
         precision="float32",
-        frozen=0.25,
+        average=0.9,
     )
 
 

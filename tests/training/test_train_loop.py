@@ -47,15 +47,25 @@ def test_bf16_learns_like_float32(run, recipe):
     assert losses[1] == pytest.approx(losses[0], rel=0.05)
 
 
-def test_frozen_epochs_keep_the_statistics(run, recipe):
-    """In two of four epochs of four batches; they are measured over four, the weights move."""
-    recipe = replace(recipe, frozen=0.5)
-    assert [recipe.is_frozen(epoch) for epoch in range(4)] == [False, False, True, True]
-    frozen, _ = run(recipe=recipe)
-    free, _ = run(recipe=replace(recipe, frozen=0.0))
-    assert int(frozen.features[1].num_batches_tracked) == 4
-    assert int(free.features[1].num_batches_tracked) == 16
-    assert not torch.equal(frozen.head[1].weight, free.head[1].weight)
+def test_the_mean_of_the_steps_is_trained_for(run, recipe):
+    """Its weights are not the last ones, its statistics are measured over one epoch's batches."""
+    mean, report = run(recipe=replace(recipe, average=0.9))
+    last, _ = run(recipe=replace(recipe, average=0.0))
+    assert int(mean.features[1].num_batches_tracked) == 4
+    assert int(last.features[1].num_batches_tracked) == 16
+    assert not torch.equal(mean.head[1].weight, last.head[1].weight)
+    assert all(weight.requires_grad for weight in mean.parameters())
+    assert not mean.training
+    assert report.history[-1]["validation_loss"] < report.history[0]["validation_loss"]
+
+
+def test_with_patience_the_best_mean_is_taken(run, recipe):
+    """Every later validation is worse: a rate that high throws the weights about."""
+    recipe = replace(recipe, average=0.5, patience=3, schedule="constant", learning_rate=10.0)
+    best, report = run(recipe=recipe)
+    after_best, _ = run(recipe=replace(recipe, epochs=report.notes["best_epoch"], patience=None))
+    for name, value in best.state_dict().items():
+        assert torch.equal(value, after_best.state_dict()[name]), name
 
 
 def test_progress_is_told_every_step_and_epoch(run, recipe, recorder):
@@ -158,7 +168,7 @@ def test_one_cycle_has_a_rate_for_the_shortest_training(steps):
         {"batch": 0},
         {"learning_rate": 0.0},
         {"warmup": 1.0},
-        {"frozen": 1.1},
+        {"average": 1.0},
         {"precision": "half"},
     ],
 )
