@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +67,6 @@ class _Training:
     seeds: Seeds
     place: _Place
     examples: Examples
-    representative: torch.Tensor
-    """Rows of the examples over which statistics are measured."""
 
     @property
     def predicting(self) -> nn.Module:
@@ -78,6 +77,11 @@ class _Training:
         """Rows of the examples, in the order of an epoch."""
         order = torch.from_numpy(self.seeds.permutation(len(self.examples), epoch))
         return torch.split(order, self.recipe.batch)
+
+    @cached_property
+    def representative(self) -> torch.Tensor:
+        """Rows of the examples over which statistics are measured."""
+        return self.examples.spread(_MEASURED)
 
     def measure(self, network: nn.Module) -> None:
         """Measure the statistics of a network over batches that are each spread evenly."""
@@ -125,7 +129,6 @@ def train(
         seeds=seeds,
         place=place,
         examples=training.to(device),
-        representative=training.spread(_MEASURED),
     )
     key = _key(identity, recipe, place, seeds, training, validation)
     state, warning = TrainingState(), None
