@@ -42,17 +42,36 @@ def stored(store: Path, name: str, presses: int, noise: float, rng: np.random.Ge
     made = {name: {"none": np.empty(0)} for name in PARTS}
     made |= {"truth": truth, "predictions": predicted}
     record = {
-        "schema": SCHEMA, "name": name, "created": "2026-01-01T00:00:00+00:00",
-        "protocol": {"id": "exp1", "version": protocol.keys.version, "hash": protocol.hash,
-                     "title": protocol.keys.title},
-        "model": {"name": name, "parameters": {}}, "regime": "single", "encoder": None,
-        "sensor": {"name": "none", "origin": "simulated", "parameters": {}}, "seed": 0,
-        "partial": False, "limits": {}, "environment": {}, "speed": [], "timed": {},
-        "identity": {"weights_hash": "", "predictions_hash": arrays_hash(predicted), "stored": {},
-                     "data": ["the same"]},
-        "metrics": score_arrays(protocol.keys, truth, predicted, {}), "training": {},
-        "data": {"test": presses}, "signature": "",
-    }  # fmt: skip
+        "schema": SCHEMA,
+        "name": name,
+        "created": "2026-01-01T00:00:00+00:00",
+        "protocol": {
+            "id": "exp1",
+            "version": protocol.keys.version,
+            "hash": protocol.hash,
+            "title": protocol.keys.title,
+        },
+        "model": {"name": name, "parameters": {}},
+        "regime": "single",
+        "encoder": None,
+        "sensor": {"name": "none", "origin": "simulated", "parameters": {}},
+        "seed": 0,
+        "partial": False,
+        "limits": {},
+        "environment": {},
+        "speed": [],
+        "timed": {},
+        "identity": {
+            "weights_hash": "",
+            "predictions_hash": arrays_hash(predicted),
+            "stored": {},
+            "data": ["the same"],
+        },
+        "metrics": score_arrays(protocol.keys, truth, predicted, {}),
+        "training": {},
+        "data": {"test": presses},
+        "signature": "",
+    }
     write_run(store, record, made)
 
 

@@ -108,8 +108,10 @@ def read(dataset: Dataset, count: int, *, cached: bool) -> Seconds:
 
 def show(name: str, each: list[Seconds], others: list[Seconds] | None = None, of: str = "") -> None:
     wall = statistics.median(one.wall for one in each)
-    line = (f"{name:30}{1 / wall:9,.0f} /s [{1 / min(one.wall for one in each):9,.0f}]"
-            f"{1e6 * min(one.cpu for one in each):8,.0f} cpu us")  # fmt: skip
+    line = (
+        f"{name:30}{1 / wall:9,.0f} /s [{1 / min(one.wall for one in each):9,.0f}]"
+        f"{1e6 * min(one.cpu for one in each):8,.0f} cpu us"
+    )
     if others is not None:
         line += f"{statistics.median(one.wall for one in others) / wall:8.2f} x {of}"
     print(line, flush=True)
@@ -138,13 +140,14 @@ def main() -> None:
             }.items():
                 times.setdefault(name, []).append(work())
         waits = [one.wall for one in times["fsync"]]
-        print(f"{asked.count:,} frames of {asked.size}x{asked.size}, {os.cpu_count()} cores, "
-              f"fsync of a small file {1e3 * statistics.median(waits):.2f} ms "
-              f"[{1e3 * min(waits):.2f}]")  # fmt: skip
+        print(
+            f"{asked.count:,} frames of {asked.size}x{asked.size}, {os.cpu_count()} cores, "
+            f"fsync of a small file {1e3 * statistics.median(waits):.2f} ms "
+            f"[{1e3 * min(waits):.2f}]"
+        )
         show("encode only, one thread", times["encode"])
         show("write, synced one by one", times["add"], times["fsync"], "a bare fsync")
-        show(f"write, synced {asked.group} together", times["add_many"], times["add"],
-             "one by one")  # fmt: skip
+        show(f"write, synced {asked.group} together", times["add_many"], times["add"], "one by one")
         show("write, bulk", times["bulk"], times["add"], "one by one")
         dataset = open_dataset(folder)
         make = [timed(lambda: dataset.images(dataset.samples[:1]), asked.count)]

@@ -70,8 +70,13 @@ def environment(site: Path | None) -> dict[str, str]:
 
 def inside(site: Path | None) -> tuple[float, float, int]:
     """Processor and wall seconds of discovery alone, and how many models it found."""
-    done = subprocess.run([sys.executable, "-c", INSIDE], check=True, capture_output=True,
-                          text=True, env=environment(site))  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", INSIDE],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=environment(site),
+    )
     processor, wall, count = done.stdout.split()
     return float(processor), float(wall), int(count)
 
@@ -79,8 +84,12 @@ def inside(site: Path | None) -> tuple[float, float, int]:
 def whole(site: Path | None) -> float:
     """Seconds of ``tactibench list models``."""
     start = time.perf_counter()
-    subprocess.run([sys.executable, "-m", "tactibench", "list", "models"], check=True,
-                   capture_output=True, env=environment(site))  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-m", "tactibench", "list", "models"],
+        check=True,
+        capture_output=True,
+        env=environment(site),
+    )
     return time.perf_counter() - start
 
 
@@ -108,8 +117,9 @@ def main() -> int:
         print(f"{name:34}{statistics.median(times[name]):10.3f}{min(times[name]):10.3f}")
     slow = False
     for clock in ("processor", "wall"):
-        pairs = zip(times[f"discovery without, {clock}"], times[f"discovery with, {clock}"],
-                    strict=True)  # fmt: skip
+        pairs = zip(
+            times[f"discovery without, {clock}"], times[f"discovery with, {clock}"], strict=True
+        )
         added = [b - a for a, b in pairs]
         middle = statistics.median(added)
         print(f"{f'added by the plugins, {clock}':34}{middle:10.3f}{min(added):10.3f}")

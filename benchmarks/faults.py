@@ -93,8 +93,9 @@ HEAD = f"{'stage':24}{'stops':>8}" + "".join(f"{name:>8}" for name in OUTCOMES)
 
 def line(result: Result) -> str:
     counts = "".join(f"{result.outcomes[name]:8}" for name in OUTCOMES)
-    return "\n".join([f"{result.stage:24}{result.stops:8}{counts}",
-                      *(f"  {wrong}" for wrong in result.wrong)])  # fmt: skip
+    return "\n".join(
+        [f"{result.stage:24}{result.stops:8}{counts}", *(f"  {wrong}" for wrong in result.wrong)]
+    )
 
 
 def results_of(
@@ -134,8 +135,18 @@ def main() -> int:
     stops = sum(result.stops for result in results)
     print(f"{stops} stops in {time.perf_counter() - began:.0f} s")
     if asked.file:
-        asked.file.write_text(json.dumps([{"stage": r.stage, "stops": r.stops, **{
-            name: r.outcomes[name] for name in OUTCOMES}} for r in results]))  # fmt: skip
+        asked.file.write_text(
+            json.dumps(
+                [
+                    {
+                        "stage": r.stage,
+                        "stops": r.stops,
+                        **{name: r.outcomes[name] for name in OUTCOMES},
+                    }
+                    for r in results
+                ]
+            )
+        )
     return 1 if any(r.outcomes["lost"] + r.outcomes["silent"] for r in results) else 0
 
 

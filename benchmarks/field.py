@@ -79,16 +79,21 @@ def main() -> None:
     asked = parser.parse_args()
     directions, cheapest = layout(asked.pins), None
     print(f"dual scenes, {asked.pins} pins; target of coupled on 2 cores: {TARGET:,} /s")
-    print(f"{'tier':11}{'1 thread /s':>12}{'best':>10}{asked.threads:>6} threads /s{'best':>10}"
-          f"{'gain':>6}{'cpu us':>9}{'of superpose':>14}")  # fmt: skip
+    print(
+        f"{'tier':11}{'1 thread /s':>12}{'best':>10}{asked.threads:>6} threads /s{'best':>10}"
+        f"{'gain':>6}{'cpu us':>9}{'of superpose':>14}"
+    )
     for name, tier in tiers(shipped()).items():
         work = batches(asked.slow if name == "green" else asked.count)
         one, several = (timed(tier, work, directions, n) for n in (1, asked.threads))
         cheapest = cheapest or several.cpu
-        print(f"{name:11}{1 / one.median:12,.0f}{f'[{1 / one.best:,.0f}]':>10}"
-              f"{1 / several.median:17,.0f}{f'[{1 / several.best:,.0f}]':>10}"
-              f"{one.best / several.best:6.2f}{1e6 * several.cpu:9.1f}"
-              f"{several.cpu / cheapest:14.1f}", flush=True)  # fmt: skip
+        print(
+            f"{name:11}{1 / one.median:12,.0f}{f'[{1 / one.best:,.0f}]':>10}"
+            f"{1 / several.median:17,.0f}{f'[{1 / several.best:,.0f}]':>10}"
+            f"{one.best / several.best:6.2f}{1e6 * several.cpu:9.1f}"
+            f"{several.cpu / cheapest:14.1f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

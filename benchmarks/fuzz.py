@@ -32,8 +32,9 @@ def guided(name: str, arguments: list[str]) -> None:
     for number, seed in enumerate(TARGETS[name].seeds(folder)):
         (corpus / str(number)).write_bytes(seed)
     atheris.instrument_all()
-    atheris.Setup([sys.argv[0], *arguments, str(corpus)],
-                  lambda data: attempt(TARGETS[name], data, folder))  # fmt: skip
+    atheris.Setup(
+        [sys.argv[0], *arguments, str(corpus)], lambda data: attempt(TARGETS[name], data, folder)
+    )
     atheris.Fuzz()
 
 
@@ -53,9 +54,11 @@ def random_ones(name: str, count: int, seed: int) -> int:
                     print(f"{name}: {key}: {str(error)[:200]}: {data[:300]!r}", flush=True)
                 found[key] += 1
             slowest = max(slowest, time.process_time() - start)
-    print(f"{name:10}{count:8,} inputs {accepted:8,} accepted {found.total():6,} uncaught "
-          f"slowest {1000 * slowest:6.0f} ms {time.perf_counter() - began:6.0f} s",
-          flush=True)  # fmt: skip
+    print(
+        f"{name:10}{count:8,} inputs {accepted:8,} accepted {found.total():6,} uncaught "
+        f"slowest {1000 * slowest:6.0f} ms {time.perf_counter() - began:6.0f} s",
+        flush=True,
+    )
     return found.total()
 
 

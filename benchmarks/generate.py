@@ -112,18 +112,23 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[128, 256])
     asked = parser.parse_args()
     head = f"{'1 thread':>9}{'best':>9}{asked.threads:>9} threads, gain  cpu us"
-    print(f"{'sensor':11}{'scene':7}{'px':>4}{'field us':>9}{'render us':>10}  render /s:{head}"
-          f"  whole /s:{head}")  # fmt: skip
+    print(
+        f"{'sensor':11}{'scene':7}{'px':>4}{'field us':>9}{'render us':>10}  render /s:{head}"
+        f"  whole /s:{head}"
+    )
     for kind in (TacTip127, TacTip331):
         for name in ("single", "dual"):
             for size in asked.sizes:
                 several = scenes(name, asked.count)
                 work = stages(kind, size, several, asked.threads)
                 each = {s: timed(w, asked.rounds, asked.count) for s, w in work.items()}
-                print(f"{kind.preset.name:11}{name:7}{size:4}"
-                      f"{1e6 * each['field'].median:9.0f}{1e6 * each['render'].median:10.0f}"
-                      f"{'':12}{rates(each['render'], each['render N'])}"
-                      f"{'':12}{rates(each['whole'], each['whole N'])}", flush=True)  # fmt: skip
+                print(
+                    f"{kind.preset.name:11}{name:7}{size:4}"
+                    f"{1e6 * each['field'].median:9.0f}{1e6 * each['render'].median:10.0f}"
+                    f"{'':12}{rates(each['render'], each['render N'])}"
+                    f"{'':12}{rates(each['whole'], each['whole N'])}",
+                    flush=True,
+                )
     several = scenes("single", 200)
     sensor = TacTip127(SensorContext(SEED))
     seconds = timed(lambda: [sensor.bound(s) for s in several], 3, 200).median

@@ -39,19 +39,40 @@ from tactibench_tactip.rehearsal import Hidden, Rehearsed, envelope_of, rehearse
 from tactibench_tactip.settings import Settings
 
 UR_FAULTS = (
-    "protective-stop", "unlock-refused", "emergency-stop", "socket-drop", "frozen-stream",
-    "wrong-length", "program-stop",
-)  # fmt: skip
+    "protective-stop",
+    "unlock-refused",
+    "emergency-stop",
+    "socket-drop",
+    "frozen-stream",
+    "wrong-length",
+    "program-stop",
+)
 GRBL_FAULTS = (
-    "alarm-1", "alarm-2", "alarm-3", "alarm-5", "no-ok", "garbled-line", "unplug", "hold",
-)  # fmt: skip
+    "alarm-1",
+    "alarm-2",
+    "alarm-3",
+    "alarm-5",
+    "no-ok",
+    "garbled-line",
+    "unplug",
+    "hold",
+)
 CAMERA_FAULTS = (
-    "camera-stall", "camera-drop", "stale-frames", "black-frames", "brightness-jump", "pin-loss",
-)  # fmt: skip
+    "camera-stall",
+    "camera-drop",
+    "stale-frames",
+    "black-frames",
+    "brightness-jump",
+    "pin-loss",
+)
 VALUES = {
-    "camera-stall": 60.0, "frozen-stream": 60.0, "stale-frames": 40.0, "black-frames": 40.0,
-    "pin-loss": 5.0, "alarm-5": 50.0,
-}  # fmt: skip
+    "camera-stall": 60.0,
+    "frozen-stream": 60.0,
+    "stale-frames": 40.0,
+    "black-frames": 40.0,
+    "pin-loss": 5.0,
+    "alarm-5": 50.0,
+}
 """Seconds of the world, pins, and probes; a stall outlasts a deadline at a time scale of 20."""
 DISK_FULL = "disk-full"
 ALIKE = 3.0
@@ -129,20 +150,31 @@ def run_collect(arguments: argparse.Namespace) -> None:
             return True
 
         report = collect(
-            rehearsed.settings, plan, folder, told=print, advance=advance, mount=mount,
+            rehearsed.settings,
+            plan,
+            folder,
+            told=print,
+            advance=advance,
+            mount=mount,
             entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
-        )  # fmt: skip
+        )
         took = time.monotonic() - start
         outside = len(rehearsed.world.log.outside)
     depth, place = np.abs(frames.depth), np.array(frames.place)
-    print(f"{arguments.protocol} on {arguments.driver}, time scale {arguments.time_scale:g}: "
-          f"{report.ok} ok, {report.bad} bad, {report.left} left in {took:.0f} s "
-          f"({took / max(1, report.ok):.2f} s a press)")  # fmt: skip
-    print(f"depth label against truth: mean {np.mean(frames.depth):+.4f}, worst "
-          f"{depth.max():.4f} mm ({len(depth)} contacts)")  # fmt: skip
+    print(
+        f"{arguments.protocol} on {arguments.driver}, time scale {arguments.time_scale:g}: "
+        f"{report.ok} ok, {report.bad} bad, {report.left} left in {took:.0f} s "
+        f"({took / max(1, report.ok):.2f} s a press)"
+    )
+    print(
+        f"depth label against truth: mean {np.mean(frames.depth):+.4f}, worst "
+        f"{depth.max():.4f} mm ({len(depth)} contacts)"
+    )
     print(f"position label against truth: worst {place.max():.5f} mm")
-    print(f"frames: {min(frames.late_ms):.1f} ms after the end of settling at least, at most "
-          f"{max(frames.off):.2f} grey levels from the truth; {frames.stale} stale")  # fmt: skip
+    print(
+        f"frames: {min(frames.late_ms):.1f} ms after the end of settling at least, at most "
+        f"{max(frames.off):.2f} grey levels from the truth; {frames.stale} stale"
+    )
     print(f"first touch: {[round(touch.z0_mm, 4) for touch in report.touches]}, true 0.8 mm")
     print(f"motion outside the envelope: {outside} stretches")
     print(
@@ -184,10 +216,12 @@ def _one_fault(driver: str, kind: str, folder: Path) -> str:
             start = time.monotonic()
             try:
                 report = collect(
-                    rehearsed.settings, plan, folder,
+                    rehearsed.settings,
+                    plan,
+                    folder,
                     entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
                     advance=lambda _: frames.look(),
-                )  # fmt: skip
+                )
                 longest = max(longest, time.monotonic() - start)
                 if not report.left:
                     break
@@ -203,9 +237,11 @@ def _one_fault(driver: str, kind: str, folder: Path) -> str:
     samples = open_dataset(folder).samples
     ok = sum(sample.status == "ok" for sample in samples)
     whole = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
-    return (f"{driver:<5} {kind:<16} {sessions:>8} {ok:>4} {len(samples) - ok:>4}  "
-            f"{'all ' if whole else 'LOST'} {frames.stale:>6} {longest:>10.1f} {outside:>8}  "
-            f"{'' if fired else 'NOT FIRED '}{ended[:90]}")  # fmt: skip
+    return (
+        f"{driver:<5} {kind:<16} {sessions:>8} {ok:>4} {len(samples) - ok:>4}  "
+        f"{'all ' if whole else 'LOST'} {frames.stale:>6} {longest:>10.1f} {outside:>8}  "
+        f"{'' if fired else 'NOT FIRED '}{ended[:90]}"
+    )
 
 
 def _faults(kind: str) -> tuple[Fault, ...]:

@@ -26,8 +26,21 @@ def run_kills(kills: int, count: int, seed: int, settings: Settings) -> None:
     out, presses = base / "data", base / "presses.jsonl"
     plan = plan_of("exp1", settings, draws=("singles",), count=count)
     presses.write_text("".join(json.dumps(row) + "\n" for row in plan.rows()), encoding="utf-8")
-    command = [sys.executable, "-m", "tactibench", "hw", "collect", str(presses), "--config",
-               str(config), "--out", str(out), "--emulate", "--time-scale", "100"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "tactibench",
+        "hw",
+        "collect",
+        str(presses),
+        "--config",
+        str(config),
+        "--out",
+        str(out),
+        "--emulate",
+        "--time-scale",
+        "100",
+    ]
     rng = random.Random(seed)  # noqa: S311
     killed, counts = 0, []
     while True:
@@ -47,8 +60,12 @@ def run_kills(kills: int, count: int, seed: int, settings: Settings) -> None:
     print(f"{killed} kills; rows after each: {counts}")
     good = sorted(ids) == sorted(press.id for press in plan.presses)
     print(f"ids: {len(ids)} of {count}: {'exactly the planned' if good else 'WRONG'}")
-    verified = subprocess.run([sys.executable, "-m", "tactibench", "data", "verify", str(out)],
-                              capture_output=True, text=True, check=False)  # fmt: skip
+    verified = subprocess.run(
+        [sys.executable, "-m", "tactibench", "data", "verify", str(out)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     print(verified.stdout.strip())
     shutil.rmtree(base, ignore_errors=True)
 

@@ -165,16 +165,26 @@ def main() -> int:
     print(
         f"{outcome.kills} kills ({outcome.while_opening} before writing began) in {seconds:.0f} s"
     )
-    print(f"{len(outcome.acknowledged):,} samples acknowledged, {samples:,} there: "
-          f"{len(outcome.lost)} lost, {len(outcome.twice)} twice, "
-          f"{len(outcome.different)} different")  # fmt: skip
+    print(
+        f"{len(outcome.acknowledged):,} samples acknowledged, {samples:,} there: "
+        f"{len(outcome.lost)} lost, {len(outcome.twice)} twice, "
+        f"{len(outcome.different)} different"
+    )
     print("mended when opened for reading:", dict(outcome.mended))
     if asked.file:
         asked.file.write_text(
-            json.dumps({"kills": outcome.kills, "acknowledged": len(outcome.acknowledged),
-                        "samples": samples, "lost": sorted(outcome.lost),
-                        "twice": sorted(outcome.twice), "different": sorted(outcome.different),
-                        "good": outcome.good}))  # fmt: skip
+            json.dumps(
+                {
+                    "kills": outcome.kills,
+                    "acknowledged": len(outcome.acknowledged),
+                    "samples": samples,
+                    "lost": sorted(outcome.lost),
+                    "twice": sorted(outcome.twice),
+                    "different": sorted(outcome.different),
+                    "good": outcome.good,
+                }
+            )
+        )
     return 0 if outcome.good else 1
 
 

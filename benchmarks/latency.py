@@ -77,8 +77,10 @@ def show(sample: LatencySample, name: str, against: LatencySample) -> float:
     phases = zip(sample.phases, np.median(sample.raw_ms, axis=0), strict=True)
     parts = ", ".join(f"{phase} {value:.2f}" for phase, value in phases)
     middle = float(np.median(against.total_ms) / p50)
-    print(f"  {name:12s} p50 {p50:7.2f} ms, p90 {p90:7.2f} ms ({parts}); plain / this: "
-          f"p90 {ratio:.2f}, p50 {middle:.2f}")  # fmt: skip
+    print(
+        f"  {name:12s} p50 {p50:7.2f} ms, p90 {p90:7.2f} ms ({parts}); plain / this: "
+        f"p90 {ratio:.2f}, p50 {middle:.2f}"
+    )
     return ratio
 
 
@@ -104,8 +106,10 @@ def main() -> None:
     entries = {PLAIN: with_true_maps(plain(model), maps)}
     entries |= {one.name: with_true_maps(one.stages, maps) for one in found.usable}
     amx = "amx_bf16" in facts["cpu_flags"]
-    print(f"U-Net of width {options.width}, {model.parameters:,} weights; {facts['cpu']}, AMX: "
-          f"{'yes' if amx else 'no'}, torch {facts['torch']}")  # fmt: skip
+    print(
+        f"U-Net of width {options.width}, {model.parameters:,} weights; {facts['cpu']}, AMX: "
+        f"{'yes' if amx else 'no'}, torch {facts['torch']}"
+    )
     for name, reason in found.skipped.items():
         print(f"left out: {name}: {reason if name != COMPILED else 'add --compile'}")
     chosen = ""
@@ -116,14 +120,20 @@ def main() -> None:
         for clock_name, clock in clocks.items():
             with torch_threads(threads):
                 samples = time_in_rounds(
-                    entries, frames, threads=threads, calls=options.calls,
-                    rounds=options.calls // 10, clock=clock, budget_s=60,
-                )  # fmt: skip
+                    entries,
+                    frames,
+                    threads=threads,
+                    calls=options.calls,
+                    rounds=options.calls // 10,
+                    clock=clock,
+                    budget_s=60,
+                )
             chosen = chosen or fastest(found.usable, samples).name
             print(f"{threads} thread{'s' if threads > 1 else ''}, {clock_name}")
             ratios = {n: show(sample, n, samples[PLAIN]) for n, sample in samples.items()}
-            print(f"  p90, plain / timed ({chosen}): {ratios[chosen]:.2f}, "
-                  f"must reach {NEEDED[amx]}")  # fmt: skip
+            print(
+                f"  p90, plain / timed ({chosen}): {ratios[chosen]:.2f}, must reach {NEEDED[amx]}"
+            )
 
 
 if __name__ == "__main__":

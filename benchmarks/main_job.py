@@ -95,8 +95,15 @@ def main() -> int:
             verdict = "" if taken <= job.target_s else "  missed"
             text = " ".join(job.options)
             print(f"{job.name:8}{text:12}{taken:9.1f}{job.target_s:9.0f}{verdict}", flush=True)
-            rows.append({"metric": "wall_s", "group": job.name, "value": taken, "unit": "s",
-                         "target": job.target_s})  # fmt: skip
+            rows.append(
+                {
+                    "metric": "wall_s",
+                    "group": job.name,
+                    "value": taken,
+                    "unit": "s",
+                    "target": job.target_s,
+                }
+            )
     print(
         f"machine {fingerprint_hash(machine)}: {machine['cpu']}, {machine['cores_logical']} cores, "
         f"{machine['memory_gib']} GiB, gpu {machine['gpu'] or 'none'}, torch {machine['torch']}"

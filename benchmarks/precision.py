@@ -69,12 +69,15 @@ def model_lines(found: dict[str, Any]) -> Iterator[tuple[str, ...]]:
         shares = [row["share"] for row in rows if row["share"] is not None]
         changes = [row["error_change"] for row in rows if row["error_change"] is not None]
         yield (
-            found["model"]["name"], name, length(max(m for m in medians if m is not None)),
-            length(max(largest)), share(max(shares, default=None)),
+            found["model"]["name"],
+            name,
+            length(max(m for m in medians if m is not None)),
+            length(max(largest)),
+            share(max(shares, default=None)),
             share(max(changes, key=abs, default=None)),
             str(max(row["other_count"] for row in rows)),
             str(sum(row["not_finite"] for row in rows)),
-        )  # fmt: skip
+        )
 
 
 def encoder_rows(count: int = 200) -> Iterator[Row]:
@@ -93,10 +96,13 @@ def encoder_rows(count: int = 200) -> Iterator[Row]:
             given = torch.from_numpy(maps).to(kind).double().numpy()
             gap = compare(encoder.decode_batch(given, GRID), exact)
             yield {
-                "encoder": spec.name, "type": str(kind).removeprefix("torch."),
-                "own_error_mm": own.largest_mm, "median_mm": gap.median_mm,
-                "largest_mm": gap.largest_mm, "other_count": gap.other_count,
-            }  # fmt: skip
+                "encoder": spec.name,
+                "type": str(kind).removeprefix("torch."),
+                "own_error_mm": own.largest_mm,
+                "median_mm": gap.median_mm,
+                "largest_mm": gap.largest_mm,
+                "other_count": gap.other_count,
+            }
 
 
 def markdown(heads: tuple[str, ...], lines: Iterable[tuple[str, ...]]) -> None:
@@ -122,8 +128,16 @@ def main() -> None:
         models = [one for one in found.values() if one is not None]
         for name in (name for name, one in found.items() if one is None):
             print(f"{name}: no weights in the cache; tactibench models train {name}\n")
-    heads = ("model", "numbers", "median, mm", "largest, mm", "of its error", "error changes",
-             "other count", "not finite")  # fmt: skip
+    heads = (
+        "model",
+        "numbers",
+        "median, mm",
+        "largest, mm",
+        "of its error",
+        "error changes",
+        "other count",
+        "not finite",
+    )
     markdown(heads, [line for one in models for line in model_lines(one)])
     for one in models:
         for name, reason in one["skipped"].items():
@@ -131,11 +145,26 @@ def main() -> None:
     print()
     encoders = list(encoder_rows())
     markdown(
-        ("encoder", "maps in", "median, mm", "largest, mm", "largest error in float32, mm",
-         "other count"),
-        [(row["encoder"], row["type"], length(row["median_mm"]), length(row["largest_mm"]),
-          length(row["own_error_mm"]), str(row["other_count"])) for row in encoders],
-    )  # fmt: skip
+        (
+            "encoder",
+            "maps in",
+            "median, mm",
+            "largest, mm",
+            "largest error in float32, mm",
+            "other count",
+        ),
+        [
+            (
+                row["encoder"],
+                row["type"],
+                length(row["median_mm"]),
+                length(row["largest_mm"]),
+                length(row["own_error_mm"]),
+                str(row["other_count"]),
+            )
+            for row in encoders
+        ],
+    )
     if asked.json:
         write_json(asked.json, {"models": models, "encoders": encoders})
 

@@ -58,9 +58,12 @@ def make(folder: Path, count: int, rng: np.random.Generator) -> None:
         seed = record["seed"] + 10 * (k // len(known))
         images = rng.integers(0, 255, (24, 128, 128), dtype=np.uint8)
         parts: dict[str, Arrays] = {
-            "truth": truth, "predictions": predicted, "times": {}, "maps": {},
+            "truth": truth,
+            "predictions": predicted,
+            "times": {},
+            "maps": {},
             "examples": {"index": np.arange(24), "images": images},
-        }  # fmt: skip
+        }
         made = {**record, "name": name, "seed": seed, "identity": identity}
         run = write_run(folder / "runs", made, parts)
         place = folder / "leaderboards" / FOLDER / record["protocol"]["id"] / f"{name}.json"
@@ -73,8 +76,13 @@ def timed(folder: Path, cache: Path, *command: str) -> float:
     """Wall seconds of a command; printed with its processor time."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = {**os.environ, "TACTIBENCH_CACHE": str(cache)}
-    subprocess.run([sys.executable, "-m", "tactibench", *command], cwd=folder, env=environment,
-                   check=True, stdout=subprocess.DEVNULL)  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-m", "tactibench", *command],
+        cwd=folder,
+        env=environment,
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     print(f"  tactibench {' '.join(command):<55} {wall:6.1f} s, processor {used:5.1f} s")
@@ -122,10 +130,14 @@ def main() -> None:
         for name in ("runs.html", "board.html"):
             size = (folder / name).stat().st_size / 1e6
             seconds = opened(folder / name)
-            shown = "no browser" if seconds is None else (
-                f"tables after {seconds[0]:.2f} s, figures after {seconds[1]:.2f} s "
-                f"(at most {LIMIT_OPEN_S:g} s)"
-            )  # fmt: skip
+            shown = (
+                "no browser"
+                if seconds is None
+                else (
+                    f"tables after {seconds[0]:.2f} s, figures after {seconds[1]:.2f} s "
+                    f"(at most {LIMIT_OPEN_S:g} s)"
+                )
+            )
             print(f"{name}: {size:.2f} MB (at most {LIMIT_MB:g}), {shown}")
 
 

@@ -31,9 +31,18 @@ REST = ("drag_per_deg", "drag_offset_mm", "drag_per_depth", "drag_per_tilt")
 
 
 def line(
-    name: str, first: Presses, others: Presses, begin: Unknowns, free: tuple[str, ...], steps: int,
-    kind: str = "50_stick", lens: str = "fisheye", index: float = 1.41, *, states: bool = True,
-) -> Unknowns:  # fmt: skip
+    name: str,
+    first: Presses,
+    others: Presses,
+    begin: Unknowns,
+    free: tuple[str, ...],
+    steps: int,
+    kind: str = "50_stick",
+    lens: str = "fisheye",
+    index: float = 1.41,
+    *,
+    states: bool = True,
+) -> Unknowns:
     began = time.perf_counter()
     x, _ = fit(first, rig(first, kind, lens, index), begin, free, states=states, steps=steps)
     what = rig(others, kind, lens, index)
@@ -69,13 +78,24 @@ def main() -> None:
                 zero = replace(zero, pivot_mm=20.0)
             line(f"without {name}", *two, zero, tuple(n for n in ALL if n not in gone), steps)
         line("frictionless press", *two, whole, ALL, steps, "50_none")
-        line("without refraction", *two, replace(whole, gel_mm=20.0, pin_length_mm=0.0),
-             tuple(n for n in ALL if n != "gel_mm"), steps, index=1.0)  # fmt: skip
+        line(
+            "without refraction",
+            *two,
+            replace(whole, gel_mm=20.0, pin_length_mm=0.0),
+            tuple(n for n in ALL if n != "gel_mm"),
+            steps,
+            index=1.0,
+        )
         other = replace(whole, air_mm=10.0, gel_mm=15.0, focal_px=95.0)
         line("pinhole with refraction", *two, other, ALL, steps, lens="pinhole")
         for length in (0.0, 1.0, 2.0):
-            line(f"pin length {length:g} mm", *two, replace(whole, pin_length_mm=length),
-                 tuple(n for n in ALL if n != "pin_length_mm"), steps)  # fmt: skip
+            line(
+                f"pin length {length:g} mm",
+                *two,
+                replace(whole, pin_length_mm=length),
+                tuple(n for n in ALL if n != "pin_length_mm"),
+                steps,
+            )
         for kind in ("10_stick", "300_stick"):
             line(f"dome {kind}", *two, whole, ALL, steps, kind)
         line("fitted as if every press was dragged", *two, whole, ALL, steps, states=False)

@@ -50,9 +50,15 @@ SINGLE, DUAL = 4.0, 6.0
 OVERALL, BIN = (0.92, 0.98), 0.85
 
 LINES = (
-    ("rmse_over_bound", 2), ("typical_over_bound", 2), ("bias_over_bound", 2), ("bias_mm", 5),
-    ("std_over_bound", 2), ("std_over_bound_p50", 2), ("rms_z", 3), ("typical_z", 3),
-)  # fmt: skip
+    ("rmse_over_bound", 2),
+    ("typical_over_bound", 2),
+    ("bias_over_bound", 2),
+    ("bias_mm", 5),
+    ("std_over_bound", 2),
+    ("std_over_bound_p50", 2),
+    ("rms_z", 3),
+    ("typical_z", 3),
+)
 """Figures by axis and their digits; `typical` are medians in place of root mean squares."""
 SEEDED = {"seed", "weights", "weights_hash", "predictions_hash", "stored", "commit", "machine"}
 """Parts of a run's identity that its seed changes, or that change no figure."""

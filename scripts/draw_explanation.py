@@ -29,8 +29,15 @@ BEGIN, END = "<!-- table: python scripts/draw_explanation.py -->", "<!-- end of 
 MOST = "multiple"
 """The regime that is drawn filled."""
 TABLE = ("position_mean_mm", "missed", "spurious", "gospa1_mm")
-HEADS = ("model", "regime", "seeds", "position error of pairs, mm", "missed, %",
-         "spurious / frame", "GOSPA, mm")  # fmt: skip
+HEADS = (
+    "model",
+    "regime",
+    "seeds",
+    "position error of pairs, mm",
+    "missed, %",
+    "spurious / frame",
+    "GOSPA, mm",
+)
 
 
 def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
@@ -39,14 +46,17 @@ def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
     Networks that read other maps, mix or add plainly have rows of their own on the boards.
     """
     section = of_sensor(gathered(protocol, board, None), None, protocol)
-    return [row for row in section.rows
-            if row.first["model"]["name"] not in TRIVIAL and _plain(row)]  # fmt: skip
+    return [
+        row for row in section.rows if row.first["model"]["name"] not in TRIVIAL and _plain(row)
+    ]
 
 
 def _plain(row: Row) -> bool:
-    return row.model == row.first["model"]["name"] and not row.mixing and not (
-        {"depth", "offset", "axes"} & {row.encoder.partition(",")[0]}
-    )  # fmt: skip
+    return (
+        row.model == row.first["model"]["name"]
+        and not row.mixing
+        and not ({"depth", "offset", "axes"} & {row.encoder.partition(",")[0]})
+    )
 
 
 def looks(rows: Iterable[Row]) -> dict[str, dict[str, Any]]:
@@ -65,10 +75,15 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
         x = [100 * _value(record, "missed") for record in row.records]
         y = [_value(record, "position_mean_mm") for record in row.records]
         face = own["color"] if row.regime == MOST else "white"
-        axes.plot(x, y, linestyle="none", markersize=8, markeredgewidth=1.5,
-                  markerfacecolor=face, **own)  # fmt: skip
-    axes.set(xlabel="contacts missed, %", ylabel="position error of the pairs that are left, mm",
-             yscale="log", xlim=(-2, 100))  # fmt: skip
+        axes.plot(
+            x, y, linestyle="none", markersize=8, markeredgewidth=1.5, markerfacecolor=face, **own
+        )
+    axes.set(
+        xlabel="contacts missed, %",
+        ylabel="position error of the pairs that are left, mm",
+        yscale="log",
+        xlim=(-2, 100),
+    )
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     plain(axes)
     axes.legend(handles=_legend(look), frameon=False, fontsize=9, loc="lower right")
@@ -91,8 +106,14 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
         own = look[row.first["model"]["name"]]
         axes.plot([min(times), max(times)], [k, k], color=GREY, linewidth=1.2, zorder=1)
         axes.plot(times, [k] * len(times), linestyle="none", markersize=8, **own)
-        axes.text(max(times) * 1.06, k, f"x {max(times) / min(times):.1f}", va="center", fontsize=9,
-                  color=GREY)  # fmt: skip
+        axes.text(
+            max(times) * 1.06,
+            k,
+            f"x {max(times) / min(times):.1f}",
+            va="center",
+            fontsize=9,
+            color=GREY,
+        )
     axes.set_yticks(range(len(drawn)), [row.label for row in drawn], fontsize=9)
     axes.set(xscale="log", xlabel="one frame to contacts, p90 on one thread, ms")
     _plain_log(axes, drawn)
@@ -121,10 +142,20 @@ def _plain_log(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def _legend(look: dict[str, dict[str, Any]]) -> list[Line2D]:
-    named = [Line2D([], [], linestyle="none", markersize=8, label=model, **own)
-             for model, own in look.items()]  # fmt: skip
-    hollow = Line2D([], [], linestyle="none", marker="o", markersize=8, markerfacecolor="white",
-                    color=GREY, label="hollow: trained on single presses only")  # fmt: skip
+    named = [
+        Line2D([], [], linestyle="none", markersize=8, label=model, **own)
+        for model, own in look.items()
+    ]
+    hollow = Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markersize=8,
+        markerfacecolor="white",
+        color=GREY,
+        label="hollow: trained on single presses only",
+    )
     return [*named, hollow]
 
 
@@ -133,8 +164,10 @@ def error_table(rows: Iterable[Row]) -> list[str]:
     cells = []
     for row in rows:
         values = [row.metric(name, "all") for name in TABLE]
-        shown = [value.value * (100 if name == "missed" else 1) if value else None
-                 for name, value in zip(TABLE, values, strict=True)]  # fmt: skip
+        shown = [
+            value.value * (100 if name == "missed" else 1) if value else None
+            for name, value in zip(TABLE, values, strict=True)
+        ]
         cells.append(
             [
                 f"`{row.first['model']['name']}`",
@@ -176,8 +209,11 @@ def main(ctx: click.Context, check: bool) -> None:
     wanted = with_table(page, error_table(exp3))
     if check:
         if wanted != page:
-            click.echo(f"{PAGE.name} is not what the records give; run "
-                       "`python scripts/draw_explanation.py`.", err=True)  # fmt: skip
+            click.echo(
+                f"{PAGE.name} is not what the records give; run "
+                "`python scripts/draw_explanation.py`.",
+                err=True,
+            )
         ctx.exit(int(wanted != page))
     misses_picture(IMAGES / "misses.png", exp3)
     same_machine_picture(IMAGES / "same_machine.png", board_rows("exp2"))

@@ -11,8 +11,16 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
-OUTSIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE", "CITATION.cff",
-           "leaderboards/*.md", "leaderboards/hidden/*.md", "protocols/*.md")  # fmt: skip
+OUTSIDE = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "LICENSE",
+    "CITATION.cff",
+    "leaderboards/*.md",
+    "leaderboards/hidden/*.md",
+    "protocols/*.md",
+)
 FOLDER = "repository"
 """Where in the site they are: beside them, `README.md` would be the site's index."""
 _LINK = re.compile(r"(\]\()([^)\s#:]*)(#[^)\s]*)?(?=\))")

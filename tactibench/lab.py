@@ -55,9 +55,15 @@ def presses_of(
 
 
 def trained_model(
-    name: str, protocol: str = "exp1", *, params: Sequence[str] = (), data: Path | None = None,
-    regime: str | None = None, sensor: str | None = None, untrained: bool = False,
-) -> tuple[Model, str]:  # fmt: skip
+    name: str,
+    protocol: str = "exp1",
+    *,
+    params: Sequence[str] = (),
+    data: Path | None = None,
+    regime: str | None = None,
+    sensor: str | None = None,
+    untrained: bool = False,
+) -> tuple[Model, str]:
     """A model with weights from the cache, and the label it goes by.
 
     untrained: with random weights, whose answers say nothing, to time it. Raises UserError, which
@@ -72,9 +78,13 @@ def trained_model(
     from tactibench.running.training import trained_model as load
 
     request = RunRequest(
-        protocol, name, parameters=read_parameters(tuple(params)), data=data, regime=regime,
+        protocol,
+        name,
+        parameters=read_parameters(tuple(params)),
+        data=data,
+        regime=regime,
         sensor=sensor,
-    )  # fmt: skip
+    )
     plan = make_plan(request, PluginHost(), cache_folder())
     label = plan.parts.model.label()
     if untrained:

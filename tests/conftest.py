@@ -19,16 +19,22 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # processes that each take all cores st
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
-RANKED = {"exp1": ("mae_mm", "mean"), "exp2": ("distance_penalised_mm", "all"),
-          "exp3": ("gospa1_mm", "all"), "surface": ("depth_mae_mm", "all"),
-          "stability": ("ospa_mm", "all"), "transfer": ("depth_mae_mm", "0")}  # fmt: skip
+RANKED = {
+    "exp1": ("mae_mm", "mean"),
+    "exp2": ("distance_penalised_mm", "all"),
+    "exp3": ("gospa1_mm", "all"),
+    "surface": ("depth_mae_mm", "all"),
+    "stability": ("ospa_mm", "all"),
+    "transfer": ("depth_mae_mm", "0"),
+}
 PERCENT = {"missed", "resolved", "catch_resolved", "coverage"}
 
 
 def metric(name: str, group: str, value: float | None, **more: Any) -> dict[str, Any]:
     """A row of a record, its interval 10 % to either side."""
-    ends = {"low": None, "high": None} if value is None else {"low": 0.9 * value,
-                                                              "high": 1.1 * value}  # fmt: skip
+    ends = (
+        {"low": None, "high": None} if value is None else {"low": 0.9 * value, "high": 1.1 * value}
+    )
     unit = "share" if name in PERCENT else "mm"
     base = {"metric": name, "group": group, "value": value, **ends, "n": 1000, "clusters": 1000}
     return {**base, "unit": unit, "better": "lower", **more}
@@ -57,38 +63,63 @@ def fabricated(
     loaded = load_protocol(protocol)
     label = [_labelled(model, settings), _labelled("tactip-127", sensor)]
     name = f"{protocol}-{model}-{regime}-s{seed}-{hash_of([label, encoder, machine, more])}"
-    rows = [metric(*RANKED[protocol], error), metric("missed", "all", 0.01),
-            metric("spurious", "all", 0.002), *(metric(*row) for row in metrics)]  # fmt: skip
+    rows = [
+        metric(*RANKED[protocol], error),
+        metric("missed", "all", 0.01),
+        metric("spurious", "all", 0.002),
+        *(metric(*row) for row in metrics),
+    ]
     record: dict[str, Any] = {
         "schema": 1,
         "name": name,
         "created": f"2026-01-0{1 + seed}T00:00:00+00:00",
-        "protocol": {"id": protocol, "version": loaded.keys.version, "hash": loaded.hash,
-                     "title": loaded.keys.title},
+        "protocol": {
+            "id": protocol,
+            "version": loaded.keys.version,
+            "hash": loaded.hash,
+            "title": loaded.keys.title,
+        },
         "model": {"name": model, "parameters": {"width": 16, **(settings or {})}},
         "regime": regime,
         "encoder": None if encoder is None else {"name": encoder, "parameters": {}},
-        "sensor": {"name": "tactip-127", "origin": origin,
-                   "parameters": {"instance": 0, "tier": "auto", **(sensor or {})}},
+        "sensor": {
+            "name": "tactip-127",
+            "origin": origin,
+            "parameters": {"instance": 0, "tier": "auto", **(sensor or {})},
+        },
         "seed": seed,
         "partial": False,
         "limits": {"quick": False, "limit": None},
-        "identity": {"weights_hash": "cd", "predictions_hash": "", "stored": {"predictions": ""},
-                     "data": [f"frames of {label[1]}"], "sensor": {"name": "tactip-127"}},
+        "identity": {
+            "weights_hash": "cd",
+            "predictions_hash": "",
+            "stored": {"predictions": ""},
+            "data": [f"frames of {label[1]}"],
+            "sensor": {"name": "tactip-127"},
+        },
         "environment": {"cpu": "AMD EPYC", "cores_logical": 2, "fingerprint": machine},
         "metrics": rows,
         "speed": [
-            {"scenario": "single", "threads": threads, "batch": 1, "phase": "total",
-             "p50_ms": 0.9 * p90_ms, "p90_ms": p90_ms, "p99_ms": 1.2 * p90_ms, "mean_ms": p90_ms,
-             "per_s": 1000 / p90_ms, "settled": True}
+            {
+                "scenario": "single",
+                "threads": threads,
+                "batch": 1,
+                "phase": "total",
+                "p50_ms": 0.9 * p90_ms,
+                "p90_ms": p90_ms,
+                "p99_ms": 1.2 * p90_ms,
+                "mean_ms": p90_ms,
+                "per_s": 1000 / p90_ms,
+                "settled": True,
+            }
             for threads in (1, 2)
         ],
         "timed": {},
         "training": {"epochs": 20, "seconds": 240.0, "presses": 3600, "history": [1], "notes": {}},
         "data": {"train": 3600, "validation": 400, "test": 1000},
         "signature": f"protocol:{protocol}@1|model:{label[0]}|regime:{regime}|"
-                     f"encoder:{encoder or 'none'}|sensor:{label[1]}|seed:{seed}|version:0",
-    }  # fmt: skip
+        f"encoder:{encoder or 'none'}|sensor:{label[1]}|seed:{seed}|version:0",
+    }
     return {**record, **more}
 
 

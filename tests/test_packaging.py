@@ -53,8 +53,11 @@ def empty(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     environment = tmp_path_factory.mktemp("empty") / "venv"
     ran(sys.executable, "-m", "venv", "--without-pip", environment, cwd=environment.parent)
     python = environment / "bin" / "python"
-    site = Path(ran(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))",
-                    cwd=environment).strip())  # fmt: skip
+    site = Path(
+        ran(
+            python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=environment
+        ).strip()
+    )
     pip = (sys.executable, "-m", "pip", "--python", python)  # its own takes seconds to install
     ran(*pip, "install", "--no-deps", "--no-index", "-q", wheel, cwd=environment)
     lent = [p for p in sys.path if Path(p).name in ("site-packages", "dist-packages")]

@@ -77,9 +77,11 @@ def request_of(tmp_path: Path):
         script = ["bash", str(ROOT / "scripts" / "verify_changed"), str(repository), base]
         done = subprocess.run(
             [*script, git("rev-parse", "HEAD"), str(tmp_path / "out")],
-            capture_output=True, text=True, check=False,
+            capture_output=True,
+            text=True,
+            check=False,
             env={"PATH": f"{fake}:/usr/bin:/bin"},
-        )  # fmt: skip
+        )
         return done.returncode, done.stdout.replace(f"{folder}/", "")
 
     return made
@@ -87,11 +89,14 @@ def request_of(tmp_path: Path):
 
 def test_a_record_and_its_answers_are_verified_once(request_of) -> None:
     assert request_of("exp1/a.json", "exp1/a.npz", "exp2/b.npz") == (
-        0, "asked: verify exp1/a.json exp2/b.json\n")  # fmt: skip
+        0,
+        "asked: verify exp1/a.json exp2/b.json\n",
+    )
 
 
-@pytest.mark.parametrize("name", ["exp1/a.py", "exp1/a b.json", "exp1/$(id).json", "a.json",
-                                  "exp1/--json.json"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name", ["exp1/a.py", "exp1/a b.json", "exp1/$(id).json", "a.json", "exp1/--json.json"]
+)
 def test_other_files_are_refused(request_of, name: str) -> None:
     code, out = request_of(name)
     assert code == 1

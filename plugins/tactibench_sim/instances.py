@@ -63,8 +63,10 @@ def perturbed(
     if instance == 0:
         return optics, pin_length_mm
     drawn = stream(instance, "optics").uniform(-1.0, 1.0, len(fields(spread)))
-    step = {f.name: float(u) * getattr(spread, f.name) for f, u in zip(fields(spread), drawn,
-            strict=True)}  # fmt: skip
+    step = {
+        f.name: float(u) * getattr(spread, f.name)
+        for f, u in zip(fields(spread), drawn, strict=True)
+    }
     length = max(pin_length_mm + step.pop("pin_length_mm"), 0.1 * pin_length_mm)
     new = {}
     for name, by in step.items():

@@ -128,7 +128,7 @@ def expose(grey, state, shot, read, table, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model="numpy")
 def frames(  # type: ignore[no-untyped-def]
     x, y, radius, edge, glare, gain, levels, taps, tint, states, shot, read, table, out
-):  # fmt: skip
+):
     """out (S, H, W, C) uint8 of discs x, y, radius (S, P). states: (S, 4) of SFC64, freshly seeded.
 
     tint: (C,) light by channel. read and shot both 0: no noise.

@@ -44,9 +44,20 @@ def slope_per_mm(rho, air, window, gel, window_index, gel_index):  # type: ignor
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _project(  # type: ignore[no-untyped-def]
-    points, lift, air, window, near, window_index, gel_index, fisheye, scale, middle, turn, marker,
+    points,
+    lift,
+    air,
+    window,
+    near,
+    window_index,
+    gel_index,
+    fisheye,
+    scale,
+    middle,
+    turn,
+    marker,
     out,
-):  # fmt: skip
+):
     """points (N, 3); out (3, N): x, y, radius, px; NaN for points that are not in the gel."""
     cosine, sine = math.cos(turn), math.sin(turn)
     for k in range(points.shape[0]):
@@ -76,10 +87,21 @@ def project(optics: Optics, points: Array, lift: float = 0.0) -> tuple[Array, Ar
     axis = (middle + optics.size * optics.principal_x, middle + optics.size * optics.principal_y)
     flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
     out = np.empty((3, len(flat)))
-    _project(flat, lift, optics.air_mm, optics.window_mm, optics.air_mm + optics.window_mm,
-             optics.window_index, optics.gel_index, optics.lens == "fisheye",
-             optics.focal * optics.size, axis, math.radians(optics.roll_deg),
-             optics.marker_radius_mm, out)  # fmt: skip
+    _project(
+        flat,
+        lift,
+        optics.air_mm,
+        optics.window_mm,
+        optics.air_mm + optics.window_mm,
+        optics.window_index,
+        optics.gel_index,
+        optics.lens == "fisheye",
+        optics.focal * optics.size,
+        axis,
+        math.radians(optics.roll_deg),
+        optics.marker_radius_mm,
+        out,
+    )
     if not np.isfinite(out).all():
         raise UserError(
             f"a marker is not in the gel, which begins {optics.air_mm + optics.window_mm:g} mm "

@@ -120,8 +120,23 @@ class Optics:
 
 
 _AT_LEAST = {
-    "size": 1, "focal": 1e-3, "gel_mm": 0, "window_mm": 0, "gel_index": 1, "window_index": 1,
-    "marker_radius_mm": 0, "edge_px": 0.01, "blur_px": 0, "background": 0, "glare": 0, "leds": 0,
-    "glare_arc_deg": 1, "red": 1e-3, "green": 1e-3, "blue": 1e-3, "pin_loss": 0, "read": 0,
+    "size": 1,
+    "focal": 1e-3,
+    "gel_mm": 0,
+    "window_mm": 0,
+    "gel_index": 1,
+    "window_index": 1,
+    "marker_radius_mm": 0,
+    "edge_px": 0.01,
+    "blur_px": 0,
+    "background": 0,
+    "glare": 0,
+    "leds": 0,
+    "glare_arc_deg": 1,
+    "red": 1e-3,
+    "green": 1e-3,
+    "blue": 1e-3,
+    "pin_loss": 0,
+    "read": 0,
     "full_well": 1,
-}  # fmt: skip
+}

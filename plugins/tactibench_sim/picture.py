@@ -57,10 +57,19 @@ def draw(path: Path, sensor: DrawnSensor, scene: Scene, title: str, detail: str)
     FigureCanvasAgg(made)
     window = _window(len(frame), before, after)
     _frame(made.add_axes((0.042, 0.12, 0.238, 0.72)), frame, before, window)
-    _arrows(made.add_axes((0.328, 0.12, 0.238, 0.72)), made.add_axes((0.572, 0.12, 0.008, 0.72)),
-            before, after, window)  # fmt: skip
-    _skin(made.add_axes((0.625, -0.06, 0.305, 1.02), projection="3d"),
-          made.add_axes((0.945, 0.18, 0.008, 0.56)), sensor, scene)  # fmt: skip
+    _arrows(
+        made.add_axes((0.328, 0.12, 0.238, 0.72)),
+        made.add_axes((0.572, 0.12, 0.008, 0.72)),
+        before,
+        after,
+        window,
+    )
+    _skin(
+        made.add_axes((0.625, -0.06, 0.305, 1.02), projection="3d"),
+        made.add_axes((0.945, 0.18, 0.008, 0.56)),
+        sensor,
+        scene,
+    )
     made.text(0.635, 0.858, "c", fontsize=11, fontweight="bold", va="baseline")
     made.text(0.649, 0.858, "skin, true to scale", fontsize=10, va="baseline")
     made.text(0.008, 0.975, title, fontsize=11, va="top", fontweight="bold")
@@ -101,10 +110,22 @@ def _arrows(axes: Any, bar: Any, before: Array, after: Array, window: tuple[floa
     axes.scatter(*before[:, :2].T, s=5, color="#A0A0A0", linewidth=0, zorder=1)
     order = np.argsort(length)  # the longest on top
     drawn = axes.quiver(
-        *before[order, :2].T, *(moved[order] * times).T, length[order], cmap=COLOURS, angles="xy",
-        scale_units="xy", scale=1, width=0.008, headwidth=3.4, headlength=4.0, headaxislength=3.6,
-        minlength=0.5, minshaft=1.2, norm=Normalize(0, max(float(length.max()), 1e-9)), zorder=2,
-    )  # fmt: skip
+        *before[order, :2].T,
+        *(moved[order] * times).T,
+        length[order],
+        cmap=COLOURS,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.008,
+        headwidth=3.4,
+        headlength=4.0,
+        headaxislength=3.6,
+        minlength=0.5,
+        minshaft=1.2,
+        norm=Normalize(0, max(float(length.max()), 1e-9)),
+        zorder=2,
+    )
     axes.set_aspect("equal")
     _pixels(axes, window)
     _heading(axes, "b", "displacement of the markers" + (f", drawn x {times}" if times > 1 else ""))
@@ -132,8 +153,18 @@ def _skin(axes: Any, bar: Any, sensor: DrawnSensor, scene: Scene) -> None:
     faces = colours.to_rgba(inward)
     faces[..., :3] *= _daylight(x, y, z)[..., None]
     axes.computed_zorder = False  # lines on the surface, which would hide them
-    axes.plot_surface(x, y, z, facecolors=faces, shade=False, rstride=1, cstride=1, linewidth=0,
-                      antialiased=False, zorder=1)  # fmt: skip
+    axes.plot_surface(
+        x,
+        y,
+        z,
+        facecolors=faces,
+        shade=False,
+        rstride=1,
+        cstride=1,
+        linewidth=0,
+        antialiased=False,
+        zorder=1,
+    )
     lines = {"color": "white", "linewidth": 0.4, "alpha": 0.5, "zorder": 2}
     ring = x.shape[1] // LINES
     for k in range(ring, x.shape[1], ring):  # rings of the undeformed skin
@@ -141,8 +172,14 @@ def _skin(axes: Any, bar: Any, sensor: DrawnSensor, scene: Scene) -> None:
     for k in range(0, x.shape[0] - 1, x.shape[0] // (3 * LINES)):  # and its meridians
         axes.plot(x[k, ring:], y[k, ring:], z[k, ring:], **lines)
     bottom = float(np.floor(z.min()))
-    axes.set(xlim=(-SHOWN_MM, SHOWN_MM), ylim=(-SHOWN_MM, SHOWN_MM), zlim=(bottom, 0.5),
-             xticks=[-10, 0, 10], yticks=[-10, 0, 10], zticks=[])  # fmt: skip
+    axes.set(
+        xlim=(-SHOWN_MM, SHOWN_MM),
+        ylim=(-SHOWN_MM, SHOWN_MM),
+        zlim=(bottom, 0.5),
+        xticks=[-10, 0, 10],
+        yticks=[-10, 0, 10],
+        zticks=[],
+    )
     axes.invert_yaxis()  # y grows towards the viewer, as it grows downwards in the frame
     axes.set_box_aspect((1, 1, (0.5 - bottom) / (2 * SHOWN_MM)), zoom=1.12)
     axes.view_init(elev=SEEN_FROM_DEG, azim=-72)

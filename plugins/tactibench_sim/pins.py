@@ -73,9 +73,11 @@ def _rings() -> tuple[Array, Array]:
 def _hexagon(rings: int = 6) -> tuple[Array, Array]:
     """A hexagonal array with two corners on the y axis."""
     cells = [
-        (q, r) for q in range(-rings, rings + 1) for r in range(-rings, rings + 1)
+        (q, r)
+        for q in range(-rings, rings + 1)
+        for r in range(-rings, rings + 1)
         if abs(q + r) <= rings
-    ]  # fmt: skip
+    ]
     cells.sort(key=lambda cell: max(abs(cell[0]), abs(cell[1]), abs(cell[0] + cell[1])))
     q, r = np.array(cells, dtype=np.float64).T
     x, y = np.sqrt(3) / 2 * r, q + r / 2

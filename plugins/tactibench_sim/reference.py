@@ -181,8 +181,10 @@ def _packed(
     u, normals, depth = run["pu"], run["pn"], np.asarray(run["d"], dtype=np.float64)
     wanted = (len(depth), *directions.shape)
     if u.shape != wanted or normals.shape != wanted:
-        raise UserError(f"{path} has displacements {u.shape} and normals {normals.shape}; "
-                        f"they must be {wanted}.")  # fmt: skip
+        raise UserError(
+            f"{path} has displacements {u.shape} and normals {normals.shape}; "
+            f"they must be {wanted}."
+        )
     if not (np.isfinite(u).all() and np.isfinite(normals).all()):
         raise UserError(f"{path} holds a value that is not finite; run it again.")
     if abs(u).max() > 32767 * STEP_MM:

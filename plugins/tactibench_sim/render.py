@@ -77,9 +77,18 @@ class Renderer:
         out = np.empty((len(x), size, size, len(self._tint)), dtype=np.uint8)
         quiet = states is None or not noise.on
         own = np.zeros((len(x), 4), dtype=np.uint64) if states is None else states.copy()
-        kernels.frames(x, y, radius, self.optics.edge_px, *self._still, self._tint, own,
-                       *((0.0, 0.0) if quiet else (noise.shot, noise.read)), normal_table(),
-                       out)  # fmt: skip
+        kernels.frames(
+            x,
+            y,
+            radius,
+            self.optics.edge_px,
+            *self._still,
+            self._tint,
+            own,
+            *((0.0, 0.0) if quiet else (noise.shot, noise.read)),
+            normal_table(),
+            out,
+        )
         if self.optics.output == "rgb":
             return out
         grey = out[..., 0]

@@ -17,11 +17,21 @@ if TYPE_CHECKING:
     help=f"Draw one press: the frame, the markers' displacement, the skin.\n\nSCENE: {HELP}"
 )
 @click.argument("scene")
-@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path),
-              metavar="PNG", help="The picture.")  # fmt: skip
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="PNG",
+    help="The picture.",
+)
 @click.option("--sensor", "name", default="tactip-127", show_default=True, help="Preset.")
-@click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE",
-              help="Set a parameter of the sensor, such as its tier.")  # fmt: skip
+@click.option(
+    "--param",
+    "params",
+    multiple=True,
+    metavar="sensor.NAME=VALUE",
+    help="Set a parameter of the sensor, such as its tier.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise.")
 def render(scene: str, out: Path, name: str, params: tuple[str, ...], seed: int) -> None:
     from tactibench import UserError
@@ -29,8 +39,9 @@ def render(scene: str, out: Path, name: str, params: tuple[str, ...], seed: int)
 
     asked = read_scene(scene)
     if out.suffix.lower() != ".png":
-        raise UserError(f"the picture is a PNG file, --out names {out.name}; call it "
-                        f"{out.stem}.png.")  # fmt: skip
+        raise UserError(
+            f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
+        )
     if not out.parent.is_dir():
         raise UserError(f"the folder {out.parent} of --out is not there; make it first.")
     specs = {spec.name: spec for spec in _specs()}

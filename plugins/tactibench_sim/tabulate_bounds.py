@@ -46,10 +46,13 @@ def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
     judged = np.array([_judged(coupled, scene) for scene in scenes])
     count, deepest, polar, errors = judged.T
     pair, many = (
-        np.where(reached(DEPTH_MM, deepest[rows]), envelope(DEPTH_MM, deepest[rows], errors[rows]),
-                 np.inf)
+        np.where(
+            reached(DEPTH_MM, deepest[rows]),
+            envelope(DEPTH_MM, deepest[rows], errors[rows]),
+            np.inf,
+        )
         for rows in (count == 2, count > 2)
-    )  # fmt: skip
+    )
     alone = count == 1
     rings = np.radians(POLAR_DEG)
     added = np.stack([_added(coupled, superposed, math.radians(angle)) for angle in ANGLE_DEG])

@@ -127,8 +127,9 @@ def _errors(tier: Tier, scene: ReferenceScene) -> Errors:
     u = tier.displacement(loads, at)[0][0]
     normal = tier.inner * at + u - tier.pin_tips(loads, at, 1.0)[0]
     off = np.linalg.norm(u - scene.displacement, axis=1)
-    tip = np.linalg.norm((u - PIN_MM * normal) - (scene.displacement - PIN_MM * scene.normals),
-                         axis=1)  # fmt: skip
+    tip = np.linalg.norm(
+        (u - PIN_MM * normal) - (scene.displacement - PIN_MM * scene.normals), axis=1
+    )
     across = np.linalg.norm(np.cross(normal, scene.normals), axis=1)
     turned = np.degrees(np.arctan2(across, (normal * scene.normals).sum(axis=1)))
     return Errors(scene, off, tip, turned)
@@ -213,9 +214,15 @@ def worst_cases(judged: Sequence[Judged]) -> list[dict[str, Any]]:
         if not one.of(group, deepest):
             continue
         errors, pin = one.worst(group, deepest)
-        found.append({
-            "tier": one.tier, "group": f"{group}, d <= {deepest:g} mm",
-            "scene": errors.scene.name, "tips_mm": errors.scene.tips.tolist(),
-            "pin": pin_name(pin), "value": float(errors.base[pin]), "unit": "mm",
-        })  # fmt: skip
+        found.append(
+            {
+                "tier": one.tier,
+                "group": f"{group}, d <= {deepest:g} mm",
+                "scene": errors.scene.name,
+                "tips_mm": errors.scene.tips.tolist(),
+                "pin": pin_name(pin),
+                "value": float(errors.base[pin]),
+                "unit": "mm",
+            }
+        )
     return found

@@ -11,17 +11,32 @@ import click
     help="Show speed against error of every tier on the finite-element scenes that ship: 3 mm "
     "tips, alone and in pairs and triples, 1 to 6 mm deep."
 )
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="PNG",
-              help="Draw speed against error.")  # fmt: skip
-@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path),
-              metavar="FILE", help="Write every number.")  # fmt: skip
-@click.option("--frames", "folder", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
-              help="Write the scenes as frames of --sensor, with their true contacts, and compare "
-              "nothing.")  # fmt: skip
-@click.option("--sensor", "name", default="tactip-127", show_default=True,
-              help="Preset for --frames.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Of the frames' noise.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="PNG",
+    help="Draw speed against error.",
+)
+@click.option(
+    "--json",
+    "json_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write every number.",
+)
+@click.option(
+    "--frames",
+    "folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write the scenes as frames of --sensor, with their true contacts, and compare nothing.",
+)
+@click.option(
+    "--sensor", "name", default="tactip-127", show_default=True, help="Preset for --frames."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the frames' noise."
+)
 def validate(
     out: Path | None, json_file: Path | None, folder: Path | None, name: str, seed: int
 ) -> None:
@@ -29,8 +44,9 @@ def validate(
     from tactibench_sim.reference import shipped_file
 
     if out is not None and out.suffix.lower() != ".png":
-        raise UserError(f"the picture is a PNG file, --out names {out.name}; call it "
-                        f"{out.stem}.png.")  # fmt: skip
+        raise UserError(
+            f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
+        )
     for option, path in (("--out", out), ("--json", json_file), ("--frames", folder)):
         if path is not None and not path.resolve().parent.is_dir():
             raise UserError(f"the folder {path.parent} of {option} is not there; make it first.")

@@ -31,8 +31,15 @@ from tactibench_sim.validate import (
     pooled,
 )
 
-SERIES = (("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"), ("#CC79A7", "D"), ("#E69F00", "v"),
-          ("#56B4E9", "P"), ("#000000", "X"))  # fmt: skip
+SERIES = (
+    ("#0072B2", "o"),
+    ("#D55E00", "s"),
+    ("#009E73", "^"),
+    ("#CC79A7", "D"),
+    ("#E69F00", "v"),
+    ("#56B4E9", "P"),
+    ("#000000", "X"),
+)
 """Okabe and Ito (2008), the darkest first, each with a mark of its own."""
 GREY = "#595959"
 _DPI = 200
@@ -122,10 +129,12 @@ def draw(path: Path, judged: Sequence[Judged], title: str) -> None:
         axes.set_xlabel("processor time of the field of a dual scene, µs", fontsize=9)
     panels[0].set_ylabel("error of a pin base, mm (filled: max, open: median)", fontsize=9)
     series = zip(judged, SERIES, strict=False)
-    marks = [Line2D([], [], color=colour, marker=mark, label=one.tier)
-             for one, (colour, mark) in series]  # fmt: skip
-    made.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False,
-                fontsize=9)  # fmt: skip
+    marks = [
+        Line2D([], [], color=colour, marker=mark, label=one.tier) for one, (colour, mark) in series
+    ]
+    made.legend(
+        handles=marks, loc="outside lower center", ncols=len(marks), frameon=False, fontsize=9
+    )
     made.suptitle(title, fontsize=10, x=0.01, ha="left")
     part = path.with_name(path.name + ".part")
     made.savefig(part, format="png", metadata={"Software": None})
@@ -155,10 +164,24 @@ def _panel(axes: Axes, judged: Sequence[Judged], deepest: float) -> None:
     axes.set_title(f"depth up to {deepest:g} mm, {shown} scenes", fontsize=10, loc="left")
     for kind, value in TARGETS_MM[deepest].items():
         axes.axhline(value, color=GREY, linewidth=1, linestyle="--" if kind == "max" else ":")
-        axes.annotate(f"target {kind} {value:.2f} mm", (0.6, value), (0, 2), color=GREY,
-                      xycoords=("axes fraction", "data"), textcoords="offset points",
-                      ha="center", fontsize=8)  # fmt: skip
+        axes.annotate(
+            f"target {kind} {value:.2f} mm",
+            (0.6, value),
+            (0, 2),
+            color=GREY,
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+        )
     axes.axvline(TARGET_US, color=GREY, linewidth=1, linestyle="-.")
-    axes.annotate(f"target {TARGET_US:g} µs", (TARGET_US, 0), (3, 3), color=GREY, fontsize=8,
-                  xycoords=("data", "axes fraction"), textcoords="offset points",
-                  rotation=90)  # fmt: skip
+    axes.annotate(
+        f"target {TARGET_US:g} µs",
+        (TARGET_US, 0),
+        (3, 3),
+        color=GREY,
+        fontsize=8,
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        rotation=90,
+    )

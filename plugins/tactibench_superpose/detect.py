@@ -203,11 +203,15 @@ class Detector:
             others = np.delete(known.contacts[0], k, axis=0)
             x, y, depth = known.contacts[0, k]
             turned = [np.pi * turn / _TURNS for turn in range(_TURNS)]
-            pairs = np.array([
-                [[x + side * np.cos(a), y + side * np.sin(a), _SHARE * depth]
-                 for side in (-_ASIDE_MM, _ASIDE_MM)]
-                for a in turned
-            ])  # fmt: skip
+            pairs = np.array(
+                [
+                    [
+                        [x + side * np.cos(a), y + side * np.sin(a), _SHARE * depth]
+                        for side in (-_ASIDE_MM, _ASIDE_MM)
+                    ]
+                    for a in turned
+                ]
+            )
             left = moved - self.field(others).sum(axis=0) - self.field(pairs).sum(axis=1)
             best = int(np.argmin((weight * left**2).sum(axis=1)))
             starts.append(np.concatenate([others, pairs[best]])[None])

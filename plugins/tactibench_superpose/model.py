@@ -219,15 +219,20 @@ class Superpose:
         learned = self._ready()
         field = learned.detector.field
         tensors = {
-            "coefficients": field.coefficients, "low": field.low, "step": field.step,
-            "weight": learned.detector.weight, "still": learned.detector.eye.still,
-            "pair": learned.law.pair, "crowd": learned.law.crowd,
-            "pairs": learned.remainder.known, "pairs_along": learned.remainder.along,
+            "coefficients": field.coefficients,
+            "low": field.low,
+            "step": field.step,
+            "weight": learned.detector.weight,
+            "still": learned.detector.eye.still,
+            "pair": learned.law.pair,
+            "crowd": learned.law.crowd,
+            "pairs": learned.remainder.known,
+            "pairs_along": learned.remainder.along,
             "pairs_across": learned.remainder.across,
             "pairs_length": np.array(learned.remainder.length),
             "spread": learned.spread.terms,
             "unexplained": learned.detector.unexplained.covariance,
-        }  # fmt: skip
+        }
         save_weights(
             directory,
             {name: torch.from_numpy(np.array(value)) for name, value in tensors.items()},

@@ -48,9 +48,12 @@ def calibrate(
     spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in turns)]
     deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
     check_scenes(
-        "the calibration", deep, station.settings, station.geometry,
+        "the calibration",
+        deep,
+        station.settings,
+        station.geometry,
         turns=station.owner.robot.turns,
-    )  # fmt: skip
+    )
     rest = station.look_at_rest()
     places, heights, seen = [], [], []
     for number, scene in enumerate(deep):

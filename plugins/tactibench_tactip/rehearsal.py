@@ -74,10 +74,15 @@ def rehearse(
     rig = _rig(settings, hidden)
     with ExitStack() as stack:
         shown = stack.enter_context(simulated(sensor, **(parameters or {})))
-        world = stack.enter_context(World(
-            shown, rig, envelope=envelope_of(settings.envelope), time_scale=time_scale,
-            faults=faults,
-        ))  # fmt: skip
+        world = stack.enter_context(
+            World(
+                shown,
+                rig,
+                envelope=envelope_of(settings.envelope),
+                time_scale=time_scale,
+                faults=faults,
+            )
+        )
         camera = stack.enter_context(CameraEmulator(world, fps=fps, stream=stream))
         emulated: Any
         if settings.robot.driver == "grbl":
@@ -94,9 +99,16 @@ def rehearse(
         given_keys = {**address, "time_scale": time_scale, "watchdog_hz": WATCHDOG_HZ}
         keys = settings.robot.model_copy(update=given_keys)
         seen = settings.camera.model_copy(
-            update={"source": camera.url, "fps": fps, "size": None, "exposure": None, "gain": None,
-                    "fourcc": None, "crop": None}
-        )  # fmt: skip
+            update={
+                "source": camera.url,
+                "fps": fps,
+                "size": None,
+                "exposure": None,
+                "gain": None,
+                "fourcc": None,
+                "crop": None,
+            }
+        )
         found = settings.model_copy(update={"robot": keys, "camera": seen})
         yield Rehearsed(world, found, emulated, camera)
 

@@ -210,9 +210,17 @@ class Station:
                 lambda m: press_moves.withdraw(m, scene, self.geometry, self.settings), expected
             )
         return Pressed(
-            reached, judged, settled_ns, trip.down, before, after, state, self.geometry.z0, looks,
+            reached,
+            judged,
+            settled_ns,
+            trip.down,
+            before,
+            after,
+            state,
+            self.geometry.z0,
+            looks,
             tuple(shots),
-        )  # fmt: skip
+        )
 
     def _frames_of(
         self, settled_ns: int, rest: Reference, depth: float

@@ -31,8 +31,10 @@ def layer_features(network: nn.Module, images: torch.Tensor) -> dict[str, npt.ND
 
         return hook
 
-    hooks = [network.get_submodule(module).register_forward_hook(keep(name))
-             for module, name in LAYERS.items()]  # fmt: skip
+    hooks = [
+        network.get_submodule(module).register_forward_hook(keep(name))
+        for module, name in LAYERS.items()
+    ]
     try:
         network(images[:1])
     finally:

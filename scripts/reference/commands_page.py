@@ -22,12 +22,19 @@ PROGRAM = "tactibench"
 def lines(root: Path) -> list[str]:
     """Lines of the page. Raises UserError for a plugin of this repository that does not load."""
     found = commands(root)
-    made = ["# Commands", "", f"`{PROGRAM} VERB`. Exit code 0; 1 where a verb says so; {MISTAKE} "
-            f"after one sentence about a mistake; {INTERRUPTED} when interrupted, and the same "
-            "command continues. Results go to stdout, progress and mistakes to stderr. `--debug` "
-            "shows the traceback of a mistake.", ""]  # fmt: skip
-    rows = [[f"[`{name}`](#{anchor(f'{PROGRAM} {name}')})", cell(summary)]
-            for name, (_, summary) in found.items()]  # fmt: skip
+    made = [
+        "# Commands",
+        "",
+        f"`{PROGRAM} VERB`. Exit code 0; 1 where a verb says so; {MISTAKE} "
+        f"after one sentence about a mistake; {INTERRUPTED} when interrupted, and the same "
+        "command continues. Results go to stdout, progress and mistakes to stderr. `--debug` "
+        "shows the traceback of a mistake.",
+        "",
+    ]
+    rows = [
+        [f"[`{name}`](#{anchor(f'{PROGRAM} {name}')})", cell(summary)]
+        for name, (_, summary) in found.items()
+    ]
     made += grid(["verb", "what"], rows)
     made += _options([main])
     for name, (command, _) in found.items():
@@ -64,8 +71,10 @@ def shipped_plugins(root: Path) -> PluginHost:
     """A host of the entry points in pyproject.toml, whatever is installed."""
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     points: Mapping[str, str] = project["entry-points"][GROUP]
-    origins = [(EntryPoint(name, target, GROUP), Origin(name, project["name"], "0"))
-               for name, target in points.items()]  # fmt: skip
+    origins = [
+        (EntryPoint(name, target, GROUP), Origin(name, project["name"], "0"))
+        for name, target in points.items()
+    ]
     return PluginHost(origins)
 
 

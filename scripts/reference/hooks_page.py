@@ -63,8 +63,10 @@ def _hook(root: Path, hook: str, written: Module, shown: Module) -> Iterator[str
     yield from [f"### {spec.__name__}", "", *prose(spec.__doc__), *_fields(spec)]
     if spec.__name__ in INTERFACES:
         interface = INTERFACES[spec.__name__]
-        yield from [f"The class behind `target` looks like [`{interface}`](#{anchor(interface)}).",
-                    ""]  # fmt: skip
+        yield from [
+            f"The class behind `target` looks like [`{interface}`](#{anchor(interface)}).",
+            "",
+        ]
     yield from ["Example, the declaration and what stands behind it:", ""]
     source = shown.source(hook)
     yield from fenced(source)
@@ -97,9 +99,13 @@ def _interfaces(module: Module) -> Iterator[str]:
     firsts = {name: (ast.get_docstring(n) or "").splitlines()[0] for name, n in classes.items()}
     optional = [name for name, first in firsts.items() if first.startswith(OPTIONAL)]
     yield "What a model or a sensor may offer besides:"
-    yield from grid(["optional interface", "what"],
-                    [[f"[`{name}`](#{anchor(name)})", cell(_first_sentence(classes[name]))]
-                     for name in optional])  # fmt: skip
+    yield from grid(
+        ["optional interface", "what"],
+        [
+            [f"[`{name}`](#{anchor(name)})", cell(_first_sentence(classes[name]))]
+            for name in optional
+        ],
+    )
     for name in [*(n for n in classes if n not in optional), *optional]:
         node = classes[name]
         yield from [f"### {name}", "", *prose(ast.get_docstring(node)), "", *fenced(outline(node))]

@@ -64,8 +64,9 @@ def _groups(root: Path, protocol: str) -> Mapping[str, list[str]]:
 
 
 def _table(specs: Iterable[MetricSpec]) -> list[str]:
-    rows = [[f"[`{spec.name}`](#{anchor(spec.name)})", spec.unit or "1", spec.better]
-            for spec in specs]  # fmt: skip
+    rows = [
+        [f"[`{spec.name}`](#{anchor(spec.name)})", spec.unit or "1", spec.better] for spec in specs
+    ]
     return grid(["metric", "unit", "better"], rows) if rows else []
 
 
@@ -79,8 +80,9 @@ def _asked(name: str, protocols: list[str], groups: Mapping[str, Mapping[str, li
 
 
 def _metric(spec: MetricSpec, asked: str, keys: Keys) -> list[str]:
-    kinds = [word for word, made in (("contacts", spec.contacts), ("plate poses", spec.plates))
-             if made]  # fmt: skip
+    kinds = [
+        word for word, made in (("contacts", spec.contacts), ("plate poses", spec.plates)) if made
+    ]
     mean = (spec.sample or spec.plate_sample) and not spec.root
     facts = [
         f"{spec.unit or 'no unit'}, {BETTER[spec.better]}; of {' or '.join(kinds)}",

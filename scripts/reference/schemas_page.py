@@ -62,8 +62,15 @@ def _default(of: Schema) -> str:
     if "default" not in of:  # made anew for every file
         return ""
     value = of["default"]
-    return "" if value is None else code(str(value).lower() if value in (True, False)
-                                         and isinstance(value, bool) else repr(value))  # fmt: skip
+    return (
+        ""
+        if value is None
+        else code(
+            str(value).lower()
+            if value in (True, False) and isinstance(value, bool)
+            else repr(value)
+        )
+    )
 
 
 def _order(schema: Schema, root: Schema, seen: list[str] | None = None) -> list[str]:
@@ -106,8 +113,13 @@ def _words(of: Schema, root: Schema) -> str:
     if kind == "object":
         inner = of.get("additionalProperties")
         return f"object of {_words(inner, root)}" if isinstance(inner, dict) and inner else "object"
-    names = {"string": "text", "integer": "whole number", "number": "number", "null": "null",
-             "boolean": "true or false"}  # fmt: skip
+    names = {
+        "string": "text",
+        "integer": "whole number",
+        "number": "number",
+        "null": "null",
+        "boolean": "true or false",
+    }
     return f"{names.get(str(kind), 'anything')}{_limits(of)}"
 
 

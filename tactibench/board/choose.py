@@ -46,8 +46,9 @@ def of_sensor(records: Iterable[Record], sensor: str | None, protocol: str) -> S
     names = [section.sensor.text() for section in sections]
     fitting = [s for s, name in zip(sections, names, strict=True) if name == sensor]
     if not fitting:
-        raise UserError(f"no run of {protocol} is on a sensor {sensor!r}; "
-                        f"{did_you_mean(sensor, names)}")  # fmt: skip
+        raise UserError(
+            f"no run of {protocol} is on a sensor {sensor!r}; {did_you_mean(sensor, names)}"
+        )
     return max(fitting, key=_runs)
 
 

@@ -81,9 +81,13 @@ def _disjoint(table: PublishedTable) -> Iterator[Finding]:
                 continue
             ratio = least / high if high < least else low / most
             yield Finding(
-                f"{one.label} and {other.label}", "target_sd_ratio", axis, ratio, "",
+                f"{one.label} and {other.label}",
+                "target_sd_ratio",
+                axis,
+                ratio,
+                "",
                 note="their RMSE and R2 are not of the same targets, whatever the rounding",
-            )  # fmt: skip
+            )
 
 
 def _target_range(row: PublishedRow, axis: str) -> tuple[float, float] | None:
@@ -106,10 +110,18 @@ def _checked(table: PublishedTable, number: int, claim: Claim) -> Checked:
     found = quantity if isinstance(quantity, str) else _as_said(quantity, claim.says)
     note = table.notes[claim.note - 1]
     present = re.search(rf"(?<![\d.,]){re.escape(claim.says)}(?![\d]|[.,]\d)", note) is not None
-    subject = ", ".join(filter(None, (
-        claim.quantity, None if row is None else row.label, claim.metric, claim.group,
-        " and ".join(f"{value:g}" for value in claim.values),
-    )))  # fmt: skip
+    subject = ", ".join(
+        filter(
+            None,
+            (
+                claim.quantity,
+                None if row is None else row.label,
+                claim.metric,
+                claim.group,
+                " and ".join(f"{value:g}" for value in claim.values),
+            ),
+        )
+    )
     return Checked(claim, subject, found, present)
 
 

@@ -87,7 +87,7 @@ _SURFACE = Block(
     (Column("surface_rmse_mm", "all", "surface RMSE, mm", 4), _MISSED),
     "Heatmap x 6 mm against the true inward displacement of the skin.",
     optional=True,
-)  # fmt: skip
+)
 
 _FOR_SOME = (_BOUND, _SURFACE, _STATED)
 
@@ -136,7 +136,7 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
                 _MISSED,
             ),
             "Error: over resolved pairs only. Penalised: an unresolved pair counts its true "
-            "distance. Threshold: the distance at which 75 % are resolved; \"<\": below all "
+            'distance. Threshold: the distance at which 75 % are resolved; "<": below all '
             "distances that were pressed.",
         ),
         Block(
@@ -215,11 +215,19 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
         ),
     ),
     "transfer": (
-        _by_shots("depth_mae_mm", "Indentation MAE, mm, by labelled frames of the tested sensor",
-                  3, "Over answered frames."),
-        _by_shots("tilt_mae_deg", "Tilt MAE, deg, by labelled frames of the tested sensor", 2,
-                  "Over answered frames; those without labelled frames stand in the first table."),
+        _by_shots(
+            "depth_mae_mm",
+            "Indentation MAE, mm, by labelled frames of the tested sensor",
+            3,
+            "Over answered frames.",
+        ),
+        _by_shots(
+            "tilt_mae_deg",
+            "Tilt MAE, deg, by labelled frames of the tested sensor",
+            2,
+            "Over answered frames; those without labelled frames stand in the first table.",
+        ),
     ),
-}  # fmt: skip
+}
 BENEATH = {"distance_penalised_mm": "resolved"}
 """A share that stands below an error in a column of one distance."""

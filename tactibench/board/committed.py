@@ -129,8 +129,10 @@ def _claimed(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
     """Bytes that an array's header asks for. Raises ValueError for one that is no array."""
     with archive.open(member) as stream:
         version = np.lib.format.read_magic(stream)
-        read = {(1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0}.get(version)  # fmt: skip
+        read = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }.get(version)
         if read is None:
             raise ValueError(f"array format {version}")
         shape, _, dtype = read(stream)

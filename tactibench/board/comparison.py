@@ -185,11 +185,14 @@ def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
     """Holm's method over every p that is shown."""
     adjusted = iter(holm([row.p for one in found for row in one.rows if row.p is not None]))
     return [
-        replace(one, rows=tuple(
-            row if row.p is None else replace(row, p_holm=next(adjusted)) for row in one.rows
-        ))
+        replace(
+            one,
+            rows=tuple(
+                row if row.p is None else replace(row, p_holm=next(adjusted)) for row in one.rows
+            ),
+        )
         for one in found
-    ]  # fmt: skip
+    ]
 
 
 def names_of(runs: Sequence[StoredRun]) -> list[str]:
@@ -219,11 +222,23 @@ def rows_of(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[dict
         who = {"first": runs[one.first].record["name"], "second": runs[one.second].record["name"]}
         for row in one.rows:
             spec, d = find_metric(row.metric), row.difference
-            rows.append({
-                **who, "metric": row.metric, "group": row.group, "value": d.value, "low": d.low,
-                "high": d.high, "unit": spec.unit, "better": spec.better, "p": row.p,
-                "p_holm": row.p_holm, "presses": d.clusters, "value_first": row.first,
-                "value_second": row.second, "only_first": row.alone[0],
-                "only_second": row.alone[1],
-            })  # fmt: skip
+            rows.append(
+                {
+                    **who,
+                    "metric": row.metric,
+                    "group": row.group,
+                    "value": d.value,
+                    "low": d.low,
+                    "high": d.high,
+                    "unit": spec.unit,
+                    "better": spec.better,
+                    "p": row.p,
+                    "p_holm": row.p_holm,
+                    "presses": d.clusters,
+                    "value_first": row.first,
+                    "value_second": row.second,
+                    "only_first": row.alone[0],
+                    "only_second": row.alone[1],
+                }
+            )
     return rows

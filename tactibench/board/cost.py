@@ -12,9 +12,15 @@ from tactibench.board.rows import Row, latency, machine
 from tactibench.board.tables import IDENTITY, MISSING, deviation, identity
 
 LATENCY = (
-    Head("p90, ms"), Head("sd"), Head("p50, ms"), Head("p90, all threads, ms"), Head("frames/s"),
-    Head("to float32, mm"), Head("timed as", right=False), Head("machine", right=False),
-)  # fmt: skip
+    Head("p90, ms"),
+    Head("sd"),
+    Head("p50, ms"),
+    Head("p90, all threads, ms"),
+    Head("frames/s"),
+    Head("to float32, mm"),
+    Head("timed as", right=False),
+    Head("machine", right=False),
+)
 LATENCY_NOTE = (
     "One frame to contacts in mm, batch 1, one thread where nothing else is said; mean over seeds. "
     "frames/s: the best batch. To float32: median distance of the timed configuration's answers "
@@ -22,9 +28,14 @@ LATENCY_NOTE = (
     "\\*: still drifting when the warm-up ended."
 )
 COST = (
-    Head("weights"), Head("operations"), Head("memory, MB"), Head("training"), Head("sd, s"),
-    Head("trained on", right=False), Head("machine", right=False),
-)  # fmt: skip
+    Head("weights"),
+    Head("operations"),
+    Head("memory, MB"),
+    Head("training"),
+    Head("sd, s"),
+    Head("trained on", right=False),
+    Head("machine", right=False),
+)
 COST_NOTE = (
     "Operations: floating-point, of one frame. Memory: peak of the whole process while it was "
     "timed. Training: the experiments share their weights; a run that found them in the cache "
@@ -40,9 +51,21 @@ def cost_lines(rows: Sequence[Row]) -> list[str]:
     machines = {machine(record): _machine(record) for row in rows for record in row.records}
     named = [f"- {code(name)}: {text}" for name, text in sorted(machines.items())]
     return [
-        "### Latency", "", *table([*IDENTITY, *LATENCY], latencies), "", LATENCY_NOTE, "",
-        "### Cost", "", *table([*IDENTITY, *COST], costs), "", COST_NOTE, "", *named, "",
-    ]  # fmt: skip
+        "### Latency",
+        "",
+        *table([*IDENTITY, *LATENCY], latencies),
+        "",
+        LATENCY_NOTE,
+        "",
+        "### Cost",
+        "",
+        *table([*IDENTITY, *COST], costs),
+        "",
+        COST_NOTE,
+        "",
+        *named,
+        "",
+    ]
 
 
 def by_machine(row: Row) -> list[Row]:
@@ -138,7 +161,12 @@ def _machine(record: Record) -> str:
     found = record["environment"]
     cores = found.get("cores_logical")
     torch = found.get("torch")
-    parts = [found.get("cpu"), f"{cores} logical cores" if cores else None,
-             ", ".join(found.get("cpu_flags") or ()), *(found.get("gpu") or ()),
-             f"torch {torch}" if torch else None, found.get("os")]  # fmt: skip
+    parts = [
+        found.get("cpu"),
+        f"{cores} logical cores" if cores else None,
+        ", ".join(found.get("cpu_flags") or ()),
+        *(found.get("gpu") or ()),
+        f"torch {torch}" if torch else None,
+        found.get("os"),
+    ]
     return plain("; ".join(part for part in parts if part))

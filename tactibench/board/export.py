@@ -55,10 +55,12 @@ def csv_text(rows: list[dict[str, Any]]) -> str:
     writer = csv.DictWriter(text, heads, lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({
-            key: " ".join(map(str, value)) if isinstance(value, list) else _inert(value)
-            for key, value in row.items()
-        })  # fmt: skip
+        writer.writerow(
+            {
+                key: " ".join(map(str, value)) if isinstance(value, list) else _inert(value)
+                for key, value in row.items()
+            }
+        )
     return text.getvalue()
 
 
@@ -87,23 +89,46 @@ def _inert(value: Any) -> Any:
 
 
 def _rows(protocol: str, section: Section, row: Row) -> list[dict[str, Any]]:
-    who = {"protocol": protocol, "sensor": section.title, "model": row.model,
-           "encoder": row.encoder or None, "regime": row.regime, "mixing": row.mixing or None,
-           "seeds": list(row.seeds)}  # fmt: skip
+    who = {
+        "protocol": protocol,
+        "sensor": section.title,
+        "model": row.model,
+        "encoder": row.encoder or None,
+        "regime": row.regime,
+        "mixing": row.mixing or None,
+        "seeds": list(row.seeds),
+    }
     found = []
     pairs = dict.fromkeys((m["metric"], m["group"]) for r in row.records for m in r["metrics"])
     for metric, group in pairs:
         pooled = row.metric(metric, group)
         if pooled is not None:
-            found.append({**who, "metric": metric, "group": group, "value": pooled.value,
-                          "unit": pooled.unit, "low": pooled.low, "high": pooled.high,
-                          "sd": pooled.sd, "clusters": list(pooled.clusters),
-                          "censored": pooled.censored})  # fmt: skip
+            found.append(
+                {
+                    **who,
+                    "metric": metric,
+                    "group": group,
+                    "value": pooled.value,
+                    "unit": pooled.unit,
+                    "low": pooled.low,
+                    "high": pooled.high,
+                    "sd": pooled.sd,
+                    "clusters": list(pooled.clusters),
+                    "censored": pooled.censored,
+                }
+            )
     for part in by_machine(row):
         for metric, unit, quantity in COSTS:
             values = part.over(quantity)
             if values:
-                found.append({**who, "seeds": list(part.seeds), "metric": metric,
-                              "group": machine(part.first), "value": sum(values) / len(values),
-                              "unit": unit})  # fmt: skip
+                found.append(
+                    {
+                        **who,
+                        "seeds": list(part.seeds),
+                        "metric": metric,
+                        "group": machine(part.first),
+                        "value": sum(values) / len(values),
+                        "unit": unit,
+                    }
+                )
     return found

@@ -83,8 +83,9 @@ def frontiers(
     able = [row for row in rows if not row.trivial]
     chosen = wanted or busiest(able)
     regimes = sorted({row.regime for row in able}, reverse=True)  # "single" before "multiple"
-    return [_of_regime(name, [r for r in able if r.regime == name], error, chosen)
-            for name in regimes]  # fmt: skip
+    return [
+        _of_regime(name, [r for r in able if r.regime == name], error, chosen) for name in regimes
+    ]
 
 
 def _of_regime(regime: str, rows: Sequence[Row], error: RankingError, chosen: str) -> Frontier:
@@ -101,8 +102,9 @@ def _of_regime(regime: str, rows: Sequence[Row], error: RankingError, chosen: st
             points.append(Point(here, times, errors))
     points.sort(key=lambda point: (point.latency.value, point.error.value, point.label))
     dominated = {point.label: by for point in points if (by := _dominators(point, points))}
-    return Frontier(regime, tuple(points), tuple(line(points)), dominated, chosen, elsewhere,
-                    tuple(untimed))  # fmt: skip
+    return Frontier(
+        regime, tuple(points), tuple(line(points)), dominated, chosen, elsewhere, tuple(untimed)
+    )
 
 
 def busiest(rows: Iterable[Row]) -> str:
@@ -146,6 +148,9 @@ def _error(row: Row, error: RankingError) -> Range | None:
     if pooled is None or pooled.censored:
         return None
     single = [Row((record,)).metric(error.metric, error.group) for record in row.records]
-    ends = [(one.value if one.low is None else one.low, one.value if one.high is None else one.high)
-            for one in single if one is not None]  # fmt: skip
+    ends = [
+        (one.value if one.low is None else one.low, one.value if one.high is None else one.high)
+        for one in single
+        if one is not None
+    ]
     return Range(pooled.value, min(low for low, _ in ends), max(high for _, high in ends))

@@ -70,15 +70,26 @@ def label_of(record: Record) -> str:
 
 def row_key(record: Record) -> Any:
     """All that two records must share to be seeds of one row, as JSON values."""
-    return [section_key(record), record["model"], record["encoder"], record["regime"],
-            presses_of(record)]  # fmt: skip
+    return [
+        section_key(record),
+        record["model"],
+        record["encoder"],
+        record["regime"],
+        presses_of(record),
+    ]
 
 
 def section_key(record: Record) -> Any:
     """All that two records must share to stand in one table: question, sensor, test frames."""
     sensor = record["sensor"]
-    key = [record["protocol"]["id"], record["protocol"]["hash"], sensor["origin"], sensor["name"],
-           sensor["parameters"], record["identity"].get("data")]  # fmt: skip
+    key = [
+        record["protocol"]["id"],
+        record["protocol"]["hash"],
+        sensor["origin"],
+        sensor["name"],
+        sensor["parameters"],
+        record["identity"].get("data"),
+    ]
     tested = tested_of(record)
     if tested is None:
         return key

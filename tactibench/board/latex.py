@@ -11,10 +11,13 @@ from tactibench.board.ranks import Ranks
 from tactibench.board.rows import Row
 
 _SPECIAL = {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": r"\textless{}", ">": r"\textgreater{}",
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
-}  # fmt: skip
+}
 _ANY = re.compile("|".join(map(re.escape, _SPECIAL)))
 MISSING = "--"
 
@@ -34,21 +37,34 @@ def latex_table(
     numbers = (None,) * len(rows) if ranks is None else ranks.by_row
     heads = ["", "model", "encoder", "regime", "seeds", *(column.head for column in columns)]
     body = [
-        " & ".join([MISSING if rank is None else str(rank), *_who(row),
-                    *(_cell(row, column) for column in columns)])
+        " & ".join(
+            [
+                MISSING if rank is None else str(rank),
+                *_who(row),
+                *(_cell(row, column) for column in columns),
+            ]
+        )
         for rank, row in zip(numbers, rows, strict=True)
-    ]  # fmt: skip
+    ]
     signatures = [record["signature"] for row in rows for record in row.records]
-    return "\n".join([
-        "% " + " ".join(title.split()),
-        r"\begin{table}", r"\centering",
-        rf"\caption{{{escaped(title)}; mean over seeds [95\,\% interval over presses].}}",
-        rf"\begin{{tabular}}{{rlllr{'r' * len(columns)}}}", r"\toprule",
-        " & ".join(map(escaped, heads)) + r" \\", r"\midrule",
-        *(f"{line} \\\\" for line in body),
-        r"\bottomrule", r"\end{tabular}", r"\end{table}",
-        *("% " + " ".join(text.split()) for text in signatures), "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "% " + " ".join(title.split()),
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{escaped(title)}; mean over seeds [95\,\% interval over presses].}}",
+            rf"\begin{{tabular}}{{rlllr{'r' * len(columns)}}}",
+            r"\toprule",
+            " & ".join(map(escaped, heads)) + r" \\",
+            r"\midrule",
+            *(f"{line} \\\\" for line in body),
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+            *("% " + " ".join(text.split()) for text in signatures),
+            "",
+        ]
+    )
 
 
 def _who(row: Row) -> Iterable[str]:

@@ -118,15 +118,24 @@ def summary(maps: LimitMaps) -> list[dict[str, Any]]:
             layer = maps.values[d, q]
             bounded = np.where(np.isfinite(layer), layer, -np.inf)
             n = int(np.isfinite(layer).sum())
-            line = {"depth": depth, "quantity": quantity, "middle": float(layer[middle]), "n": n,
-                    "unbounded": int(np.isinf(layer).sum()),
-                    "refused": int(np.isnan(layer).sum())}  # fmt: skip
+            line = {
+                "depth": depth,
+                "quantity": quantity,
+                "middle": float(layer[middle]),
+                "n": n,
+                "unbounded": int(np.isinf(layer).sum()),
+                "refused": int(np.isnan(layer).sum()),
+            }
             if n:
                 half, most = np.quantile(layer[np.isfinite(layer)], [0.5, 0.9])
                 place = np.unravel_index(int(bounded.argmax()), layer.shape)
                 at = tuple(round(float(c), 6) for c in grid.xy(*place))
-                line |= {"median": float(half), "p90": float(most), "worst": float(layer[place]),
-                         "worst_at": at}  # fmt: skip
+                line |= {
+                    "median": float(half),
+                    "p90": float(most),
+                    "worst": float(layer[place]),
+                    "worst_at": at,
+                }
             lines.append(line)
     return lines
 
@@ -140,12 +149,24 @@ def rows_of(maps: LimitMaps) -> list[dict[str, Any]]:
         for statistic in ("middle", "median", "p90", "worst"):
             value = line.get(statistic, np.nan)
             finite = float(value) if np.isfinite(value) else None
-            rows.append({"metric": f"{metric}_mm", "group": f"{group}, {statistic}",
-                         "value": finite, "unit": "mm", "n": line["n"]})  # fmt: skip
+            rows.append(
+                {
+                    "metric": f"{metric}_mm",
+                    "group": f"{group}, {statistic}",
+                    "value": finite,
+                    "unit": "mm",
+                    "n": line["n"],
+                }
+            )
         total = line["n"] + line["unbounded"] + line["refused"]
         rows += [
-            {"metric": f"{metric}_{state}", "group": group, "value": line[state] / total,
-             "unit": "share", "n": total}
+            {
+                "metric": f"{metric}_{state}",
+                "group": group,
+                "value": line[state] / total,
+                "unit": "share",
+                "n": total,
+            }
             for state in ("unbounded", "refused")
-        ]  # fmt: skip
+        ]
     return rows

@@ -91,8 +91,11 @@ def _section(
     rows = ordered(name, section.rows)
     lines = [f"## {plain(section.title)}", ""]
     if stated["hash"] != protocol.hash:
-        lines += [f"Made with version {stated['version']} of the protocol (`{stated['hash'][:8]}`),"
-                  f" which is not the present one (`{protocol.hash[:8]}`).", ""]  # fmt: skip
+        lines += [
+            f"Made with version {stated['version']} of the protocol (`{stated['hash'][:8]}`),"
+            f" which is not the present one (`{protocol.hash[:8]}`).",
+            "",
+        ]
     lines += _tested(section.record)
     lines += _account(section.record)
     ranked = ranks(name, rows, errors)
@@ -125,11 +128,16 @@ def _tested(record: Record) -> list[str]:
     if trained := trained_on(record):
         left = int(record["data"]["of_tested_sensor"]["left_out_calibrated"])
         fitted = f" {left:,} frames to which the simulator was fitted test nothing." if left else ""
-        return [f"Trained on {plain(trained)}, tested on {counted} of another sensor, of which a "
-                "model is given the rest image and as many labelled frames as a column says, none "
-                f"of them a test press.{fitted}", ""]  # fmt: skip
-    return [f"Trained on the sensor itself and tested on {counted}: {code(asked_of(record)[1:])}.",
-            ""]  # fmt: skip
+        return [
+            f"Trained on {plain(trained)}, tested on {counted} of another sensor, of which a "
+            "model is given the rest image and as many labelled frames as a column says, none "
+            f"of them a test press.{fitted}",
+            "",
+        ]
+    return [
+        f"Trained on the sensor itself and tested on {counted}: {code(asked_of(record)[1:])}.",
+        "",
+    ]
 
 
 def _account(record: Record) -> list[str]:

@@ -8,10 +8,15 @@ from tactibench.board.markdown import Head, plain, table
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
 
 GROUPS = {
-    "r2": "R2", "mae_mm": "MAE, mm", "rmse_mm": "RMSE, mm", "distance_mae_mm": "distance error, mm",
-    "position_mean_mm": "position, mm", "depth_mae_mm": "depth, mm", "tilt_mae_deg": "tilt, deg",
+    "r2": "R2",
+    "mae_mm": "MAE, mm",
+    "rmse_mm": "RMSE, mm",
+    "distance_mae_mm": "distance error, mm",
+    "position_mean_mm": "position, mm",
+    "depth_mae_mm": "depth, mm",
+    "tilt_mae_deg": "tilt, deg",
     "coverage": "answered, %",
-}  # fmt: skip
+}
 
 
 def published_lines(protocol: str, tables: Sequence[PublishedTable]) -> list[str]:
@@ -28,8 +33,9 @@ def published_lines(protocol: str, tables: Sequence[PublishedTable]) -> list[str
 
 def _paper(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[str]:
     """Columns are the metrics and groups that any of its rows has."""
-    columns = list(dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items()
-                                 for g in groups))  # fmt: skip
+    columns = list(
+        dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items() for g in groups)
+    )
     digits = {metric: _digits(metric, rows) for metric, _ in columns}
     rates = any(row.speed for row in rows)
     heads = [
@@ -41,19 +47,30 @@ def _paper(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[str]:
         Head("comparable", right=False),
         Head("source", right=False),
     ]
-    body = [[plain(row.model), row.regime or "n/a",
-             *(_value(row, m, g, digits[m]) for m, g in columns),
-             f"{row.n:,} {plain(row.unit)}" if row.n else "n/a",
-             *([_speed(row)] if rates else []), row.comparable, plain(row.source)]
-            for row in rows]  # fmt: skip
+    body = [
+        [
+            plain(row.model),
+            row.regime or "n/a",
+            *(_value(row, m, g, digits[m]) for m, g in columns),
+            f"{row.n:,} {plain(row.unit)}" if row.n else "n/a",
+            *([_speed(row)] if rates else []),
+            row.comparable,
+            plain(row.source),
+        ]
+        for row in rows
+    ]
     who = f"{paper.authors}, *{plain(paper.title)}*, {paper.year}"
     reasons = list(dict.fromkeys(row.note for row in rows))
     return [
-        f"### {plain(paper.name)}", "",
-        f"{who}. Measured on: {plain(paper.measured_on)}.", "",
-        *table(heads, body), "",
-        *(f"- {plain(text)}" for text in (*reasons, *paper.notes)), "",
-    ]  # fmt: skip
+        f"### {plain(paper.name)}",
+        "",
+        f"{who}. Measured on: {plain(paper.measured_on)}.",
+        "",
+        *table(heads, body),
+        "",
+        *(f"- {plain(text)}" for text in (*reasons, *paper.notes)),
+        "",
+    ]
 
 
 def _head(metric: str, group: str) -> str:

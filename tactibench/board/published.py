@@ -90,10 +90,19 @@ class Claim(_Frozen):
     note: Annotated[int, Field(ge=1)]
     says: Text
     quantity: Literal[
-        "printed", "printed, %", "n", "mean of axes", "root mean square of axes", "aggregation",
-        "target sd", "target sd, least", "target sd, most", "half width of uniform targets",
-        "sd of uniform targets", "kept, %",
-    ]  # fmt: skip
+        "printed",
+        "printed, %",
+        "n",
+        "mean of axes",
+        "root mean square of axes",
+        "aggregation",
+        "target sd",
+        "target sd, least",
+        "target sd, most",
+        "half width of uniform targets",
+        "sd of uniform targets",
+        "kept, %",
+    ]
     row: Annotated[int, Field(ge=1)] | None = None
     metric: Text | None = None
     group: Text | None = None
@@ -158,8 +167,11 @@ def rows_for(protocol: str, table: PublishedTable) -> tuple[PublishedRow, ...]:
 
 def published_means(tables: Sequence[PublishedTable]) -> list[tuple[str, float]]:
     """Label and mean distance error of every published row of exp2."""
-    pairs = ((row.label, row.value("distance_mae_mm", "all"))
-             for table in tables for row in rows_for("exp2", table))  # fmt: skip
+    pairs = (
+        (row.label, row.value("distance_mae_mm", "all"))
+        for table in tables
+        for row in rows_for("exp2", table)
+    )
     return [(label, value) for label, value in pairs if value is not None]
 
 

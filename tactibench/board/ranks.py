@@ -38,17 +38,23 @@ class Ranks:
     @property
     def note(self) -> str:
         """How the ranks came about."""
-        text = ("Rank: rows share one when the paired 95 % interval over presses of their "
-                "difference from the first of them holds 0")  # fmt: skip
+        text = (
+            "Rank: rows share one when the paired 95 % interval over presses of their "
+            "difference from the first of them holds 0"
+        )
         ranked = sum(rank is not None for rank in self.by_row)
         if self.paired == ranked:
             return f"{text}."
-        lacking = "No row has" if not self.paired else (
-            f"{ranked - self.paired} of {ranked} rows do not have"
-        )  # fmt: skip
-        return (f"{text}. {lacking} answers beside all records: there the intervals decide, and "
-                "rows share a rank unless these are apart, which tells no more of them apart than "
-                "pairing would.")  # fmt: skip
+        lacking = (
+            "No row has"
+            if not self.paired
+            else (f"{ranked - self.paired} of {ranked} rows do not have")
+        )
+        return (
+            f"{text}. {lacking} answers beside all records: there the intervals decide, and "
+            "rows share a rank unless these are apart, which tells no more of them apart than "
+            "pairing would."
+        )
 
 
 def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:

@@ -68,10 +68,8 @@ def add(run: StoredRun, board: Path) -> Added:
     folder = board / FOLDER / record["protocol"]["id"]
     path = folder / f"{record['name']}.json"
     same = [
-        other
-        for other in _files(folder)
-        if other != path and slot(_read(other)) == slot(record)
-    ]  # fmt: skip
+        other for other in _files(folder) if other != path and slot(_read(other)) == slot(record)
+    ]
     write_arrays(answers_file(path), {**predicted, **_ranked(run, predicted)})
     with atomic(path) as stream:
         stream.write(text_of(record).encode())

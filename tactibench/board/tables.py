@@ -11,8 +11,13 @@ from tactibench.board.numbers import number
 from tactibench.board.ranks import Ranks
 from tactibench.board.rows import Pooled, Row
 
-IDENTITY = (Head("model", right=False), Head("encoder", right=False), Head("regime", right=False),
-            Head("mixing"), Head("seeds"))  # fmt: skip
+IDENTITY = (
+    Head("model", right=False),
+    Head("encoder", right=False),
+    Head("regime", right=False),
+    Head("mixing"),
+    Head("seeds"),
+)
 MISSING = "n/a"
 
 
@@ -84,8 +89,10 @@ def _value(column: Column, found: Pooled | None) -> str:
         return f"{plain(found.censored)} {text}"
     if not column.interval:
         return text
-    ends = ("open" if end is None else number(end * scale, column.decimals)
-            for end in (found.low, found.high))  # fmt: skip
+    ends = (
+        "open" if end is None else number(end * scale, column.decimals)
+        for end in (found.low, found.high)
+    )
     return f"{text}<br><sub>{' – '.join(ends)}</sub>"
 
 

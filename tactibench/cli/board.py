@@ -81,8 +81,11 @@ def board(
     if check:
         stale = [page for page in made if not page.current]
         for page in stale:
-            click.echo(f"{page.path} is not what the committed records give; "
-                       "run `tactibench board` and commit it.", err=True)  # fmt: skip
+            click.echo(
+                f"{page.path} is not what the committed records give; "
+                "run `tactibench board` and commit it.",
+                err=True,
+            )
         if stale:
             ctx.exit(1)
         click.echo(f"{len(made)} pages are what the committed records give")

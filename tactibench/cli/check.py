@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 @click.option("--sensor", default="", help="Presses the frames of a model; default: tactip-127.")
 @click.option("--encoder", default="", help="What a model is trained through.")
 @click.option(
-    "--data", type=click.Path(path_type=Path, file_okay=False, exists=True),
+    "--data",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="Folder of a sensor that reads recorded frames.",
-)  # fmt: skip
+)
 @click.option(
     "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
 )
@@ -110,12 +111,21 @@ def _reasons(texts: tuple[str, ...]) -> dict[str, str]:
 def _write(path: Path, reports: list[Report]) -> None:
     from tactibench.records.files import write_json
 
-    write_json(path, {
-        "metrics": [row for report in reports for row in report.rows()],
-        "properties": [
-            {"subject": report.title, "property": one.asked.name,
-             "asserts": one.asked.statement, "outcome": one.outcome, "found": one.found,
-             "seconds": round(one.seconds, 3)}
-            for report in reports for one in report.findings
-        ],
-    })  # fmt: skip
+    write_json(
+        path,
+        {
+            "metrics": [row for report in reports for row in report.rows()],
+            "properties": [
+                {
+                    "subject": report.title,
+                    "property": one.asked.name,
+                    "asserts": one.asked.statement,
+                    "outcome": one.outcome,
+                    "found": one.found,
+                    "seconds": round(one.seconds, 3),
+                }
+                for report in reports
+                for one in report.findings
+            ],
+        },
+    )

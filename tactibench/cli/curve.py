@@ -69,10 +69,12 @@ def curve(
         from tactibench.board.figures.curve import learning_curves
 
         learning_curves(
-            out, found, error=f"{error.name}, {error.unit}",
+            out,
+            found,
+            error=f"{error.name}, {error.unit}",
             title="Learning curve; bars: 95 % over presses, mean of the seeds",
             measured_on=subject,
-        )  # fmt: skip
+        )
         terminal.say(f"picture: {out}")
     if json_file is not None:
         write_json(json_file, _json(found, error))
@@ -86,12 +88,15 @@ def _print(console: Console, found: Sequence[Curve], error: RankingError, subjec
 
     steps = [(curve, step) for curve in found for step in curve.steps]
     pooled = [step.error for _, step in steps]
-    values = aligned([
-        "n/a" if p is None else f"{number(p.value, error.decimals)} "
-        f"[{_end(p.low, error)}, {_end(p.high, error)}]" for p in pooled
-    ])  # fmt: skip
-    spreads = ["n/a" if p is None or p.sd is None else number(p.sd, error.decimals)
-               for p in pooled]  # fmt: skip
+    values = aligned(
+        [
+            "n/a"
+            if p is None
+            else f"{number(p.value, error.decimals)} [{_end(p.low, error)}, {_end(p.high, error)}]"
+            for p in pooled
+        ]
+    )
+    spreads = ["n/a" if p is None or p.sd is None else number(p.sd, error.decimals) for p in pooled]
     rows, last = [], ""
     for (curve, step), value, sd in zip(steps, values, spreads, strict=True):
         name = "" if curve.label == last else curve.label
@@ -111,10 +116,17 @@ def _end(end: float | None, error: RankingError) -> str:
 
 def _json(found: Sequence[Curve], error: RankingError) -> list[dict[str, Any]]:
     return [
-        {"metric": error.metric, "group": curve.label, "presses": step.presses,
-         "value": step.error and step.error.value, "low": step.error and step.error.low,
-         "high": step.error and step.error.high, "sd": step.error and step.error.sd,
-         "unit": error.unit, "seeds": step.seeds}
+        {
+            "metric": error.metric,
+            "group": curve.label,
+            "presses": step.presses,
+            "value": step.error and step.error.value,
+            "low": step.error and step.error.low,
+            "high": step.error and step.error.high,
+            "sd": step.error and step.error.sd,
+            "unit": error.unit,
+            "seeds": step.seeds,
+        }
         for curve in found
         for step in curve.steps
-    ]  # fmt: skip
+    ]

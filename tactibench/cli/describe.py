@@ -97,5 +97,7 @@ def _family(axis: Axis) -> str:
     """ "family    grazing: depth of a shallow contact, mm: easy 2; 0.5, 0.3"."""
     unit = f", {axis.unit}" if axis.unit else ""
     easy = "" if axis.easy is None else f"easy {axis.easy:g}; "
-    return (f"family    {axis.family}: {axis.title}{unit}: {easy}"
-            f"{', '.join(f'{value:g}' for value in axis.values)}")  # fmt: skip
+    return (
+        f"family    {axis.family}: {axis.title}{unit}: {easy}"
+        f"{', '.join(f'{value:g}' for value in axis.values)}"
+    )

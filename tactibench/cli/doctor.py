@@ -108,8 +108,15 @@ def _repeat(
     print_findings(terminal.out, found, subject)
     if json_file is not None:
         rows = [row.as_row() for row in found]
-        metrics = [{"metric": "same", "group": f"{row.model}, {row.what}", "value": float(row.same),
-                    "unit": "1"} for row in found]  # fmt: skip
+        metrics = [
+            {
+                "metric": "same",
+                "group": f"{row.model}, {row.what}",
+                "value": float(row.same),
+                "unit": "1",
+            }
+            for row in found
+        ]
         write_json(json_file, {"environment": facts, "findings": rows, "metrics": metrics})
     if not all(row.same for row in found):
         ctx.exit(1)

@@ -68,9 +68,12 @@ def frontier(
         from tactibench.board.figures.frontier import frontier_picture
 
         frontier_picture(
-            out, found, error=f"{error.name}, {error.unit}",
-            title="Speed against error; bars: 95 % over presses, of all seeds", measured_on=subject,
-        )  # fmt: skip
+            out,
+            found,
+            error=f"{error.name}, {error.unit}",
+            title="Speed against error; bars: 95 % over presses, of all seeds",
+            measured_on=subject,
+        )
         terminal.say(f"picture: {out}")
     if json_file is not None:
         write_json(json_file, [row for one in found for row in _json(one, error)])
@@ -99,11 +102,17 @@ def _machine(found: Sequence[Frontier]) -> str:
 def _json(found: Frontier, error: RankingError) -> list[dict[str, Any]]:
     rows = []
     for point in found.points:
-        verdict = {"dominated_by": list(found.dominated.get(point.label, ())),
-                   "on_frontier": point in found.best, "regime": found.regime,
-                   "machine": found.machine, "seeds": list(point.row.seeds)}  # fmt: skip
-        for metric, value, unit in (("p90_ms", point.latency, "ms"),
-                                    (error.metric, point.error, error.unit)):  # fmt: skip
+        verdict = {
+            "dominated_by": list(found.dominated.get(point.label, ())),
+            "on_frontier": point in found.best,
+            "regime": found.regime,
+            "machine": found.machine,
+            "seeds": list(point.row.seeds),
+        }
+        for metric, value, unit in (
+            ("p90_ms", point.latency, "ms"),
+            (error.metric, point.error, error.unit),
+        ):
             ends = {"value": value.value, "low": value.low, "high": value.high}
             rows.append({"metric": metric, "group": point.label, **ends, "unit": unit, **verdict})
     return rows

@@ -35,18 +35,45 @@ def _numbers(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[
 @click.option("--sensor", "sensor_name", default="tactip-127", show_default=True, help="Preset.")
 @click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE", help="Set one.")
 @click.option("--scene", type=click.Choice(["single", "dual"]), default="single", show_default=True)
-@click.option("--depth", "depths", callback=_numbers, metavar="MM,...", default="1,3,6",
-              show_default=True, help="Depths of the press, mm.")  # fmt: skip
+@click.option(
+    "--depth",
+    "depths",
+    callback=_numbers,
+    metavar="MM,...",
+    default="1,3,6",
+    show_default=True,
+    help="Depths of the press, mm.",
+)
 @click.option("--spacing", type=click.FloatRange(0.1, 40), help="Of the two tips, mm; default 7.")
 @click.option("--yaw", type=click.FloatRange(-360, 360), help="Of the two tips, deg; default 0.")
-@click.option("--range", "reach", type=click.FloatRange(0, 20), default=6.4, show_default=True,
-              help="Half side of the workspace, mm.")  # fmt: skip
-@click.option("--step", type=click.FloatRange(0.05, 20), default=0.8, show_default=True,
-              help="Between the presses, mm.")  # fmt: skip
-@click.option("--nuisance", "nuisances", default="", metavar="NAME,...",
-              help="Unknown properties of the camera, or all.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), metavar="MAP.png",
-              help="Draw the map.")  # fmt: skip
+@click.option(
+    "--range",
+    "reach",
+    type=click.FloatRange(0, 20),
+    default=6.4,
+    show_default=True,
+    help="Half side of the workspace, mm.",
+)
+@click.option(
+    "--step",
+    type=click.FloatRange(0.05, 20),
+    default=0.8,
+    show_default=True,
+    help="Between the presses, mm.",
+)
+@click.option(
+    "--nuisance",
+    "nuisances",
+    default="",
+    metavar="NAME,...",
+    help="Unknown properties of the camera, or all.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="MAP.png",
+    help="Draw the map.",
+)
 @json_option
 def limit(
     sensor_name: str,
@@ -95,15 +122,22 @@ def limit(
     if out is not None:
         from tactibench.board.figures.limits import limit_maps
 
-        limit_maps(out, maps, title="Cramer-Rao bound: smallest standard deviation",
-                   measured_on=subject)  # fmt: skip
+        limit_maps(
+            out, maps, title="Cramer-Rao bound: smallest standard deviation", measured_on=subject
+        )
         terminal.say(f"picture: {out}")
     if json_file is not None:
         sensor_keys = {"name": spec.name, "origin": spec.origin, "parameters": dict(values)}
         described: Any = sensor
-        write_json(json_file, {"sensor": {**sensor_keys, "description": described.describe()},
-                               **_json(request), "metrics": rows_of(maps),
-                               "maps_mm": _cells(maps)})  # fmt: skip
+        write_json(
+            json_file,
+            {
+                "sensor": {**sensor_keys, "description": described.describe()},
+                **_json(request),
+                "metrics": rows_of(maps),
+                "maps_mm": _cells(maps),
+            },
+        )
 
 
 def _check_picture(out: Path) -> None:
@@ -149,8 +183,14 @@ def _known(sensor: KnowsCovariance, text: str) -> tuple[str, ...]:
     return names
 
 
-def _request(indenter: Any, reach: float, step: float, depths: tuple[float, ...], yaw: float,
-             nuisances: tuple[str, ...]) -> Any:  # fmt: skip
+def _request(
+    indenter: Any,
+    reach: float,
+    step: float,
+    depths: tuple[float, ...],
+    yaw: float,
+    nuisances: tuple[str, ...],
+) -> Any:
     from tactibench.board.limits import LimitRequest
     from tactibench.contacts import Grid
 
@@ -187,13 +227,19 @@ def _words(request: Any) -> str:
 def _json(request: Any) -> dict[str, Any]:
     x, y = request.grid.axes()
     return {
-        "scene": {"indenter": request.indenter.name, "radius_mm": request.indenter.radius,
-                  "offsets_mm": request.indenter.offsets, "yaw_deg": request.yaw},
-        "workspace": {"x_mm": [round(v, 9) for v in x.tolist()],
-                      "y_mm": [round(v, 9) for v in y.tolist()],
-                      "depth_mm": list(request.depths)},
+        "scene": {
+            "indenter": request.indenter.name,
+            "radius_mm": request.indenter.radius,
+            "offsets_mm": request.indenter.offsets,
+            "yaw_deg": request.yaw,
+        },
+        "workspace": {
+            "x_mm": [round(v, 9) for v in x.tolist()],
+            "y_mm": [round(v, 9) for v in y.tolist()],
+            "depth_mm": list(request.depths),
+        },
         "nuisances": list(request.nuisances),
-    }  # fmt: skip
+    }
 
 
 def _cells(maps: Any) -> dict[str, Any]:

@@ -43,10 +43,24 @@ def list_weights(json_file: Path | None) -> None:
         terminal.say(f"no trained weights in {cache_folder()}; a run leaves its own there")
         return
     host = PluginHost()
-    heads = ("model", "encoder", "regime", "presses", "seed", "device", "epochs", "training", "MiB",
-             "folder")  # fmt: skip
-    print_grid(terminal.out, heads, [_cells(kept, host) for kept in found],
-               right=frozenset(heads[3:5] + heads[6:9]))  # fmt: skip
+    heads = (
+        "model",
+        "encoder",
+        "regime",
+        "presses",
+        "seed",
+        "device",
+        "epochs",
+        "training",
+        "MiB",
+        "folder",
+    )
+    print_grid(
+        terminal.out,
+        heads,
+        [_cells(kept, host) for kept in found],
+        right=frozenset(heads[3:5] + heads[6:9]),
+    )
     terminal.say(f"{len(found)} in {cache_folder() / 'weights'}")
 
 
@@ -88,20 +102,31 @@ def train_weights(
     )
     terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
     if json_file is not None:
-        who = {"group": plan.parts.model.label(), "regime": plan.parts.regime, "seed": request.seed,
-               "weights": trained.hash, "reused": trained.reused}  # fmt: skip
-        write_json(json_file, [
-            {"metric": "training_s", "value": report["seconds"], "unit": "s", **who},
-            {"metric": "epochs", "value": report["epochs"], "unit": "", **who},
-        ])  # fmt: skip
+        who = {
+            "group": plan.parts.model.label(),
+            "regime": plan.parts.regime,
+            "seed": request.seed,
+            "weights": trained.hash,
+            "reused": trained.reused,
+        }
+        write_json(
+            json_file,
+            [
+                {"metric": "training_s", "value": report["seconds"], "unit": "s", **who},
+                {"metric": "epochs", "value": report["epochs"], "unit": "", **who},
+            ],
+        )
 
 
 def _label(kept: KeptWeights, host: PluginHost) -> str:
     """The model with the parameters that are not at their defaults, as far as these are known."""
     spec = host.models.specs.get(kept.model)
     defaults = {p.name: p.default for p in spec.parameters} if spec else {}
-    other = [f"{name}={value}" for name, value in kept.parameters.items()
-             if name not in defaults or value != defaults[name]]  # fmt: skip
+    other = [
+        f"{name}={value}"
+        for name, value in kept.parameters.items()
+        if name not in defaults or value != defaults[name]
+    ]
     return f"{kept.model}({','.join(other)})" if other else kept.model
 
 
@@ -110,16 +135,34 @@ def _cells(kept: KeptWeights, host: PluginHost) -> tuple[str, ...]:
 
     presses = "n/a" if kept.presses is None else f"{kept.presses:,}"
     return (
-        _label(kept, host), kept.encoder or "none", kept.regime, presses, str(kept.seed),
-        kept.device, str(kept.epochs), duration(kept.seconds), number(kept.bytes / MIB, 1),
+        _label(kept, host),
+        kept.encoder or "none",
+        kept.regime,
+        presses,
+        str(kept.seed),
+        kept.device,
+        str(kept.epochs),
+        duration(kept.seconds),
+        number(kept.bytes / MIB, 1),
         kept.folder.name,
-    )  # fmt: skip
+    )
 
 
 def _json(kept: KeptWeights) -> list[dict[str, Any]]:
-    who = {"model": kept.model, "parameters": dict(kept.parameters), "encoder": kept.encoder,
-           "regime": kept.regime, "seed": kept.seed, "device": kept.device,
-           "presses": kept.presses, "weights": kept.hash, "group": kept.folder.name}  # fmt: skip
-    values = (("training_s", kept.seconds, "s"), ("epochs", kept.epochs, ""),
-              ("size_bytes", kept.bytes, "B"))  # fmt: skip
+    who = {
+        "model": kept.model,
+        "parameters": dict(kept.parameters),
+        "encoder": kept.encoder,
+        "regime": kept.regime,
+        "seed": kept.seed,
+        "device": kept.device,
+        "presses": kept.presses,
+        "weights": kept.hash,
+        "group": kept.folder.name,
+    }
+    values = (
+        ("training_s", kept.seconds, "s"),
+        ("epochs", kept.epochs, ""),
+        ("size_bytes", kept.bytes, "B"),
+    )
     return [{"metric": name, "value": value, "unit": unit, **who} for name, value, unit in values]

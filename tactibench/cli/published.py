@@ -35,16 +35,31 @@ def listing(board_folder: Path, json_file: Path | None) -> None:
         terminal.say(f"  measured on: {table.measured_on}")
         cells = []
         for number, row in enumerate(table.rows, 1):
-            values = [(metric, group, value) for metric, groups in row.metrics.items()
-                      for group, value in groups.items()]  # fmt: skip
-            rows += [{"table": table.name, "protocol": row.protocol, "model": row.model,
-                      "regime": row.regime, "source": row.source, "metric": metric,
-                      "group": group, "value": value, "n": row.n, "unit": _unit(metric),
-                      "comparable": row.comparable}
-                     for metric, group, value in values]  # fmt: skip
+            values = [
+                (metric, group, value)
+                for metric, groups in row.metrics.items()
+                for group, value in groups.items()
+            ]
+            rows += [
+                {
+                    "table": table.name,
+                    "protocol": row.protocol,
+                    "model": row.model,
+                    "regime": row.regime,
+                    "source": row.source,
+                    "metric": metric,
+                    "group": group,
+                    "value": value,
+                    "n": row.n,
+                    "unit": _unit(metric),
+                    "comparable": row.comparable,
+                }
+                for metric, group, value in values
+            ]
             n = f"{row.n:,} {row.unit}" if row.n else "n/a"
-            cells.append((f"  {number}", row.protocol, row.label, ", ".join(row.metrics), n,
-                          row.comparable))  # fmt: skip
+            cells.append(
+                (f"  {number}", row.protocol, row.label, ", ".join(row.metrics), n, row.comparable)
+            )
         heads = ("  row", "protocol", "model", "metrics", "n", "comparable")
         print_grid(terminal.out, heads, cells)
     if json_file is not None:
@@ -78,14 +93,19 @@ def check(
             click.echo(f"{table.name}: note {note} says {number}: stated, not computed")
         for finding in findings:
             click.echo(f"{table.name}: {_finding(finding)}")
-        rows += [*(_claim_row(table.name, one) for one in claims),
-                 *(_finding_row(table.name, one) for one in findings)]  # fmt: skip
+        rows += [
+            *(_claim_row(table.name, one) for one in claims),
+            *(_finding_row(table.name, one) for one in findings),
+        ]
     if json_file is not None:
         write_json(json_file, rows)
     if wrong:
         plural = "s" if wrong > 1 else ""
-        click.echo(f"{wrong} figure{plural} in the notes are not what the tables give; mend the "
-                   "note or the row.", err=True)  # fmt: skip
+        click.echo(
+            f"{wrong} figure{plural} in the notes are not what the tables give; mend the "
+            "note or the row.",
+            err=True,
+        )
         ctx.exit(1)
     click.echo("every computed figure in the notes is what the tables give")
 
@@ -117,18 +137,36 @@ def _finding(finding: Finding) -> str:
 
 def _claim_row(table: str, checked: Checked) -> dict[str, Any]:
     claim = checked.claim
-    return {"table": table, "metric": claim.quantity, "group": claim.group or "", "unit": "",
-            "value": checked.found, "says": claim.says, "note": claim.note, "row": claim.row,
-            "agrees": checked.agrees}  # fmt: skip
+    return {
+        "table": table,
+        "metric": claim.quantity,
+        "group": claim.group or "",
+        "unit": "",
+        "value": checked.found,
+        "says": claim.says,
+        "note": claim.note,
+        "row": claim.row,
+        "agrees": checked.agrees,
+    }
 
 
 def _finding_row(table: str, finding: Finding) -> dict[str, Any]:
     import math
 
-    ends = {end: value if value is not None and math.isfinite(value) else None
-            for end, value in (("low", finding.low), ("high", finding.high))}  # fmt: skip
-    return {"table": table, "row": finding.row, "metric": finding.metric, "group": finding.group,
-            "value": finding.value, "unit": finding.unit, **ends, "note": finding.note}  # fmt: skip
+    ends = {
+        end: value if value is not None and math.isfinite(value) else None
+        for end, value in (("low", finding.low), ("high", finding.high))
+    }
+    return {
+        "table": table,
+        "row": finding.row,
+        "metric": finding.metric,
+        "group": finding.group,
+        "value": finding.value,
+        "unit": finding.unit,
+        **ends,
+        "note": finding.note,
+    }
 
 
 def _unit(metric: str) -> str:

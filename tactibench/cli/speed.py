@@ -31,10 +31,20 @@ UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may tak
     is_flag=True,
     help="Do not time: say how far answers drift in float64, float32, bf16 and fp16.",
 )
-@click.option("--frames", type=click.IntRange(min=1), default=100, show_default=True,
-              help="Test frames that are answered.")  # fmt: skip
-@click.option("--calls", type=click.IntRange(min=10), default=300, show_default=True,
-              help="Timed calls at batch 1.")  # fmt: skip
+@click.option(
+    "--frames",
+    type=click.IntRange(min=1),
+    default=100,
+    show_default=True,
+    help="Test frames that are answered.",
+)
+@click.option(
+    "--calls",
+    type=click.IntRange(min=10),
+    default=300,
+    show_default=True,
+    help="Timed calls at batch 1.",
+)
 @json_option
 def speed(
     model: str,
@@ -86,8 +96,9 @@ def speed(
     note = UNTRAINED if untrained else ""
     head = {
         "model": {"name": plan.parts.model.name, "parameters": dict(plan.parts.model.values)},
-        "untrained": untrained, "environment": facts,
-    }  # fmt: skip
+        "untrained": untrained,
+        "environment": facts,
+    }
     if precision:
         from tactibench.cli.report.drift import print_drifts
         from tactibench.running.arithmetic import ways
@@ -103,15 +114,25 @@ def speed(
         race = run_race(timed, seen, truth, calls=calls, compiled=compiled, advance=advance)
     print_race(terminal.out, race, subject, note)
     if json_file is not None:
-        write_json(json_file, {
-            **head, "default": race.best.name,
-            "configurations": [
-                {"name": one.name, "words": one.words, **one.difference.as_row(),
-                 "allowed": one.difference.allowed} for one in race.found.usable
-            ],
-            "skipped": dict(race.found.skipped), "speed": list(race.rows),
-            "metrics": metric_rows(race),
-        })  # fmt: skip
+        write_json(
+            json_file,
+            {
+                **head,
+                "default": race.best.name,
+                "configurations": [
+                    {
+                        "name": one.name,
+                        "words": one.words,
+                        **one.difference.as_row(),
+                        "allowed": one.difference.allowed,
+                    }
+                    for one in race.found.usable
+                ],
+                "skipped": dict(race.found.skipped),
+                "speed": list(race.rows),
+                "metrics": metric_rows(race),
+            },
+        )
 
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:

@@ -79,8 +79,9 @@ def stability(
     if out is not None:
         from tactibench.board.figures.hard_cases import hard_cases
 
-        hard_cases(out, series, title="Hard cases: error from the easy case on",
-                   measured_on=subject)  # fmt: skip
+        hard_cases(
+            out, series, title="Hard cases: error from the easy case on", measured_on=subject
+        )
         terminal.say(f"picture: {out}")
     if cases is not None:
         _draw_cases(cases, runs, axes)
@@ -118,10 +119,14 @@ def _print(
     lines: list[tuple[str, ...]] = []
     brief = len(series) > WITH_INTERVALS
     places = {
-        label: aligned([doubling(one.doubles).partition(" [")[0] if brief else doubling(one.doubles)
-                        for one in families])
+        label: aligned(
+            [
+                doubling(one.doubles).partition(" [")[0] if brief else doubling(one.doubles)
+                for one in families
+            ]
+        )
         for label, families in series
-    }  # fmt: skip
+    }
     for k, axis in enumerate(axes):
         if axis.ordered:
             name = f"{axis.family}, {axis.unit}" if axis.unit else axis.family
@@ -138,8 +143,11 @@ def _draw_cases(path: Path, runs: Path | None, axes: Sequence[Axis]) -> None:
     from tactibench.records.store import stored_runs
 
     stored = [] if runs is None else list(stored_runs(runs))
-    found = [one for one in stored if one.record["protocol"]["id"] == PROTOCOL
-             and not one.record["partial"]]  # fmt: skip
+    found = [
+        one
+        for one in stored
+        if one.record["protocol"]["id"] == PROTOCOL and not one.record["partial"]
+    ]
     if not found:
         raise UserError(
             "--cases draws the frames that a run has stored; name a store with a complete run of "
@@ -160,15 +168,32 @@ def _json(series: Sequence[tuple[str, Sequence[Graded]]]) -> list[dict[str, Any]
         for one in families:
             axis, found = one.axis, one.doubles
             if found is not None:
-                rows.append({"metric": "doubles_at", "group": label, "family": axis.family,
-                             "value": found.value, "low": found.low, "high": found.high,
-                             "censored": found.censored, "unit": axis.unit,
-                             "harder": axis.harder})  # fmt: skip
+                rows.append(
+                    {
+                        "metric": "doubles_at",
+                        "group": label,
+                        "family": axis.family,
+                        "value": found.value,
+                        "low": found.low,
+                        "high": found.high,
+                        "censored": found.censored,
+                        "unit": axis.unit,
+                        "harder": axis.harder,
+                    }
+                )
             rows += [
-                {"metric": "ospa_mm", "group": label, "family": axis.family, "at": case.value,
-                 "easy": case.easy, "value": case.error.value, "low": case.error.low,
-                 "high": case.error.high, "unit": "mm"}
+                {
+                    "metric": "ospa_mm",
+                    "group": label,
+                    "family": axis.family,
+                    "at": case.value,
+                    "easy": case.easy,
+                    "value": case.error.value,
+                    "low": case.error.low,
+                    "high": case.error.high,
+                    "unit": "mm",
+                }
                 for case in one.cases
                 if case.error is not None
-            ]  # fmt: skip
+            ]
     return rows

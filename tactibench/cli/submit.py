@@ -30,5 +30,7 @@ def submit(run_name: str, out: Path, board_folder: Path) -> None:
         click.echo(f"wrote {path} ({path.stat().st_size / 1000:,.0f} kB)")
     for path in added.replaced:
         click.echo(f"  in place of {path.name}, the same row and seed")
-    click.echo(f"check it with `tactibench verify {added.path}`, then open a pull request with "
-               "both files; docs/submit.md says what is checked there.")  # fmt: skip
+    click.echo(
+        f"check it with `tactibench verify {added.path}`, then open a pull request with "
+        "both files; docs/submit.md says what is checked there."
+    )

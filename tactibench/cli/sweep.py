@@ -23,12 +23,23 @@ RETRIES = 2
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--scheduler", metavar="ADDRESS", help="Of a running dask scheduler, tcp://...")
-@click.option("--workers", type=click.IntRange(min=1),
-              help="Processes on this machine; default: as many as it has cores.")  # fmt: skip
-@click.option("--threads", type=click.IntRange(min=1),
-              help="Of each process; default: the cores shared among them.")  # fmt: skip
-@click.option("--retries", type=click.IntRange(min=0), default=RETRIES, show_default=True,
-              help="How often a cell whose worker died is run again.")  # fmt: skip
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes on this machine; default: as many as it has cores.",
+)
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Of each process; default: the cores shared among them.",
+)
+@click.option(
+    "--retries",
+    type=click.IntRange(min=0),
+    default=RETRIES,
+    show_default=True,
+    help="How often a cell whose worker died is run again.",
+)
 @json_option
 @out_option
 @click.option("--dry-run", is_flag=True, help="List the cells, done and to do, and stop.")

@@ -32,8 +32,9 @@ def _guess(rest, pitch, blobs, owner, grid, head, after, which):  # type: ignore
     square = np.empty(len(rest))
     taker = np.full(len(blobs), -1)
     for p in range(len(rest)):
-        b, square[p] = nearest(rest[p, 0], rest[p, 1], FIRST * pitch[p], blobs, owner, cell,
-                               columns, rows, head, after)  # fmt: skip
+        b, square[p] = nearest(
+            rest[p, 0], rest[p, 1], FIRST * pitch[p], blobs, owner, cell, columns, rows, head, after
+        )
         which[p] = b
         if b >= 0:
             other = taker[b]
@@ -138,8 +139,18 @@ def _patches(rest, near, pitch, border, blobs, owner, grid, head, after, pin, ta
             for k in range(near.shape[1]):
                 q = near[p, k]
                 reach = FIRST * pitch[q]
-                found, square = nearest(rest[q, 0] + u, rest[q, 1] + v, reach, blobs, owner, cell,
-                                        columns, rows, head, after)  # fmt: skip
+                found, square = nearest(
+                    rest[q, 0] + u,
+                    rest[q, 1] + v,
+                    reach,
+                    blobs,
+                    owner,
+                    cell,
+                    columns,
+                    rows,
+                    head,
+                    after,
+                )
                 if found >= 0:
                     support += 1.0 - square / (reach * reach)
             support -= np.sqrt(u * u + v * v) / pitch[p]
@@ -185,8 +196,9 @@ def _leftovers(rest, near, pitch, blobs, which, owner, place, grid, head, after)
             if which[p] >= 0 or foretold(p, rest, near, which, place, out) < LEAST - 1:
                 continue
             local = out[2] * pitch[p]
-            b, square = nearest(out[0], out[1], best * local, blobs, owner, cell, columns, rows,
-                                head, after)  # fmt: skip
+            b, square = nearest(
+                out[0], out[1], best * local, blobs, owner, cell, columns, rows, head, after
+            )
             if b >= 0:
                 best, taker, taken = np.sqrt(square) / local, p, b
         if taker < 0:
@@ -251,8 +263,9 @@ def follow(  # type: ignore[no-untyped-def]
                     mine[p] = guess[p]
         else:
             if starts < 0:
-                starts = _patches(rest, near, pitch, border, blobs, owner, grid, head, after,
-                                  pin, taken)  # fmt: skip
+                starts = _patches(
+                    rest, near, pitch, border, blobs, owner, grid, head, after, pin, taken
+                )
             k = trial - PARTS
             if k >= starts:
                 break
@@ -263,8 +276,18 @@ def follow(  # type: ignore[no-untyped-def]
             mine[p], owner[b] = b, p
             for k in range(near.shape[1]):
                 q = near[p, k]
-                found, _ = nearest(rest[q, 0] + u, rest[q, 1] + v, FIRST * pitch[q], blobs, owner,
-                                   cell, columns, rows, head, after)  # fmt: skip
+                found, _ = nearest(
+                    rest[q, 0] + u,
+                    rest[q, 1] + v,
+                    FIRST * pitch[q],
+                    blobs,
+                    owner,
+                    cell,
+                    columns,
+                    rows,
+                    head,
+                    after,
+                )
                 if found >= 0:
                     mine[q], owner[found] = found, q
         matched = _grown(rest, near, back, pitch, blobs, mine, owner, spot, grid, head, after)

@@ -31,12 +31,25 @@ def relative_depth_errors(trials: Trials) -> Sample:
 
 
 SPECS = (
-    mean_metric("depth_mae_mm", "mm", "lower", "mean |p_depth - t_depth| over pairs inside the "
-                "gate; for plates over answered frames",
-                depth_errors, positive_mean_interval, by_kind,
-                plates=plate_rows(plate_depth_errors, positive_mean_interval),
-                plate_sample=plate_depth_errors),
-    mean_metric("relative_depth_mae_mm", "mm", "lower", "mean |(p_i - p_j) - (t_i - t_j)| of depth "
-                "over every two contacts of a frame that are both matched",
-                relative_depth_errors, positive_mean_interval, by_kind),
-)  # fmt: skip
+    mean_metric(
+        "depth_mae_mm",
+        "mm",
+        "lower",
+        "mean |p_depth - t_depth| over pairs inside the gate; for plates over answered frames",
+        depth_errors,
+        positive_mean_interval,
+        by_kind,
+        plates=plate_rows(plate_depth_errors, positive_mean_interval),
+        plate_sample=plate_depth_errors,
+    ),
+    mean_metric(
+        "relative_depth_mae_mm",
+        "mm",
+        "lower",
+        "mean |(p_i - p_j) - (t_i - t_j)| of depth "
+        "over every two contacts of a frame that are both matched",
+        relative_depth_errors,
+        positive_mean_interval,
+        by_kind,
+    ),
+)

@@ -82,13 +82,37 @@ def density(z: float) -> float:
 
 
 SPECS = (
-    mean_metric("missed", "share", "lower", "true contacts without a partner inside the gate / "
-                "true contacts", missed, share_interval, by_kind),
-    mean_metric("spurious", "per frame", "lower", "predictions without a partner inside the gate / "
-                "frames", spurious, rate_interval, by_kind),
-    MetricSpec("catch_resolved", "share", "lower", "catch trials answered with exactly two "
-               "contacts / catch trials", catch_resolved),
-    MetricSpec("d_prime", "", "higher", "z((h + 0.5) / (n + 1)) - z((f + 0.5) / (m + 1)); h of n "
-               "two-point trials and f of m catch trials answered with two contacts or more",
-               d_prime),
-)  # fmt: skip
+    mean_metric(
+        "missed",
+        "share",
+        "lower",
+        "true contacts without a partner inside the gate / true contacts",
+        missed,
+        share_interval,
+        by_kind,
+    ),
+    mean_metric(
+        "spurious",
+        "per frame",
+        "lower",
+        "predictions without a partner inside the gate / frames",
+        spurious,
+        rate_interval,
+        by_kind,
+    ),
+    MetricSpec(
+        "catch_resolved",
+        "share",
+        "lower",
+        "catch trials answered with exactly two contacts / catch trials",
+        catch_resolved,
+    ),
+    MetricSpec(
+        "d_prime",
+        "",
+        "higher",
+        "z((h + 0.5) / (n + 1)) - z((f + 0.5) / (m + 1)); h of n "
+        "two-point trials and f of m catch trials answered with two contacts or more",
+        d_prime,
+    ),
+)

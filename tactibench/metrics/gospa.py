@@ -42,9 +42,15 @@ def gospa_per_frame(trials: Trials, power: int) -> Sample:
 
 
 SPECS = tuple(
-    mean_metric(f"gospa{power}_mm", "mm", "lower",
-                f"mean over frames of (min sum d^{power} + c^{power}/2 (missed + spurious))"
-                f"^(1/{power}), c = gate",
-                partial(gospa_per_frame, power=power), positive_mean_interval, by_kind)
+    mean_metric(
+        f"gospa{power}_mm",
+        "mm",
+        "lower",
+        f"mean over frames of (min sum d^{power} + c^{power}/2 (missed + spurious))"
+        f"^(1/{power}), c = gate",
+        partial(gospa_per_frame, power=power),
+        positive_mean_interval,
+        by_kind,
+    )
     for power in (1, 2)
-)  # fmt: skip
+)

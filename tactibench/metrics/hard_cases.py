@@ -111,20 +111,53 @@ def _count(trials: Trials, kind: int) -> Rows:
 
 
 SPECS = (
-    mean_metric("ospa_mm", "mm", "lower", "mean over frames of (sum over pairs of min(d, c) + "
-                "c (max(n, m) - pairs)) / max(n, m); n true, m predicted contacts, c = gate, d the "
-                "distance in x, y and depth", ospa, positive_mean_interval, by_kind),
-    MetricSpec("error_ratio", "", "lower", "ospa_mm of a case / ospa_mm of the easy case of its "
-               "family", error_ratios),
+    mean_metric(
+        "ospa_mm",
+        "mm",
+        "lower",
+        "mean over frames of (sum over pairs of min(d, c) + "
+        "c (max(n, m) - pairs)) / max(n, m); n true, m predicted contacts, c = gate, d the "
+        "distance in x, y and depth",
+        ospa,
+        positive_mean_interval,
+        by_kind,
+    ),
+    MetricSpec(
+        "error_ratio",
+        "",
+        "lower",
+        "ospa_mm of a case / ospa_mm of the easy case of its family",
+        error_ratios,
+    ),
     MetricSpec("worst_ratio", "", "lower", "the largest error_ratio of all cases", worst_ratio),
-    MetricSpec("doubles_at", "", "none", "value, in the unit of the family, at which error_ratio "
-               "reaches 2, linear between the cases; censored '>' or '<' at the hardest case; n/a "
-               "where twice the easy case's error exceeds the gate",
-               doubles_at),
-    MetricSpec("false_per_1000", "per 1,000 frames", "lower", "predictions in frames without a "
-               "true contact / such frames x 1000", false_per_1000),
-    MetricSpec("not_finite", "frames", "lower", "frames answered with NaN or infinity",
-               lambda trials, _rng: _count(trials, NOT_FINITE)),
-    MetricSpec("raised", "frames", "lower", "frames on which the model raised an exception",
-               lambda trials, _rng: _count(trials, RAISED)),
-)  # fmt: skip
+    MetricSpec(
+        "doubles_at",
+        "",
+        "none",
+        "value, in the unit of the family, at which error_ratio "
+        "reaches 2, linear between the cases; censored '>' or '<' at the hardest case; n/a "
+        "where twice the easy case's error exceeds the gate",
+        doubles_at,
+    ),
+    MetricSpec(
+        "false_per_1000",
+        "per 1,000 frames",
+        "lower",
+        "predictions in frames without a true contact / such frames x 1000",
+        false_per_1000,
+    ),
+    MetricSpec(
+        "not_finite",
+        "frames",
+        "lower",
+        "frames answered with NaN or infinity",
+        lambda trials, _rng: _count(trials, NOT_FINITE),
+    ),
+    MetricSpec(
+        "raised",
+        "frames",
+        "lower",
+        "frames on which the model raised an exception",
+        lambda trials, _rng: _count(trials, RAISED),
+    ),
+)

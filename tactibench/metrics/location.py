@@ -131,15 +131,45 @@ def axis_mean_squares(trials: Trials) -> Sample:
 
 
 SPECS = (
-    MetricSpec("r2", "", "higher", "1 - sum (p - t)^2 / sum (t - mean t)^2 per axis; mean: of the "
-               "three; top-scored prediction, ungated", r2),
-    MetricSpec("mae_mm", "mm", "lower", "mean |p - t| per axis; mean: of the three; top-scored "
-               "prediction, ungated", mae, sample=axis_mean_errors),
-    MetricSpec("rmse_mm", "mm", "lower", "sqrt(mean (p - t)^2) per axis; mean: of the three; "
-               "top-scored prediction, ungated", rmse),
-    mean_metric("rmse_pooled_mm", "mm", "lower", "sqrt(mean of (p - t)^2 over frames and axes)",
-                axis_mean_squares, rms_interval, lambda t: {"all": members(t, "all")},
-                root=True),
-    MetricSpec("rmse_over_bound", "", "lower", "sqrt(sum (p - t)^2 / sum b^2) per axis, b the "
-               "Cramer-Rao standard deviation of each frame that has one", rmse_over_bound),
-)  # fmt: skip
+    MetricSpec(
+        "r2",
+        "",
+        "higher",
+        "1 - sum (p - t)^2 / sum (t - mean t)^2 per axis; mean: of the "
+        "three; top-scored prediction, ungated",
+        r2,
+    ),
+    MetricSpec(
+        "mae_mm",
+        "mm",
+        "lower",
+        "mean |p - t| per axis; mean: of the three; top-scored prediction, ungated",
+        mae,
+        sample=axis_mean_errors,
+    ),
+    MetricSpec(
+        "rmse_mm",
+        "mm",
+        "lower",
+        "sqrt(mean (p - t)^2) per axis; mean: of the three; top-scored prediction, ungated",
+        rmse,
+    ),
+    mean_metric(
+        "rmse_pooled_mm",
+        "mm",
+        "lower",
+        "sqrt(mean of (p - t)^2 over frames and axes)",
+        axis_mean_squares,
+        rms_interval,
+        lambda t: {"all": members(t, "all")},
+        root=True,
+    ),
+    MetricSpec(
+        "rmse_over_bound",
+        "",
+        "lower",
+        "sqrt(sum (p - t)^2 / sum b^2) per axis, b the "
+        "Cramer-Rao standard deviation of each frame that has one",
+        rmse_over_bound,
+    ),
+)

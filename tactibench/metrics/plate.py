@@ -34,8 +34,20 @@ def _errors(trials: PlateTrials, field: str) -> Sample:
 
 
 SPECS = (
-    MetricSpec("tilt_mae_deg", "deg", "lower", "mean |p_tilt - t_tilt| over answered frames",
-               plates=plate_rows(tilt_errors, positive_mean_interval), plate_sample=tilt_errors),
-    MetricSpec("coverage", "share", "higher", "answered frames / frames",
-               plates=plate_rows(answered, share_interval), plate_sample=answered),
-)  # fmt: skip
+    MetricSpec(
+        "tilt_mae_deg",
+        "deg",
+        "lower",
+        "mean |p_tilt - t_tilt| over answered frames",
+        plates=plate_rows(tilt_errors, positive_mean_interval),
+        plate_sample=tilt_errors,
+    ),
+    MetricSpec(
+        "coverage",
+        "share",
+        "higher",
+        "answered frames / frames",
+        plates=plate_rows(answered, share_interval),
+        plate_sample=answered,
+    ),
+)

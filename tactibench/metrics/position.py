@@ -19,9 +19,22 @@ def ungated_distances(trials: Trials) -> Sample:
 
 
 SPECS = (
-    mean_metric("position_mean_mm", "mm", "lower", "mean |p_xy - t_xy| over pairs inside the gate",
-                gated_distances, positive_mean_interval, by_kind),
-    mean_metric("position_ungated_mm", "mm", "lower", "mean |p_xy - t_xy| over the pairs of the "
-                "minimum-cost assignment without a gate",
-                ungated_distances, positive_mean_interval, by_kind),
-)  # fmt: skip
+    mean_metric(
+        "position_mean_mm",
+        "mm",
+        "lower",
+        "mean |p_xy - t_xy| over pairs inside the gate",
+        gated_distances,
+        positive_mean_interval,
+        by_kind,
+    ),
+    mean_metric(
+        "position_ungated_mm",
+        "mm",
+        "lower",
+        "mean |p_xy - t_xy| over the pairs of the minimum-cost assignment without a gate",
+        ungated_distances,
+        positive_mean_interval,
+        by_kind,
+    ),
+)

@@ -26,12 +26,22 @@ METRICS: Mapping[str, MetricSpec] = MappingProxyType(
     {
         spec.name: spec
         for family in (
-            location, position, depth, separation, threshold, detection, gospa, surface, plate,
-            released, uncertainty, hard_cases,
+            location,
+            position,
+            depth,
+            separation,
+            threshold,
+            detection,
+            gospa,
+            surface,
+            plate,
+            released,
+            uncertainty,
+            hard_cases,
         )
         for spec in family.SPECS
     }
-)  # fmt: skip
+)
 
 
 def find_metric(name: str) -> MetricSpec:

@@ -60,15 +60,33 @@ def _by_press(found: Sample, trials: PlateTrials) -> FloatArray:
 _FORMULA = "mean of |p - t| - |q - t| over frames that both answered, q the released answer"
 
 SPECS = (
-    MetricSpec("depth_mae_minus_published_mm", "mm", "lower", f"{_FORMULA}; of depth",
-               plates=_difference(depth_errors)),
-    MetricSpec("depth_mae_minus_published_p", "p", "none",
-               "two-sided sign-flip permutation p of the difference in depth, whole presses",
-               plates=_p(depth_errors)),
-    MetricSpec("tilt_mae_minus_published_deg", "deg", "lower", f"{_FORMULA}; of tilt",
-               plates=_difference(tilt_errors)),
-    MetricSpec("tilt_mae_minus_published_p", "p", "none",
-               "two-sided sign-flip permutation p of the difference in tilt, whole presses",
-               plates=_p(tilt_errors)),
-)  # fmt: skip
+    MetricSpec(
+        "depth_mae_minus_published_mm",
+        "mm",
+        "lower",
+        f"{_FORMULA}; of depth",
+        plates=_difference(depth_errors),
+    ),
+    MetricSpec(
+        "depth_mae_minus_published_p",
+        "p",
+        "none",
+        "two-sided sign-flip permutation p of the difference in depth, whole presses",
+        plates=_p(depth_errors),
+    ),
+    MetricSpec(
+        "tilt_mae_minus_published_deg",
+        "deg",
+        "lower",
+        f"{_FORMULA}; of tilt",
+        plates=_difference(tilt_errors),
+    ),
+    MetricSpec(
+        "tilt_mae_minus_published_p",
+        "p",
+        "none",
+        "two-sided sign-flip permutation p of the difference in tilt, whole presses",
+        plates=_p(tilt_errors),
+    ),
+)
 NAMES = tuple(spec.name for spec in SPECS)

@@ -32,9 +32,17 @@ class MetricRow:
         """Name the estimate by its metric and group."""
         e = estimate
         return cls(
-            spec.name, group, e.value, e.low, e.high, e.n, e.clusters, spec.unit, spec.better,
+            spec.name,
+            group,
+            e.value,
+            e.low,
+            e.high,
+            e.n,
+            e.clusters,
+            spec.unit,
+            spec.better,
             e.censored,
-        )  # fmt: skip
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Plain dictionary for the record; ``censored`` appears only where it applies."""

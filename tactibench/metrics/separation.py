@@ -86,14 +86,41 @@ def _length(vectors: FloatArray) -> FloatArray:
 
 
 SPECS = (
-    mean_metric("distance_mae_mm", "mm", "lower", "mean | |p_1 - p_2| - |t_1 - t_2| | over "
-                "resolved trials", distance_errors, positive_mean_interval, by_condition),
-    mean_metric("distance_penalised_mm", "mm", "lower", "as distance_mae_mm over all trials; one "
-                "that is not resolved counts |t_1 - t_2|",
-                penalised_distance_errors, positive_mean_interval, by_condition),
-    mean_metric("resolved", "share", "higher", "trials with exactly two predictions, both matched "
-                "inside the gate / trials", resolved, share_interval, by_condition),
-    mean_metric("orientation_mae_deg", "deg", "lower", "mean angle between the axes through the "
-                "two true and the two predicted contacts, modulo 180 deg, over resolved trials",
-                orientation_errors, positive_mean_interval, by_condition),
-)  # fmt: skip
+    mean_metric(
+        "distance_mae_mm",
+        "mm",
+        "lower",
+        "mean | |p_1 - p_2| - |t_1 - t_2| | over resolved trials",
+        distance_errors,
+        positive_mean_interval,
+        by_condition,
+    ),
+    mean_metric(
+        "distance_penalised_mm",
+        "mm",
+        "lower",
+        "as distance_mae_mm over all trials; one that is not resolved counts |t_1 - t_2|",
+        penalised_distance_errors,
+        positive_mean_interval,
+        by_condition,
+    ),
+    mean_metric(
+        "resolved",
+        "share",
+        "higher",
+        "trials with exactly two predictions, both matched inside the gate / trials",
+        resolved,
+        share_interval,
+        by_condition,
+    ),
+    mean_metric(
+        "orientation_mae_deg",
+        "deg",
+        "lower",
+        "mean angle between the axes through the "
+        "two true and the two predicted contacts, modulo 180 deg, over resolved trials",
+        orientation_errors,
+        positive_mean_interval,
+        by_condition,
+    ),
+)

@@ -22,7 +22,15 @@ def surface_mean_squares(trials: Trials) -> Sample:
 
 
 SPECS = (
-    mean_metric("surface_rmse_mm", "mm", "lower", "sqrt(mean over cells and frames of "
-                "(heatmap * max_depth - inward displacement of the skin)^2)",
-                surface_mean_squares, rms_interval, by_kind, root=True),
-)  # fmt: skip
+    mean_metric(
+        "surface_rmse_mm",
+        "mm",
+        "lower",
+        "sqrt(mean over cells and frames of "
+        "(heatmap * max_depth - inward displacement of the skin)^2)",
+        surface_mean_squares,
+        rms_interval,
+        by_kind,
+        root=True,
+    ),
+)

@@ -104,8 +104,9 @@ def _most_likely(profile: Profile, mostly_resolved: bool) -> tuple[float, str | 
     if np.ptp(likelihood) < 1e-9:  # flat: the answers do not rise with distance at all
         peak = 0 if mostly_resolved else GRID - 1
     bracket = (grid[max(peak - 1, 0)], grid[min(peak + 1, GRID - 1)])
-    found = minimize_scalar(lambda m: -profile.at(m), bounds=bracket, method="bounded",
-                            options={"xatol": 1e-6})  # fmt: skip
+    found = minimize_scalar(
+        lambda m: -profile.at(m), bounds=bracket, method="bounded", options={"xatol": 1e-6}
+    )
     better = float(-found.fun) > float(likelihood[peak]) + 1e-12
     best = float(found.x) if better else float(grid[peak])
     if best == grid[0]:
@@ -147,7 +148,13 @@ def threshold(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 SPECS = (
-    MetricSpec("threshold_mm", "mm", "lower", "distance m at which a logistic fit of resolved "
-               "against distance reaches 75 %; censored '<' or '>' at the ends of the distances "
-               "tested", threshold),
-)  # fmt: skip
+    MetricSpec(
+        "threshold_mm",
+        "mm",
+        "lower",
+        "distance m at which a logistic fit of resolved "
+        "against distance reaches 75 %; censored '<' or '>' at the ends of the distances "
+        "tested",
+        threshold,
+    ),
+)

@@ -117,14 +117,36 @@ def inside_ellipse(trials: Trials, percent: int) -> Sample:
 
 
 SPECS = (
-    mean_metric("nll", "", "lower", "mean over pairs of sum over x, y, depth of z^2 / 2 + log std "
-                "+ log(2 pi) / 2, std in mm", log_loss, mean_interval, by_kind),
-    mean_metric("rms_z", "", "none", "sqrt(mean over pairs and x, y, depth of z^2); 1 is honest",
-                squared_z, rms_interval, by_kind, root=True),
+    mean_metric(
+        "nll",
+        "",
+        "lower",
+        "mean over pairs of sum over x, y, depth of z^2 / 2 + log std + log(2 pi) / 2, std in mm",
+        log_loss,
+        mean_interval,
+        by_kind,
+    ),
+    mean_metric(
+        "rms_z",
+        "",
+        "none",
+        "sqrt(mean over pairs and x, y, depth of z^2); 1 is honest",
+        squared_z,
+        rms_interval,
+        by_kind,
+        root=True,
+    ),
     *(
-        mean_metric(f"ellipse_{percent}", "share", "none", f"pairs with the truth inside the "
-                    f"stated {percent} % ellipse in the plane / pairs; {percent} % is honest",
-                    partial(inside_ellipse, percent=percent), share_interval, by_kind)
+        mean_metric(
+            f"ellipse_{percent}",
+            "share",
+            "none",
+            f"pairs with the truth inside the "
+            f"stated {percent} % ellipse in the plane / pairs; {percent} % is honest",
+            partial(inside_ellipse, percent=percent),
+            share_interval,
+            by_kind,
+        )
         for percent in (50, 90, 95)
     ),
-)  # fmt: skip
+)

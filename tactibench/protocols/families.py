@@ -13,12 +13,33 @@ from tactibench.protocols.strict import Name, Presses, Stream, Strict
 FAMILIES = "families"
 """Name of the one set of presses that a protocol of hard cases tests."""
 
-Press = Literal["nothing", "anywhere", "depth", "tip-radius", "off-axis", "distance",
-                "equal-depths", "symmetric", "beside", "ring"]  # fmt: skip
+Press = Literal[
+    "nothing",
+    "anywhere",
+    "depth",
+    "tip-radius",
+    "off-axis",
+    "distance",
+    "equal-depths",
+    "symmetric",
+    "beside",
+    "ring",
+]
 """What a value changes of the scene, see `tactibench.hardcases.scenes`."""
 
-Fault = Literal["blur", "noise", "gain", "glare", "gain-drift", "dead-rows", "occlusion",
-                "lost-pins", "spurious-blobs", "shift", "rotation"]  # fmt: skip
+Fault = Literal[
+    "blur",
+    "noise",
+    "gain",
+    "glare",
+    "gain-drift",
+    "dead-rows",
+    "occlusion",
+    "lost-pins",
+    "spurious-blobs",
+    "shift",
+    "rotation",
+]
 """What a value does to a frame of the base family, see `tactibench.hardcases.faults`."""
 
 NEEDS: dict[str, frozenset[str]] = {

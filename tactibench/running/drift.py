@@ -131,9 +131,19 @@ def run_drift(
                 apart = compare(read.answers, [scored[r] for r in of], [truth[r] for r in of])
                 share = None if apart.median_mm is None or not error else apart.median_mm / error
                 rows.append(
-                    Drift(name, words, batch, count, apart, share, read.not_finite, read.outputs,
-                          read.refused, read.reason)
-                )  # fmt: skip
+                    Drift(
+                        name,
+                        words,
+                        batch,
+                        count,
+                        apart,
+                        share,
+                        read.not_finite,
+                        read.outputs,
+                        read.refused,
+                        read.reason,
+                    )
+                )
         except UserError as reason:
             skipped[name] = str(reason)
         advance(1)

@@ -50,15 +50,20 @@ def drawn_frames(
     known = draws if tester.pressed == presser.pressed else {}
     test, rejected = frames_of_test(request, tester, split, known)
     return FramePlan(
-        tuple(_wanted(presser, draws[name], split, "fit", name, rows, FIT)
-              for name, rows in fit.items()),
-        (_wanted(presser, draws[split.draw], split, "validation", split.draw, validation,
-                 VALIDATION),),
+        tuple(
+            _wanted(presser, draws[name], split, "fit", name, rows, FIT)
+            for name, rows in fit.items()
+        ),
+        (
+            _wanted(
+                presser, draws[split.draw], split, "validation", split.draw, validation, VALIDATION
+            ),
+        ),
         test,
         rejected,
         presser.identity,
         tested_identity=None if parts.tested is None else tester.identity,
-    )  # fmt: skip
+    )
 
 
 def presser_of_test(

@@ -183,8 +183,10 @@ def _with(tester: Presser, family: Family, given: dict[str, str]) -> Presser:
         raise UserError(
             f"family {family.name!r} of protocol {tester.keys.id!r} changes the sensor: {error}"
         ) from None
-    values = {name: changed[name] if name in given else value
-              for name, value in tester.part.values.items()}  # fmt: skip
+    values = {
+        name: changed[name] if name in given else value
+        for name, value in tester.part.values.items()
+    }
     part = Part(spec, values, tester.part.origin)
     build = Sensors(sensor=part, regime="").build_sensor
     return Presser(tester.keys, part, build, tester.cache, tester.secret)

@@ -75,10 +75,13 @@ def match(
     extra, tested = keys.regimes[regime], keys.test.sets
     needed = list(dict.fromkeys([split.draw, *extra, *tested]))
     pools = {
-        name: [row for row, scene in enumerate(scenes)
-               if matches(scene, keys.draw(name), keys.workspace)]
+        name: [
+            row
+            for row, scene in enumerate(scenes)
+            if matches(scene, keys.draw(name), keys.workspace)
+        ]
         for name in needed
-    }  # fmt: skip
+    }
     order = _order(sorted(set(presses)), keys.data_seed)
     whole = keys.draw(split.draw).count or 1
     end, start = split.test / whole, (split.test + split.validation) / whole
@@ -88,8 +91,12 @@ def match(
         """The rows whose press lies in this share of the pool's presses, or is of this part."""
         if parts is not None:
             return [row for row in pools[name] if parts[row] == part]
-        ranks = {press: k for k, press in enumerate(
-            sorted({presses[row] for row in pools[name]}, key=order.__getitem__))}  # fmt: skip
+        ranks = {
+            press: k
+            for k, press in enumerate(
+                sorted({presses[row] for row in pools[name]}, key=order.__getitem__)
+            )
+        }
         first, last = (_edge(edge, len(ranks)) for edge in (low, high))
         return [row for row in pools[name] if first <= ranks[presses[row]] < last]
 

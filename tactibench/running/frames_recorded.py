@@ -159,13 +159,12 @@ def _matched_frames(
         tuple(folder.want("fit", name, rows) for name, rows in fit.items()),
         (folder.want("validation", keys.split.draw, validation),),
         tuple(
-            folder.want("test", name, rows,
-                        lambda scene, name=name: group_of(keys, name, scene))  # type: ignore[misc]
+            folder.want("test", name, rows, lambda scene, name=name: group_of(keys, name, scene))  # type: ignore[misc]
             for name, rows in test.items()
         ),
         found.left_out,
         folder.identity,
-    )  # fmt: skip
+    )
 
 
 def published_split(

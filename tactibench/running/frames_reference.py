@@ -30,8 +30,10 @@ def reference_frames(request: RunRequest, tester: Presser) -> tuple[tuple[Wanted
             "mend the plugin."
         )
     scenes = sensor.scenes()
-    alike = {draw.name: [name for name, scene in scenes.items() if _asked(draw, scene)]
-             for draw in _drawn(keys)}  # fmt: skip
+    alike = {
+        draw.name: [name for name, scene in scenes.items() if _asked(draw, scene)]
+        for draw in _drawn(keys)
+    }
     fitting = [
         (draw, name)
         for draw, names in alike.items()
@@ -49,8 +51,16 @@ def reference_frames(request: RunRequest, tester: Presser) -> tuple[tuple[Wanted
     wanted = []
     for draw in dict.fromkeys(draw for draw, _ in kept):
         names = [name for of, name in kept if of == draw]
-        wanted.append(tester.want("test", draw, [scenes[name] for name in names], names, PART,
-                                  [press[name] for name in names]))  # fmt: skip
+        wanted.append(
+            tester.want(
+                "test",
+                draw,
+                [scenes[name] for name in names],
+                names,
+                PART,
+                [press[name] for name in names],
+            )
+        )
     return tuple(wanted), sum(map(len, alike.values())) - len(fitting)
 
 

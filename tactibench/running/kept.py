@@ -33,10 +33,13 @@ class KeptWeights:
 
 def kept_weights(cache: Path) -> list[KeptWeights]:
     """All readable ones, by model, regime, presses and seed."""
-    found = [kept for path in sorted((cache / "weights").glob(f"*/{MANIFEST}"))
-             for kept in _read(path)]  # fmt: skip
-    return sorted(found, key=lambda kept: (kept.model, kept.regime, kept.presses or 0, kept.seed,
-                                           kept.folder.name))  # fmt: skip
+    found = [
+        kept for path in sorted((cache / "weights").glob(f"*/{MANIFEST}")) for kept in _read(path)
+    ]
+    return sorted(
+        found,
+        key=lambda kept: (kept.model, kept.regime, kept.presses or 0, kept.seed, kept.folder.name),
+    )
 
 
 def _read(path: Path) -> Iterator[KeptWeights]:

@@ -166,8 +166,10 @@ def _shots(plan: RunPlan) -> list[str]:
         return []
     counts = ", ".join(f"{count}" for count in transfer.shots)
     left = f"; {plan.frames.calibrated} frames calibrated the simulator and are left out"
-    return [f"  shots: {counts} labelled frames of the tested sensor"
-            + (left if plan.frames.calibrated else "")]  # fmt: skip
+    return [
+        f"  shots: {counts} labelled frames of the tested sensor"
+        + (left if plan.frames.calibrated else "")
+    ]
 
 
 def _tested(plan: RunPlan) -> str:

@@ -70,9 +70,13 @@ def run_race(
     for threads in sorted({1, cores}):
         with torch_threads(threads):
             samples = time_in_rounds(
-                found.stages(), seen, threads=threads, calls=max(calls, ROUNDS), rounds=ROUNDS,
+                found.stages(),
+                seen,
+                threads=threads,
+                calls=max(calls, ROUNDS),
+                rounds=ROUNDS,
                 budget_s=WAIT_S,
-            )  # fmt: skip
+            )
         for name, sample in samples.items():
             rows += [{"configuration": name, **row} for row in speed_rows(sample, "single")]
         if threads == 1:
@@ -81,9 +85,15 @@ def run_race(
     for batch in BATCHES if batches is None else batches:
         with torch_threads(cores):
             samples = time_in_rounds(
-                found.stages(), seen, batch, threads=cores, calls=OFFLINE_ROUNDS,
-                rounds=OFFLINE_ROUNDS, budget_s=WAIT_S / 3, block=5 if batch <= 8 else 1,
-            )  # fmt: skip
+                found.stages(),
+                seen,
+                batch,
+                threads=cores,
+                calls=OFFLINE_ROUNDS,
+                rounds=OFFLINE_ROUNDS,
+                budget_s=WAIT_S / 3,
+                block=5 if batch <= 8 else 1,
+            )
         for name, sample in samples.items():
             rows += [{"configuration": name, **row} for row in speed_rows(sample, "offline")]
         advance(1)

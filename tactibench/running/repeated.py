@@ -99,9 +99,11 @@ def _finished(begun: list[tuple[str, subprocess.Popen[str]]]) -> dict[str, Evide
             out, err = process.communicate()
             if process.returncode:
                 last = err.strip().splitlines()[-1:] or ["it said nothing"]
-                raise UserError(last[0] if process.returncode == 2 else
-                                f"the process {time!r} ended with code {process.returncode}: "
-                                f"{last[0]}")  # fmt: skip
+                raise UserError(
+                    last[0]
+                    if process.returncode == 2
+                    else f"the process {time!r} ended with code {process.returncode}: {last[0]}"
+                )
             found[time] = json.loads(out.splitlines()[-1])
     finally:
         for _, process in begun:

@@ -31,8 +31,11 @@ def services(recording: Recording) -> list[Service]:
     found = []
     for name in sorted(protocol_files()):
         keys = load_protocol(name).keys
-        scenes = [(scene, press) for scene, press in zip(recording.scenes, recording.presses,
-                                                         strict=True) if scene]  # fmt: skip
+        scenes = [
+            (scene, press)
+            for scene, press in zip(recording.scenes, recording.presses, strict=True)
+            if scene
+        ]
         known, presses = [s for s, _ in scenes], [p for _, p in scenes]
         if keys.recorded is not None:
             served, reason = _own(recording, known)

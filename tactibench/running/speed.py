@@ -86,9 +86,14 @@ def measure_speed(
     with torch_threads(cores):
         for batch in BATCHES:
             sample = time_offline(
-                stages, seen, batch, threads=cores, calls=30, budget_s=budget_s / 6,
+                stages,
+                seen,
+                batch,
+                threads=cores,
+                calls=30,
+                budget_s=budget_s / 6,
                 block=5 if batch <= 8 else 1,
-            )  # fmt: skip
+            )
             rows += speed_rows(sample, "offline")
             raw[f"offline_{batch}_frames_ms"] = np.asarray(sample.raw_ms)
     gap = compare(answers_of(stages, seen), scored, true)

@@ -115,8 +115,10 @@ def single_presses(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
 
 def as_rows(truth: Sequence[Answer]) -> Array:
     """(N, K, 3) x, y, depth mm of answers of K contacts each."""
-    return np.stack([
-        np.column_stack([answer.xy, answer.depth])
-        for answer in truth
-        if isinstance(answer, Contacts)
-    ])  # fmt: skip
+    return np.stack(
+        [
+            np.column_stack([answer.xy, answer.depth])
+            for answer in truth
+            if isinstance(answer, Contacts)
+        ]
+    )

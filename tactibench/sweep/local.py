@@ -30,16 +30,25 @@ def local_engine(workers: int, threads: int, deaths: int) -> Iterator[Engine]:
     threads: of a process. deaths: of workers that a task outlives. Raises UserError without dask.
     """
     dask, distributed = dask_modules()
-    settings = {"distributed.scheduler.allowed-failures": deaths,
-                "distributed.worker.daemon": False}  # fmt: skip
+    settings = {
+        "distributed.scheduler.allowed-failures": deaths,
+        "distributed.worker.daemon": False,
+    }
     with dask.config.set(settings), quiet():
         cluster = distributed.SpecCluster(
             workers=_workers(distributed.Nanny, workers, threads),
-            scheduler={"cls": distributed.Scheduler, "options": {
-                "protocol": "tcp://", "host": "127.0.0.1", "port": 0, "dashboard": False,
-                "dashboard_address": None}},
+            scheduler={
+                "cls": distributed.Scheduler,
+                "options": {
+                    "protocol": "tcp://",
+                    "host": "127.0.0.1",
+                    "port": 0,
+                    "dashboard": False,
+                    "dashboard_address": None,
+                },
+            },
             silence_logs=logging.CRITICAL,
-        )  # fmt: skip
+        )
         with cluster, distributed.Client(cluster) as client:
             yield Engine(client, remote=False)
 
@@ -51,9 +60,14 @@ def _workers(nanny: type, count: int, threads: int) -> dict[int, dict[str, Any]]
     for number in range(count):
         environment = dict.fromkeys(THREADS, str(threads))
         options: dict[str, Any] = {
-            "host": "127.0.0.1", "nthreads": 1, "memory_limit": 0, "dashboard": False,
-            "dashboard_address": None, "silence_logs": logging.CRITICAL, "env": environment,
-        }  # fmt: skip
+            "host": "127.0.0.1",
+            "nthreads": 1,
+            "memory_limit": 0,
+            "dashboard": False,
+            "dashboard_address": None,
+            "silence_logs": logging.CRITICAL,
+            "env": environment,
+        }
         if number < len(cards):
             environment["CUDA_VISIBLE_DEVICES"] = cards[number]
             options["resources"] = {GPU: 1}

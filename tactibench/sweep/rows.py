@@ -21,8 +21,13 @@ def rows_of(
     """
     rows = [row for one in finished for row in _rows(one, store)]
     made = (one for one in sets if one.is_complete)
-    return [*rows, *({"metric": "samples", "group": one.label, "value": one.samples, "unit": ""}
-                     for one in made)]  # fmt: skip
+    return [
+        *rows,
+        *(
+            {"metric": "samples", "group": one.label, "value": one.samples, "unit": ""}
+            for one in made
+        ),
+    ]
 
 
 def _rows(one: Finished, store: Path) -> Iterator[dict[str, Any]]:

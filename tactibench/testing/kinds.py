@@ -57,8 +57,11 @@ def subject_of(
     """
     properties(kind)
     plugins, given = host or PluginHost(), parameters or {}
-    for option, value, of in (("sensor", sensor, "model"), ("encoder", encoder, "model"),
-                              ("data", data, "sensor")):  # fmt: skip
+    for option, value, of in (
+        ("sensor", sensor, "model"),
+        ("encoder", encoder, "model"),
+        ("data", data, "sensor"),
+    ):
         if value and kind != of:
             raise UserError(
                 f"--{option} belongs to the check of a {of}; leave it out, or say --kind {of}."

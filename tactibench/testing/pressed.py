@@ -92,9 +92,10 @@ class Presser:
         rng = np.random.default_rng(5)
         scenes = [
             Scene(Indenter.plate(), Pose(tilt=float(tilt), depth=float(depth)))
-            for tilt, depth in zip(rng.uniform(-15, 15, count), rng.uniform(1, 4, count),
-                                   strict=True)
-        ]  # fmt: skip
+            for tilt, depth in zip(
+                rng.uniform(-15, 15, count), rng.uniform(1, 4, count), strict=True
+            )
+        ]
         return Examples(self._frames(scenes), tuple(map(plate_pose, scenes)))
 
     def rest(self) -> Frame:

@@ -39,10 +39,12 @@ class Muon(torch.optim.Optimizer):
         super().__init__(params, {"lr": lr, "weight_decay": 0.0})
         self._dtype = dtype
         self._small = torch.optim.AdamW(
-            [group | {"params": [w for w in group["params"] if not _has_directions(w)]}
-             for group in self.param_groups],
+            [
+                group | {"params": [w for w in group["params"] if not _has_directions(w)]}
+                for group in self.param_groups
+            ],
             fused=True,
-        )  # fmt: skip
+        )
         self._small.state = self.state  # what is kept of all weights is found in one place
 
     @torch.no_grad()

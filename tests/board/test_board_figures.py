@@ -53,16 +53,19 @@ def test_every_point_is_named_and_dominated_ones_are_hollow(found, caught):
     frontier_picture(Path("x"), found, error="MAE, mm", title="t", measured_on="m")
     panels = caught[0].axes
     assert [axes.get_title("left") for axes in panels] == [
-        "trained in regime single", "trained in regime multiple"
-    ]  # fmt: skip
+        "trained in regime single",
+        "trained in regime multiple",
+    ]
     for axes, one in zip(panels, found, strict=True):
         assert [text.get_text() for text in axes.texts] == [p.label for p in one.points]
         points = [line for line in axes.lines if line.get_marker() == "o"]
         faces = [line.get_markerfacecolor() for line in points]
         assert faces.count("white") == len(one.dominated) == 1
         places = [text.xyann[1] for text in axes.texts]
-        assert sorted(places) == [place for _, place in sorted(
-            zip([p.error.value for p in one.points], places, strict=True))]  # fmt: skip
+        assert sorted(places) == [
+            place
+            for _, place in sorted(zip([p.error.value for p in one.points], places, strict=True))
+        ]
     assert panels[0].get_xscale() == panels[0].get_yscale() == "log"
 
 
@@ -76,8 +79,16 @@ def test_pictures_are_files_and_the_same_data_gives_the_same_bytes(tmp_path, fou
 def test_nothing_to_draw_is_an_empty_picture(tmp_path):
     frontier_picture(tmp_path / "frontier.png", [], error="MAE, mm")
     learning_curves(tmp_path / "curve.png", [], error="MAE, mm")
-    feature_maps(tmp_path / "f.png", np.zeros((16, 16), np.uint8), [], GRID, None,
-                 Contacts.none(), Contacts.none(), 6.0)  # fmt: skip
+    feature_maps(
+        tmp_path / "f.png",
+        np.zeros((16, 16), np.uint8),
+        [],
+        GRID,
+        None,
+        Contacts.none(),
+        Contacts.none(),
+        6.0,
+    )
     assert len(list(tmp_path.iterdir())) == 3
 
 
@@ -92,8 +103,16 @@ def test_a_learning_curve_has_its_values_and_bars(fabricate, caught):
 
 @pytest.mark.parametrize("count", [1, 4, 10])
 def test_layers_go_down_the_left_and_up_the_right(caught, count):
-    feature_maps(Path("x"), np.zeros((16, 16), np.uint8), layers(count), GRID,
-                 np.zeros((16, 16)), TRUTH, TRUTH, 6.0)  # fmt: skip
+    feature_maps(
+        Path("x"),
+        np.zeros((16, 16), np.uint8),
+        layers(count),
+        GRID,
+        np.zeros((16, 16)),
+        TRUTH,
+        TRUTH,
+        6.0,
+    )
     shown = [axes.get_title("left") for axes in caught[0].axes if axes.get_title("left")]
     rows = -(-count // 2)
     left = [f"layer {k}" for k in range(rows)]

@@ -38,8 +38,9 @@ def test_dominated_means_better_on_both_by_more_than_the_intervals(fabricate):
         "cnn": "not dominated",
     }
     assert [point.label for point in found.best] == [
-        "unet, width=8 + hertz", "unet, width=64 + hertz"
-    ]  # fmt: skip
+        "unet, width=8 + hertz",
+        "unet, width=64 + hertz",
+    ]
 
 
 def test_the_ranges_are_the_envelope_of_the_seeds(fabricate):
@@ -61,8 +62,12 @@ def test_a_missing_end_is_the_value_itself(fabricate):
 
 
 def test_one_machine_only_the_others_are_counted(fabricate):
-    records = [fabricate(seed=0), fabricate(seed=1), fabricate(seed=2, machine="other"),
-               fabricate(model="cnn", machine="other")]  # fmt: skip
+    records = [
+        fabricate(seed=0),
+        fabricate(seed=1),
+        fabricate(seed=2, machine="other"),
+        fabricate(model="cnn", machine="other"),
+    ]
     found = one(records)
     assert (found.machine, found.elsewhere, len(found.points)) == ("0123456789ab", 2, 1)
     assert len(found.points[0].row.records) == 2
@@ -95,8 +100,9 @@ def test_the_line_is_the_pareto_front_of_the_central_values(pairs):
 
 
 def test_a_curve_needs_two_numbers_of_presses(fabricate):
-    few = [fabricate(error=0.2, seed=k, limits={"presses": 250}, data={"train": 250})
-           for k in range(2)]  # fmt: skip
+    few = [
+        fabricate(error=0.2, seed=k, limits={"presses": 250}, data={"train": 250}) for k in range(2)
+    ]
     rows = rows_of([fabricate(), *few, fabricate(model="cnn")])
     (curve,) = curves(rows, ERROR)
     assert curve.label == "unet + hertz (single)"

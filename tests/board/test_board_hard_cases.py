@@ -27,11 +27,21 @@ AXES = PROTOCOL.keys.axes
 
 
 def metric(name: str, group: str, value: float | None, **more: Any) -> dict[str, Any]:
-    ends = {"low": None, "high": None} if value is None else {"low": 0.9 * value,
-                                                              "high": 1.1 * value}  # fmt: skip
+    ends = (
+        {"low": None, "high": None} if value is None else {"low": 0.9 * value, "high": 1.1 * value}
+    )
     unit = {"missed": "share", "ospa_mm": "mm"}.get(name, "")
-    return {"metric": name, "group": group, "value": value, **ends, "n": 50, "clusters": 50,
-            "unit": unit, "better": "lower", **more}  # fmt: skip
+    return {
+        "metric": name,
+        "group": group,
+        "value": value,
+        **ends,
+        "n": 50,
+        "clusters": 50,
+        "unit": unit,
+        "better": "lower",
+        **more,
+    }
 
 
 def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any) -> dict[str, Any]:
@@ -40,21 +50,27 @@ def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any)
     for axis in AXES:
         groups = ((axis.reference,) if axis.reference else ()) + axis.groups
         for k, group in enumerate(groups):
-            made["metrics"] += [metric("ospa_mm", group, scale * 0.1 * (k + 1)),
-                                metric("missed", group, 0.05 * k),
-                                metric("spurious", group, 0.0)]  # fmt: skip
+            made["metrics"] += [
+                metric("ospa_mm", group, scale * 0.1 * (k + 1)),
+                metric("missed", group, 0.05 * k),
+                metric("spurious", group, 0.0),
+            ]
             if axis.reference and k:
                 made["metrics"].append(metric("error_ratio", group, float(k + 1)))
         if axis.ordered and axis.family == "deep":
             made["metrics"].append(metric("doubles_at", "deep", 6.5, censored=">"))
         elif axis.ordered:
             made["metrics"].append(metric("doubles_at", axis.family, axis.values[0]))
-    made["metrics"] += [metric("worst_ratio", "all", 6.0), metric("false_per_1000", "all", 3.0),
-                        metric("not_finite", "all", 0.0, low=None, high=None),
-                        metric("raised", "all", 2.0, low=None, high=None)]  # fmt: skip
+    made["metrics"] += [
+        metric("worst_ratio", "all", 6.0),
+        metric("false_per_1000", "all", 3.0),
+        metric("not_finite", "all", 0.0, low=None, high=None),
+        metric("raised", "all", 2.0, low=None, high=None),
+    ]
     made["data"]["failures"] = {
-        "frames": 2, "causes": [{"cause": "IndexError: [b]no", "first": "many:6", "frames": 2}]
-    }  # fmt: skip
+        "frames": 2,
+        "causes": [{"cause": "IndexError: [b]no", "first": "many:6", "frames": 2}],
+    }
     return made
 
 
@@ -124,8 +140,7 @@ def test_a_terminal_shows_a_line_a_family_and_what_failed(fabricate: Any) -> Non
 
 def test_the_same_rows_give_the_same_picture(fabricate: Any, tmp_path: Path) -> None:
     some = [axis for axis in AXES if axis.family in {"grazing", "deep", "individual"}]
-    rows = [(f"model {k}", graded(Row((record(fabricate, scale=1 + k),)), some))
-            for k in range(9)]  # fmt: skip
+    rows = [(f"model {k}", graded(Row((record(fabricate, scale=1 + k),)), some)) for k in range(9)]
     for name in ("a.png", "b.png"):
         hard_cases(tmp_path / name, rows, title="t", measured_on="simulated")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -35,8 +35,9 @@ def tables(text):
         lines = [line for line in part.split("\n") if line.startswith("| ")]
         rows = [[cell.strip() for cell in line[1:-1].split(" | ")] for line in lines]
         if rows:
-            heads = [f"{head} {k}" if rows[0].count(head) > 1 else head
-                     for k, head in enumerate(rows[0])]  # fmt: skip
+            heads = [
+                f"{head} {k}" if rows[0].count(head) > 1 else head for k, head in enumerate(rows[0])
+            ]
             assert all(len(row) == len(heads) for row in rows), part
             found.setdefault(part.split("\n")[0], []).append(
                 [dict(zip(heads, row, strict=True)) for row in rows[2:]]
@@ -55,8 +56,13 @@ def test_the_order_of_the_records_does_not_matter(fabricate):
 
 
 def test_a_row_shows_seeds_mean_interval_spread_misses_and_trivial_rows(fabricate):
-    text = made([fabricate(error=0.04, seed=0), fabricate(error=0.06, seed=1),
-                 fabricate(model="mean", encoder=None, error=2.0)])  # fmt: skip
+    text = made(
+        [
+            fabricate(error=0.04, seed=0),
+            fabricate(error=0.06, seed=1),
+            fabricate(model="mean", encoder=None, error=2.0),
+        ]
+    )
     (rows,) = tables(text)["Error"]
     assert [row["model"] for row in rows] == ["unet", "*mean*"]
     assert (rows[0]["seeds"], rows[1]["seeds"]) == ("2", "1 seed")
@@ -98,13 +104,17 @@ def test_sensors_have_sections_of_their_own_and_published_rows_too(fabricate):
 
 
 def test_signatures_stand_below_and_cost_is_split_by_machine(fabricate):
-    records = [fabricate(seed=0, p90_ms=2.0), fabricate(seed=1, p90_ms=4.0),
-               fabricate(seed=2, p90_ms=9.0, machine="ba9876543210")]  # fmt: skip
+    records = [
+        fabricate(seed=0, p90_ms=2.0),
+        fabricate(seed=1, p90_ms=4.0),
+        fabricate(seed=2, p90_ms=9.0, machine="ba9876543210"),
+    ]
     text = made(records)
     (rows,) = tables(text)["Latency"]
     assert [(row["seeds"], row["p90, ms"], row["machine"]) for row in rows] == [
-        ("2", "3.00", "`0123456789ab`"), ("1 seed", "9.00", "`ba9876543210`")
-    ]  # fmt: skip
+        ("2", "3.00", "`0123456789ab`"),
+        ("1 seed", "9.00", "`ba9876543210`"),
+    ]
     (cost,) = tables(text)["Cost"]
     assert (cost[0]["weights"], cost[0]["training"]) == ("n/a", "4 min 0 s")
     assert all(record["signature"] in text for record in records)
@@ -119,8 +129,10 @@ def test_efficiency_is_shown_where_it_was_measured(fabricate):
     found = tables(made([record]))
     (cost,), (latency,) = found["Cost"][0], found["Latency"][0]
     assert [cost[name] for name in ("weights", "operations", "memory, MB")] == [
-        "1.93 M", "2.1 G", "412"
-    ]  # fmt: skip
+        "1.93 M",
+        "2.1 G",
+        "412",
+    ]
     assert latency["p90, ms"] == "6.00\\*"
     assert (latency["to float32, mm"], latency["timed as"]) == ("0.0021", "bf16, batch 1")
 
@@ -221,17 +233,21 @@ def test_code_and_details_cannot_be_left(text):
 
 def test_a_table_has_a_ruler():
     assert table([Head("a", right=False), Head("b")], [["1", "2"]]) == [
-        "| a | b |", "| --- | ---: |", "| 1 | 2 |"
-    ]  # fmt: skip
+        "| a | b |",
+        "| --- | ---: |",
+        "| 1 | 2 |",
+    ]
 
 
 def test_a_comparison_with_released_predictions_has_a_table_of_its_own(fabricate):
     title = "Against the released predictions, frame for frame"
     plain = fabricate("surface", "cnn", encoder=None, origin="real")
     assert title not in tables(made([plain], "surface"))
-    rows = (("depth_mae_minus_published_mm", "tac-vgnn", -0.03),
-            ("depth_mae_minus_published_p", "tac-vgnn", 1e-4),
-            ("coverage", "all", 1.0))  # fmt: skip
+    rows = (
+        ("depth_mae_minus_published_mm", "tac-vgnn", -0.03),
+        ("depth_mae_minus_published_p", "tac-vgnn", 1e-4),
+        ("coverage", "all", 1.0),
+    )
     compared = fabricate("surface", "pins", encoder=None, origin="real", metrics=rows)
     text = made([plain, compared], "surface")
     found = {row["model"]: row for row in tables(text)[title][0]}

@@ -29,8 +29,9 @@ def records(fabricate, errors):
 
 
 def kept(made, errors):
-    return {record["name"]: PressErrors(PRESSES, errors[record["model"]["name"]])
-            for record in made}  # fmt: skip
+    return {
+        record["name"]: PressErrors(PRESSES, errors[record["model"]["name"]]) for record in made
+    }
 
 
 @pytest.fixture

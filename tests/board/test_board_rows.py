@@ -33,8 +33,9 @@ def test_seeds_are_pooled_into_mean_interval_and_spread(fabricate, values):
     pooled = row.metric("mae_mm", "mean")
     assert row.seeds == tuple(range(len(values)))
     assert pooled.value == pytest.approx(np.mean(values))
-    assert (pooled.low, pooled.high) == pytest.approx((0.9 * np.mean(values),
-                                                       1.1 * np.mean(values)))  # fmt: skip
+    assert (pooled.low, pooled.high) == pytest.approx(
+        (0.9 * np.mean(values), 1.1 * np.mean(values))
+    )
     expected = np.std(values, ddof=1) if len(values) > 1 else None
     assert pooled.sd == (None if expected is None else pytest.approx(expected, abs=1e-12))
 
@@ -65,9 +66,14 @@ def test_limits_stay_limits_and_opposite_ones_make_no_mean(fabricate):
 
 @pytest.mark.parametrize(
     "other",
-    [{"regime": "multiple"}, {"settings": {"width": 8}}, {"encoder": "offset"}, {"model": "cnn"},
-     {"limits": {"presses": 250}}],
-)  # fmt: skip
+    [
+        {"regime": "multiple"},
+        {"settings": {"width": 8}},
+        {"encoder": "offset"},
+        {"model": "cnn"},
+        {"limits": {"presses": 250}},
+    ],
+)
 def test_other_configurations_are_other_rows(fabricate, other):
     assert len(rows_of([fabricate(seed=0), fabricate(seed=1), fabricate(**other)])) == 2
 
@@ -90,8 +96,12 @@ def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
     ]
     sections = sections_of(records)
     assert [section.kind for section in sections] == [
-        NOMINAL, NOMINAL, PERTURBED, FINITE_ELEMENTS, NOMINAL
-    ]  # fmt: skip
+        NOMINAL,
+        NOMINAL,
+        PERTURBED,
+        FINITE_ELEMENTS,
+        NOMINAL,
+    ]
     titles = [section.title for section in sections]
     assert len(set(titles)) == 5
     assert titles[2] == "Simulated sensor tactip-127, instance=1: a perturbed individual"
@@ -100,13 +110,20 @@ def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
 
 
 def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
-    rows = rows_of([
-        fabricate(model="mean", encoder=None, error=0.001), fabricate(error=0.2),
-        fabricate(model="cnn", encoder=None, error=0.1), fabricate(model="vgnn", error=None),
-    ])  # fmt: skip
+    rows = rows_of(
+        [
+            fabricate(model="mean", encoder=None, error=0.001),
+            fabricate(error=0.2),
+            fabricate(model="cnn", encoder=None, error=0.1),
+            fabricate(model="vgnn", error=None),
+        ]
+    )
     assert [row.first["model"]["name"] for row in ordered("exp1", rows)] == [
-        "cnn", "unet", "vgnn", "mean"
-    ]  # fmt: skip
+        "cnn",
+        "unet",
+        "vgnn",
+        "mean",
+    ]
     unknown = [row.label for row in ordered("mine", rows)]
     assert unknown[:2] == ["cnn (single)", "unet + hertz (single)"]
 

@@ -95,8 +95,13 @@ def test_changed_predictions_are_refused(tmp_path, stored):
 
 
 def test_seeds_rows_and_presses_have_slots_of_their_own(fabricate):
-    others = [fabricate(), fabricate(seed=1), fabricate(regime="multiple"),
-              fabricate(sensor={"instance": 2}), fabricate(limits={"presses": 250})]  # fmt: skip
+    others = [
+        fabricate(),
+        fabricate(seed=1),
+        fabricate(regime="multiple"),
+        fabricate(sensor={"instance": 2}),
+        fabricate(limits={"presses": 250}),
+    ]
     assert len({slot(record) for record in others}) == len(others)
     refuse_twins(others)
     with pytest.raises(UserError, match="are both seed 0 of unet"):

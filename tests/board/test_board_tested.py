@@ -16,13 +16,19 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.record import checked
 
 REFERENCE = {
-    "name": "tactip-127-fem", "parameters": {"noise": True}, "asked": ["reference"],
-    "on": "finite-element scenes", "presses": 7,
-}  # fmt: skip
+    "name": "tactip-127-fem",
+    "parameters": {"noise": True},
+    "asked": ["reference"],
+    "on": "finite-element scenes",
+    "presses": 7,
+}
 OTHER = {
-    "name": "tactip-127", "parameters": {"instance": 1}, "asked": ["sensor.instance=1"],
-    "on": "another individual (instance=1)", "presses": 1000,
-}  # fmt: skip
+    "name": "tactip-127",
+    "parameters": {"instance": 1},
+    "asked": ["sensor.instance=1"],
+    "on": "another individual (instance=1)",
+    "presses": 1000,
+}
 
 
 @pytest.fixture
@@ -41,9 +47,13 @@ def tested(fabricate):
 @pytest.fixture
 def records(fabricate, tested):
     return [
-        tested(OTHER), tested(REFERENCE, 35), fabricate(), fabricate(sensor={"instance": 1}),
-        tested(OTHER, seed=1), tested(REFERENCE, 35, model="mean", encoder=None),
-    ]  # fmt: skip
+        tested(OTHER),
+        tested(REFERENCE, 35),
+        fabricate(),
+        fabricate(sensor={"instance": 1}),
+        tested(OTHER, seed=1),
+        tested(REFERENCE, 35, model="mean", encoder=None),
+    ]
 
 
 def test_they_follow_the_sensor_and_never_share_a_table(records):
@@ -105,9 +115,13 @@ def test_what_it_was_measured_on(fabricate, tested):
 
 def moved(tested, source, target, **more):
     on = {
-        "name": "recorded", "parameters": {"labels": "auto"}, "asked": [f"data={target}"],
-        "on": f"recording {target}", "presses": 1000, "trained_on": source,
-    }  # fmt: skip
+        "name": "recorded",
+        "parameters": {"labels": "auto"},
+        "asked": [f"data={target}"],
+        "on": f"recording {target}",
+        "presses": 1000,
+        "trained_on": source,
+    }
     record = tested(on, **more)
     record["data"]["of_tested_sensor"] = {"left_out_calibrated": 42}
     return record
@@ -119,8 +133,11 @@ def test_every_pair_of_sensors_has_a_table_and_says_what_was_simulated(tested):
         ("real recording tac/127", "tac/331"),
         ("simulated fitted-127", "tac/127"),
     ]
-    records = [moved(tested, *pair, protocol="transfer", model=model, encoder=None)
-               for pair in pairs for model in ("pins", "kernel")]  # fmt: skip
+    records = [
+        moved(tested, *pair, protocol="transfer", model=model, encoder=None)
+        for pair in pairs
+        for model in ("pins", "kernel")
+    ]
     sections = sections_of(records)
     assert {section.title for section in sections} == {
         "Real recording tac/127, trained on real recording tac/331",

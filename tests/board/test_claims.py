@@ -15,14 +15,28 @@ FOLDER = Path(__file__).parents[2] / "leaderboards" / "published"
 
 
 def made(notes, claims, **metrics):
-    row = {"protocol": "exp1", "model": "net", "source": "Table I", "n": 1210, "decimals": 4,
-           "comparable": "no", "note": "another sensor",
-           "metrics": metrics or {"rmse_mm": {"x": 0.1, "y": 0.2, "z": 0.2, "mean": 0.1667},
-                                  "r2": {"z": 0.99}}}  # fmt: skip
+    row = {
+        "protocol": "exp1",
+        "model": "net",
+        "source": "Table I",
+        "n": 1210,
+        "decimals": 4,
+        "comparable": "no",
+        "note": "another sensor",
+        "metrics": metrics
+        or {"rmse_mm": {"x": 0.1, "y": 0.2, "z": 0.2, "mean": 0.1667}, "r2": {"z": 0.99}},
+    }
     return PublishedTable(
-        schema_version=1, name="t", title="t", authors="a", year=2020, measured_on="m",
-        notes=notes, claims=claims, rows=[row],
-    )  # fmt: skip
+        schema_version=1,
+        name="t",
+        title="t",
+        authors="a",
+        year=2020,
+        measured_on="m",
+        notes=notes,
+        claims=claims,
+        rows=[row],
+    )
 
 
 @pytest.mark.parametrize("name", published_names(FOLDER))
@@ -90,10 +104,12 @@ def test_rows_that_cannot_share_a_test_set_are_found() -> None:
         ({"note": 1, "quantity": "n", "row": 7}, "key row is 7, but there are 1"),
         ({"note": 1, "quantity": "n"}, "is of a row; name it with key row"),
         ({"note": 1, "quantity": "kept, %"}, "needs two numbers, it has 0"),
-        ({"note": 1, "quantity": "printed", "row": 1, "metric": "mae_mm", "group": "x"},
-         "prints no mae_mm of x"),
+        (
+            {"note": 1, "quantity": "printed", "row": 1, "metric": "mae_mm", "group": "x"},
+            "prints no mae_mm of x",
+        ),
     ],
-)  # fmt: skip
+)
 def test_claims_about_nothing(claim, words: str) -> None:
     with pytest.raises(UserError, match=words):
         check_claims(made(["A note."], [Claim(says="1", **claim)]))

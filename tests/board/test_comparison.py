@@ -22,10 +22,12 @@ def stored(tmp_path, fabricate):
     def made(name, errors, **more):
         parts = answered_parts(frames=len(errors))
         truth = unpack_contacts(parts["truth"])
-        parts["predictions"] = pack_contacts([
-            Contacts.none() if e is None else Contacts.truth(t.xy + np.array([e, 0]), t.depth)
-            for t, e in zip(truth, errors, strict=True)
-        ])  # fmt: skip
+        parts["predictions"] = pack_contacts(
+            [
+                Contacts.none() if e is None else Contacts.truth(t.xy + np.array([e, 0]), t.depth)
+                for t, e in zip(truth, errors, strict=True)
+            ]
+        )
         record = with_hash(fabricate(model=name, name=f"exp1-{name}", encoder=None, **more), parts)
         return write_run(tmp_path / "runs", record, parts)
 
@@ -92,8 +94,13 @@ def test_tidy_rows_and_what_is_no_mean(stored) -> None:
     rows = rows_of(runs, compare_runs(runs))
     assert {(r["first"], r["second"]) for r in rows} == {("exp1-a", "exp1-b")}
     assert {r["metric"] for r in rows} == {"mae_mm", "missed", "spurious"}
-    assert set(left_out(runs)) == {"r2", "rmse_mm", "rmse_pooled_mm", "surface_rmse_mm",
-                                   "rmse_over_bound"}  # fmt: skip
+    assert set(left_out(runs)) == {
+        "r2",
+        "rmse_mm",
+        "rmse_pooled_mm",
+        "surface_rmse_mm",
+        "rmse_over_bound",
+    }
 
 
 def test_names_tell_runs_apart(stored) -> None:

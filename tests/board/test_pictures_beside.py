@@ -30,8 +30,12 @@ def models(runs):
 
 
 def test_trivial_models_come_last_and_plain_settings_first(make):
-    others = [make(model="mean"), make(model="cnn", settings={"width": 8}),
-              make(model="vgnn", regime="multiple"), make(model="superpose")]  # fmt: skip
+    others = [
+        make(model="mean"),
+        make(model="cnn", settings={"width": 8}),
+        make(model="vgnn", regime="multiple"),
+        make(model="superpose"),
+    ]
     assert models(beside(make().record, others)) == ["superpose", "vgnn", "cnn", "mean"]
 
 

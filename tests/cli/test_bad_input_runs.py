@@ -20,8 +20,23 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv("TACTIBENCH_CACHE", str(folder / "cache"))
-        code = call(["run", "exp1", "--model", "mean", "--quick", "--presses", "40",
-                     "--limit", "12", "--param", "sensor.size=64", "--device", "cpu"])  # fmt: skip
+        code = call(
+            [
+                "run",
+                "exp1",
+                "--model",
+                "mean",
+                "--quick",
+                "--presses",
+                "40",
+                "--limit",
+                "12",
+                "--param",
+                "sensor.size=64",
+                "--device",
+                "cpu",
+            ]
+        )
     assert code == 0
     (run,) = (path.parent for path in (folder / "runs").glob("*/record.json"))
     return run

@@ -43,7 +43,10 @@ def test_three_runs_make_three_tables(cli, stored):
         stored(name, 0.1 * k)
     out = cli("compare", "exp1-one", "exp1-two", "exp1-three")[1]
     assert [line[:5] for line in out.splitlines() if line[1:4] == " - "] == [
-        "A - B", "A - C", "B - C"]  # fmt: skip
+        "A - B",
+        "A - C",
+        "B - C",
+    ]
 
 
 def test_mistakes(refused, stored):

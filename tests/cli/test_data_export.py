@@ -37,18 +37,22 @@ def taps(tmp_path: Path) -> Path:
 def test_it_says_what_was_written_and_what_was_left_out(
     taps: Path, cli: Any, tmp_path: Path
 ) -> None:
-    code, out, err = cli("data", "export", "taps", "tars", "--format", "webdataset",
-                         "--json", "figures.json")  # fmt: skip
+    code, out, err = cli(
+        "data", "export", "taps", "tars", "--format", "webdataset", "--json", "figures.json"
+    )
     assert (code, err) == (0, "")
     assert out.startswith("tars: 4 samples (train 2, test 2); 1 marked bad left out; 4 files, 0.")
     rows = json.loads((tmp_path / "figures.json").read_text("utf-8"))
     found = {(row["metric"], row["group"]): row["value"] for row in rows}
     files = list((tmp_path / "tars").iterdir())
     assert found == {
-        ("samples", "all"): 4, ("samples", "train"): 2, ("samples", "test"): 2,
-        ("left_out", "bad"): 1, ("files", "all"): len(files),
+        ("samples", "all"): 4,
+        ("samples", "train"): 2,
+        ("samples", "test"): 2,
+        ("left_out", "bad"): 1,
+        ("files", "all"): len(files),
         ("size", "all"): sum(path.stat().st_size for path in files),
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(

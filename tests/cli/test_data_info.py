@@ -57,17 +57,27 @@ def test_a_bristol_folder(bristol, tmp_path, capsys):
     out, sheet = tmp_path / "info.json", tmp_path / "sheet.png"
     assert call(["data", "info", str(bristol), "--json", str(out), "--sheet", str(sheet)]) == 0
     shown = capsys.readouterr().out
-    for text in ("sensor_image, pose_x..pose_Rz, images", "8 of 80x90 gray, 8 presses",
-                 "image_0.png", "none, labels only", "25 found", "depth from pose_y"):  # fmt: skip
+    for text in (
+        "sensor_image, pose_x..pose_Rz, images",
+        "8 of 80x90 gray, 8 presses",
+        "image_0.png",
+        "none, labels only",
+        "25 found",
+        "depth from pose_y",
+    ):
         assert text in shown
     found = rows(out)
     assert found["least"]["pose_y"]["value"] == 0.25
     assert (found["most"]["pose_Rz"]["value"], found["most"]["pose_Rz"]["unit"]) == (4.0, "deg")
     assert sum(found["histogram"]["pose_y"]["value"]) == 8
     assert {name: row["value"] for name, row in found["served"].items()} == {
-        "exp1": False, "exp2": False, "exp3": False, "stability": False, "surface": True,
+        "exp1": False,
+        "exp2": False,
+        "exp3": False,
+        "stability": False,
+        "surface": True,
         "transfer": True,
-    }  # fmt: skip
+    }
     assert "only labels are known" in found["served"]["exp1"]["reason"]
     assert cv2.imread(str(sheet)) is not None
 

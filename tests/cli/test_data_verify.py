@@ -26,7 +26,9 @@ def test_an_intact_data_set(cli: Any, data_set: Path, tmp_path: Path) -> None:
     found = json.loads((tmp_path / "found.json").read_text())
     assert found["findings"] == []
     assert [(row["metric"], row["value"]) for row in found["metrics"]] == [
-        ("samples", 30), ("findings", 0)]  # fmt: skip
+        ("samples", 30),
+        ("findings", 0),
+    ]
 
 
 def test_findings_are_printed_and_counted(cli: Any, data_set: Path, tmp_path: Path) -> None:

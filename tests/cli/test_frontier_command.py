@@ -17,8 +17,10 @@ def board(tmp_path, fabricate):
     """A folder of boards with a few committed records."""
     folder = tmp_path / "leaderboards" / "submissions" / "exp1"
     folder.mkdir(parents=True)
-    whole = [fabricate(settings={"width": w}, error=e, p90_ms=p)
-             for w, e, p in ((8, 0.05, 2.0), (16, 0.10, 3.0), (32, 0.03, 9.0))]  # fmt: skip
+    whole = [
+        fabricate(settings={"width": w}, error=e, p90_ms=p)
+        for w, e, p in ((8, 0.05, 2.0), (16, 0.10, 3.0), (32, 0.03, 9.0))
+    ]
     others = [
         fabricate(settings={"width": 8}, sensor={"instance": 1}),
         fabricate(model="cnn", encoder=None, machine="ba9876543210"),

@@ -13,13 +13,25 @@ SMALL = ("--range", "1.6", "--step", "1.6", "--depth", "2")
 
 
 def test_the_table_the_map_and_the_file(cli: Any, tmp_path: Path) -> None:
-    code, out, err = cli("limit", *SMALL, "--scene", "dual", "--spacing", "6.5",
-                         "--out", "map.png", "--json", "limit.json")  # fmt: skip
+    code, out, err = cli(
+        "limit",
+        *SMALL,
+        "--scene",
+        "dual",
+        "--spacing",
+        "6.5",
+        "--out",
+        "map.png",
+        "--json",
+        "limit.json",
+    )
     assert (code, err) == (0, "")
     assert "simulated sensor tactip-127, dual 6.5 mm apart" in out
     for quantity in ("x", "y", "depth", "separation"):
-        assert any(line.split()[:2][-1:] == [quantity] or quantity in line.split()
-                   for line in out.splitlines())  # fmt: skip
+        assert any(
+            line.split()[:2][-1:] == [quantity] or quantity in line.split()
+            for line in out.splitlines()
+        )
     assert "picture: map.png" in out
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     found = json.loads((tmp_path / "limit.json").read_text(encoding="utf-8"))
@@ -57,8 +69,19 @@ def test_nuisances_and_parameters_change_the_bound(cli: Any, tmp_path: Path) -> 
 
 
 def test_presses_outside_are_empty_cells_and_a_sentence(cli: Any, tmp_path: Path) -> None:
-    code, out, err = cli("limit", "--range", "20", "--step", "20", "--depth", "1", "--out",
-                         "m.png", "--json", "m.json")  # fmt: skip
+    code, out, err = cli(
+        "limit",
+        "--range",
+        "20",
+        "--step",
+        "20",
+        "--depth",
+        "1",
+        "--out",
+        "m.png",
+        "--json",
+        "m.json",
+    )
     assert (code, err) == (0, "")
     assert "are refused: a tip touches" in out
     cells = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["maps_mm"]["x"][0]

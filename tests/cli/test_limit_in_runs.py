@@ -22,8 +22,13 @@ def trials(bound: Any) -> Trials:
     guess = truth + rng.normal(size=bound.shape) * spread
     as_contact = lambda p: Contacts(p[None, :2], p[2:], [1.0])  # noqa: E731
     n = len(bound)
-    return Trials(tuple(map(as_contact, truth)), tuple(map(as_contact, guess)), np.arange(n),
-                  ("all",) * n, bound=tuple(row[None] for row in bound))  # fmt: skip
+    return Trials(
+        tuple(map(as_contact, truth)),
+        tuple(map(as_contact, guess)),
+        np.arange(n),
+        ("all",) * n,
+        bound=tuple(row[None] for row in bound),
+    )
 
 
 def ratios(bound: Any) -> dict[str, Any]:
@@ -59,8 +64,9 @@ def test_other_values_are_refused(wrong: float) -> None:
 
 @pytest.mark.slow
 def test_a_run_prints_the_ratio_of_every_axis(cli: Any, tmp_path: Path) -> None:
-    code, out, _ = cli("run", "exp1", "--model", "mean", "--quick", "--device", "cpu", "--json",
-                       "run.json")  # fmt: skip
+    code, out, _ = cli(
+        "run", "exp1", "--model", "mean", "--quick", "--device", "cpu", "--json", "run.json"
+    )
     assert code == 0
     start = out.index("RMSE / Cramer-Rao bound")
     lines = out[start:].splitlines()[:3]

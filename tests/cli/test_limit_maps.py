@@ -139,10 +139,16 @@ def test_rows_are_finite_or_none() -> None:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.000834, "0.834"), (0.0129, "12.9"), (1.48, "1,480"), (0.00999999, "10.0"),
-        (float("inf"), "inf"), (float("nan"), "n/a"), (None, "n/a"), (2.5e-6, "0.00250"),
+        (0.000834, "0.834"),
+        (0.0129, "12.9"),
+        (1.48, "1,480"),
+        (0.00999999, "10.0"),
+        (float("inf"), "inf"),
+        (float("nan"), "n/a"),
+        (None, "n/a"),
+        (2.5e-6, "0.00250"),
     ],
-)  # fmt: skip
+)
 def test_micrometres_have_three_digits(value: float | None, text: str) -> None:
     assert micrometres(value) == text
 

@@ -29,8 +29,16 @@ HEAVY = (
     "platformdirs",
 )
 UNET = ("run", "exp1", "--model", "unet", "--quick", "--device", "cpu")
-SMALL = ("--param", "model.width=8", "--param", "model.size=64", "--param", "model.epochs=900",
-         "--presses", "40")  # fmt: skip
+SMALL = (
+    "--param",
+    "model.width=8",
+    "--param",
+    "model.size=64",
+    "--param",
+    "model.epochs=900",
+    "--presses",
+    "40",
+)
 
 
 BUFFERED = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}

@@ -14,9 +14,10 @@ def test_trained_weights_are_listed_and_found_again(cli):
     assert out.startswith("mean (single), seed 0: trained 0 epochs on 40 presses in ")
     assert json.loads(Path("t.json").read_text())[0]["reused"] is False
     assert "found in the cache" in cli("models", "train", "mean", "--presses", "40")[1]
-    assert "found in the cache" in cli(
-        "models", "train", "mean", "--presses", "40", "--protocol", "exp2"
-    )[1], "the experiments share their weights"  # fmt: skip
+    assert (
+        "found in the cache"
+        in cli("models", "train", "mean", "--presses", "40", "--protocol", "exp2")[1]
+    ), "the experiments share their weights"
     code, out, _ = cli("models", "list", "--json", "l.json")
     assert code == 0
     (line,) = [line for line in out.split("\n") if line.startswith("mean")]

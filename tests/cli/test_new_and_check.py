@@ -64,8 +64,10 @@ def test_check_prints_a_line_a_property_and_the_counts(cli: Any, tmp_path: Path)
     counts = {row["metric"]: row["value"] for row in found["metrics"]}
     assert (counts["ran"], counts["failed"], counts["failed_as_expected"]) == (17, 0, 1)
     assert {one["outcome"] for one in found["properties"]} == {
-        "passed", "failed as expected", "skipped"
-    }  # fmt: skip
+        "passed",
+        "failed as expected",
+        "skipped",
+    }
 
 
 def test_check_ends_with_1_when_something_is_not_as_expected(cli: Any) -> None:

@@ -42,8 +42,9 @@ def test_verify_says_what_is_wrong_with_every_file(cli, stored_run):
 
 
 def test_verify_needs_a_folder_that_is_there(refused):
-    assert "the data folder nowhere does not exist" in refused("verify", "x.json", "--data",
-                                                               "nowhere")  # fmt: skip
+    assert "the data folder nowhere does not exist" in refused(
+        "verify", "x.json", "--data", "nowhere"
+    )
 
 
 def test_a_hash_is_published_once(cli, stored_run, monkeypatch):
@@ -61,8 +62,9 @@ def test_a_hash_is_published_once(cli, stored_run, monkeypatch):
 def test_hidden_mistakes(refused, stored_run, monkeypatch):
     monkeypatch.delenv(VARIABLE, raising=False)
     assert f"{VARIABLE}, which is not set" in refused("hidden", "commit", "exp1")
-    assert f"{VARIABLE}, which is not set" in refused("run", "exp1", "--model", "mean",
-                                                      "--hidden-seed")  # fmt: skip
+    assert f"{VARIABLE}, which is not set" in refused(
+        "run", "exp1", "--model", "mean", "--hidden-seed"
+    )
     monkeypatch.setenv(VARIABLE, "1234")
     sentence = refused("hidden", "commit", "exp1")
     assert "has 4 characters and could be found by trying" in sentence

@@ -67,8 +67,20 @@ def test_frames_that_differ_with_the_threads_are_found_out(
     asked: Any, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     what = asked("steady", "threaded")
-    code = call(["doctor", "--determinism", "--model", what.model, "--protocol", what.protocol,
-                 "--sensor", what.sensor, "--json", str(tmp_path / "found.json")])  # fmt: skip
+    code = call(
+        [
+            "doctor",
+            "--determinism",
+            "--model",
+            what.model,
+            "--protocol",
+            what.protocol,
+            "--sensor",
+            what.sensor,
+            "--json",
+            str(tmp_path / "found.json"),
+        ]
+    )
     out = capsys.readouterr().out
     assert code == 1
     assert "NOT THE SAME: steady: frames, fit; steady: frames, validation" in " ".join(out.split())

@@ -30,8 +30,10 @@ HOST = PluginHost()
 
 def commands(text: str) -> Iterator[str]:
     """Lines of fenced and indented code that begin with the program, without comments."""
-    code = [*re.findall(r"^```(?:sh|console)\n(.*?)^```", text, re.M | re.S),
-            *re.findall(r"^    (tactibench .*)$", text, re.M)]  # fmt: skip
+    code = [
+        *re.findall(r"^```(?:sh|console)\n(.*?)^```", text, re.M | re.S),
+        *re.findall(r"^    (tactibench .*)$", text, re.M),
+    ]
     for line in "\n".join(code).splitlines():
         for part in line.removeprefix("$ ").split(" && "):
             if part.startswith("tactibench "):
@@ -39,8 +41,11 @@ def commands(text: str) -> Iterator[str]:
 
 
 def shown() -> list[tuple[str, str]]:
-    found = [(page.relative_to(ROOT).as_posix(), one) for page in PAGES
-             for one in dict.fromkeys(commands(page.read_text(encoding="utf-8")))]  # fmt: skip
+    found = [
+        (page.relative_to(ROOT).as_posix(), one)
+        for page in PAGES
+        for one in dict.fromkeys(commands(page.read_text(encoding="utf-8")))
+    ]
     assert len(found) > 60
     return found
 
@@ -103,11 +108,17 @@ def test_the_command_can_be_typed(page: str, command: str) -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["tactibench runn exp1", "tactibench run exp1 --modell x", "tactibench run --model cnn",
-     "tactibench run exp9 --model cnn", "tactibench run exp1 --model cnnn",
-     "tactibench run exp1 --model cnn --param model.widht=3", "tactibench score a b c",
-     "tactibench run exp1 --model cnn --device tpu"],
-)  # fmt: skip
+    [
+        "tactibench runn exp1",
+        "tactibench run exp1 --modell x",
+        "tactibench run --model cnn",
+        "tactibench run exp9 --model cnn",
+        "tactibench run exp1 --model cnnn",
+        "tactibench run exp1 --model cnn --param model.widht=3",
+        "tactibench score a b c",
+        "tactibench run exp1 --model cnn --device tpu",
+    ],
+)
 def test_what_cannot_be_typed_is_found(command: str) -> None:
     with pytest.raises((UserError, click.ClickException, AssertionError)):
         check_names(parsed(shlex.split(command)[1:])[1])
@@ -122,7 +133,11 @@ def test_every_model_and_encoder_is_described() -> None:
 
 def test_every_simulated_sensor_is_described() -> None:
     text = (ROOT / "docs" / "simulator.md").read_text(encoding="utf-8")
-    names = [s.name for s in HOST.sensors
-             if s.origin == "simulated" and not s.reference_of
-             and HOST.sensors.origins[s.name].plugin == "sim"]  # fmt: skip
+    names = [
+        s.name
+        for s in HOST.sensors
+        if s.origin == "simulated"
+        and not s.reference_of
+        and HOST.sensors.origins[s.name].plugin == "sim"
+    ]
     assert [name for name in names if f"`{name}`" not in text] == []

@@ -34,8 +34,10 @@ def test_the_table_is_what_the_committed_records_give(drawing: Any) -> None:
 def test_the_pictures_are_drawn(drawing: Any, tmp_path: Path) -> None:
     drawing.misses_picture(tmp_path / "a.png", drawing.board_rows("exp3"))
     drawing.same_machine_picture(tmp_path / "b.png", drawing.board_rows("exp2"))
-    for path in (*tmp_path.iterdir(), *(ROOT / "docs" / "images" / f"{n}.png"
-                                        for n in ("misses", "same_machine"))):  # fmt: skip
+    for path in (
+        *tmp_path.iterdir(),
+        *(ROOT / "docs" / "images" / f"{n}.png" for n in ("misses", "same_machine")),
+    ):
         assert 10_000 < path.stat().st_size < 200_000
 
 
@@ -51,6 +53,11 @@ def test_the_coverage_is_what_the_benchmark_prints() -> None:
     shown = [block for block in blocks(page) if block.language == "text"]
     commands = re.findall(r"`python (benchmarks/interval_coverage\.py [^`]*)`", page)
     for command, block in zip(commands, shown, strict=True):
-        done = subprocess.run([sys.executable, *command.split()], capture_output=True, text=True,
-                              cwd=ROOT, timeout=1800)  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, *command.split()],
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+            timeout=1800,
+        )
         assert missing(block.text.splitlines(), done.stdout) is None, done.stdout

@@ -12,10 +12,16 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     path
-    for path in [*ROOT.glob("*.md"), *(p for f in ("docs", "leaderboards", "protocols", "plugins")
-                                       for p in (ROOT / f).rglob("*.md"))]
+    for path in [
+        *ROOT.glob("*.md"),
+        *(
+            p
+            for f in ("docs", "leaderboards", "protocols", "plugins")
+            for p in (ROOT / f).rglob("*.md")
+        ),
+    ]
     if "node_modules" not in path.parts
-)  # fmt: skip
+)
 LINK = re.compile(r"(?<!\\)!?\[(?:[^\]\\]|\\.)*\]\(\s*<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\s*\)")
 FENCE = re.compile(r"^(```|~~~).*?^\1\s*$", re.M | re.S)
 CODE = re.compile(r"`[^`\n]*`")
@@ -42,8 +48,9 @@ def anchors(path: Path) -> frozenset[str]:
     found: list[str] = []
     for heading in re.findall(r"^#{1,6} +(.+?) *#*$", prose(path), re.M):
         name = anchor(heading)
-        count = sum(one == name or re.fullmatch(rf"{re.escape(name)}-\d+", one) is not None
-                    for one in found)  # fmt: skip
+        count = sum(
+            one == name or re.fullmatch(rf"{re.escape(name)}-\d+", one) is not None for one in found
+        )
         found.append(f"{name}-{count}" if count else name)
     return frozenset(found) | frozenset(re.findall(r'(?:id|name)="([^"]+)"', prose(path)))
 
@@ -86,5 +93,7 @@ def test_broken_links_are_found(tmp_path: Path) -> None:
         "![f](gone.png) [g](other.md#four) [h](#there)\n"
     )
     assert [one.partition(":")[0] for one in broken(page)] == [
-        "gone.png", "other.md#four", "#there",
-    ]  # fmt: skip
+        "gone.png",
+        "other.md#four",
+        "#there",
+    ]

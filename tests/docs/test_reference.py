@@ -125,10 +125,12 @@ def test_a_verb_that_does_not_load_is_refused_in_words(make_reference: Any) -> N
         ("``a_b`` and c_d", "`a_b` and c\\_d"),
         ("a < b > c [d] *e*", "a &lt; b > c \\[d\\] \\*e\\*"),
         ("a\n\n    code *x*\n\nb", "a\n\n```text\ncode *x*\n```\n\nb"),
-        ("\b\ntactibench list\ntactibench doctor", "```console\n$ tactibench list\n$ tactibench do"
-         "ctor\n```"),
+        (
+            "\b\ntactibench list\ntactibench doctor",
+            "```console\n$ tactibench list\n$ tactibench doctor\n```",
+        ),
     ],
-)  # fmt: skip
+)
 def test_docstrings_become_markdown(make_reference: Any, said: str, shown: str) -> None:
     from reference.text import prose
 

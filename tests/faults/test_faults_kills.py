@@ -28,8 +28,10 @@ def test_a_stopped_command_ends_with_the_right_record(
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, str(SCRIPT), *asked, "--seed", "3", "--json", str(file)],
-        capture_output=True, text=True, env={**os.environ, **one},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        env={**os.environ, **one},
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     kills = int(asked[1])
     for result in json.loads(file.read_text()):

@@ -29,8 +29,11 @@ def golden() -> ModuleType:
 def test_golden_values_of_the_quick_sections_hold(section: str) -> None:
     done = subprocess.run(
         [sys.executable, str(SCRIPT), "--check", section],
-        capture_output=True, text=True, timeout=600, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -39,10 +39,11 @@ def test_a_press_is_repeated_by_its_seed(name: str, k: int) -> None:
 
 
 @given(
-    st.lists(st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 6)), min_size=1,
-             max_size=6),
+    st.lists(
+        st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 6)), min_size=1, max_size=6
+    ),
     st.sampled_from([20.0, float("inf")]),
-)  # fmt: skip
+)
 def test_every_tip_reaches_its_depth(tips: list[tuple[float, float, float]], dome: float) -> None:
     table = np.array(tips)
     made = pressed(table[:, :2], table[:, 2], 3.0, dome, "made")
@@ -130,7 +131,15 @@ def test_many_tips_stand_on_a_circle() -> None:
 
 
 def test_an_indenter_that_fits_nowhere_is_refused_in_a_sentence() -> None:
-    wide = Family(name="wide", title="", harder="falling", easy=40.0, values=(30.0,), stream=9,
-                  press="distance", radius_mm=3.0)  # fmt: skip
+    wide = Family(
+        name="wide",
+        title="",
+        harder="falling",
+        easy=40.0,
+        values=(30.0,),
+        stream=9,
+        press="distance",
+        radius_mm=3.0,
+    )
     with pytest.raises(UserError, match="family 'wide': none of 10,000 candidates of 30"):
         case_scene(wide, 30.0, SPACE, np.random.SeedSequence(0))

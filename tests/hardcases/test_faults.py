@@ -18,9 +18,19 @@ from tactibench.protocols.families import Fault
 
 Image = npt.NDArray[np.uint8]
 NOTHING = {name: 1.0 if name == "gain" else 0.0 for name in FAULTS}
-SOME = {"blur": 1.0, "noise": 8.0, "gain": 0.5, "glare": 8.0, "gain-drift": 0.4, "dead-rows": 4.0,
-        "occlusion": 16.0, "lost-pins": 0.2, "spurious-blobs": 5.0, "shift": 1.3,
-        "rotation": 2.0}  # fmt: skip
+SOME = {
+    "blur": 1.0,
+    "noise": 8.0,
+    "gain": 0.5,
+    "glare": 8.0,
+    "gain-drift": 0.4,
+    "dead-rows": 4.0,
+    "occlusion": 16.0,
+    "lost-pins": 0.2,
+    "spurious-blobs": 5.0,
+    "shift": 1.3,
+    "rotation": 2.0,
+}
 INSIDE = slice(10, 90)
 
 

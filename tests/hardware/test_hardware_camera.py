@@ -118,10 +118,14 @@ class TestGate:
         rng = np.random.default_rng(1)
         image = capture.rest + change * capture.pattern
         return [
-            Shot(np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255)
-                 .astype(np.uint8), k)
+            Shot(
+                np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(
+                    np.uint8
+                ),
+                k,
+            )
             for k in range(count)
-        ]  # fmt: skip
+        ]
 
     @pytest.fixture
     def rest(self) -> Reference:
@@ -146,8 +150,9 @@ class TestGate:
     def test_what_cannot_be_kept(
         self, rest: Reference, spoil: Callable[[Any, int], Any], words: str
     ) -> None:
-        shots = [Shot(spoil(s.image, k).astype(np.uint8), s.t_ns)
-                 for k, s in enumerate(self.shots(0.1))]  # fmt: skip
+        shots = [
+            Shot(spoil(s.image, k).astype(np.uint8), s.t_ns) for k, s in enumerate(self.shots(0.1))
+        ]
         assert words in judge(shots, rest, self.keys, 2.0).reason
 
     def test_a_camera_that_repeats_itself(self, rest: Reference) -> None:

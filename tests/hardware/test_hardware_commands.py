@@ -32,10 +32,22 @@ def lab(tmp_path: Path) -> Path:
 
 def plan_file(folder: Path, x: float = 1.0) -> Path:
     path = folder / "plan.jsonl"
-    row = {"id": 0, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": x, "y_mm": 0.0,
-           "depth_mm": 2.0}  # fmt: skip
-    other = {**row, "id": 1, "indenter": "dual", "indenter_offsets_mm": [[-4, 0, 0], [4, 0, 0]],
-             "x_mm": 0.0, "yaw_deg": 20.0}  # fmt: skip
+    row = {
+        "id": 0,
+        "indenter": "single",
+        "indenter_radius_mm": 3.0,
+        "x_mm": x,
+        "y_mm": 0.0,
+        "depth_mm": 2.0,
+    }
+    other = {
+        **row,
+        "id": 1,
+        "indenter": "dual",
+        "indenter_offsets_mm": [[-4, 0, 0], [4, 0, 0]],
+        "x_mm": 0.0,
+        "yaw_deg": 20.0,
+    }
     path.write_text(f"{json.dumps(row)}\n{json.dumps(other)}\n", encoding="utf-8")
     return path
 
@@ -113,9 +125,13 @@ def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     ],
 )
 def test_a_plan_that_cannot_be_pressed_is_refused_before_any_device(
-    lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
-    change: tuple[str, str], x: float, words: str,
-) -> None:  # fmt: skip
+    lab: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: tuple[str, str],
+    x: float,
+    words: str,
+) -> None:
     lab.write_text(lab.read_text().replace(*change), encoding="utf-8")
     out = tmp_path / "data"
     for verb in (["plan"], ["collect", "--out", str(out)]):
@@ -162,13 +178,36 @@ class TestRehearsed:
             pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
         config = tmp_path / "lab.toml"
         config.write_text(example(driver), encoding="utf-8")
-        arguments = ["hw", "collect", "exp1", "--config", str(config), "--emulate", "--draw",
-                     "singles", "--count", "40", "--out", str(tmp_path / "data")]  # fmt: skip
+        arguments = [
+            "hw",
+            "collect",
+            "exp1",
+            "--config",
+            str(config),
+            "--emulate",
+            "--draw",
+            "singles",
+            "--count",
+            "40",
+            "--out",
+            str(tmp_path / "data"),
+        ]
         assert call(arguments) == 0
         assert "40 good and 0 bad samples" in capsys.readouterr().out
         assert call(["data", "verify", str(tmp_path / "data")]) == 0
-        run = ["run", "exp1", "--sensor", "recorded", "--data", str(tmp_path / "data"), "--model",
-               "nearest", "--out", str(tmp_path / "runs"), "--quick"]  # fmt: skip
+        run = [
+            "run",
+            "exp1",
+            "--sensor",
+            "recorded",
+            "--data",
+            str(tmp_path / "data"),
+            "--model",
+            "nearest",
+            "--out",
+            str(tmp_path / "runs"),
+            "--quick",
+        ]
         assert call(run) == 0
 
     def test_a_killed_collection_goes_on(self, tmp_path: Path) -> None:
@@ -176,7 +215,10 @@ class TestRehearsed:
         script = Path(__file__).parents[2] / "benchmarks" / "hardware.py"
         done = subprocess.run(
             [sys.executable, str(script), "kills", "--kills", "3", "--presses", "20"],
-            capture_output=True, text=True, check=True, timeout=580,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=580,
+        )
         assert "exactly the planned" in done.stdout
         assert "all as it was written" in done.stdout

@@ -81,9 +81,13 @@ class TestGrbl:
         ],
     )
     def test_a_stage_that_is_not_ready_is_refused(
-        self, world: World, make: Make, settings: dict[str, float], robot: dict[str, Any],
+        self,
+        world: World,
+        make: Make,
+        settings: dict[str, float],
+        robot: dict[str, Any],
         words: str,
-    ) -> None:  # fmt: skip
+    ) -> None:
         with GrblEmulator(world, link="socket", settings={**RATES, **settings}) as stage:
             driver = GrblRobot(make(**stage_keys(stage.port, **robot)))
             with pytest.raises(UserError, match=words):

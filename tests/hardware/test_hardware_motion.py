@@ -182,9 +182,13 @@ class TestStation:
 
     @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
     def test_any_error_in_a_press_draws_the_tool_back(
-        self, settings: Settings, robot: FakeRobot, camera: Camera, error: type[BaseException],
+        self,
+        settings: Settings,
+        robot: FakeRobot,
+        camera: Camera,
+        error: type[BaseException],
         press_of: Callable[..., Scene],
-    ) -> None:  # fmt: skip
+    ) -> None:
         def at_fourth(number: int) -> None:
             if robot.tool()[2] > -5.0:
                 robot.fails = lambda _: None

@@ -102,16 +102,22 @@ def test_a_stage_refuses_what_it_would_have_to_turn(settings: Settings) -> None:
     check(plan, settings, geometry(settings), turns=True)
     with pytest.raises(UserError, match=r"turn of 30.0 deg.*--draw"):
         check(plan, settings, geometry(settings), turns=False)
-    check(one(Scene(Indenter.dual(8.0), Pose(yaw=180.0, depth=1.0))), settings,
-          geometry(settings), turns=False)  # fmt: skip
+    check(
+        one(Scene(Indenter.dual(8.0), Pose(yaw=180.0, depth=1.0))),
+        settings,
+        geometry(settings),
+        turns=False,
+    )
 
 
 @given(st.floats(0.0, 360.0), st.sampled_from([1, 2, 3, 4]))
 def test_the_smallest_turn_presses_the_same_contacts(yaw: float, kind: int) -> None:
     indenter = {
-        1: Indenter.single(), 2: Indenter.dual(9.0), 3: Indenter.triple((1.0, 1.0, 1.0)),
+        1: Indenter.single(),
+        2: Indenter.dual(9.0),
+        3: Indenter.triple((1.0, 1.0, 1.0)),
         4: Indenter.triple((0.0, 0.5, 1.0)),
-    }[kind]  # fmt: skip
+    }[kind]
     scene = Scene(indenter, Pose(1.0, -2.0, yaw, 0.0, 3.0))
     found = eased(scene)
     assert abs(found.pose.yaw) <= {1: 0.0, 2: 90.0, 3: 60.0, 4: 180.0}[kind] + 1e-9
@@ -133,8 +139,12 @@ def test_mounts_and_words(settings: Settings) -> None:
     assert fits(settings.indenter, Indenter.single())
     assert not fits(settings.indenter, Indenter.single(2.0))
     assert not fits(settings.indenter, Indenter.dual(8.0))
-    for indenter in (Indenter.single(2.0), Indenter.dual(7.5), Indenter.triple((0.0, 3.0, 1.0)),
-                     Indenter.plate()):  # fmt: skip
+    for indenter in (
+        Indenter.single(2.0),
+        Indenter.dual(7.5),
+        Indenter.triple((0.0, 3.0, 1.0)),
+        Indenter.plate(),
+    ):
         keys = keys_of(indenter)
         assert keys is not None
         assert fits(keys, indenter)

@@ -62,9 +62,12 @@ def withdrawn_after_a_stop(robot: SlowRobot) -> bool:
 
 
 def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
-    settings: Settings, robot: SlowRobot, camera: Camera, press_of: Callable[..., Scene],
+    settings: Settings,
+    robot: SlowRobot,
+    camera: Camera,
+    press_of: Callable[..., Scene],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     with camera, Station(settings, robot, camera) as station:
         station.look_at_rest()
         monkeypatch.setattr(stations, "patience", lambda *_: 0.05)

@@ -85,9 +85,10 @@ def test_neighbours_do_not_bias_each_other():
     found = encoder.decode_batch(network_like(rng, encoder.encode_batch(truth, GRID)), GRID)
     assert np.mean([len(f) == 2 for f in found]) > 0.99
     shallow = [
-        (f.xy[1] - t.xy[0]) @ u for f, t, u in zip(found, truth, towards, strict=True)
+        (f.xy[1] - t.xy[0]) @ u
+        for f, t, u in zip(found, truth, towards, strict=True)
         if len(f) == 2
-    ]  # fmt: skip
+    ]
     standard_error = np.std(shallow) / np.sqrt(len(shallow))
     assert abs(np.mean(shallow)) < 4 * standard_error + 0.005
 

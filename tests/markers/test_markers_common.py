@@ -12,11 +12,13 @@ from tactibench import UserError
 from tactibench.markers import carried, common_view, lattice
 from tactibench.markers.common import REACH, Outline
 
-RING = np.array([
-    (k * np.cos(a), k * np.sin(a)) if k else (0.0, 0.0)
-    for k in range(11)
-    for a in 2 * np.pi * np.arange(max(1, 6 * k)) / max(1, 6 * k)
-])  # fmt: skip
+RING = np.array(
+    [
+        (k * np.cos(a), k * np.sin(a)) if k else (0.0, 0.0)
+        for k in range(11)
+        for a in 2 * np.pi * np.arange(max(1, 6 * k)) / max(1, 6 * k)
+    ]
+)
 """331 pins in ten rings, radius 10."""
 
 

@@ -18,8 +18,17 @@ from tactibench.protocols.axes import Axis, case, family_of
 
 AXIS = Axis("shift", "camera", "px", "rising", 0.0, (1.0, 2.0), "plain:0")
 EMPTY = Axis("empty", "nothing", "", "unordered", None, (0.0,), "")
-NAMES = ("ospa_mm", "error_ratio", "worst_ratio", "doubles_at", "position_mean_mm", "missed",
-         "false_per_1000", "not_finite", "raised")  # fmt: skip
+NAMES = (
+    "ospa_mm",
+    "error_ratio",
+    "worst_ratio",
+    "doubles_at",
+    "position_mean_mm",
+    "missed",
+    "false_per_1000",
+    "not_finite",
+    "raised",
+)
 
 
 def contacts(*points: tuple[float, float, float]) -> Contacts:
@@ -60,8 +69,9 @@ def test_cases_have_names_that_say_family_and_value() -> None:
 @given(st.integers(0, 3), st.integers(0, 3), st.integers(0, 2**32))
 def test_ospa_against_all_assignments(n: int, m: int, seed: int) -> None:
     rng, gate = np.random.default_rng(seed), 3.0
-    true, found = (np.column_stack([rng.uniform(-4, 4, (k, 2)), rng.uniform(1, 5, k)])
-                   for k in (n, m))  # fmt: skip
+    true, found = (
+        np.column_stack([rng.uniform(-4, 4, (k, 2)), rng.uniform(1, 5, k)]) for k in (n, m)
+    )
     made = Trials((contacts(*true),), (contacts(*found),), np.zeros(1), ("all",), gate=gate)
     few, many = (true, found) if n <= m else (found, true)
 
@@ -69,8 +79,11 @@ def test_ospa_against_all_assignments(n: int, m: int, seed: int) -> None:
         return sum(min(np.hypot(*(few[i, :2] - many[j, :2])), gate) for i, j in enumerate(p))
 
     best = min(itertools.permutations(range(len(many)), len(few)), key=flat)
-    pairs = [(few[i], many[j]) for i, j in enumerate(best)
-             if np.hypot(*(few[i, :2] - many[j, :2])) < gate]  # fmt: skip
+    pairs = [
+        (few[i], many[j])
+        for i, j in enumerate(best)
+        if np.hypot(*(few[i, :2] - many[j, :2])) < gate
+    ]
     total = sum(min(float(np.linalg.norm(a - b)), gate) for a, b in pairs)
     expected = (total + gate * (len(many) - len(pairs))) / max(len(many), 1)
     assert ospa(made).values[0] == pytest.approx(expected)
@@ -83,8 +96,12 @@ def test_ospa_needs_a_gate() -> None:
 
 def test_no_omission_and_no_invention_improves_ospa() -> None:
     truth = contacts((0, 0, 2), (5, 0, 2))
-    whole = (contacts((0, 0, 2), (5, 0, 2)), contacts((0, 0, 2)), contacts(),
-             contacts((0, 0, 2), (5, 0, 2), (-5, 0, 2)))  # fmt: skip
+    whole = (
+        contacts((0, 0, 2), (5, 0, 2)),
+        contacts((0, 0, 2)),
+        contacts(),
+        contacts((0, 0, 2), (5, 0, 2), (-5, 0, 2)),
+    )
     made = Trials((truth,) * 4, whole, np.arange(4), ("all",) * 4)
     assert ospa(made).values.tolist() == [0.0, 1.5, 3.0, 1.0]
 
@@ -116,8 +133,13 @@ def test_an_error_that_does_not_double_is_censored_and_one_without_cases_is_none
 
 def test_false_contacts_are_those_of_empty_frames() -> None:
     nothing, one = contacts(), contacts((0, 0, 2))
-    made = Trials((nothing,) * 200 + (one,), (nothing,) * 199 + (one, one), np.arange(201),
-                  ("empty:0",) * 200 + ("plain:0",), axes=(EMPTY,))  # fmt: skip
+    made = Trials(
+        (nothing,) * 200 + (one,),
+        (nothing,) * 199 + (one, one),
+        np.arange(201),
+        ("empty:0",) * 200 + ("plain:0",),
+        axes=(EMPTY,),
+    )
     row = rows(made, "false_per_1000")["false_per_1000", "all"]
     assert (row.value, row.n, row.unit) == (5.0, 200, "per 1,000 frames")
     none = Trials((nothing,) * 1000, (nothing,) * 1000, np.arange(1000), ("empty:0",) * 1000)

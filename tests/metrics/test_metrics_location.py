@@ -21,9 +21,12 @@ def gaussian(n, sigma, seed=0, **options):
     guess = true + rng.normal(0, 1, (n, 3)) * sigma
     as_contact = lambda p: Contacts(p[None, :2], p[2:], [1.0])  # noqa: E731
     return Trials(
-        tuple(map(as_contact, true)), tuple(map(as_contact, guess)), np.arange(n),
-        ("all",) * n, **options,
-    )  # fmt: skip
+        tuple(map(as_contact, true)),
+        tuple(map(as_contact, guess)),
+        np.arange(n),
+        ("all",) * n,
+        **options,
+    )
 
 
 def test_against_scikit_learn(singles):
@@ -97,8 +100,11 @@ def test_rmse_mean_is_linearised_like_a_jackknife():
 
 def test_a_constant_target_has_no_r2():
     one = Contacts.truth([[1, 2]], [3])
-    rows = score(["r2"], Trials((one,) * 5, (one,) * 5, np.arange(5), ("all",) * 5),
-                 rng=np.random.default_rng(0))  # fmt: skip
+    rows = score(
+        ["r2"],
+        Trials((one,) * 5, (one,) * 5, np.arange(5), ("all",) * 5),
+        rng=np.random.default_rng(0),
+    )
     assert [(r.value, r.n) for r in rows] == [(None, 5)] * 4
 
 

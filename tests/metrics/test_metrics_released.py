@@ -79,8 +79,10 @@ def test_without_released_answers_there_are_no_rows():
 def test_released_answers_must_be_one_a_frame_and_finite():
     true, ours, _ = drawn(5)
     with pytest.raises(ValueError, match="paper has 4 entries for 5"):
-        PlateTrials(plates(*true), plates(*ours), np.arange(5),
-                    released={"paper": plates(*ours)[:4]})  # fmt: skip
+        PlateTrials(
+            plates(*true), plates(*ours), np.arange(5), released={"paper": plates(*ours)[:4]}
+        )
     with pytest.raises(ValueError, match="not finite"):
-        PlateTrials(plates(*true), plates(*ours), np.arange(5),
-                    released={"paper": plates(*(ours * np.nan))})  # fmt: skip
+        PlateTrials(
+            plates(*true), plates(*ours), np.arange(5), released={"paper": plates(*(ours * np.nan))}
+        )

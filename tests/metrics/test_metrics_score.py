@@ -14,11 +14,26 @@ from tactibench.metrics.score import score
 from tactibench.metrics.trials import PlateTrials, Trials
 
 AXES = ["x", "y", "z", "mean"]
-EXP1 = {"r2": AXES, "mae_mm": AXES, "rmse_mm": AXES, "rmse_pooled_mm": ["all"],
-        "surface_rmse_mm": ["all"], "rmse_over_bound": AXES[:3], "missed": ["all"],
-        "spurious": ["all"]}  # fmt: skip
-CONTACTS = ["position_mean_mm", "position_ungated_mm", "depth_mae_mm", "gospa1_mm", "gospa2_mm",
-            "missed", "spurious", "surface_rmse_mm"]  # fmt: skip
+EXP1 = {
+    "r2": AXES,
+    "mae_mm": AXES,
+    "rmse_mm": AXES,
+    "rmse_pooled_mm": ["all"],
+    "surface_rmse_mm": ["all"],
+    "rmse_over_bound": AXES[:3],
+    "missed": ["all"],
+    "spurious": ["all"],
+}
+CONTACTS = [
+    "position_mean_mm",
+    "position_ungated_mm",
+    "depth_mae_mm",
+    "gospa1_mm",
+    "gospa2_mm",
+    "missed",
+    "spurious",
+    "surface_rmse_mm",
+]
 DISTANCE = ["distance_mae_mm", "distance_penalised_mm", "resolved", "orientation_mae_deg"]
 EXP2 = {name: ["6.5", "8.0", "12.0", "all"] for name in DISTANCE} | {
     name: ["all"] for name in ["threshold_mm", "catch_resolved", "d_prime", *CONTACTS]
@@ -36,8 +51,9 @@ def rebuilt(trials, predictions=None, order=None):
     order = range(len(trials)) if order is None else order
     predictions = trials.predictions if predictions is None else predictions
     pick = lambda column: tuple(column[i] for i in order)  # noqa: E731
-    return Trials(pick(trials.truth), pick(predictions), trials.press[list(order)],
-                  pick(trials.group))  # fmt: skip
+    return Trials(
+        pick(trials.truth), pick(predictions), trials.press[list(order)], pick(trials.group)
+    )
 
 
 @pytest.mark.parametrize(("source", "table"), TABLES)
@@ -88,8 +104,11 @@ def test_no_predictions_at_all(source, table, request):
         elif row.metric in {"resolved", "spurious", "catch_resolved"}:
             assert row.value == 0
         elif row.metric == "gospa1_mm":
-            contacts = [len(t) for t, g in zip(trials.truth, trials.group, strict=True)
-                        if g != "catch" and row.group in ("all", g)]  # fmt: skip
+            contacts = [
+                len(t)
+                for t, g in zip(trials.truth, trials.group, strict=True)
+                if g != "catch" and row.group in ("all", g)
+            ]
             assert row.value == pytest.approx(1.5 * np.mean(contacts))
         elif row.metric == "threshold_mm":
             assert (row.value, row.censored) == (12.0, ">")
@@ -175,8 +194,15 @@ def test_every_metric_says_what_it_is():
         assert spec.contacts or spec.plates
     uncertainty = {"nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95"}
     plates = {"tilt_mae_deg", "coverage", *RELEASED}
-    hard = {"ospa_mm", "error_ratio", "worst_ratio", "doubles_at", "false_per_1000", "not_finite",
-            "raised"}  # fmt: skip
+    hard = {
+        "ospa_mm",
+        "error_ratio",
+        "worst_ratio",
+        "doubles_at",
+        "false_per_1000",
+        "not_finite",
+        "raised",
+    }
     assert set(EXP1) | set(EXP2) | set(EXP3) | plates | uncertainty | hard == set(METRICS)
 
 

@@ -47,8 +47,10 @@ def test_plates_against_plain_loops():
         for t in truth
     )
     press = np.arange(60) // 3
-    rows = {r.metric: r for r in score(PLATE, PlateTrials(truth, guess, press),
-                                       rng=np.random.default_rng(0))}  # fmt: skip
+    rows = {
+        r.metric: r
+        for r in score(PLATE, PlateTrials(truth, guess, press), rng=np.random.default_rng(0))
+    }
     both = [(t, p) for t, p in zip(truth, guess, strict=True) if p]
     assert rows["depth_mae_mm"].value == pytest.approx(
         np.mean([abs(t.depth - p.depth) for t, p in both])
@@ -58,8 +60,10 @@ def test_plates_against_plain_loops():
     )
     assert rows["coverage"].value == pytest.approx(len(both) / 60)
     assert (rows["tilt_mae_deg"].n, rows["coverage"].n, rows["coverage"].clusters) == (
-        len(both), 60, 20,
-    )  # fmt: skip
+        len(both),
+        60,
+        20,
+    )
 
 
 def test_plates_without_answers():

@@ -89,8 +89,10 @@ def test_limits_are_quantiles(percent):
     circle = np.sqrt(stats.chi2.ppf(percent / 100, 2))
     line = stats.norm.ppf(0.5 + percent / 200)
     turned = np.array([[np.cos(0.7), np.sin(0.7)]])
-    for limit, inside in ((circle, lambda r: in_ellipse(r * turned, percent)),
-                          (line, lambda r: in_interval(np.array([r]), percent))):  # fmt: skip
+    for limit, inside in (
+        (circle, lambda r: in_ellipse(r * turned, percent)),
+        (line, lambda r: in_interval(np.array([r]), percent)),
+    ):
         assert inside(0.999 * limit).all()
         assert not inside(1.001 * limit).any()
 

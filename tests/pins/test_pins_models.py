@@ -137,9 +137,11 @@ def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
     two = Contacts.truth([[0, 0], [3, 0]], [1, 1])
 
     def learn(answers):
-        model = make_model(name, answer="contacts", epochs=1) if name == "pins" else make_model(
-            name, answer="contacts"
-        )  # fmt: skip
+        model = (
+            make_model(name, answer="contacts", epochs=1)
+            if name == "pins"
+            else make_model(name, answer="contacts")
+        )
         rng = np.random.default_rng(0)
         progress = type("P", (), {m: lambda *_: None for m in ("start", "step", "epoch")})()
         return model.fit(frames, answers, validation=([], []), rng=rng, progress=progress)

@@ -45,16 +45,21 @@ def taught():
     found = {}
     for kind in (Kernel, Pins):
         model = made(kind)
-        model.fit(*presses(TRAINED, 240, 1), validation=presses(TRAINED, 40, 2),
-                  rng=np.random.default_rng(0), progress=SilentProgress())  # fmt: skip
+        model.fit(
+            *presses(TRAINED, 240, 1),
+            validation=presses(TRAINED, 40, 2),
+            rng=np.random.default_rng(0),
+            progress=SilentProgress(),
+        )
         found[kind] = model
     return found
 
 
 def errors(model, frames, truth):
     found = model.predict(frames)
-    return np.abs([[p.depth - t.depth, p.tilt - t.tilt]
-                   for p, t in zip(found, truth, strict=True)]).mean(axis=0)  # fmt: skip
+    return np.abs(
+        [[p.depth - t.depth, p.tilt - t.tilt] for p, t in zip(found, truth, strict=True)]
+    ).mean(axis=0)
 
 
 @both

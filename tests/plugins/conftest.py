@@ -63,8 +63,10 @@ def tactibench(site: Path, tmp_path: Path) -> Callable[..., subprocess.Completed
     def ran(*arguments: str) -> subprocess.CompletedProcess[str]:
         path = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
         environment = {
-            **os.environ, "PYTHONPATH": path, "TACTIBENCH_CACHE": str(tmp_path / "cache")
-        }  # fmt: skip
+            **os.environ,
+            "PYTHONPATH": path,
+            "TACTIBENCH_CACHE": str(tmp_path / "cache"),
+        }
         return subprocess.run(
             [sys.executable, "-m", "tactibench", *arguments],
             capture_output=True,

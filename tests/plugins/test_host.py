@@ -125,8 +125,10 @@ def test_a_mixture_keeps_the_right_specs(install: Any, only: Any) -> None:
     assert "gave NoneType where" in only(host.problems, "mixed").message
 
 
-@pytest.mark.parametrize("where", ["raise KeyboardInterrupt", "@hookimpl\ndef tactibench_models(): "
-                                   "raise KeyboardInterrupt"])  # fmt: skip
+@pytest.mark.parametrize(
+    "where",
+    ["raise KeyboardInterrupt", "@hookimpl\ndef tactibench_models(): raise KeyboardInterrupt"],
+)
 def test_an_interrupt_passes(install: Any, where: str) -> None:
     install("slow", where)
     with pytest.raises(KeyboardInterrupt):
@@ -162,8 +164,9 @@ def test_a_plugin_that_offers_a_name_twice(install: Any, only: Any) -> None:
 
 def test_two_distributions_with_a_plugin_of_the_same_name(install: Any, only: Any) -> None:
     install("same", model("first"), distribution="alpha")
-    install("same", model("second") + "raise AssertionError('not even imported')",
-            distribution="beta")  # fmt: skip
+    install(
+        "same", model("second") + "raise AssertionError('not even imported')", distribution="beta"
+    )
     host = PluginHost()
     problem = only(host.problems, "same")
     assert (problem.step, problem.origin.distribution) == ("duplicate", "beta")

@@ -54,8 +54,9 @@ def test_drift_is_measured_in_mm_and_as_a_share_of_the_error() -> None:
     found = run_drift(Shifted(), FRAMES, TRUTH, batches=(1, 4, 100), threads=(1, 2))  # type: ignore[arg-type]
     assert found.error_mm == pytest.approx(0.5)
     rows = {(r.configuration, r.batch, r.threads): r for r in found.rows}
-    assert set(rows) == {(n, b, t) for n in ("float32", "shifted", "bad") for b in (1, 4)
-                         for t in (1, 2)}  # fmt: skip
+    assert set(rows) == {
+        (n, b, t) for n in ("float32", "shifted", "bad") for b in (1, 4) for t in (1, 2)
+    }
     for row in found.rows:
         if row.configuration == "float32":
             assert (row.apart.median_mm, row.apart.largest_mm, row.share) == (0.0, 0.0, 0.0)
@@ -100,9 +101,10 @@ def row(name: str = "bf16", batch: int = 1, threads: int = 1, median: float = 0.
 def test_settings_that_differ_in_threads_alone_share_a_line() -> None:
     lines = table([row(), row(batch=8), row(threads=2), row(batch=8, threads=2, median=0.01)])
     assert [line[:4] for line in lines] == [
-        ("bf16", "1", "1, 2", "0.03000"), ("bf16", "8", "1", "0.03000"),
+        ("bf16", "1", "1, 2", "0.03000"),
+        ("bf16", "8", "1", "0.03000"),
         ("bf16", "8", "2", "0.01000"),
-    ]  # fmt: skip
+    ]
 
 
 def test_the_verdict_names_what_drifts_by_more_than_the_aim() -> None:
@@ -175,9 +177,24 @@ def test_the_verb_on_a_network_that_ships(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(drift, "FEW", 2)
-    code = call(["speed", "cnn", "--untrained", "--precision", "--frames", "3", "--device", "cpu",
-                 "--param", "model.size=64", "--param", "model.width=8",
-                 "--json", "drift.json"])  # fmt: skip
+    code = call(
+        [
+            "speed",
+            "cnn",
+            "--untrained",
+            "--precision",
+            "--frames",
+            "3",
+            "--device",
+            "cpu",
+            "--param",
+            "model.size=64",
+            "--param",
+            "model.width=8",
+            "--json",
+            "drift.json",
+        ]
+    )
     printed = capsys.readouterr()
     assert (code, printed.err) == (0, "")
     assert "RANDOM WEIGHTS" in printed.out

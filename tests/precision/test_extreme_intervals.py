@@ -88,8 +88,11 @@ def test_resamples_without_a_value_are_counted_not_averaged() -> None:
 def test_contacts_hold_finite_numbers_alone(column: str, bad: float) -> None:
     """So no metric is ever given another: they are refused where they come from."""
     parts: dict[str, Any] = {
-        "xy": np.zeros((1, 2)), "depth": np.ones(1), "score": np.ones(1), "std": np.ones((1, 3))
-    }  # fmt: skip
+        "xy": np.zeros((1, 2)),
+        "depth": np.ones(1),
+        "score": np.ones(1),
+        "std": np.ones((1, 3)),
+    }
     parts[column] = np.full_like(parts[column], bad)
     with pytest.raises(ValueError, match="not finite"):
         Contacts(**parts)

@@ -149,8 +149,13 @@ def test_maps_in_other_numbers_are_read_as_finely_as_these_are(
         exact, found = encoder.decode(maps, GRID), encoder.decode(given, GRID)
         assert len(exact) == len(found) == 1
         slack = 1e-9 if kind == torch.float64 else 2.0 * torch.finfo(kind).eps
-        coarse = GRID.pitch if type(encoder).__name__ == "HertzGaussian" and (
-            encoder.peaks.decoder == "maximum") and kind == torch.bfloat16 else 0.0  # fmt: skip
+        coarse = (
+            GRID.pitch
+            if type(encoder).__name__ == "HertzGaussian"
+            and (encoder.peaks.decoder == "maximum")
+            and kind == torch.bfloat16
+            else 0.0
+        )
         assert np.abs(found.xy - exact.xy).max() <= 6 * slack + coarse
         assert abs(found.depth[0] - exact.depth[0]) <= 6 * slack
 

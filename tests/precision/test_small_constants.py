@@ -16,9 +16,11 @@ SOURCES = (
     "tactibench/metrics",
     "tactibench/stats",
     "tactibench/superposition",
-    *(f"plugins/tactibench_{name}" for name in
-      ("baselines", "cnn", "unet", "vgnn", "mixture", "pins", "superpose", "heatmaps")),
-)  # fmt: skip
+    *(
+        f"plugins/tactibench_{name}"
+        for name in ("baselines", "cnn", "unet", "vgnn", "mixture", "pins", "superpose", "heatmaps")
+    ),
+)
 
 KEEPS = "numpy's and torch's bounds keep a NaN; "
 ROUNDING = "room for rounding in a comparison; "
@@ -70,11 +72,13 @@ EXPLAINED = {
     ("tactibench_heatmaps/subcell.py", "_dark"): KEEPS + "a map of 0 has no logarithm",
 }
 """Of every function: why what it holds hides nothing."""
-EXPECTED = Counter({
-    ("tactibench_unet/architecture.py", "UNetNetwork.start_from"): 2,
-    ("tactibench_superpose/spread.py", "_fitted"): 3,
-    ("tactibench_heatmaps/axes.py", "_peak"): 3,
-})  # fmt: skip
+EXPECTED = Counter(
+    {
+        ("tactibench_unet/architecture.py", "UNetNetwork.start_from"): 2,
+        ("tactibench_superpose/spread.py", "_fitted"): 3,
+        ("tactibench_heatmaps/axes.py", "_peak"): 3,
+    }
+)
 """How many a function holds, where it is not one."""
 
 

@@ -46,14 +46,27 @@ def record(parts: dict[str, Arrays]) -> dict[str, Any]:
         },
         "environment": {},
         "metrics": [
-            row("mae_mm", "x"), row("rmse_mm", "x", 0.6), row("missed"), row("r2", value=None)
+            row("mae_mm", "x"),
+            row("rmse_mm", "x", 0.6),
+            row("missed"),
+            row("r2", value=None),
         ],
         "speed": [
-            {"scenario": "single", "threads": 1, "batch": 1, "phase": "total", "p50_ms": 1.0,
-             "p90_ms": 2.0, "p99_ms": 3.0, "mean_ms": 1.2, "per_s": 800.0, "settled": True},
+            {
+                "scenario": "single",
+                "threads": 1,
+                "batch": 1,
+                "phase": "total",
+                "p50_ms": 1.0,
+                "p90_ms": 2.0,
+                "p99_ms": 3.0,
+                "mean_ms": 1.2,
+                "per_s": 800.0,
+                "settled": True,
+            },
         ],
         "timed": {},
         "training": {},
         "data": {},
         "signature": "protocol:exp1@1",
-    }  # fmt: skip
+    }

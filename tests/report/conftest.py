@@ -59,17 +59,37 @@ def hostile(fabricate: Callable[..., dict[str, Any]]) -> Material:
 
 
 def _resolved(k: int) -> tuple[tuple[str, str, float], ...]:
-    return tuple((metric, distance, 0.2 + 0.1 * k) for metric in ("resolved", "distance_mae_mm")
-                 for distance in ("7.0", "9.0", "11.0"))  # fmt: skip
+    return tuple(
+        (metric, distance, 0.2 + 0.1 * k)
+        for metric in ("resolved", "distance_mae_mm")
+        for distance in ("7.0", "9.0", "11.0")
+    )
 
 
 def _table(k: int, text: str) -> PublishedTable:
-    row = {"model": text, "source": text, "unit": text, "note": text, "decimals": 3,
-           "comparable": "no", "n": 3}  # fmt: skip
+    row = {
+        "model": text,
+        "source": text,
+        "unit": text,
+        "note": text,
+        "decimals": 3,
+        "comparable": "no",
+        "n": 3,
+    }
     distance = {"distance_mae_mm": {"all": 0.3 + k}}
-    rows = [{**row, "protocol": "exp1", "metrics": {"mae_mm": {"mean": 0.1}}},
-            {**row, "protocol": "exp2", "metrics": distance}]  # fmt: skip
+    rows = [
+        {**row, "protocol": "exp1", "metrics": {"mae_mm": {"mean": 0.1}}},
+        {**row, "protocol": "exp2", "metrics": distance},
+    ]
     return PublishedTable.model_validate(
-        {"schema_version": 1, "name": text, "title": text, "authors": text, "year": 2020,
-         "measured_on": text, "notes": [text], "rows": rows}
-    )  # fmt: skip
+        {
+            "schema_version": 1,
+            "name": text,
+            "title": text,
+            "authors": text,
+            "year": 2020,
+            "measured_on": text,
+            "notes": [text],
+            "rows": rows,
+        }
+    )

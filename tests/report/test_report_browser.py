@@ -64,8 +64,10 @@ class Tab:
             self.drawn(f"#{name}")
 
     def column(self, table, number):
-        return [row.locator("td").nth(number).inner_text().split("\n")[0]
-                for row in table.locator("tbody tr").all()]  # fmt: skip
+        return [
+            row.locator("td").nth(number).inner_text().split("\n")[0]
+            for row in table.locator("tbody tr").all()
+        ]
 
 
 @pytest.fixture(scope="module")

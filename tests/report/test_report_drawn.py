@@ -18,8 +18,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def board():
-    (found,) = gather(Path("none"), ROOT / "leaderboards", origin="board",
-                      protocols=("exp2",)).boards  # fmt: skip
+    (found,) = gather(
+        Path("none"), ROOT / "leaderboards", origin="board", protocols=("exp2",)
+    ).boards
     return found
 
 
@@ -30,8 +31,9 @@ def drawer(board, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def record(board):
-    return next(r for r in board.records
-                if r["model"]["name"] == "cnn" and "tested" not in r["sensor"])  # fmt: skip
+    return next(
+        r for r in board.records if r["model"]["name"] == "cnn" and "tested" not in r["sensor"]
+    )
 
 
 def test_the_committed_errors_come_out_again(board, drawer, record, tmp_path):

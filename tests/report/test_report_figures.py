@@ -97,8 +97,9 @@ def test_a_censored_threshold_has_no_curve(fabricate):
 def test_points_of_the_figures_are_the_rows_own_values(fabricate):
     rows = rows_of([pairs(fabricate, seed=0), pairs(fabricate, seed=1, share=0.3)])
     errors, seen = distance_panels(rows, [], Looks(rows), simulated=True)
-    for figure, metric in zip(figures(errors), ("distance_mae_mm", "distance_penalised_mm"),
-                              strict=True):  # fmt: skip
+    for figure, metric in zip(
+        figures(errors), ("distance_mae_mm", "distance_penalised_mm"), strict=True
+    ):
         (trace,) = figure.data
         pooled = [rows[0].metric(metric, d) for d in DISTANCES]
         assert trace["y"] == rounded([p.value for p in pooled])
@@ -111,9 +112,12 @@ def test_points_of_the_figures_are_the_rows_own_values(fabricate):
 
 
 def test_the_frontier_has_a_point_a_row_on_a_machine(fabricate):
-    records = [fabricate(p90_ms=6.0, error=0.05), fabricate(model="cnn", p90_ms=3.0, error=0.09),
-               fabricate(model="slow", p90_ms=20.0, error=0.5),
-               fabricate(model="other", machine="ba9876543210")]  # fmt: skip
+    records = [
+        fabricate(p90_ms=6.0, error=0.05),
+        fabricate(model="cnn", p90_ms=3.0, error=0.09),
+        fabricate(model="slow", p90_ms=20.0, error=0.5),
+        fabricate(model="other", machine="ba9876543210"),
+    ]
     rows = rows_of(records)
     panel = frontier_panel(rows, RANKING["exp1"], Looks(rows))
     assert [len(option.figures[0].data) - 1 for option in panel.options] == [3, 1]
@@ -153,8 +157,11 @@ def test_errors_of_several_contacts_agree_with_the_metrics(protocol):
     found = of(protocol, parts)
     values = errors_of(found).error
     names = ["position_mean_mm", "missed"]
-    rows = {row.metric: row for row in score(names, found.trials, rng=np.random.default_rng(0))
-            if row.group == "all"}  # fmt: skip
+    rows = {
+        row.metric: row
+        for row in score(names, found.trials, rng=np.random.default_rng(0))
+        if row.group == "all"
+    }
     assert np.nanmean(values) == pytest.approx(rows["position_mean_mm"].value)
     assert np.isnan(values).mean() == pytest.approx(rows["missed"].value)
 

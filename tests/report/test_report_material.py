@@ -45,8 +45,10 @@ def test_both_takes_the_newest_of_a_row_and_seed(store, tmp_path, fabricate):
     run = write_run(tmp_path / "old", with_hash(was, old), old)
     add(run, board)
     other = contact_parts(seed=7)
-    add(write_run(tmp_path / "old", with_hash(fabricate(model="vgnn", encoder=None), other), other),
-        board)  # fmt: skip
+    add(
+        write_run(tmp_path / "old", with_hash(fabricate(model="vgnn", encoder=None), other), other),
+        board,
+    )
     made = gather(store, board, origin="both")
     records = {r["name"] for b in made.boards if b.name == "exp1" for r in b.records}
     assert "exp1-unet-old" not in records

@@ -58,8 +58,9 @@ def test_nothing_is_fetched_and_only_the_two_scripts_may_run(html):
         assert not any(name.startswith("on") for name in attributes)
         for name in ("src", "href"):
             assert (attributes.get(name) or "#").startswith(("#", "data:image/"))
-    policy = next(a["content"] for t, a in found.found
-                  if a.get("http-equiv") == "Content-Security-Policy")  # fmt: skip
+    policy = next(
+        a["content"] for t, a in found.found if a.get("http-equiv") == "Content-Security-Policy"
+    )
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe-eval" not in policy
     assert "'unsafe-inline'" not in policy.split(";")[1]
@@ -83,9 +84,19 @@ def test_every_figure_of_the_page_has_its_data(html):
 def test_it_says_what_it_was_made_from_and_on_what(html):
     text = re.sub(r"<[^>]+>", " ", html)
     assert "Made from 6 runs stored in" in text
-    for word in ("Speed against error", "Error against distance", "Seen as two", "Worst frames",
-                 "Error over the workspace", "Predicted heatmap in relief", "Plan", "AMD EPYC",
-                 "Simulated sensor tactip-127", "hardware, published", "Signature"):  # fmt: skip
+    for word in (
+        "Speed against error",
+        "Error against distance",
+        "Seen as two",
+        "Worst frames",
+        "Error over the workspace",
+        "Predicted heatmap in relief",
+        "Plan",
+        "AMD EPYC",
+        "Simulated sensor tactip-127",
+        "hardware, published",
+        "Signature",
+    ):
         assert word in text, word
 
 
@@ -99,12 +110,52 @@ def test_hostile_names_add_no_element(page_of, hostile):
     html = page_of(hostile)
     found = elements(html)
     assert {tag for tag, _ in found.found} <= {
-        "html", "head", "meta", "title", "style", "body", "a", "header", "div", "h1", "span", "p",
-        "button", "nav", "main", "noscript", "section", "h2", "h3", "h4", "h5", "table", "thead",
-        "tbody", "tr", "th", "td", "label", "input", "details", "summary", "select", "option",
-        "figure", "figcaption", "sub", "br", "em", "code", "pre", "ul", "li", "footer", "script",
+        "html",
+        "head",
+        "meta",
+        "title",
+        "style",
+        "body",
+        "a",
+        "header",
+        "div",
+        "h1",
+        "span",
+        "p",
+        "button",
+        "nav",
+        "main",
+        "noscript",
+        "section",
+        "h2",
+        "h3",
+        "h4",
+        "h5",
+        "table",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+        "label",
+        "input",
+        "details",
+        "summary",
+        "select",
+        "option",
+        "figure",
+        "figcaption",
+        "sub",
+        "br",
+        "em",
+        "code",
+        "pre",
+        "ul",
+        "li",
+        "footer",
+        "script",
         "strong",
-    }  # fmt: skip
+    }
     assert not any(name.startswith("on") for _, attributes in found.found for name in attributes)
     assert all((a.get("href") or "#").startswith("#") for _, a in found.found)
     assert html.count("</script>") == 3

@@ -17,8 +17,29 @@ from tactibench.board.page import page
 from tactibench.protocols.loader import load_protocol
 
 ROOT = Path(__file__).resolve().parents[2]
-TAGS = {"p", "ul", "li", "em", "strong", "h3", "h4", "h5", "div", "table", "thead", "tbody", "tr",
-        "th", "td", "br", "sub", "code", "pre", "details", "summary"}  # fmt: skip
+TAGS = {
+    "p",
+    "ul",
+    "li",
+    "em",
+    "strong",
+    "h3",
+    "h4",
+    "h5",
+    "div",
+    "table",
+    "thead",
+    "tbody",
+    "tr",
+    "th",
+    "td",
+    "br",
+    "sub",
+    "code",
+    "pre",
+    "details",
+    "summary",
+}
 ATTRIBUTES = {"class", "role", "tabindex", "aria-label", "scope", "title", "data-v"}
 
 
@@ -109,8 +130,10 @@ def test_a_name_brings_no_tag_and_no_attribute(fabricate, text):
 def test_parts_are_named_as_their_headings(fabricate):
     text = page(load_protocol("exp1"), [fabricate(), fabricate(origin="real")], [])
     assert [part.title for part in page_parts(text)] == [
-        "", "Simulated sensor tactip-127", "Real sensor tactip-127",
-    ]  # fmt: skip
+        "",
+        "Simulated sensor tactip-127",
+        "Real sensor tactip-127",
+    ]
     assert "<h1>" not in all_html(text)
 
 

@@ -49,13 +49,31 @@ def test_a_label_of_a_figure_has_no_markup_of_its_own(text):
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("0.0500", 0.05), ("1,234.5", 1234.5), ("< 6.50", 6.5), ("> 12.00", 12.0), ("4e-05", 4e-5),
-        ("-0.031", -0.031), ("1.93 M", 1.93e6), ("12.3 k", 12300.0), ("2.1 G", 2.1e9),
-        ("38 s", 38.0), ("4 min 5 s", 245.0), ("1 h 2 min", 3720.0), ("0.4 s", 0.4),
-        ("1 seed", 1.0), ("3", 3.0), ("3.00*", 3.0), ("n/a", None), ("no", None), ("", None),
-        ("tactip-127", None), ("open", None), ("100.0", 100.0), ("0", 0.0),
+        ("0.0500", 0.05),
+        ("1,234.5", 1234.5),
+        ("< 6.50", 6.5),
+        ("> 12.00", 12.0),
+        ("4e-05", 4e-5),
+        ("-0.031", -0.031),
+        ("1.93 M", 1.93e6),
+        ("12.3 k", 12300.0),
+        ("2.1 G", 2.1e9),
+        ("38 s", 38.0),
+        ("4 min 5 s", 245.0),
+        ("1 h 2 min", 3720.0),
+        ("0.4 s", 0.4),
+        ("1 seed", 1.0),
+        ("3", 3.0),
+        ("3.00*", 3.0),
+        ("n/a", None),
+        ("no", None),
+        ("", None),
+        ("tactip-127", None),
+        ("open", None),
+        ("100.0", 100.0),
+        ("0", 0.0),
     ],
-)  # fmt: skip
+)
 def test_a_cell_sorts_by_the_number_that_is_printed(text, value):
     assert sort_value(text) == (None if value is None else pytest.approx(value))
 

@@ -70,8 +70,11 @@ def singles(count):
 def test_a_press_is_in_one_part_and_none_is_lost(count, size):
     presses = [f"p{i // size}" for i in range(count)]
     found = match(EXP1, EXP1.split, "single", singles(count), presses)
-    parts = [set(found.fit["singles"]), set(found.validation["singles"]),
-             set(found.test["singles"])]  # fmt: skip
+    parts = [
+        set(found.fit["singles"]),
+        set(found.validation["singles"]),
+        set(found.test["singles"]),
+    ]
     assert sum(map(len, parts)) == len(set.union(*parts)) == count
     owners = [{presses[row] for row in part} for part in parts]
     assert not owners[0] & owners[1]
@@ -124,8 +127,10 @@ def test_catch_trials_come_from_the_tested_presses_and_pairs_are_halved_for_trai
         for d in (7.0, 8.0)
         for yaw in range(0, 180, 10)
     ]
-    triples = [Scene(Indenter.triple((0.0, 0.5, 0.0)), Pose(0.0, 0.0, float(y), depth=4.0))
-               for y in range(20)]  # fmt: skip
+    triples = [
+        Scene(Indenter.triple((0.0, 0.5, 0.0)), Pose(0.0, 0.0, float(y), depth=4.0))
+        for y in range(20)
+    ]
     scenes = [*singles(40), *pairs, *triples]
     presses = [str(i) for i in range(len(scenes))]
     found = match(EXP2, EXP2.split, "multiple", scenes, presses)

@@ -92,8 +92,10 @@ def test_the_record_names_every_cause_once_with_its_first_case() -> None:
 def test_arrays_without_failures_have_their_types() -> None:
     arrays = Failures().arrays()
     assert {name: (a.dtype.kind, a.shape) for name, a in arrays.items()} == {
-        "failed": ("i", (0,)), "raised": ("b", (0,)), "cause": ("U", (0,)),
-    }  # fmt: skip
+        "failed": ("i", (0,)),
+        "raised": ("b", (0,)),
+        "cause": ("U", (0,)),
+    }
 
 
 def submitted(**more: Any) -> dict[str, Any]:

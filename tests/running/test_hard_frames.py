@@ -141,8 +141,11 @@ def test_a_sensor_family_changes_the_sensor_and_nothing_else(
 def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
     planned: Callable[..., RunPlan], hard: str
 ) -> None:
-    with pytest.raises(UserError, match=r"family 'sharp' of protocol 'stability' changes the "
-                                        r"sensor: 'other' has no parameter 'offset'"):  # fmt: skip
+    with pytest.raises(
+        UserError,
+        match=r"family 'sharp' of protocol 'stability' changes the "
+        r"sensor: 'other' has no parameter 'offset'",
+    ):
         planned(hard, sensor="other")
 
 

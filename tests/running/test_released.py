@@ -36,8 +36,9 @@ def file(tmp_path):
 
 @pytest.fixture
 def one(file):
-    keys = ReleasedAnswers(file=file.name, sha256=file_hash(file), depth=("p1", "t1"),
-                           tilt=("p2", "t2"))  # fmt: skip
+    keys = ReleasedAnswers(
+        file=file.name, sha256=file_hash(file), depth=("p1", "t1"), tilt=("p2", "t2")
+    )
     return Released("paper", "Net", keys, file)
 
 

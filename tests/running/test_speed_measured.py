@@ -127,19 +127,30 @@ def test_a_run_times_the_chosen_way_and_tells_of_all(monkeypatch: pytest.MonkeyP
     speed = measure_speed(model, FRAMES, model.predict(blinded(FRAMES)), 20, 0.05, truth=TRUTH)
     assert speed.timed["configuration"] in {"as it is", "the same"}
     assert [one["configuration"] for one in speed.timed["raced"]] == [
-        "as it is", "the same", "rounded", "sees double"
-    ]  # fmt: skip
+        "as it is",
+        "the same",
+        "rounded",
+        "sees double",
+    ]
     assert speed.timed["difference_mm"] == 0
     assert speed.timed["error_change"] == 0
     asked = [(row["scenario"], row["batch"], row["threads"]) for row in speed.rows]
     assert list(dict.fromkeys(asked)) == [
-        ("single", 1, 1), ("single", 1, 2), ("offline", 1, 2), ("offline", 8, 2),
-        ("offline", 32, 2), ("offline", 128, 2),
-    ]  # fmt: skip
+        ("single", 1, 1),
+        ("single", 1, 2),
+        ("offline", 1, 2),
+        ("offline", 8, 2),
+        ("offline", 32, 2),
+        ("offline", 128, 2),
+    ]
     assert set(speed.raw) == {
-        "single_1_threads_ms", "single_2_threads_ms", "offline_1_frames_ms", "offline_8_frames_ms",
-        "offline_32_frames_ms", "offline_128_frames_ms",
-    }  # fmt: skip
+        "single_1_threads_ms",
+        "single_2_threads_ms",
+        "offline_1_frames_ms",
+        "offline_8_frames_ms",
+        "offline_32_frames_ms",
+        "offline_128_frames_ms",
+    }
     assert speed.efficiency["parameters"] == 7
     assert speed.efficiency["flops_per_frame"] == 4
     json.dumps([speed.rows, speed.timed, speed.efficiency])

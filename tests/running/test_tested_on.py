@@ -133,16 +133,20 @@ def test_a_limit_holds_for_reference_scenes_too(run: Run) -> None:
 @pytest.mark.parametrize(
     ("request_", "said"),
     [
-        ({"sensor": "other", "tested": REFERENCE},
-         "sensor 'other' has no reference scenes; tactip-127 have some"),
+        (
+            {"sensor": "other", "tested": REFERENCE},
+            "sensor 'other' has no reference scenes; tactip-127 have some",
+        ),
         ({"sensor": "known"}, "use --sensor tactip-127 --test reference"),
         ({"tested": TestedOn(parameters={"ofset": "1"})}, "did you mean 'offset'?"),
         ({"tested": TestedOn(parameters={"offset": "x"})}, "must be a number"),
-        ({"tested": TestedOn(parameters={"offset": "0"})},
-         "--test sensor.offset=0 is what the training frames are made with already"),
+        (
+            {"tested": TestedOn(parameters={"offset": "0"})},
+            "--test sensor.offset=0 is what the training frames are made with already",
+        ),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_requests_that_cannot_be_met(planned: Planned, request_: dict[str, Any], said: str) -> None:
     with pytest.raises(UserError) as raised:
         planned(**request_)

@@ -57,17 +57,27 @@ def _dangers(tree: ast.AST) -> Iterator[str]:
 
 
 def test_nothing_is_unpickled_run_as_text_or_unpacked() -> None:
-    found = [f"{path.relative_to(ROOT)}: {danger}" for path in SOURCES
-             for danger in _dangers(ast.parse(path.read_text(encoding="utf-8")))]  # fmt: skip
+    found = [
+        f"{path.relative_to(ROOT)}: {danger}"
+        for path in SOURCES
+        for danger in _dangers(ast.parse(path.read_text(encoding="utf-8")))
+    ]
     assert len(SOURCES) > 100
     assert found == []
 
 
 @pytest.mark.parametrize(
     "code",
-    ["import pickle", "from joblib import load", "torch.load(p)", "np.load(p, allow_pickle=True)",
-     "eval(text)", "subprocess.run(c, shell=True)", "zipfile.ZipFile(p).extractall(f)"],
-)  # fmt: skip
+    [
+        "import pickle",
+        "from joblib import load",
+        "torch.load(p)",
+        "np.load(p, allow_pickle=True)",
+        "eval(text)",
+        "subprocess.run(c, shell=True)",
+        "zipfile.ZipFile(p).extractall(f)",
+    ],
+)
 def test_a_danger_is_found(code: str) -> None:
     assert list(_dangers(ast.parse(code)))
 

@@ -7,9 +7,14 @@ from pathlib import Path
 
 from tactibench.protocols.loader import protocol_files
 
-NUMBERS = {"count = 5000": "count = 60", "count = 1000": "count = 20", "count = 120": "count = 4",
-           "test = 1000": "test = 20", "validation = 400": "validation = 10",
-           "per_distance = 100": "per_distance = 2"}  # fmt: skip
+NUMBERS = {
+    "count = 5000": "count = 60",
+    "count = 1000": "count = 20",
+    "count = 120": "count = 4",
+    "test = 1000": "test = 20",
+    "validation = 400": "validation = 10",
+    "per_distance = 100": "per_distance = 2",
+}
 
 
 def few_presses(folder: Path) -> dict[str, Path]:

@@ -116,15 +116,21 @@ def _answers_seeds(_: Path) -> list[bytes]:
     good = answered_parts()["predictions"]
     ranked = {"ranked.press": np.array(["a", "b"]), "ranked.error": np.ones(2)}
     strange: list[Mapping[str, Any]] = [
-        {}, good, {**good, **ranked}, {**good, "count": -good["count"]},
-        {**good, "count": good["count"].astype(float)}, {**good, "xy": good["xy"].T},
-        {**good, "depth": good["depth"] * np.nan}, {**good, "score": np.array("text")},
-        {**good, "count": np.full(6, 2**62)}, {**good, "std": good["std"][:0]},
+        {},
+        good,
+        {**good, **ranked},
+        {**good, "count": -good["count"]},
+        {**good, "count": good["count"].astype(float)},
+        {**good, "xy": good["xy"].T},
+        {**good, "depth": good["depth"] * np.nan},
+        {**good, "score": np.array("text")},
+        {**good, "count": np.full(6, 2**62)},
+        {**good, "std": good["std"][:0]},
         {**good, "xy": good["xy"].astype(np.complex128)},
         {**good, **ranked, "ranked.error": np.ones(3)},
         {**ranked, "ranked.press": np.zeros((2, 2)), **good},
         {**good, "depth": good["depth"].astype("S9")},
-    ]  # fmt: skip
+    ]
     made = []
     for arrays in strange:
         for write in (np.savez, np.savez_compressed):

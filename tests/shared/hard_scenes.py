@@ -41,10 +41,13 @@ def dome(tier):
 
 def every_tier(names=TIERS, **expected):
     """expected: tier -> why it cannot."""
-    return pytest.mark.parametrize("tier", [
-        pytest.param(t, marks=pytest.mark.xfail(reason=expected[t])) if t in expected else t
-        for t in names
-    ])  # fmt: skip
+    return pytest.mark.parametrize(
+        "tier",
+        [
+            pytest.param(t, marks=pytest.mark.xfail(reason=expected[t])) if t in expected else t
+            for t in names
+        ],
+    )
 
 
 STEADY = tuple(tier for tier in DECLARED if tier not in SLACK)

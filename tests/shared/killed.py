@@ -47,8 +47,11 @@ def _files(folder: Path) -> dict[str, str]:
     """Every visible file with its hash."""
     found = (p for p in sorted(folder.rglob("*")) if p.is_file())
     inside = ((p.relative_to(folder), p) for p in found)
-    return {str(name): _sha(p) for name, p in inside
-            if not any(part.startswith(".") for part in name.parts)}  # fmt: skip
+    return {
+        str(name): _sha(p)
+        for name, p in inside
+        if not any(part.startswith(".") for part in name.parts)
+    }
 
 
 def _data_set(folder: Path) -> Any:
@@ -65,8 +68,12 @@ def _weights(folder: Path) -> Any:
     cache = folder / "cache"
     manifests = [json.loads(p.read_text()) for p in sorted(cache.glob("weights/*/manifest.json"))]
     frames = {n: h for n, h in _files(cache / "frames").items() if n.endswith(".npy")}
-    left = [p.name for kind in ("weights", "frames") for p in (cache / kind).iterdir()
-            if p.suffix in {".made", ".parts"}]  # fmt: skip
+    left = [
+        p.name
+        for kind in ("weights", "frames")
+        for p in (cache / kind).iterdir()
+        if p.suffix in {".made", ".parts"}
+    ]
     return [(m["identity"], m["files"], m["hash"]) for m in manifests], frames, left
 
 

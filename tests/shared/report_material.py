@@ -26,10 +26,18 @@ def exp2_metrics(share: float) -> tuple[tuple[str, str, float | None], ...]:
     shares = np.linspace(share, 0.98, len(DISTANCES))
     rows: list[tuple[str, str, float | None]] = []
     for distance, value in zip(DISTANCES, shares.tolist(), strict=True):
-        rows += [("resolved", distance, value), ("distance_mae_mm", distance, 1.1 - value),
-                 ("distance_penalised_mm", distance, 5 * (1.05 - value))]  # fmt: skip
-    return (*rows, ("resolved", "all", 0.7), ("distance_mae_mm", "all", 0.4),
-            ("catch_resolved", "all", 0.01), ("threshold_mm", "all", 8.4))  # fmt: skip
+        rows += [
+            ("resolved", distance, value),
+            ("distance_mae_mm", distance, 1.1 - value),
+            ("distance_penalised_mm", distance, 5 * (1.05 - value)),
+        ]
+    return (
+        *rows,
+        ("resolved", "all", 0.7),
+        ("distance_mae_mm", "all", 0.4),
+        ("catch_resolved", "all", 0.01),
+        ("threshold_mm", "all", 8.4),
+    )
 
 
 def contact_parts(frames: int = 24, seed: int = 0) -> dict[str, dict[str, Any]]:
@@ -81,8 +89,14 @@ def store_of(folder: Path, fabricate: Callable[..., dict[str, Any]]) -> list[Sto
     stored(contact_parts(seed=7), model="cnn", encoder=None, error=0.09, p90_ms=3.0)
     stored(contact_parts(seed=7), model="mean", encoder=None, error=2.5, p90_ms=1.0)
     for regime, share in (("single", 0.1), ("multiple", 0.4)):
-        stored(pair_parts(), protocol="exp2", regime=regime, error=1 / share, p90_ms=10 * share,
-               metrics=exp2_metrics(share))  # fmt: skip
+        stored(
+            pair_parts(),
+            protocol="exp2",
+            regime=regime,
+            error=1 / share,
+            p90_ms=10 * share,
+            metrics=exp2_metrics(share),
+        )
     return runs
 
 
@@ -95,10 +109,19 @@ def hostile_record(fabricate: Callable[..., dict[str, Any]], text: str, **more: 
     parts = f"model:{text}({text}={text})|regime:single|encoder:{text}|sensor:{text}"
     record["signature"] = f"protocol:x|{parts}|seed:0"
     record["regime"] = text
-    record["environment"] = {**record["environment"], "cpu": text, "os": text, "gpu": [text],
-                             "versions": {text: text}, "fingerprint": text}  # fmt: skip
-    record["identity"] = {**record["identity"], "commit": text,
-                          "plugins": {text: {"distribution": text, "version": text}}}  # fmt: skip
+    record["environment"] = {
+        **record["environment"],
+        "cpu": text,
+        "os": text,
+        "gpu": [text],
+        "versions": {text: text},
+        "fingerprint": text,
+    }
+    record["identity"] = {
+        **record["identity"],
+        "commit": text,
+        "plugins": {text: {"distribution": text, "version": text}},
+    }
     record["timed"] = {"configuration": text}
     record["training"] = {**record["training"], "device": text}
     return record

@@ -8,8 +8,18 @@ from pathlib import Path
 
 TINY = 1e-3
 """Constants up to this, as a summand or as a bound, are floors that keep something from zero."""
-BOUNDS = {"clamp", "clamp_min", "clamp_max", "clip", "max", "maximum", "min", "minimum", "fmax",
-          "fmin"}  # fmt: skip
+BOUNDS = {
+    "clamp",
+    "clamp_min",
+    "clamp_max",
+    "clip",
+    "max",
+    "maximum",
+    "min",
+    "minimum",
+    "fmax",
+    "fmin",
+}
 SILENT = {"nan_to_num", "fmax", "fmin"}
 """Calls that swallow a NaN, besides ``nanmean`` and all others that begin with nan."""
 NAMED = {"eps", "epsilon", "atol", "rtol"}

@@ -71,8 +71,11 @@ def test_far_tips_are_added_and_near_ones_coupled():
 def test_without_bounds_several_contacts_are_coupled_and_counted_as_unmet():
     auto = AutoMechanics(replace(TABLES, digest="another"))
     assert auto.taken(three(7.0, 0.1)) == {
-        "superpose": 0, "coupled": 1, "fem": 0, "tolerance_unmet": 1
-    }  # fmt: skip
+        "superpose": 0,
+        "coupled": 1,
+        "fem": 0,
+        "tolerance_unmet": 1,
+    }
 
 
 def test_a_sensor_tells_how_many_scenes_took_which_tier():

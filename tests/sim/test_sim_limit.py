@@ -158,9 +158,11 @@ def test_a_nuisance_that_looks_like_the_contact_hides_it():
 
 
 @given(
-    st.sets(st.sampled_from(NUISANCES)), st.sets(st.sampled_from(NUISANCES)),
-    st.floats(0.3, 4), st.floats(0.4, 3),
-)  # fmt: skip
+    st.sets(st.sampled_from(NUISANCES)),
+    st.sets(st.sampled_from(NUISANCES)),
+    st.floats(0.3, 4),
+    st.floats(0.4, 3),
+)
 def test_a_nuisance_never_lowers_a_bound(some, more, depth, half):
     scene = tips((-half, 0.3, depth), (half, -0.2, 1.0))
     clean = discs((-5, 0), (11, 6))

@@ -16,9 +16,13 @@ from tactibench_sim.optics import Optics
 
 AIR = {"gel_index": 1.0, "window_index": 1.0}
 PATHS = st.tuples(
-    st.floats(0.0, 40.0), st.floats(1.0, 60.0), st.floats(0.0, 10.0), st.floats(0.01, 40.0),
-    st.floats(1.0, 2.0), st.floats(1.0, 2.0),
-)  # fmt: skip
+    st.floats(0.0, 40.0),
+    st.floats(1.0, 60.0),
+    st.floats(0.0, 10.0),
+    st.floats(0.01, 40.0),
+    st.floats(1.0, 2.0),
+    st.floats(1.0, 2.0),
+)
 
 
 def shot(angle, air, window, gel, window_index, gel_index):
@@ -69,8 +73,10 @@ def test_without_refraction_it_is_a_pinhole(x, y, z, focal):
     optics = Optics(focal=focal, **AIR)
     u, v, radius = project(optics, np.array([x, y, z]))
     scale = focal * 128 / z
-    assert (u, v) == (pytest.approx(63.5 + scale * x, abs=1e-10),
-                      pytest.approx(63.5 + scale * y, abs=1e-10))  # fmt: skip
+    assert (u, v) == (
+        pytest.approx(63.5 + scale * x, abs=1e-10),
+        pytest.approx(63.5 + scale * y, abs=1e-10),
+    )
     assert radius == pytest.approx(scale * optics.marker_radius_mm, rel=1e-12)
 
 

@@ -104,8 +104,9 @@ def test_every_press_has_a_stream_of_its_own(a, b, key):
     one, other = (streams(seed, press, 1)[0] for press in (a, b))
     assert (one == other).all() == (a == b)
     assert (streams(seed, a, 3)[2] == streams(seed, a + 2, 1)[0]).all()
-    assert (seed.generate_state(1) == np.random.SeedSequence(5, spawn_key=(1, key)).generate_state(
-        1)).all()  # fmt: skip
+    assert (
+        seed.generate_state(1) == np.random.SeedSequence(5, spawn_key=(1, key)).generate_state(1)
+    ).all()
 
 
 def test_seeds_that_were_spawned_differ():
@@ -116,8 +117,10 @@ def test_seeds_that_were_spawned_differ():
 def test_without_noise_frames_are_rounded_and_its_variance_is_rounding():
     grey = np.array([0.0, 0.4, 0.6, 100.0, 254.7, 300.0, -3.0], dtype=np.float32)
     camera = Renderer(Optics(size=32, noise=Noise(on=False)))
-    assert (camera.exposed(NOTHING, NOTHING, NOTHING, streams(SEED, 0, 1)) == camera.exposed(
-        NOTHING, NOTHING, NOTHING)).all()  # fmt: skip
+    assert (
+        camera.exposed(NOTHING, NOTHING, NOTHING, streams(SEED, 0, 1))
+        == camera.exposed(NOTHING, NOTHING, NOTHING)
+    ).all()
     out = np.empty(7, np.uint8)
     kernels.expose(grey, np.zeros(4, np.uint64), 0.0, 0.0, normal_table(), out)
     assert out.tolist() == [0, 0, 1, 100, 255, 255, 0]

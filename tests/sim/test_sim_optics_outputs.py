@@ -37,8 +37,9 @@ def test_colour_is_light_by_channel_with_noise_of_its_own():
     corner = loud[:12, :12].reshape(-1, 3)
     assert abs(np.corrcoef(corner.T) - np.eye(3)).max() < 0.3
     grey = frame(noise=Noise(on=False))
-    assert (frame(output="rgb", red=1.0, green=1.0, blue=1.0, noise=Noise(on=False))
-            == grey[..., None]).all()  # fmt: skip
+    assert (
+        frame(output="rgb", red=1.0, green=1.0, blue=1.0, noise=Noise(on=False)) == grey[..., None]
+    ).all()
 
 
 def test_black_and_white_is_the_adaptive_threshold_of_the_grey_frame():

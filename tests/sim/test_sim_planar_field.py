@@ -46,8 +46,9 @@ def test_every_tip_reaches_its_depth_or_stands_clear(several):
     """The complementarity in its own terms, from surfaces under single tips."""
     loads = COUPLED.loads(tips(*several))
     e = (loads.amplitude * loads.shape)[0]
-    under = np.array([np.interp(s, PAD.delta, PAD.fields["w_surface"][0, :, 0])
-                      for s in loads.shape[0]])  # fmt: skip
+    under = np.array(
+        [np.interp(s, PAD.delta, PAD.fields["w_surface"][0, :, 0]) for s in loads.shape[0]]
+    )
     assert (loads.shape <= DEEPEST).all()
     scale = np.divide(loads.shape[0], under, out=np.ones_like(under), where=under > 0)
     gap = -np.array([row[2] for row in several])
@@ -156,8 +157,10 @@ def test_at_its_nodes_the_spline_is_the_table():
 
 def test_the_shipped_pad_keeps_its_volume():
     f = PAD.fields
-    lost = [lost_volume(PAD.r, f["w_surface"][0, i], f["t_surface"][0, i])
-            for i in range(1, len(PAD.delta))]  # fmt: skip
+    lost = [
+        lost_volume(PAD.r, f["w_surface"][0, i], f["t_surface"][0, i])
+        for i in range(1, len(PAD.delta))
+    ]
     assert np.abs(lost).max() < 0.01
     assert np.ptp(lost) < 1e-3  # what is lost leaves through the end of the table, at every depth
 

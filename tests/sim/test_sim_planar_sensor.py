@@ -154,17 +154,23 @@ def test_what_is_no_press_of_the_pad_is_refused(scene, named):
 
 def test_a_tip_beyond_the_pad_that_does_not_touch_is_no_mistake():
     scene = Scene(Indenter(3.0, ((0, 0, 4.0), (30.0, 0, 0.0)), "wide"), Pose(depth=2.0))
-    assert (sensor(noise=False).press(scene).image
-            == sensor(noise=False).press(single(depth=2.0)).image).all()  # fmt: skip
+    assert (
+        sensor(noise=False).press(scene).image == sensor(noise=False).press(single(depth=2.0)).image
+    ).all()
 
 
 def test_describe_is_json_and_tells_sensors_apart():
     one = sensor().describe()
     assert json.loads(json.dumps(one, allow_nan=False)) == one
     others = [
-        sensor(tier="superpose"), sensor(size=64), sensor(noise=False), sensor(instance=1),
-        sensor(camera_distance=40.0), sensor(brightness=150.0), sensor(pin_loss=0.1),
-    ]  # fmt: skip
+        sensor(tier="superpose"),
+        sensor(size=64),
+        sensor(noise=False),
+        sensor(instance=1),
+        sensor(camera_distance=40.0),
+        sensor(brightness=150.0),
+        sensor(pin_loss=0.1),
+    ]
     texts = {json.dumps(other.describe(), sort_keys=True) for other in others}
     assert len(texts | {json.dumps(one, sort_keys=True)}) == 8
     assert len(one["tables"]["sha256"]) == 64

@@ -125,13 +125,24 @@ def made(truth, count, seed):
 
 def test_the_fit_finds_what_made_the_presses() -> None:
     truth = replace(
-        STRAIGHT, depth_offset_mm=5.6, pivot_mm=17.0, pivot_side_mm=0.5, drag_per_mm=-0.75,
-        yaw_deg=89.0, focal_px=113.0, centre_x=178.0,
-    )  # fmt: skip
+        STRAIGHT,
+        depth_offset_mm=5.6,
+        pivot_mm=17.0,
+        pivot_side_mm=0.5,
+        drag_per_mm=-0.75,
+        yaw_deg=89.0,
+        focal_px=113.0,
+        centre_x=178.0,
+    )
     free = (
-        "depth_offset_mm", "pivot_mm", "pivot_side_mm", "drag_per_mm", "yaw_deg", "focal_px",
+        "depth_offset_mm",
+        "pivot_mm",
+        "pivot_side_mm",
+        "drag_per_mm",
+        "yaw_deg",
+        "focal_px",
         "centre_x",
-    )  # fmt: skip
+    )
     first, others = made(truth, 40, 3), made(truth, 30, 4)
     what = rig(first, "50_stick")
     found, loss = fit(first, what, STRAIGHT, free)

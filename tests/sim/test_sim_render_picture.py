@@ -84,12 +84,14 @@ def test_the_command_writes_a_picture_of_what_it_is_asked(tmp_path):
         (["single@depth=2", "--out", "p.png", "--sensor", "tacto"], "known: .*tactip-127"),
         (["single@depth=2", "--out", "p.png", "--param", "model.x=1"], "sensor.NAME=VALUE"),
         (["single@depth=2", "--out", "p.png", "--param", "teir=coupled"], "did you mean 'tier'"),
-        (["single@depth=2", "--out", "p.png", "--param", "size=64", "--param", "sensor.size=64"],
-         "given twice"),
+        (
+            ["single@depth=2", "--out", "p.png", "--param", "size=64", "--param", "sensor.size=64"],
+            "given twice",
+        ),
         (["single@depth=9", "--out", "p.png"], "tables end"),
         (["singel@depth=2", "--out", "p.png"], "did you mean 'single'"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_write_nothing(arguments, named, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match=named):

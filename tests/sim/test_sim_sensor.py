@@ -219,10 +219,18 @@ def test_describe_is_json_and_tells_sensors_apart():
     one = sensor().describe()
     assert json.loads(json.dumps(one)) == one
     others = [
-        sensor(kind=TacTip331), sensor(tier="superpose"), sensor(size=64), sensor(noise=False),
-        sensor(pin_length=1.5), sensor(camera_distance=60.0), sensor(brightness=150.0),
-        sensor(instance=1), sensor(instance=2), sensor(pin_loss=0.1), sensor(output="bw"),
-    ]  # fmt: skip
+        sensor(kind=TacTip331),
+        sensor(tier="superpose"),
+        sensor(size=64),
+        sensor(noise=False),
+        sensor(pin_length=1.5),
+        sensor(camera_distance=60.0),
+        sensor(brightness=150.0),
+        sensor(instance=1),
+        sensor(instance=2),
+        sensor(pin_loss=0.1),
+        sensor(output="bw"),
+    ]
     texts = {json.dumps(other.describe(), sort_keys=True) for other in others}
     assert len(texts | {json.dumps(one, sort_keys=True)}) == 12
     assert sensor(threads=3).describe() == one

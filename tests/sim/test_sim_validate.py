@@ -45,8 +45,11 @@ class Perfect:
         found = []
         for xy, depth in zip(tips.xy, tips.depth, strict=True):
             wanted = np.column_stack([xy, depth])
-            found += [s for s in SCENES if s.tips.shape == wanted.shape
-                      and np.allclose(s.tips, wanted, atol=1e-9)][:1]  # fmt: skip
+            found += [
+                s
+                for s in SCENES
+                if s.tips.shape == wanted.shape and np.allclose(s.tips, wanted, atol=1e-9)
+            ][:1]
         return found
 
     def part(self, directions):
@@ -183,8 +186,11 @@ def test_speed_is_of_dual_scenes_with_127_pins():
 
 def test_groups_divide_the_scenes():
     judged = validate.judge("x", Perfect(), SCENES)
-    for parts in (("pairs", "triples"), ("on the apex", "off the apex"),
-                  ("equal depths", "unequal depths")):  # fmt: skip
+    for parts in (
+        ("pairs", "triples"),
+        ("on the apex", "off the apex"),
+        ("equal depths", "unequal depths"),
+    ):
         halves = [e.scene.label for part in parts for e in judged.of(part, 6.0)]
         assert sorted(halves) == sorted(e.scene.label for e in judged.of("all", 6.0))
     apart = [e.scene.label for group in ("all", "isolated") for e in judged.of(group, 6.0)]
@@ -203,8 +209,9 @@ def test_figures_computed_again(judged, tier):
         normal = turn.apply(scene.directions.copy())
         for p in range(len(u)):
             base.append(math.dist(u[p], scene.displacement[p]))
-            tip.append(math.dist(u[p] - 2 * normal[p],
-                                 scene.displacement[p] - 2 * scene.normals[p]))  # fmt: skip
+            tip.append(
+                math.dist(u[p] - 2 * normal[p], scene.displacement[p] - 2 * scene.normals[p])
+            )
             chord = math.dist(normal[p], scene.normals[p])
             turned.append(2 * math.degrees(math.asin(chord / 2)))
     where = "pairs, d <= 3 mm"
@@ -251,8 +258,9 @@ def test_the_report_cuts_nothing(judged):
     text, found = printed(judged), figures(judged)
     assert "…" not in text
     for one in judged:
-        high, middle = (found[one.tier, f"base_error_{k}", "all, d <= 3 mm"]
-                        for k in ("max", "median"))  # fmt: skip
+        high, middle = (
+            found[one.tier, f"base_error_{k}", "all, d <= 3 mm"] for k in ("max", "median")
+        )
         assert f"{high:.3f} / {middle:.3f}" in text
         errors, pin = one.worst("all", 3.0)
         assert f"{errors.scene.label}, {validate.pin_name(pin)}" in text

@@ -125,8 +125,13 @@ def run(path, **changed):
     near = (PINS[:, 2] > 0.8)[:, None]
     normals = PINS + near * 0.1 * depth[:, None, None] * np.cos(5 * PINS)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    arrays = {"d": depth, "tips": np.array([(2.0, 3.5, 1.0), (-5.0, 0.0, 0.5)]), "sym": True,
-              "pu": u, "pn": normals}  # fmt: skip
+    arrays = {
+        "d": depth,
+        "tips": np.array([(2.0, 3.5, 1.0), (-5.0, 0.0, 0.5)]),
+        "sym": True,
+        "pu": u,
+        "pn": normals,
+    }
     np.savez(path, **{**arrays, **changed})
     return {**arrays, **changed}
 
@@ -139,8 +144,11 @@ def test_packing_keeps_what_a_run_says(tmp_path):
     found = reference.read(out)
     assert found.digest == digest
     assert [scene.label for scene in found.scenes] == [
-        "a at 1 mm", "a at 2.5 mm", "b at 1 mm", "b at 2.5 mm",
-    ]  # fmt: skip
+        "a at 1 mm",
+        "a at 2.5 mm",
+        "b at 1 mm",
+        "b at 2.5 mm",
+    ]
     second, last = found.scenes[1], found.scenes[3]
     assert second.tips == pytest.approx(
         np.array([(2.0, 3.5, 2.5), (-5.0, 0.0, 1.25), (2.0, -3.5, 2.5)])

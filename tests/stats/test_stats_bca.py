@@ -41,9 +41,15 @@ def test_r2_against_scipy():
     statistic = weighted.r_squared(y, f, np.arange(60), 60)
     found = bca_interval(statistic, 60, rng=rng, resamples=RESAMPLES, level=0.9)
     other = stats.bootstrap(
-        (y, f), r2_score, paired=True, vectorized=False, method="BCa",
-        n_resamples=4000, confidence_level=0.9, rng=4,
-    )  # fmt: skip
+        (y, f),
+        r2_score,
+        paired=True,
+        vectorized=False,
+        method="BCa",
+        n_resamples=4000,
+        confidence_level=0.9,
+        rng=4,
+    )
     assert found == pytest.approx(tuple(other.confidence_interval), abs=0.01)
 
 
@@ -104,8 +110,9 @@ def test_weighted_quantile_is_the_quantile_of_repeated_values(q):
     rng = np.random.default_rng(11)
     y, codes = rng.normal(size=40), np.repeat(np.arange(10), 4)
     weights = rng.integers(0, 4, (6, 10)).astype(float)
-    repeated = [np.quantile(np.repeat(y, w[codes].astype(int)), q, method="inverted_cdf")
-                for w in weights]  # fmt: skip
+    repeated = [
+        np.quantile(np.repeat(y, w[codes].astype(int)), q, method="inverted_cdf") for w in weights
+    ]
     assert weighted.quantile(y, q, codes)(weights) == pytest.approx(repeated)
 
 

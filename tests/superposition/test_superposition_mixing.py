@@ -175,9 +175,7 @@ def test_the_pins_stand_where_the_fields_add_up(singles, push_pins):
     eye = Eye.of(singles[0])
     moved = eye.moved(eye.images(frames))
     # Pins by place: the tracker's order is its own.
-    wanted = np.stack([
-        push_pins(np.column_stack([one.xy, one.depth])[None])[0] for one in truth
-    ])  # fmt: skip
+    wanted = np.stack([push_pins(np.column_stack([one.xy, one.depth])[None])[0] for one in truth])
     off = np.abs(moved - wanted)
     assert np.abs(wanted).mean() > 0.2
     assert np.median(off) < 0.05

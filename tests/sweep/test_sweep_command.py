@@ -74,9 +74,12 @@ def test_mistakes(
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "tcp://"])
 def test_a_scheduler_that_does_not_answer(
-    cli: Called, asked: Callable[[str], Path], tmp_path: Path, address: str,
+    cli: Called,
+    asked: Callable[[str], Path],
+    tmp_path: Path,
+    address: str,
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
     monkeypatch.setattr("tactibench.sweep.remote.PATIENCE_S", 0.2)
     code, out, err = cli(asked('model = "toy"'), "--scheduler", address)

@@ -105,8 +105,10 @@ def test_a_failed_training_fails_the_cells_behind_it_and_no_other() -> None:
     planned = {**to_do("a", "b", weights="w"), **to_do("c")}
     outcomes = dispatched(Engine(a=Outcome(why="no frames.")), planned)
     assert {name: one.why for name, one in outcomes.items()} == {
-        "a": "no frames.", "b": "no frames.", "c": "",
-    }  # fmt: skip
+        "a": "no frames.",
+        "b": "no frames.",
+        "c": "",
+    }
 
 
 @pytest.mark.parametrize(
@@ -209,8 +211,9 @@ def test_cells_that_come_to_the_same_run_are_one(
     kept = [(c.axes["model"], c.axes["regime"], p.state) for c, p in planned.items()]
     assert kept[:2] == [("toy", "single", "to do"), ("toy", "multiple", "to do")]
     assert ("toy, noise=0.0", "single", "to do") not in kept
-    assert {state for model, regime, state in kept if (model, regime) == ("toy-single", "multiple")
-            } == {"cannot"}  # fmt: skip
+    assert {
+        state for model, regime, state in kept if (model, regime) == ("toy-single", "multiple")
+    } == {"cannot"}
     weights = [p.weights for c, p in planned.items() if c.label.endswith("toy single toy seed 0")]
     assert len(weights) == 2
     assert len(set(weights)) == 1, "exp1 and exp2 share them"

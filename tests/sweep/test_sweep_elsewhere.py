@@ -95,8 +95,11 @@ def test_an_interrupted_sweep_keeps_what_is_finished(
     file = asked('model = ["toy", "toy-slow"]')
     process = subprocess.Popen(
         [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "1"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
         waited_for(lambda: "Slow" in toy.read_text(), process)
     except AssertionError:

@@ -41,8 +41,9 @@ def test_settings_of_one_plugin_come_before_those_of_all(
         'model = ["toy", "toy, noise = 2.5"]\nparams = ["model.noise=1"]\nquick = true\nlimit = 3'
     )
     assert [cell.request.parameters for cell in found[:2]] == [
-        {"model": {"noise": "1"}}, {"model": {"noise": "2.5"}},
-    ]  # fmt: skip
+        {"model": {"noise": "1"}},
+        {"model": {"noise": "2.5"}},
+    ]
     assert found[0].request.quick
     assert found[0].request.limit == 3
 
@@ -141,7 +142,10 @@ def test_mistakes(cells: Callable[[str], object], text: str, says: str) -> None:
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    for name, says in (("none.toml", "does not exist"), (".", "is a folder"),
-                       ("bytes.toml", "not valid TOML")):  # fmt: skip
+    for name, says in (
+        ("none.toml", "does not exist"),
+        (".", "is a folder"),
+        ("bytes.toml", "not valid TOML"),
+    ):
         with pytest.raises(UserError, match=says):
             read_sweep(tmp_path / name)

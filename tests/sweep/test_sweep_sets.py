@@ -86,16 +86,20 @@ def test_a_worker_with_another_sensor_is_refused(wanted: WantedSet) -> None:
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ('[[generate]]\nout = "../{0}/shards"\nsensor = "toy"\nprotocol = "protocols/exp1.toml"',
-         "again"),
+        (
+            '[[generate]]\nout = "../{0}/shards"\nsensor = "toy"\nprotocol = "protocols/exp1.toml"',
+            "again",
+        ),
         ('[[generate]]\nout = "b"', r"\[\[generate\]\] 2: name what is to be pressed"),
         ('[[generate]]\nout = "b"\nprotocol = "exp8"', "unknown protocol 'exp8'"),
         ('[[generate]]\nout = "b"\nplan = "no.jsonl"\nsensor = "toy"', "no.jsonl is no file"),
         ('[[generate]]\nout = "b"\nprotocol = "exp1"\nsensor = "recorded"', "data import"),
-        ('[[generate]]\nout = "b"\nprotocol = "exp1"\nsensor = "toy"\nparams = ["model.a=1"]',
-         "only the sensor has parameters"),
+        (
+            '[[generate]]\nout = "b"\nprotocol = "exp1"\nsensor = "toy"\nparams = ["model.a=1"]',
+            "only the sensor has parameters",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes(asked: Callable[[str], Path], tmp_path: Path, more: str, says: str) -> None:
     from textwrap import dedent
 

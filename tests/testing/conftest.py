@@ -77,8 +77,9 @@ def host(made: dict[str, Any]) -> Callable[..., Any]:
         if kind:
             known = {name: getattr(made[kind], name) for name in made[kind].__dataclass_fields__}
             specs[kind] = LOCAL[kind](**{**known, **fields}, local=local)
-        small = [replace(p, default=48) if p.name == "size" else p
-                 for p in specs["sensor"].parameters]  # fmt: skip
+        small = [
+            replace(p, default=48) if p.name == "size" else p for p in specs["sensor"].parameters
+        ]
         default = replace(specs["sensor"], name="tactip-127", parameters=tuple(small))
         parts = {
             "models": catalogue("model", specs["model"]),

@@ -24,8 +24,9 @@ def no_tolerance(good: Any) -> Any:
 
 def narrow_is_refused_badly(good: Any) -> Any:
     class Broken(good):
-        def __init__(self, max_depth: float = 6.0, sigma: float = 0.8, *rest: Any,
-                     **keys: Any) -> None:  # fmt: skip
+        def __init__(
+            self, max_depth: float = 6.0, sigma: float = 0.8, *rest: Any, **keys: Any
+        ) -> None:
             super().__init__(max_depth, sigma, *rest, **keys)
             self.step = 1 / (sigma - 0.1)
 
@@ -103,8 +104,9 @@ def scribbles(good: Any) -> Any:
 def batch_differs(good: Any) -> Any:
     class Broken(good):
         def decode_batch(self, maps: Any, grid: Any) -> Any:
-            return [Contacts(c.xy + 0.01, c.depth, c.score)
-                    for c in super().decode_batch(maps, grid)]  # fmt: skip
+            return [
+                Contacts(c.xy + 0.01, c.depth, c.score) for c in super().decode_batch(maps, grid)
+            ]
 
     return Broken
 

@@ -71,8 +71,10 @@ def answering(change: Callable[[list[Any], list[Frame]], Any]) -> Callable[[Any]
 
 
 def moved(answers: list[Any], x: Any) -> list[Any]:
-    return [Contacts(a.xy + np.array([dx, 0]), a.depth, a.score)
-            for a, dx in zip(answers, np.broadcast_to(x, len(answers)), strict=True)]  # fmt: skip
+    return [
+        Contacts(a.xy + np.array([dx, 0]), a.depth, a.score)
+        for a, dx in zip(answers, np.broadcast_to(x, len(answers)), strict=True)
+    ]
 
 
 def two(answers: list[Any], _: Any) -> list[Any]:
@@ -160,9 +162,15 @@ def shown_to(wish: str) -> Callable[[Any], Any]:
         class Broken(good):
             def predict(self, frames: Any) -> Any:
                 if wish == "scaled":
-                    frames = [replace(f, image=(f.image * (1 / 255 if f.image.dtype.kind == "f"
-                                                           else 1)).astype(np.uint8))
-                              for f in frames]  # fmt: skip
+                    frames = [
+                        replace(
+                            f,
+                            image=(f.image * (1 / 255 if f.image.dtype.kind == "f" else 1)).astype(
+                                np.uint8
+                            ),
+                        )
+                        for f in frames
+                    ]
                 else:
                     frames = [replace(f, image=np.nan_to_num(f.image)) for f in frames]
                 return super().predict(frames)
@@ -271,8 +279,9 @@ def test_every_property_has_a_broken_example() -> None:
 
 
 def test_the_good_one_holds_them_all(host: Any) -> None:
-    report = run_checks(ASKED.values(), subject_of("model", "good_model", host=host(),
-                                                   parameters=SMALL))  # fmt: skip
+    report = run_checks(
+        ASKED.values(), subject_of("model", "good_model", host=host(), parameters=SMALL)
+    )
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
     assert report.well
     skipped = {one.asked.name for one in report.findings if one.outcome == SKIPPED}

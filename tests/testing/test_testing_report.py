@@ -73,8 +73,11 @@ def test_outcomes() -> None:
     assert report.summary() == "2 ran: 1 passed, 1 failed; 1 skipped"
     assert not report.well
     assert report.rows()[0] == {
-        "metric": "ran", "group": "model thing", "value": 2, "unit": "properties"
-    }  # fmt: skip
+        "metric": "ran",
+        "group": "model thing",
+        "value": 2,
+        "unit": "properties",
+    }
     (line,) = [one.line() for one in report.findings if one.outcome == FAILED]
     assert line.endswith("It is bad -- 3 where 4 was due")
     assert "SystemExit: 4" in examine(CRASH, Subject()).found
@@ -139,8 +142,9 @@ def test_what_a_class_expects_of_itself_is_read(host: Any, target: Any) -> None:
     honest = type("Honest", (target("model"),), {"expected_failed_checks": {"seed": "by design"}})
     subject = subject_of("model", "good_model", host=host("model", honest))
     assert cases.expected_failures(subject, {"batch": "too"}) == {
-        "seed": "by design", "batch": "too"
-    }  # fmt: skip
+        "seed": "by design",
+        "batch": "too",
+    }
 
 
 @pytest.mark.parametrize(

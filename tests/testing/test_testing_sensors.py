@@ -151,12 +151,16 @@ BROKEN = [
     ("timestamps", pressing(lambda frame, _: replace(frame, timestamp=0.0))),
     ("timestamps", pressing(lambda frame, _: replace(frame, timestamp=float("nan")))),
     ("determinism", unseeded),
-    ("press_many", with_methods(
-        press_many=lambda self, scenes: reversed([self.press(one) for one in scenes])
-    )),
-    ("press_many", with_methods(
-        press_many=lambda self, scenes: iter([self.press(one) for one in list(scenes)[1:]])
-    )),
+    (
+        "press_many",
+        with_methods(press_many=lambda self, scenes: reversed([self.press(one) for one in scenes])),
+    ),
+    (
+        "press_many",
+        with_methods(
+            press_many=lambda self, scenes: iter([self.press(one) for one in list(scenes)[1:]])
+        ),
+    ),
     ("refusals", sees_anything),
     ("refusals", raises_a_value_error),
     ("refusals", with_methods(press_many=lambda self, scenes: iter([self.rest()]))),
@@ -170,7 +174,7 @@ BROKEN = [
     ("surface", with_methods(surface=elsewhere)),
     ("bound", with_methods(bound=lambda self, scene: np.ones((1, 3)))),
     ("bound", with_methods(bound=lambda self, scene: -np.ones((len(scene.indenter.offsets), 3)))),
-]  # fmt: skip
+]
 
 
 def test_every_property_has_a_broken_example() -> None:

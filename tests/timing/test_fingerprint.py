@@ -23,9 +23,16 @@ ARM = "processor\t: 0\nBogoMIPS\t: 50.00\nFeatures\t: fp asimd\n\nprocessor\t: 1
 def test_keys_and_json():
     found = fingerprint()
     assert set(found) == {
-        "cpu", "cpu_flags", "cores_physical", "cores_logical", "memory_gib", "gpu", "os",
-        "python", "torch",
-    }  # fmt: skip
+        "cpu",
+        "cpu_flags",
+        "cores_physical",
+        "cores_logical",
+        "memory_gib",
+        "gpu",
+        "os",
+        "python",
+        "torch",
+    }
     assert json.loads(json.dumps(found)) == found
     assert 1 <= found["cores_logical"] <= (os.cpu_count() or 1)
     assert found["python"] == f"{sys.version_info[0]}.{sys.version_info[1]}"

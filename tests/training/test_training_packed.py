@@ -29,14 +29,17 @@ def test_an_image_of_one_level_takes_little_room():
     assert len(pack_image(np.full((256, 256), 7, np.uint8))) < 200
 
 
-@pytest.mark.parametrize("break_it", [
-    lambda text: "",
-    lambda text: text[:-9],
-    lambda text: text.replace("3 4", "3 5"),
-    lambda text: text.replace("3 4", "3 x"),
-    lambda text: text + "\u00e9",
-    lambda text: text.split(" ")[2],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "break_it",
+    [
+        lambda text: "",
+        lambda text: text[:-9],
+        lambda text: text.replace("3 4", "3 5"),
+        lambda text: text.replace("3 4", "3 x"),
+        lambda text: text + "\u00e9",
+        lambda text: text.split(" ")[2],
+    ],
+)
 def test_a_broken_text_is_refused(break_it):
     text = pack_image(np.arange(12, dtype=np.uint8).reshape(3, 4))
     with pytest.raises(UserError, match="train the model again"):

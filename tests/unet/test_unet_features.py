@@ -17,10 +17,16 @@ def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():
     assert list(found) == list(LAYERS.values())
     assert {name: values.shape for name, values in found.items()} == {
         "stem": (8, 64, 64),
-        "down 1": (8, 64, 64), "down 2": (16, 32, 32), "down 3": (32, 16, 16),
-        "down 4": (64, 8, 8), "bottleneck": (128, 4, 4), "up 4": (64, 8, 8),
-        "up 3": (32, 16, 16), "up 2": (16, 32, 32), "up 1": (8, 64, 64),
-    }  # fmt: skip
+        "down 1": (8, 64, 64),
+        "down 2": (16, 32, 32),
+        "down 3": (32, 16, 16),
+        "down 4": (64, 8, 8),
+        "bottleneck": (128, 4, 4),
+        "up 4": (64, 8, 8),
+        "up 3": (32, 16, 16),
+        "up 2": (16, 32, 32),
+        "up 1": (8, 64, 64),
+    }
     assert all(values.dtype == "float32" for values in found.values())
     assert all((values >= 0).all() for values in found.values()), "after the ReLU"
     assert not any(module._forward_hooks for module in network.modules())

@@ -18,9 +18,16 @@ def even(c: Array, x: float, start: float) -> tuple[float, float]:
 
 @jit
 def displace(
-    sources: Array, weight: Array, table: Index, tables: Array, step: float, at: Array, layer: int,
-    u: Array, slope: Array,
-) -> None:  # fmt: skip
+    sources: Array,
+    weight: Array,
+    table: Index,
+    tables: Array,
+    step: float,
+    at: Array,
+    layer: int,
+    u: Array,
+    slope: Array,
+) -> None:
     """Add to u (P, 3) and slope (P, 3, 3) what sources (N, 3) do at directions ``at`` (P, 3), mm.
 
     weight: (N,), table: (N,) index into tables (T, C, 4, 4). layer: INNER or OUTER. slope @ v is

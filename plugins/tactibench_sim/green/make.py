@@ -100,9 +100,7 @@ def dented(dome: Dome, cap: float, forces: tuple[float, ...]) -> Array:
     form += ngs.Variation(work.Compile() * _outer(mesh))
     state = ngs.GridFunction(space)
     settings = Settings(first=0.02, largest=0.2, tolerance=1e-8)
-    path = Continuation(
-        form, state, force.Set, displacement=space.Range(0), settings=settings
-    )  # fmt: skip
+    path = Continuation(form, state, force.Set, displacement=space.Range(0), settings=settings)
     rows = []
     for level in (1e-4, *forces):
         path.advance(level)

@@ -68,9 +68,7 @@ class GreenMechanics:
         if not (np.isfinite(tips.radius) | np.isinf(tips.radius)).all():
             raise UserError("an indenter's radius is not a number; give it in mm.")
         check_reach(n, delta, self.deepest)
-        return [
-            self._sources(float(r), n[s], delta[s]) for s, r in enumerate(tips.radius)
-        ]  # fmt: skip
+        return [self._sources(float(r), n[s], delta[s]) for s, r in enumerate(tips.radius)]
 
     def displacement(self, loads: list[Sources], directions: Array) -> tuple[Array, Array]:
         """u (S, P, 3) mm of the inner skin at directions (P, 3), and its derivative (S, P, 3, 3).
@@ -112,9 +110,16 @@ class GreenMechanics:
         at = np.ascontiguousarray(at)
         for k, s in enumerate(loads):
             fields.displace(
-                s.direction, s.weight, s.table, s.tables, self.kernel.step, at, layer, u[k],
+                s.direction,
+                s.weight,
+                s.table,
+                s.tables,
+                self.kernel.step,
+                at,
+                layer,
+                u[k],
                 slope[k],
-            )  # fmt: skip
+            )
         return u, slope
 
     def _sources(self, radius: float, n: Array, delta: Array) -> Sources:
@@ -129,9 +134,12 @@ class GreenMechanics:
         if len(near) == 1:
             force[near] = np.interp(delta[near], one.depth, one.force)
             return Sources(
-                n[near], np.ones(1), np.zeros(1, dtype=np.intp), _at(one.depth, one.tableaus,
-                delta[near]), force,
-            )  # fmt: skip
+                n[near],
+                np.ones(1),
+                np.zeros(1, dtype=np.intp),
+                _at(one.depth, one.tableaus, delta[near]),
+                force,
+            )
         order = near[np.lexsort((*n[near].T, -delta[near]))]
         return self._together(one, n, delta, order, force)
 
@@ -145,9 +153,20 @@ class GreenMechanics:
         spacing = np.maximum(spacing, finest)
         alone = _at(one.depth, one.load, deep)
         at, together, single, soft, soft_alone, settled = scene.press(
-            self._hexagon, n, d, one.radius, self.outer, spacing, alone, k.step, k.log_cap, k.caps,
-            k.modes, k.force, k.shares,
-        )  # fmt: skip
+            self._hexagon,
+            n,
+            d,
+            one.radius,
+            self.outer,
+            spacing,
+            alone,
+            k.step,
+            k.log_cap,
+            k.caps,
+            k.modes,
+            k.force,
+            k.shares,
+        )
         if not settled:
             raise UserError(
                 f"the tier green found no equilibrium for {len(d)} tips of radius "
@@ -156,11 +175,13 @@ class GreenMechanics:
         total, own = together.sum(axis=1), single.sum(axis=1)
         part = np.divide(total, own, out=np.zeros_like(total), where=own > 0).clip(0.0, 1.0)
         caps = np.stack([at_cap(k.log_cap, k.caps, scene.CAP * s) for s in spacing])
-        tables = np.concatenate([
-            _at(one.depth, one.tableaus, deep),
-            caps + np.tensordot(soft, k.modes, 1),
-            caps + np.tensordot(soft_alone, k.modes, 1),
-        ])  # fmt: skip
+        tables = np.concatenate(
+            [
+                _at(one.depth, one.tableaus, deep),
+                caps + np.tensordot(soft, k.modes, 1),
+                caps + np.tensordot(soft_alone, k.modes, 1),
+            ]
+        )
         count, size = together.shape
         index = np.concatenate([np.arange(count), np.repeat(np.arange(count, 3 * count), size)])
         directions = np.concatenate([n, at.reshape(-1, 3), at.reshape(-1, 3)])

@@ -66,9 +66,16 @@ def wanted(points: Array, n: Array, delta: Array, radius: float, dome: float) ->
 
 @jit
 def equilibrium(
-    stiff: Array, soft: Array, tip: Index, depth: Array, near: Array, load: Array, active: Mask,
-    knots: Array, shares: Array,
-) -> tuple[Array, Array, bool]:  # fmt: skip
+    stiff: Array,
+    soft: Array,
+    tip: Index,
+    depth: Array,
+    near: Array,
+    load: Array,
+    active: Mask,
+    knots: Array,
+    shares: Array,
+) -> tuple[Array, Array, bool]:
     """Forces (n,) on nodes and softening shares (K, M) of tips that fit each other.
 
     stiff: (n, n), soft: (M, n, n), tip: (n,) of each node, near: (K, n) how much a node's force
@@ -104,10 +111,20 @@ def equilibrium(
 
 @jit
 def press(
-    hexagon: Array, n: Array, delta: Array, radius: float, dome: float, spacing: Array,
-    alone: Array, step: float, log_cap: Array, caps: Array, modes: Array, knots: Array,
+    hexagon: Array,
+    n: Array,
+    delta: Array,
+    radius: float,
+    dome: float,
+    spacing: Array,
+    alone: Array,
+    step: float,
+    log_cap: Array,
+    caps: Array,
+    modes: Array,
+    knots: Array,
     shares: Array,
-) -> tuple[Array, Array, Array, Array, Array, bool]:  # fmt: skip
+) -> tuple[Array, Array, Array, Array, Array, bool]:
     """Solve one scene of K tips.
 
     n: (K, 3), delta: (K,), spacing: (K,) mm of the lattices, alone: (K,) load of each by itself.
@@ -165,9 +182,7 @@ def press(
         forces[1, i, mine - first] = force
     for k in range(len(use)):
         active[k] = forces[1, used[k], use[k] - used[k] * size] > 0
-    force, together, fine = equilibrium(
-        stiff, soft, used, depth, near, load, active, knots, shares
-    )  # fmt: skip
+    force, together, fine = equilibrium(stiff, soft, used, depth, near, load, active, knots, shares)
     for k in range(len(use)):
         forces[0, used[k], use[k] - used[k] * size] = force[k]
     return spread, forces[0], forces[1], together, share[1], good and fine

@@ -96,9 +96,15 @@ class PadMechanics:
     def _displaced(self, tables: Array, loads: PadLoads, xy: Array) -> Array:
         out = np.zeros((len(loads.table), len(xy), 3))
         kernels.displace(
-            tables, self._steps, loads.table, loads.xy, loads.amplitude, loads.shape,
-            np.ascontiguousarray(xy, dtype=np.float64), out,
-        )  # fmt: skip
+            tables,
+            self._steps,
+            loads.table,
+            loads.xy,
+            loads.amplitude,
+            loads.shape,
+            np.ascontiguousarray(xy, dtype=np.float64),
+            out,
+        )
         return out
 
 

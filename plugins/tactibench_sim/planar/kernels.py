@@ -35,9 +35,11 @@ def at_depth(table, step, depth, scale, out):  # type: ignore[no-untyped-def]
         for q in range(out.shape[1]):
             for s in range(2):
                 out[k, q, s] = scale * (
-                    a * near[k, q, s] + b * near[k, q, 2 + s]
-                    + c * far[k, q, s] + d * far[k, q, 2 + s]
-                )  # fmt: skip
+                    a * near[k, q, s]
+                    + b * near[k, q, 2 + s]
+                    + c * far[k, q, s]
+                    + d * far[k, q, 2 + s]
+                )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -22,9 +22,16 @@ from tactibench_sim.planar.table import QUANTITIES
 Array = npt.NDArray[np.float64]
 
 PAD = Pad(
-    thickness=5.0, skin=0.0, stiffness_ratio=1.0, width=120.0, marker_depth=0.5,
-    contact_size=0.1, contact_radius=5.0, gel_size=1.0, penalty=500.0,
-)  # fmt: skip
+    thickness=5.0,
+    skin=0.0,
+    stiffness_ratio=1.0,
+    width=120.0,
+    marker_depth=0.5,
+    contact_size=0.1,
+    contact_radius=5.0,
+    gel_size=1.0,
+    penalty=500.0,
+)
 """Gel alone, so that forces are in its own modulus; 5 mm thick and without a stiff coat (assumed;
 the gel of a GelSight Mini is 4.5 mm in the simulator TacEx). Markers half a millimetre deep, under
 a cover (assumed). Wide enough for its bulge, which decays by e every 5 mm / 0.739 = 6.8 mm."""

@@ -14,15 +14,35 @@ import click
 )
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Picture (PNG).")
-@click.option("--fit", "fit_on", type=click.IntRange(min=50), default=200, show_default=True,
-              help="Presses to fit on.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Which presses these are.")  # fmt: skip
-@click.option("--keep", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE.json",
-              help="Write the fit for sensors fitted-127 and fitted-331: "
-                   "--param sensor.calibration=FILE.json.")  # fmt: skip
-@click.option("--json", "json_file", type=click.Path(dir_okay=False, path_type=Path),
-              metavar="FILE", help="Write every number.")  # fmt: skip
+@click.option(
+    "--fit",
+    "fit_on",
+    type=click.IntRange(min=50),
+    default=200,
+    show_default=True,
+    help="Presses to fit on.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Which presses these are.",
+)
+@click.option(
+    "--keep",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.json",
+    help="Write the fit for sensors fitted-127 and fitted-331: "
+    "--param sensor.calibration=FILE.json.",
+)
+@click.option(
+    "--json",
+    "json_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write every number.",
+)
 def real(
     folder: Path,
     out: Path | None,

@@ -18,11 +18,23 @@ Array = npt.NDArray[np.float64]
 
 ALL = tuple(field.name for field in fields(Unknowns))
 STEP = {
-    "depth_offset_mm": 0.5, "pivot_mm": 5.0, "pivot_side_mm": 1.0, "tilt_offset_deg": 2.0,
-    "yaw_deg": 1.0, "pin_length_mm": 0.3, "air_mm": 1.0, "gel_mm": 2.0, "focal_px": 10.0,
-    "centre_x": 2.0, "centre_y": 2.0, "drag_per_mm": 0.2, "drag_per_deg": 0.01,
-    "drag_offset_mm": 0.1, "drag_per_depth": 0.02, "drag_per_tilt": 0.1,
-}  # fmt: skip
+    "depth_offset_mm": 0.5,
+    "pivot_mm": 5.0,
+    "pivot_side_mm": 1.0,
+    "tilt_offset_deg": 2.0,
+    "yaw_deg": 1.0,
+    "pin_length_mm": 0.3,
+    "air_mm": 1.0,
+    "gel_mm": 2.0,
+    "focal_px": 10.0,
+    "centre_x": 2.0,
+    "centre_y": 2.0,
+    "drag_per_mm": 0.2,
+    "drag_per_deg": 0.01,
+    "drag_offset_mm": 0.1,
+    "drag_per_depth": 0.02,
+    "drag_per_tilt": 0.1,
+}
 """What counts as a comparable change of each unknown."""
 BOUNDS = {"air_mm": (0.05, 100.0), "gel_mm": (10.0, 60.0), "focal_px": (20.0, 2000.0)}
 EVERY = 3

@@ -70,6 +70,15 @@ def _arrows(
     width: float,
 ) -> None:
     axis.quiver(
-        *rest.T, *moved.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width,
-        headwidth=2.6, headlength=3.5, headaxislength=3.2, minlength=0.1,
-    )  # fmt: skip
+        *rest.T,
+        *moved.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        color=colour,
+        width=width,
+        headwidth=2.6,
+        headlength=3.5,
+        headaxislength=3.2,
+        minlength=0.1,
+    )

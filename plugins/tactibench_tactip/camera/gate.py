@@ -48,8 +48,13 @@ class Reference:
         # The mean holds 1 / n of every frame, which makes each look closer to it than a new one.
         grow = (1.0 + 1.0 / len(images)) / (1.0 - 1.0 / len(images))
         changed = float(np.mean(change)) * grow**0.5
-        return cls(mean, float(np.mean(between)), changed, float(np.std(change)),
-                   count_pins(np.rint(mean).astype(np.uint8)))  # fmt: skip
+        return cls(
+            mean,
+            float(np.mean(between)),
+            changed,
+            float(np.std(change)),
+            count_pins(np.rint(mean).astype(np.uint8)),
+        )
 
     @property
     def brightness(self) -> float:
@@ -92,9 +97,14 @@ def judge(shots: Sequence[Shot], reference: Reference, keys: SensorKeys, depth_m
     saturated = float((image >= SATURATED).mean())
     saturated_at_rest = float((reference.mean >= SATURATED).mean())
     judged = Judged(
-        "", image, shots[len(shots) // 2].t_ns, float(image.mean()), float(image.std()),
-        saturated, pins,
-    )  # fmt: skip
+        "",
+        image,
+        shots[len(shots) // 2].t_ns,
+        float(image.mean()),
+        float(image.std()),
+        saturated,
+        pins,
+    )
     more = saturated - saturated_at_rest
     return replace(judged, reason=_reason(shots, judged, more, reference, keys, depth_mm))
 

@@ -81,9 +81,15 @@ def collect(
                         rest = open_dataset(folder, repair=False).rest
                         check_same_sensor(station.look_at_rest(), rest, str(folder))
                     Collector(
-                        station, plan, writer, report=report, told=told, advance=advance,
-                        asked_to_end=stops.asked.is_set, mount=mount,
-                    ).run()  # fmt: skip
+                        station,
+                        plan,
+                        writer,
+                        report=report,
+                        told=told,
+                        advance=advance,
+                        asked_to_end=stops.asked.is_set,
+                        mount=mount,
+                    ).run()
                 break
             except StopNowError:  # before the first press
                 report.interrupted, report.left = True, len(plan) - len(writer.done)

@@ -93,10 +93,12 @@ class Collector:
         todo = [press for press in self.plan.presses if press.id not in self.writer.done]
         self.report.unmounted = 0
         self.writer.event(
-            "session", session=self._session, todo=len(todo),
+            "session",
+            session=self._session,
+            todo=len(todo),
             press_mm_s=self.settings.robot.press_mm_s,
             robot=self.station.owner.robot.describe(),
-        )  # fmt: skip
+        )
         try:
             for indenter, presses in _mounts(todo, self.settings.indenter):
                 if self.report.interrupted or not self._mounted(indenter, len(presses)):
@@ -148,10 +150,16 @@ class Collector:
         touch = find_touch(station, first=first)
         drift = touch.z0_mm - before
         self.writer.event(
-            "touch", session=self._session, z0_mm=touch.z0_mm, spread_mm=touch.spread_mm,
-            drift_mm=0.0 if first else drift, method=touch.method, power=touch.power,
-            brightness=rest.brightness, pins=rest.pins,
-        )  # fmt: skip
+            "touch",
+            session=self._session,
+            z0_mm=touch.z0_mm,
+            spread_mm=touch.spread_mm,
+            drift_mm=0.0 if first else drift,
+            method=touch.method,
+            power=touch.power,
+            brightness=rest.brightness,
+            pins=rest.pins,
+        )
         if not first and abs(drift) > DRIFT_MM:
             self._told(f"first touch drifted by {drift:+.3f} mm")
         plans.check(self.plan, self.settings, station.geometry, turns=station.owner.robot.turns)
@@ -175,8 +183,14 @@ class Collector:
             if not reason or attempt == ATTEMPTS:
                 break
             self._event_of(press, "bad-frame", reason)
-        draft = draft_of(press, pressed, session=self._session, attempt=attempt,
-                         method=self._method, reason=reason)  # fmt: skip
+        draft = draft_of(
+            press,
+            pressed,
+            session=self._session,
+            attempt=attempt,
+            method=self._method,
+            reason=reason,
+        )
         self.writer.add_many([draft])
         self._written(bad=bool(reason), why=f"press {press.id}: {reason}")
 
@@ -199,11 +213,21 @@ class Collector:
     def _give_up(self, press: Press, outcome: str, reason: str, attempt: int) -> None:
         rest = self.station.rest
         assert rest is not None, "looked at before the first press"  # noqa: S101
-        self.writer.add_many([aborted_draft(
-            press, rest.image, press.scene, outcome="aborted", reason=reason,
-            session=self._session, attempt=attempt, z0=self.station.geometry.z0,
-            method=self._method,
-        )])  # fmt: skip
+        self.writer.add_many(
+            [
+                aborted_draft(
+                    press,
+                    rest.image,
+                    press.scene,
+                    outcome="aborted",
+                    reason=reason,
+                    session=self._session,
+                    attempt=attempt,
+                    z0=self.station.geometry.z0,
+                    method=self._method,
+                )
+            ]
+        )
         self._written(bad=True, why=f"press {press.id}: {outcome}, {reason}")
 
     def _stop(self, press: Press, error: ProtectiveStopError, attempt: int) -> None:

@@ -28,15 +28,25 @@ def draw_plan(path: Path, plan: Plan, settings: Settings, geometry: PressGeometr
     half = keys.half_width_mm
     dots = above.scatter(down[:, 0], down[:, 1], c=depth, s=6, cmap="viridis")
     above.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ls="--"))
-    above.set(xlabel="x of the work frame, mm", ylabel="y, mm", aspect="equal",
-              title=f"{len(plan):,} presses, tool at its deepest")  # fmt: skip
+    above.set(
+        xlabel="x of the work frame, mm",
+        ylabel="y, mm",
+        aspect="equal",
+        title=f"{len(plan):,} presses, tool at its deepest",
+    )
     side.scatter(down[:, 0], down[:, 2], c=depth, s=6, cmap="viridis")
     side.axhline(0.0, lw=0.8, color="0.5")
     side.axhline(-keys.clearance_mm, lw=0.8, ls=":", color="0.5")
-    side.add_patch(Rectangle((-half, -keys.above_mm), 2 * half, keys.above_mm + keys.below_mm,
-                             fill=False, ls="--"))  # fmt: skip
-    side.set(xlabel="x, mm", ylabel="z into the object, mm",
-             ylim=(keys.below_mm + 2, -keys.clearance_mm - 4),
-             title="dashed: the envelope")  # fmt: skip
+    side.add_patch(
+        Rectangle(
+            (-half, -keys.above_mm), 2 * half, keys.above_mm + keys.below_mm, fill=False, ls="--"
+        )
+    )
+    side.set(
+        xlabel="x, mm",
+        ylabel="z into the object, mm",
+        ylim=(keys.below_mm + 2, -keys.clearance_mm - 4),
+        title="dashed: the envelope",
+    )
     figure.colorbar(dots, ax=side, label="depth, mm")
     figure.savefig(path, dpi=120)

@@ -79,18 +79,37 @@ def draft_of(
 
 
 def aborted_draft(
-    press: Press, image: Image, scene: Scene, *, outcome: Outcome, reason: str, session: str,
-    attempt: int, z0: float, method: str,
-) -> Draft:  # fmt: skip
+    press: Press,
+    image: Image,
+    scene: Scene,
+    *,
+    outcome: Outcome,
+    reason: str,
+    session: str,
+    attempt: int,
+    z0: float,
+    method: str,
+) -> Draft:
     """The sample of a press that was given up; its image is of the undeformed sensor."""
     extra = _extra(
-        press, outcome=outcome, reason=reason, z0_mm=z0, z0_method=method,
-        brightness_mean=float(image.mean()), brightness_std=float(image.std()),
-    )  # fmt: skip
+        press,
+        outcome=outcome,
+        reason=reason,
+        z0_mm=z0,
+        z0_method=method,
+        brightness_mean=float(image.mean()),
+        brightness_std=float(image.std()),
+    )
     return Draft(
-        image, press.id, scene, press=press.name, session=session, extra=extra, status="bad",
+        image,
+        press.id,
+        scene,
+        press=press.name,
+        session=session,
+        extra=extra,
+        status="bad",
         attempt=attempt,
-    )  # fmt: skip
+    )
 
 
 def _extra(press: Press, **found: Any) -> dict[str, Any]:

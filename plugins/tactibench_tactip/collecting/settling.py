@@ -77,7 +77,10 @@ def draw_settling(path: Path, found: Settling, depth: float) -> None:
     axes = figure.subplots()
     axes.plot(found.times, found.change, lw=1)
     axes.axhline(2 * found.noise, ls="--", lw=0.8, color="0.5", label="twice the noise")
-    axes.set(xlabel="seconds after the move", ylabel="change to the end, grey levels",
-             title=f"held at {depth:g} mm")  # fmt: skip
+    axes.set(
+        xlabel="seconds after the move",
+        ylabel="change to the end, grey levels",
+        title=f"held at {depth:g} mm",
+    )
     axes.legend()
     figure.savefig(path, dpi=120)

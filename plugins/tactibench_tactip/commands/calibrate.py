@@ -17,17 +17,37 @@ from tactibench_tactip.commands.common import (
 
 @click.command("calibrate")
 @config_options
-@click.option("--radius", type=click.FloatRange(1, 8), default=4.0, show_default=True,
-              help="Of the circle of presses, mm.")  # fmt: skip
-@click.option("--depth", type=click.FloatRange(0.5, 5), default=2.0, show_default=True,
-              help="Of the presses, mm.")  # fmt: skip
-@click.option("--points", type=click.IntRange(4, 24), default=8, show_default=True,
-              help="Presses on the circle.")  # fmt: skip
+@click.option(
+    "--radius",
+    type=click.FloatRange(1, 8),
+    default=4.0,
+    show_default=True,
+    help="Of the circle of presses, mm.",
+)
+@click.option(
+    "--depth",
+    type=click.FloatRange(0.5, 5),
+    default=2.0,
+    show_default=True,
+    help="Of the presses, mm.",
+)
+@click.option(
+    "--points",
+    type=click.IntRange(4, 24),
+    default=8,
+    show_default=True,
+    help="Presses on the circle.",
+)
 @json_option
 def command(
-    config: Path, emulate: bool, time_scale: float, radius: float, depth: float, points: int,
+    config: Path,
+    emulate: bool,
+    time_scale: float,
+    radius: float,
+    depth: float,
+    points: int,
     json_file: Path | None,
-) -> None:  # fmt: skip
+) -> None:
     """Find where the sensor sits, from presses of one tip: centre, yaw of the image, height.
 
     First touch is found at every place: the heights lie on the dome, whose top is the centre. The
@@ -56,7 +76,12 @@ def command(
     )
     if emulate:
         click.echo("emulated: the sensor sits at 0.4, -0.3 mm and 6 deg from [frames]")
-    write_figures(json_file, [
-        ("centre", "x", x, "mm"), ("centre", "y", y, "mm"), ("yaw", "all", yaw, "deg"),
-        ("first_touch", "all", found.z0_mm, "mm"),
-    ])  # fmt: skip
+    write_figures(
+        json_file,
+        [
+            ("centre", "x", x, "mm"),
+            ("centre", "y", y, "mm"),
+            ("yaw", "all", yaw, "deg"),
+            ("first_touch", "all", found.z0_mm, "mm"),
+        ],
+    )

@@ -23,16 +23,33 @@ INTERRUPTED = 130
 @click.command("collect")
 @click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
 @config_options
-@click.option("--out", required=True, type=click.Path(path_type=Path, file_okay=False),
-              metavar="DIR", help="Folder of the data set.")  # fmt: skip
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Folder of the data set.",
+)
 @click.option("--draw", "draws", multiple=True, help="Of the protocol only these; repeat it.")
-@click.option("--count", type=click.IntRange(min=1), help="At most so many of every indenter of "
-              "every draw, evenly spread.")  # fmt: skip
+@click.option(
+    "--count",
+    type=click.IntRange(min=1),
+    help="At most so many of every indenter of every draw, evenly spread.",
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Other presses than the protocol's.")
-@click.option("--speed-scale", type=click.FloatRange(0.01, 1), default=1.0, show_default=True,
-              help="Slow all motion down.")  # fmt: skip
-@click.option("--dry-run-height", type=click.FloatRange(min=1), metavar="MM", help="Make all moves "
-              "so high above the sensor, and keep nothing.")  # fmt: skip
+@click.option(
+    "--speed-scale",
+    type=click.FloatRange(0.01, 1),
+    default=1.0,
+    show_default=True,
+    help="Slow all motion down.",
+)
+@click.option(
+    "--dry-run-height",
+    type=click.FloatRange(min=1),
+    metavar="MM",
+    help="Make all moves so high above the sensor, and keep nothing.",
+)
 @json_option
 def command(
     presses: str,
@@ -70,12 +87,15 @@ def command(
         click.echo(f"{len(plan):,} presses of {presses}, about {left} of a robot's time", err=True)
         with bar("press", len(plan)) as advance:
             report = collect(
-                settings, plan, out, advance=advance,
+                settings,
+                plan,
+                out,
+                advance=advance,
                 told=lambda text: click.echo(text, err=True),
                 mount=lambda indenter, n: _mount(rehearsed, indenter, n),
                 entered=lambda station: _entered(rehearsed, settings, station),
                 speed_scale=speed_scale,
-            )  # fmt: skip
+            )
     _write(json_file, report)
     return _told(report, out)
 
@@ -105,8 +125,9 @@ def _dry_run(settings: Settings, presses: tuple, height: float) -> int:  # type:
 
     with bar("dry run", len(presses)) as advance:
         made = dry_run(settings, presses, height, advance)
-    click.echo(f"{made:,} presses were moved through {height:g} mm above the sensor; nothing was "
-               "kept")  # fmt: skip
+    click.echo(
+        f"{made:,} presses were moved through {height:g} mm above the sensor; nothing was kept"
+    )
     return 0
 
 
@@ -129,10 +150,13 @@ def _told(report: Report, out: Path) -> int:
 def _write(json_file: Path | None, report: Report) -> None:
     from tactibench_tactip.commands.common import write_figures
 
-    write_figures(json_file, [
-        ("samples", "ok", report.ok, ""),
-        ("samples", "bad", report.bad, ""),
-        ("presses", "left", report.left, ""),
-        ("protective_stops", "all", report.stops, ""),
-        *(("first_touch", str(k), touch.z0_mm, "mm") for k, touch in enumerate(report.touches)),
-    ])  # fmt: skip
+    write_figures(
+        json_file,
+        [
+            ("samples", "ok", report.ok, ""),
+            ("samples", "bad", report.bad, ""),
+            ("presses", "left", report.left, ""),
+            ("protective_stops", "all", report.stops, ""),
+            *(("first_touch", str(k), touch.z0_mm, "mm") for k, touch in enumerate(report.touches)),
+        ],
+    )

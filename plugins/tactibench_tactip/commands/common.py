@@ -19,21 +19,34 @@ Verb = Callable[..., Any]
 def config_options(verb: Verb) -> Verb:
     """``--config``, and ``--emulate`` with its time scale."""
     options = (
-        click.option("--config", "config", required=True, metavar="FILE.toml",
-                     type=click.Path(path_type=Path), help="Configuration of the setup."),
+        click.option(
+            "--config",
+            "config",
+            required=True,
+            metavar="FILE.toml",
+            type=click.Path(path_type=Path),
+            help="Configuration of the setup.",
+        ),
         click.option("--emulate", is_flag=True, help="Rehearse on emulators; no device is opened."),
-        click.option("--time-scale", type=click.FloatRange(1, 1000), default=20.0,
-                     show_default=True, help="How much faster than real the emulators run."),
-    )  # fmt: skip
+        click.option(
+            "--time-scale",
+            type=click.FloatRange(1, 1000),
+            default=20.0,
+            show_default=True,
+            help="How much faster than real the emulators run.",
+        ),
+    )
     for option in reversed(options):
         verb = option(verb)
     return verb
 
 
 json_option = click.option(
-    "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False),
+    "--json",
+    "json_file",
+    type=click.Path(path_type=Path, dir_okay=False),
     help="Write the figures here.",
-)  # fmt: skip
+)
 
 
 @contextmanager
@@ -108,8 +121,13 @@ def bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
 
     console = Console(stderr=True, highlight=False)
     with Progress(
-        TextColumn("{task.description:<20}"), BarColumn(bar_width=24), MofNCompleteColumn(),
-        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal,
-    ) as progress:  # fmt: skip
+        TextColumn("{task.description:<20}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as progress:
         job = progress.add_task(title, total=total)
         yield lambda done: progress.advance(job, done)

@@ -20,14 +20,33 @@ HELP = """what can be typed here:
 
 
 @click.command("emulate")
-@click.option("--config", type=click.Path(path_type=Path), metavar="FILE.toml",
-              help="Emulate what it names; default: a UR with a TacTip under it.")  # fmt: skip
-@click.option("--driver", type=click.Choice(["ur", "grbl"]), default="ur", show_default=True,
-              help="Robot of the default setup.")  # fmt: skip
-@click.option("--write", "target", type=click.Path(path_type=Path, dir_okay=False),
-              metavar="FILE.toml", help="Write a commented configuration and end.")  # fmt: skip
-@click.option("--time-scale", type=click.FloatRange(1, 1000), default=1.0, show_default=True,
-              help="How much faster than real everything happens.")  # fmt: skip
+@click.option(
+    "--config",
+    type=click.Path(path_type=Path),
+    metavar="FILE.toml",
+    help="Emulate what it names; default: a UR with a TacTip under it.",
+)
+@click.option(
+    "--driver",
+    type=click.Choice(["ur", "grbl"]),
+    default="ur",
+    show_default=True,
+    help="Robot of the default setup.",
+)
+@click.option(
+    "--write",
+    "target",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.toml",
+    help="Write a commented configuration and end.",
+)
+@click.option(
+    "--time-scale",
+    type=click.FloatRange(1, 1000),
+    default=1.0,
+    show_default=True,
+    help="How much faster than real everything happens.",
+)
 @click.option("--sensor", default="tactip-127", show_default=True, help="Simulated sensor.")
 @click.option("--fps", type=click.FloatRange(1, 240), default=30.0, show_default=True)
 def command(

@@ -11,11 +11,17 @@ from tactibench_tactip.commands.common import config_options, devices
 
 @click.command("jog")
 @config_options
-@click.option("--by", nargs=3, type=float, metavar="DX DY DZ", help="Move by so much, mm of the "
-              "work frame; a positive DZ is towards the sensor.")  # fmt: skip
+@click.option(
+    "--by",
+    nargs=3,
+    type=float,
+    metavar="DX DY DZ",
+    help="Move by so much, mm of the work frame; a positive DZ is towards the sensor.",
+)
 @click.option("--to", "target", nargs=3, type=float, metavar="X Y Z", help="Move there.")
-@click.option("--speed", type=click.FloatRange(0.1, 20), default=5.0, show_default=True,
-              help="mm/s.")  # fmt: skip
+@click.option(
+    "--speed", type=click.FloatRange(0.1, 20), default=5.0, show_default=True, help="mm/s."
+)
 @click.option("--home", is_flag=True, help="Drive a stage to its switches, and nothing else.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def command(

@@ -17,13 +17,18 @@ def command() -> None:
     rows = rows or [("camera", "none found", "")]
     rows += _ports() or [("serial port", "none found", "")]
     rows += [
-        ("driver", name, "installed" if find_spec(module) else f"missing: pip install "
-         f"'tactibench[{extra}]'{more}")
+        (
+            "driver",
+            name,
+            "installed"
+            if find_spec(module)
+            else f"missing: pip install 'tactibench[{extra}]'{more}",
+        )
         for name, module, extra, more in (
             ("ur (ur_rtde)", "rtde_control", "ur", "; no wheel for Python 3.13"),
             ("grbl (pyserial)", "serial", "serial", ""),
         )
-    ]  # fmt: skip
+    ]
     print_rows(("what", "name for the configuration", ""), rows)
 
 

@@ -26,25 +26,51 @@ if TYPE_CHECKING:
 @click.argument("model")
 @config_options
 @click.option("--protocol", default="exp1", show_default=True, help="Whose weights.")
-@click.option("--param", "params", multiple=True, metavar="KIND.NAME=VALUE",
-              help="As the weights were trained with.")  # fmt: skip
-@click.option("--data", type=click.Path(path_type=Path, exists=True, file_okay=False),
-              metavar="DIR", help="Weights that were trained on this data set.")  # fmt: skip
+@click.option(
+    "--param",
+    "params",
+    multiple=True,
+    metavar="KIND.NAME=VALUE",
+    help="As the weights were trained with.",
+)
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    metavar="DIR",
+    help="Weights that were trained on this data set.",
+)
 @click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
 @click.option("--untrained", is_flag=True, help="Random weights, to see the latency alone.")
-@click.option("--frames", type=click.IntRange(min=1), default=300, show_default=True,
-              help="Frames to answer.")  # fmt: skip
+@click.option(
+    "--frames", type=click.IntRange(min=1), default=300, show_default=True, help="Frames to answer."
+)
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; 0: any free.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
-              help="Write the last picture with a contact.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.png",
+    help="Write the last picture with a contact.",
+)
 @json_option
 def command(
-    model: str, config: Path, emulate: bool, time_scale: float, protocol: str,
-    params: tuple[str, ...], data: Path | None, regime: str | None, untrained: bool, frames: int,
-    press: bool, serve: bool, port: int, out: Path | None, json_file: Path | None,
-) -> None:  # fmt: skip
+    model: str,
+    config: Path,
+    emulate: bool,
+    time_scale: float,
+    protocol: str,
+    params: tuple[str, ...],
+    data: Path | None,
+    regime: str | None,
+    untrained: bool,
+    frames: int,
+    press: bool,
+    serve: bool,
+    port: int,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
     """Answer frames as they come and show camera, pins, heatmap, contacts and the loop's latency.
 
     Latency is from a frame's arrival to the list of contacts (scenario `loop`). Without --serve
@@ -59,9 +85,14 @@ def command(
 
     sensor = None if data is None else "recorded"
     reader, label = trained_model(
-        model, protocol, params=params, data=data, regime=regime, sensor=sensor,
+        model,
+        protocol,
+        params=params,
+        data=data,
+        regime=regime,
+        sensor=sensor,
         untrained=untrained,
-    )  # fmt: skip
+    )
     with devices(config, emulate, time_scale if press else 1.0) as (settings, _), ExitStack() as at:
         presses: Presses | None = None
         if press:
@@ -76,9 +107,12 @@ def command(
             rest = Reference.of(camera.fresh(time.monotonic_ns(), 20)).image
         show = _Shown(at, rest, label, serve, port, out)
         found = watch(
-            camera, reader, rest, frames,
+            camera,
+            reader,
+            rest,
+            frames,
             lambda seen: show(seen) and not (presses is not None and presses.failed),
-        )  # fmt: skip
+        )
     show.end()
     _told(found, label, untrained, json_file)
 
@@ -103,8 +137,11 @@ class _Shown:
         from tactibench_tactip.live.picture import describe
 
         answer = seen.answer
-        if self._last is None or (answer is not None and getattr(answer, "depth", ()) is not None
-                                  and describe(answer) != "no contact"):  # fmt: skip
+        if self._last is None or (
+            answer is not None
+            and getattr(answer, "depth", ()) is not None
+            and describe(answer) != "no contact"
+        ):
             self._last = seen
         if self._page is not None:
             self._page.show(self._painter.draw(seen, self._label))
@@ -126,10 +163,19 @@ class _Shown:
 def _told(found: Latency, label: str, untrained: bool, json_file: Path | None) -> None:
     names = ("p50", "p90", "p99", "mean")
     values = [getattr(found, name) for name in names]
-    print_rows(("loop, ms", *names, "frames", "dropped"), [
-        (label, *(f"{value:.1f}" for value in values), f"{found.count:,}", f"{found.dropped:.0%}")
-    ])  # fmt: skip
+    print_rows(
+        ("loop, ms", *names, "frames", "dropped"),
+        [
+            (
+                label,
+                *(f"{value:.1f}" for value in values),
+                f"{found.count:,}",
+                f"{found.dropped:.0%}",
+            )
+        ],
+    )
     if untrained:
         click.echo("RANDOM WEIGHTS: the answers say nothing")
-    write_figures(json_file, [("loop", name, value, "ms")
-                              for name, value in zip(names, values, strict=True)])  # fmt: skip
+    write_figures(
+        json_file, [("loop", name, value, "ms") for name, value in zip(names, values, strict=True)]
+    )

@@ -11,14 +11,24 @@ from tactibench_tactip.commands.common import hours, json_option, print_rows, wr
 
 @click.command("plan")
 @click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
-@click.option("--config", required=True, metavar="FILE.toml", type=click.Path(path_type=Path),
-              help="Configuration of the setup.")  # fmt: skip
+@click.option(
+    "--config",
+    required=True,
+    metavar="FILE.toml",
+    type=click.Path(path_type=Path),
+    help="Configuration of the setup.",
+)
 @click.option("--draw", "draws", multiple=True, help="Of the protocol only these; repeat it.")
-@click.option("--count", type=click.IntRange(min=1), help="At most so many of every indenter of "
-              "every draw.")  # fmt: skip
+@click.option(
+    "--count", type=click.IntRange(min=1), help="At most so many of every indenter of every draw."
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Other presses than the protocol's.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
-              help="Draw where the tool goes.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.png",
+    help="Draw where the tool goes.",
+)
 @json_option
 def command(
     presses: str,
@@ -51,10 +61,14 @@ def command(
     mounts = plan.mounts()
     seconds = [estimate_s(some, settings) for _, some in mounts]
     rows = [
-        (words(indenter), f"{len(some):,}", hours(time),
-         "mounted" if fits(settings.indenter, indenter) else "")
+        (
+            words(indenter),
+            f"{len(some):,}",
+            hours(time),
+            "mounted" if fits(settings.indenter, indenter) else "",
+        )
         for (indenter, some), time in zip(mounts[:20], seconds, strict=False)
-    ]  # fmt: skip
+    ]
     figures: list[tuple[str, str, float, str]] = []
     for (indenter, some), time in zip(mounts, seconds, strict=True):
         figures.append(("presses", words(indenter), len(some), ""))

@@ -19,8 +19,13 @@ from tactibench_tactip.commands.common import (
 @click.command("replay")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @config_options
-@click.option("--count", type=click.IntRange(min=1), default=10, show_default=True,
-              help="Presses, evenly spread over the data set.")  # fmt: skip
+@click.option(
+    "--count",
+    type=click.IntRange(min=1),
+    default=10,
+    show_default=True,
+    help="Presses, evenly spread over the data set.",
+)
 @json_option
 def command(
     folder: Path, config: Path, emulate: bool, time_scale: float, count: int, json_file: Path | None
@@ -43,10 +48,12 @@ def command(
     rows, figures = [], []
     with devices(config, emulate, time_scale) as (settings, _):
         usable = [
-            sample for sample in dataset.samples
-            if sample.status == "ok" and sample.scene is not None
+            sample
+            for sample in dataset.samples
+            if sample.status == "ok"
+            and sample.scene is not None
             and fits(settings.indenter, sample.scene.indenter)
-        ]  # fmt: skip
+        ]
         if not usable:
             raise UserError(f"{folder} has no good sample of the indenter that is mounted.")
         few = min(count, len(usable))

@@ -17,12 +17,22 @@ from tactibench_tactip.commands.common import (
 
 @click.command("settle-test")
 @config_options
-@click.option("--depth", type=click.FloatRange(0.5, 6.0), default=3.0, show_default=True,
-              help="mm.")  # fmt: skip
-@click.option("--seconds", type=click.FloatRange(0.5, 30), default=3.0, show_default=True,
-              help="How long the press is held.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
-              help="Draw the change against time.")  # fmt: skip
+@click.option(
+    "--depth", type=click.FloatRange(0.5, 6.0), default=3.0, show_default=True, help="mm."
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.5, 30),
+    default=3.0,
+    show_default=True,
+    help="How long the press is held.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.png",
+    help="Draw the change against time.",
+)
 @json_option
 def command(
     config: Path,
@@ -53,8 +63,11 @@ def command(
             find_touch(station, first=True)
             found = measure_settling(station, depth, seconds)
         scale = settings.robot.time_scale
-    rows = [(f"{t:.2f}", f"{found.change_at(t):.3f}")
-            for t in (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0) if t <= seconds]  # fmt: skip
+    rows = [
+        (f"{t:.2f}", f"{found.change_at(t):.3f}")
+        for t in (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
+        if t <= seconds
+    ]
     print_rows(("s after the move", "change to the end, grey levels"), rows)
     click.echo(
         f"the image is still within noise ({found.noise:.3f}) after {found.settled_s:.2f} s; "
@@ -65,7 +78,10 @@ def command(
     if out is not None:
         draw_settling(out, found, depth)
         click.echo(f"picture: {out}")
-    write_figures(json_file, [
-        ("settled", "all", found.settled_s, "s"),
-        ("noise", "all", found.noise, "grey levels"),
-    ])  # fmt: skip
+    write_figures(
+        json_file,
+        [
+            ("settled", "all", found.settled_s, "s"),
+            ("noise", "all", found.noise, "grey levels"),
+        ],
+    )

@@ -39,8 +39,7 @@ def pose_of(transform: Array) -> Pose6:
         alpha, gamma = math.atan2(m[2][1], m[2][2]), math.atan2(m[1][0], m[0][0])
     else:
         alpha, gamma = math.atan2(-m[1][2], m[1][1]), 0.0
-    return (m[0][3], m[1][3], m[2][3],
-            math.degrees(alpha), math.degrees(beta), math.degrees(gamma))  # fmt: skip
+    return (m[0][3], m[1][3], m[2][3], math.degrees(alpha), math.degrees(beta), math.degrees(gamma))
 
 
 def inverse(transform: Array) -> Array:

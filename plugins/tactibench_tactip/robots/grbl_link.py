@@ -42,8 +42,9 @@ class GrblLink:
         self.pushed: list[str] = []
         self._rest = b""
         try:
-            self._port: Any = serial.serial_for_url(address, 115200, timeout=0, write_timeout=2,
-                                                    do_not_open=True)  # fmt: skip
+            self._port: Any = serial.serial_for_url(
+                address, 115200, timeout=0, write_timeout=2, do_not_open=True
+            )
             self._port.dtr = False  # a falling DTR resets an Arduino
             if not address.startswith("socket://"):
                 self._port.exclusive = True
@@ -177,10 +178,14 @@ class NoAnswerError(RobotError):
 
 
 _ERRORS = {
-    5: "homing is switched off, $22", 8: "it is not idle", 9: "it is locked by an alarm",
-    10: "soft limits need homing", 15: "the target is beyond the stage's travel",
-    22: "no feed rate", 33: "a wrong target",
-}  # fmt: skip
+    5: "homing is switched off, $22",
+    8: "it is not idle",
+    9: "it is locked by an alarm",
+    10: "soft limits need homing",
+    15: "the target is beyond the stage's travel",
+    22: "no feed rate",
+    33: "a wrong target",
+}
 _ALARMS = {
     1: "a limit switch was hit, the position is lost; home the stage",
     2: "a target beyond the stage's travel; the position is kept",

@@ -122,11 +122,17 @@ class UrLink:
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process lives
         with Listener(("127.0.0.1", 0), authkey=key) as listener:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "tactibench_tactip.robots.ur_worker",
-                 str(listener.address[1])],
-                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._said,
+                [
+                    sys.executable,
+                    "-m",
+                    "tactibench_tactip.robots.ur_worker",
+                    str(listener.address[1]),
+                ],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=self._said,
                 start_new_session=True,  # Ctrl-C is for us: the arm is stopped in order
-            )  # fmt: skip
+            )
             assert self._process.stdin is not None  # noqa: S101
             self._process.stdin.write(key + b"\n")
             self._process.stdin.close()

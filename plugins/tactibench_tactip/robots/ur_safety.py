@@ -15,9 +15,16 @@ _BITS = {
     11: "three-position switch active",
 }
 _MODES = {
-    -1: "no controller", 0: "disconnected", 1: "safety has to be confirmed", 2: "booting",
-    3: "power off", 4: "power on", 5: "idle, brakes on", 6: "backdrive", 7: "running",
-}  # fmt: skip
+    -1: "no controller",
+    0: "disconnected",
+    1: "safety has to be confirmed",
+    2: "booting",
+    3: "power off",
+    4: "power on",
+    5: "idle, brakes on",
+    6: "backdrive",
+    7: "running",
+}
 
 
 def normal(bits: int) -> bool:

@@ -18,9 +18,14 @@ from multiprocessing.connection import Client, Connection
 from typing import Any
 
 VARIABLES = (
-    "timestamp", "actual_TCP_pose", "actual_TCP_force", "robot_mode", "safety_mode",
-    "safety_status_bits", "runtime_state",
-)  # fmt: skip
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_force",
+    "robot_mode",
+    "safety_mode",
+    "safety_status_bits",
+    "runtime_state",
+)
 """A short list at 125 Hz: everything at 500 Hz takes a core."""
 HZ = 125.0
 STOP_M_S2 = 2.0

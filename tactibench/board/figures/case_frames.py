@@ -36,8 +36,15 @@ def case_frames(
     for k, (axis, cells) in enumerate(shown):
         row, first = k % down, k // down * (most + 1)
         name = f"{axis.family}\n{axis.unit}" if axis.unit else axis.family
-        grid[row, first].text(1.0, 0.5, name, fontsize=6.5, ha="right", va="center",
-                              transform=grid[row, first].transAxes)  # fmt: skip
+        grid[row, first].text(
+            1.0,
+            0.5,
+            name,
+            fontsize=6.5,
+            ha="right",
+            va="center",
+            transform=grid[row, first].transAxes,
+        )
         kept = cells if len(cells) <= most else [cells[0], *cells[-(most - 1) :]]
         for one, (value, image) in zip(grid[row, first + 1 :], kept, strict=False):
             one.imshow(_cut(image), cmap="gray", vmin=0, vmax=255, interpolation="nearest")

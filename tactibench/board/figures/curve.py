@@ -35,9 +35,18 @@ def learning_curves(
         y = [pooled.value for _, pooled in known]
         low = [p.value - (p.value if p.low is None else p.low) for _, p in known]
         high = [(p.value if p.high is None else p.high) - p.value for _, p in known]
-        axes.errorbar(x, y, [low, high], **series_look(k), markersize=5.5,
-                      linestyle=DASHES[k // 7 % 3], linewidth=1.5, elinewidth=1.1, capsize=2.5,
-                      label=curve.label)  # fmt: skip
+        axes.errorbar(
+            x,
+            y,
+            [low, high],
+            **series_look(k),
+            markersize=5.5,
+            linestyle=DASHES[k // 7 % 3],
+            linewidth=1.5,
+            elinewidth=1.1,
+            capsize=2.5,
+            label=curve.label,
+        )
     axes.set(xscale="log", yscale="log", xlabel="presses that the model learned from", ylabel=error)
     axes.xaxis.set_major_locator(FixedLocator(counts(found) or [1000]))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))

@@ -63,11 +63,18 @@ def distance_errors(
     for axes in (errors, shares):
         plain(axes)
     if series:
-        made.legend(*errors.get_legend_handles_labels(), loc="outside lower center",
-                    ncols=min(3, len(series)), frameon=False, fontsize=9)  # fmt: skip
+        made.legend(
+            *errors.get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=min(3, len(series)),
+            frameon=False,
+            fontsize=9,
+        )
     detail = "; ".join(filter(None, (measured_on, "bars: 95 % interval over presses")))
-    if any(_rare(by_distance(r, "distance_mae_mm"), by_distance(r, "resolved")).any()
-           for _, r in series):  # fmt: skip
+    if any(
+        _rare(by_distance(r, "distance_mae_mm"), by_distance(r, "resolved")).any()
+        for _, r in series
+    ):
         detail += "; hollow: less than half resolved"
     headline(made, "Two-point discrimination", detail)
     save(made, path)
@@ -99,11 +106,25 @@ def _line(
     """Draw one series; return the top of its tallest bar."""
     x, value, low, high = table.T
     axes.plot(x + shift, value, linewidth=1.6, markersize=5.5, label=label, **look)
-    axes.errorbar(x + shift, value, [value - low, high - value], fmt="none", capsize=2.5,
-                  elinewidth=1.1, ecolor=look["color"])  # fmt: skip
+    axes.errorbar(
+        x + shift,
+        value,
+        [value - low, high - value],
+        fmt="none",
+        capsize=2.5,
+        elinewidth=1.1,
+        ecolor=look["color"],
+    )
     if hollow is not None and hollow.any():
-        axes.plot(x[hollow] + shift, value[hollow], linestyle="none", markersize=5.5,
-                  markerfacecolor="white", zorder=3, **look)  # fmt: skip
+        axes.plot(
+            x[hollow] + shift,
+            value[hollow],
+            linestyle="none",
+            markersize=5.5,
+            markerfacecolor="white",
+            zorder=3,
+            **look,
+        )
     return float(high.max(initial=0.0))
 
 
@@ -114,6 +135,12 @@ def _mark_published(axes: Axes, lines: Sequence[tuple[str, float]], ceiling: flo
         axes.axhline(value, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
         axes.annotate(
             f"{label} {value:g} mm\nhardware, published",
-            (1, value), (1.02, place), xycoords=("axes fraction", "data"), va="center",
-            textcoords=("axes fraction", "data"), fontsize=8, color=GREY, annotation_clip=False,
-        )  # fmt: skip
+            (1, value),
+            (1.02, place),
+            xycoords=("axes fraction", "data"),
+            va="center",
+            textcoords=("axes fraction", "data"),
+            fontsize=8,
+            color=GREY,
+            annotation_clip=False,
+        )

@@ -69,8 +69,13 @@ def _strip(tiles: Sequence[Axes], layer: Layer) -> None:
     name, channels, values = layer
     for axes, channel in zip(tiles, values, strict=False):
         low, high = float(np.min(channel)), float(np.max(channel))
-        axes.imshow(channel, cmap=HEAT, vmin=low, vmax=high if high > low else low + 1.0,
-                    interpolation="nearest")  # fmt: skip
+        axes.imshow(
+            channel,
+            cmap=HEAT,
+            vmin=low,
+            vmax=high if high > low else low + 1.0,
+            interpolation="nearest",
+        )
     rows, columns = values.shape[1:]
     text = f"{name}: {channels} of {rows} x {columns}"
     tiles[0].set_title(text, fontsize=8, loc="left", pad=3)

@@ -45,8 +45,9 @@ def overlay(
     frame.set(title="frame", xlabel="column, px", ylabel="row, px")
     if camera is not None:
         for middle in truth.xy:
-            frame.plot(*camera(tip_outline(middle)).T, color="white", linewidth=1.5,
-                       path_effects=outline())  # fmt: skip
+            frame.plot(
+                *camera(tip_outline(middle)).T, color="white", linewidth=1.5, path_effects=outline()
+            )
         marks(frame, Contacts(camera(predicted.xy), predicted.depth, predicted.score), ORANGE)
         frame.set(xlim=(-0.5, image.shape[1] - 0.5), ylim=(image.shape[0] - 0.5, -0.5))
     fields = [(answer, heatmap, "prediction")]
@@ -65,18 +66,39 @@ def overlay(
     marks(answer, predicted, ORANGE)
     if shown is not None:
         made.colorbar(shown, ax=panels[1:], label="heatmap, mm", shrink=0.85)
-    made.legend(handles=_legend(truth, predicted), loc="outside lower center", ncols=2,
-                frameon=False, fontsize=9)  # fmt: skip
+    made.legend(
+        handles=_legend(truth, predicted),
+        loc="outside lower center",
+        ncols=2,
+        frameon=False,
+        fontsize=9,
+    )
     headline(made, title, measured_on)
     save(made, path)
 
 
 def _legend(truth: Contacts, predicted: Contacts) -> list[Line2D]:
-    ring = Line2D([], [], linestyle="none", marker="o", markersize=11, markerfacecolor="none",
-                  color=BLACK, label=f"truth ({len(truth)}), ring: tip, number: depth in mm",
-                  )  # fmt: skip
+    ring = Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markersize=11,
+        markerfacecolor="none",
+        color=BLACK,
+        label=f"truth ({len(truth)}), ring: tip, number: depth in mm",
+    )
     found = ", ".join(f"{depth:.1f}" for depth in predicted.depth)
     text = f"predicted ({len(predicted)})" + (f", depth {found} mm" if found else "")
-    cross = Line2D([], [], linestyle="none", marker="x", markersize=8, markeredgewidth=1.8,
-                   color=ORANGE, path_effects=outline(), label=text)  # fmt: skip
+    cross = Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="x",
+        markersize=8,
+        markeredgewidth=1.8,
+        color=ORANGE,
+        path_effects=outline(),
+        label=text,
+    )
     return [ring, cross]

@@ -51,8 +51,13 @@ def frontier_picture(
         plain(axes)
     panels[-1].set_xlabel("one frame to contacts, p90 on one thread, ms")
     if every:
-        made.legend(handles=_legend(looks), loc="outside lower center",
-                    ncols=min(5, 2 + len(looks)), frameon=False, fontsize=9)  # fmt: skip
+        made.legend(
+            handles=_legend(looks),
+            loc="outside lower center",
+            ncols=min(5, 2 + len(looks)),
+            frameon=False,
+            fontsize=9,
+        )
     headline(made, title, measured_on)
     save(made, path)
 
@@ -76,12 +81,27 @@ def _looks(points: Sequence[Point]) -> dict[str, dict[str, Any]]:
 
 def _mark(axes: Axes, point: Point, look: dict[str, Any], *, hollow: bool) -> None:
     x, y = point.latency, point.error
-    axes.errorbar(x.value, y.value, [[y.value - y.low], [y.high - y.value]],
-                  [[x.value - x.low], [x.high - x.value]], fmt="none", ecolor=look["color"],
-                  elinewidth=1.1, alpha=FADED if hollow else 1.0)  # fmt: skip
+    axes.errorbar(
+        x.value,
+        y.value,
+        [[y.value - y.low], [y.high - y.value]],
+        [[x.value - x.low], [x.high - x.value]],
+        fmt="none",
+        ecolor=look["color"],
+        elinewidth=1.1,
+        alpha=FADED if hollow else 1.0,
+    )
     face = "white" if hollow else look["color"]
-    axes.plot(x.value, y.value, linestyle="none", markersize=7, markeredgewidth=1.4,
-              markerfacecolor=face, zorder=3, **look)  # fmt: skip
+    axes.plot(
+        x.value,
+        y.value,
+        linestyle="none",
+        markersize=7,
+        markeredgewidth=1.4,
+        markerfacecolor=face,
+        zorder=3,
+        **look,
+    )
 
 
 def _scales(axes: Axes, points: Sequence[Point]) -> None:
@@ -106,8 +126,15 @@ def _line(axes: Axes, best: Sequence[Point]) -> None:
     right = axes.get_xlim()[1]
     x = [point.latency.value for point in best] + [right]
     y = [point.error.value for point in best]
-    axes.plot(x, [*y, y[-1]], drawstyle="steps-post", color=GREY, linewidth=1.4,
-              linestyle=(0, (5, 3)), zorder=1)  # fmt: skip
+    axes.plot(
+        x,
+        [*y, y[-1]],
+        drawstyle="steps-post",
+        color=GREY,
+        linewidth=1.4,
+        linestyle=(0, (5, 3)),
+        zorder=1,
+    )
 
 
 def _labels(axes: Axes, found: Frontier, least: float) -> None:
@@ -120,18 +147,40 @@ def _labels(axes: Axes, found: Frontier, least: float) -> None:
     shift = max(0.0, -min(places)) - max(0.0, max(places) - 1.0)
     for point, place in zip(found.points, places, strict=True):
         axes.annotate(
-            point.label, (point.latency.value, point.error.value), (1.03, place + shift),
-            xycoords="data", textcoords="axes fraction", va="center", fontsize=8,
-            color=GREY if point.label in found.dominated else "black", annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": "#AAAAAA", "linewidth": 0.6,
-                        "shrinkA": 1, "shrinkB": 5, "relpos": (0, 0.5)},
-        )  # fmt: skip
+            point.label,
+            (point.latency.value, point.error.value),
+            (1.03, place + shift),
+            xycoords="data",
+            textcoords="axes fraction",
+            va="center",
+            fontsize=8,
+            color=GREY if point.label in found.dominated else "black",
+            annotation_clip=False,
+            arrowprops={
+                "arrowstyle": "-",
+                "color": "#AAAAAA",
+                "linewidth": 0.6,
+                "shrinkA": 1,
+                "shrinkB": 5,
+                "relpos": (0, 0.5),
+            },
+        )
 
 
 def _legend(looks: dict[str, dict[str, Any]]) -> list[Line2D]:
-    handles = [Line2D([], [], linestyle="none", markersize=7, label=model, **look)
-               for model, look in looks.items()]  # fmt: skip
-    hollow = Line2D([], [], linestyle="none", marker="o", markersize=7, markerfacecolor="white",
-                    color=GREY, label="hollow: dominated beyond the intervals")  # fmt: skip
+    handles = [
+        Line2D([], [], linestyle="none", markersize=7, label=model, **look)
+        for model, look in looks.items()
+    ]
+    hollow = Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markersize=7,
+        markerfacecolor="white",
+        color=GREY,
+        label="hollow: dominated beyond the intervals",
+    )
     steps = Line2D([], [], color=GREY, linestyle=(0, (5, 3)), label="least error within a time")
     return [*handles, hollow, steps]

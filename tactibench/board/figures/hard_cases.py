@@ -76,20 +76,38 @@ def _curve(axes: Axes, family: Graded, shift: float, label: str, look: dict[str,
     x = np.array([k + shift for k, _, _ in known])
     y = np.array([error.value for _, _, error in known])
     low = [y_k - (y_k if e.low is None else e.low) for y_k, (_, _, e) in zip(y, known, strict=True)]
-    high = [(y_k if e.high is None else e.high) - y_k
-            for y_k, (_, _, e) in zip(y, known, strict=True)]  # fmt: skip
+    high = [
+        (y_k if e.high is None else e.high) - y_k for y_k, (_, _, e) in zip(y, known, strict=True)
+    ]
     joined = "-" if family.axis.ordered else "none"
-    axes.errorbar(x, y, [low, high], linestyle=joined, linewidth=1.1, elinewidth=0.8, capsize=1.5,
-                  label=label, **look)  # fmt: skip
-    missed = np.array([case.missed is not None and case.missed.value >= TENTH
-                       for _, case, _ in known], dtype=bool)  # fmt: skip
+    axes.errorbar(
+        x,
+        y,
+        [low, high],
+        linestyle=joined,
+        linewidth=1.1,
+        elinewidth=0.8,
+        capsize=1.5,
+        label=label,
+        **look,
+    )
+    missed = np.array(
+        [case.missed is not None and case.missed.value >= TENTH for _, case, _ in known], dtype=bool
+    )
     if missed.any():
         axes.plot(x[missed], y[missed], linestyle="none", markerfacecolor="white", zorder=3, **look)
     doubles = family.doubles
     if doubles is not None and not doubles.censored and family.axis.ordered and len(known) > 1:
         place = _on_axis(doubles.value, [case.value for case in family.cases])
-        axes.plot(place + shift, _log_between(place, x - shift, y), marker="|", markersize=9,
-                  markeredgewidth=1.4, color=look["color"], linestyle="none")  # fmt: skip
+        axes.plot(
+            place + shift,
+            _log_between(place, x - shift, y),
+            marker="|",
+            markersize=9,
+            markeredgewidth=1.4,
+            color=look["color"],
+            linestyle="none",
+        )
     return len(known)
 
 

@@ -71,8 +71,9 @@ def _panel(axes: Axes, maps: LimitMaps, layer: Any) -> tuple[Any, str]:
         x = np.linspace(left, right, layer.shape[1] + 1)
         y = np.linspace(top, bottom, layer.shape[0] + 1)
         cells = np.ma.masked_where(~np.isinf(layer), np.ones(layer.shape))
-        axes.pcolor(x, y, cells, cmap=ListedColormap([UNBOUNDED]), edgecolor=GREY, hatch=HATCH,
-                    linewidth=0)  # fmt: skip
+        axes.pcolor(
+            x, y, cells, cmap=ListedColormap([UNBOUNDED]), edgecolor=GREY, hatch=HATCH, linewidth=0
+        )
     if not finite.any():
         return None, ""
     fine = layer[finite].max() < FINE_MM
@@ -81,17 +82,31 @@ def _panel(axes: Axes, maps: LimitMaps, layer: Any) -> tuple[Any, str]:
     if high < low * 1.001:  # one colour rather than a picture of rounding errors
         low, high = low * 0.95, high * 1.05
     scale = LogNorm(low, high) if high > WIDE * low else Normalize(low, high)
-    drawn = axes.imshow(shown, cmap=HEAT, norm=scale, interpolation="nearest",
-                        extent=(left, right, bottom, top))  # fmt: skip
+    drawn = axes.imshow(
+        shown, cmap=HEAT, norm=scale, interpolation="nearest", extent=(left, right, bottom, top)
+    )
     return drawn, "\N{MICRO SIGN}m" if fine else "mm"
 
 
 def _legend(maps: LimitMaps) -> list[Patch]:
     found = []
     if np.isinf(maps.values).any():
-        found.append(Patch(facecolor=UNBOUNDED, edgecolor=GREY, hatch=HATCH, linewidth=0,
-                           label="no bound: a tip leaves no trace"))  # fmt: skip
+        found.append(
+            Patch(
+                facecolor=UNBOUNDED,
+                edgecolor=GREY,
+                hatch=HATCH,
+                linewidth=0,
+                label="no bound: a tip leaves no trace",
+            )
+        )
     if np.isnan(maps.values).any():
-        found.append(Patch(facecolor="white", edgecolor=GREY, linewidth=0.5,
-                           label="empty: outside what the sensor can press"))  # fmt: skip
+        found.append(
+            Patch(
+                facecolor="white",
+                edgecolor=GREY,
+                linewidth=0.5,
+                label="empty: outside what the sensor can press",
+            )
+        )
     return found

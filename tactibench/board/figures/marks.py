@@ -29,8 +29,14 @@ def extent(grid: Grid) -> tuple[float, float, float, float]:
 
 def heat(axes: Axes, grid: Grid, heatmap: Any, max_depth: float) -> Any:
     """Draw (H, W) 0..1 as millimetres on the grid; return the image for a colour bar."""
-    return axes.imshow(heatmap * max_depth, cmap=HEAT, vmin=0, vmax=max_depth,
-                       extent=extent(grid), interpolation="nearest")  # fmt: skip
+    return axes.imshow(
+        heatmap * max_depth,
+        cmap=HEAT,
+        vmin=0,
+        vmax=max_depth,
+        extent=extent(grid),
+        interpolation="nearest",
+    )
 
 
 def millimetres(axes: Axes, grid: Grid) -> None:
@@ -42,8 +48,16 @@ def millimetres(axes: Axes, grid: Grid) -> None:
 def rings(axes: Axes, truth: Contacts, colour: str = "white", *, contour: str = "black") -> None:
     """One circle of the tip's radius at every true contact, its depth written outside it."""
     for xy, depth, side in zip(truth.xy, truth.depth, _sides(truth.xy), strict=True):
-        axes.add_patch(Circle(tuple(xy), TIP_RADIUS_MM, fill=False, edgecolor=colour,
-                              linewidth=1.5, path_effects=outline(contour)))  # fmt: skip
+        axes.add_patch(
+            Circle(
+                tuple(xy),
+                TIP_RADIUS_MM,
+                fill=False,
+                edgecolor=colour,
+                linewidth=1.5,
+                path_effects=outline(contour),
+            )
+        )
         place = xy + side * (TIP_RADIUS_MM + 1.2)
         _number(axes, place, depth, colour, contour)
 
@@ -58,8 +72,15 @@ def marks(
     axes: Axes, contacts: Contacts, colour: str, marker: str = "x", *, contour: str = "black"
 ) -> None:
     """One mark at every predicted contact."""
-    axes.plot(*contacts.xy.T, linestyle="none", marker=marker, color=colour, markersize=8,
-              markeredgewidth=1.8, path_effects=outline(contour))  # fmt: skip
+    axes.plot(
+        *contacts.xy.T,
+        linestyle="none",
+        marker=marker,
+        color=colour,
+        markersize=8,
+        markeredgewidth=1.8,
+        path_effects=outline(contour),
+    )
 
 
 def depths(axes: Axes, contacts: Contacts, colour: str, *, contour: str, dy: float = 1.9) -> None:
@@ -69,8 +90,17 @@ def depths(axes: Axes, contacts: Contacts, colour: str, *, contour: str, dy: flo
 
 
 def _number(axes: Axes, place: FloatArray, depth: float, colour: str, contour: str) -> None:
-    axes.text(place[0], place[1], f"{depth:.1f}", color=colour, fontsize=8.5, ha="center",
-              va="center", clip_on=True, path_effects=outline(contour))  # fmt: skip
+    axes.text(
+        place[0],
+        place[1],
+        f"{depth:.1f}",
+        color=colour,
+        fontsize=8.5,
+        ha="center",
+        va="center",
+        clip_on=True,
+        path_effects=outline(contour),
+    )
 
 
 def _sides(xy: Any) -> Any:

@@ -36,10 +36,24 @@ def surfaces(
     drawn: Any = None
     for axes, values, name in zip(panels, (predicted, true), names, strict=True):
         plot: Any = axes
-        drawn = plot.plot_surface(x, y, values, cmap=HEAT, norm=scale, rstride=1, cstride=1,
-                                  linewidth=0, antialiased=False)  # fmt: skip
-        plot.set(title=name, xlabel="x, mm", ylabel="y, mm", zlabel="inward, mm",
-                 zlim=(bottom, top * 1.02))  # fmt: skip
+        drawn = plot.plot_surface(
+            x,
+            y,
+            values,
+            cmap=HEAT,
+            norm=scale,
+            rstride=1,
+            cstride=1,
+            linewidth=0,
+            antialiased=False,
+        )
+        plot.set(
+            title=name,
+            xlabel="x, mm",
+            ylabel="y, mm",
+            zlabel="inward, mm",
+            zlim=(bottom, top * 1.02),
+        )
         plot.invert_yaxis()  # y grows towards the viewer, as it grows downwards in the frame
         plot.view_init(elev=48, azim=-76)
         plot.set_box_aspect((1, 1, 0.6), zoom=0.88)

@@ -44,8 +44,13 @@ def single_errors(
         ends = _ends(true[:, k], found[:, k])
         scatter.plot(ends, ends, color=GREY, linewidth=1, zorder=1)
         scatter.plot(true[:, k], found[:, k], ".", color=colour, markersize=3, alpha=0.6)
-        scatter.set(xlim=ends, ylim=ends, aspect="equal", xlabel=f"true {name}, mm",
-                    ylabel=f"predicted {name}, mm")  # fmt: skip
+        scatter.set(
+            xlim=ends,
+            ylim=ends,
+            aspect="equal",
+            xlabel=f"true {name}, mm",
+            ylabel=f"predicted {name}, mm",
+        )
         scatter.set_xticks(scatter.get_yticks())
         scatter.set(xlim=ends, ylim=ends)
         histogram.hist(error[:, k], bins=np.linspace(-edge, edge, 41).tolist(), color=colour)

@@ -24,9 +24,25 @@ from tactibench.board.palette import (
 from tactibench.records.files import atomic
 
 __all__ = [
-    "BLACK", "BLUE", "DPI", "GREEN", "GREY", "HEAT", "MARKERS", "ORANGE", "PURPLE", "SERIES", "SKY",
-    "VERMILION", "figure", "headline", "plain", "save", "series_look", "spread",
-]  # fmt: skip
+    "BLACK",
+    "BLUE",
+    "DPI",
+    "GREEN",
+    "GREY",
+    "HEAT",
+    "MARKERS",
+    "ORANGE",
+    "PURPLE",
+    "SERIES",
+    "SKY",
+    "VERMILION",
+    "figure",
+    "headline",
+    "plain",
+    "save",
+    "series_look",
+    "spread",
+]
 
 DPI = 150
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")

@@ -47,16 +47,22 @@ def triple_comparison(
         look = series_look(k)
         marks(axes, found, look["color"], look["marker"], contour="white")
         depths(axes, found, ink, contour=contour)
-        axes.set_title(f"{fill(label, LETTERS)}\n{len(found)} predicted, {len(truth)} true",
-                       fontsize=9)  # fmt: skip
+        axes.set_title(
+            f"{fill(label, LETTERS)}\n{len(found)} predicted, {len(truth)} true", fontsize=9
+        )
     _together(panels[-1], truth, models)
     for axes in panels:
         millimetres(axes, grid)
         axes.label_outer()
     if drawn is not None:
         made.colorbar(drawn, ax=panels, label="heatmap, mm", shrink=0.8)
-    made.legend(handles=_legend(models), loc="outside lower center", ncols=min(3, len(models) + 1),
-                frameon=False, fontsize=9)  # fmt: skip
+    made.legend(
+        handles=_legend(models),
+        loc="outside lower center",
+        ncols=min(3, len(models) + 1),
+        frameon=False,
+        fontsize=9,
+    )
     headline(made, title, "; ".join(filter(None, (measured_on, "numbers are depths in mm"))))
     save(made, path)
 
@@ -70,9 +76,17 @@ def _together(axes: Any, truth: Contacts, models: Mapping[str, Contacts]) -> Non
 
 
 def _legend(models: Mapping[str, Contacts]) -> list[Line2D]:
-    ring = Line2D([], [], linestyle="none", marker="o", markersize=11, markerfacecolor="none",
-                  color=BLACK, label="truth")  # fmt: skip
+    ring = Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker="o",
+        markersize=11,
+        markerfacecolor="none",
+        color=BLACK,
+        label="truth",
+    )
     return [ring] + [
         Line2D([], [], linestyle="none", markersize=8, label=label, **series_look(k))
         for k, label in enumerate(models)
-    ]  # fmt: skip
+    ]

@@ -62,12 +62,23 @@ def answered(keys: Protocol, truth: Truth, predicted: Arrays) -> Answered:
     """Maps and bounds are left out: no figure needs them. Raises as ``unpacked_truth`` does."""
     level = keys.test.level
     if keys.answer == "plate":
-        plates = PlateTrials(cast("Any", truth.answers), unpack_plates(predicted), truth.press,
-                             level=level, group=truth.groups)  # fmt: skip
+        plates = PlateTrials(
+            cast("Any", truth.answers),
+            unpack_plates(predicted),
+            truth.press,
+            level=level,
+            group=truth.groups,
+        )
         return Answered(keys, plates, truth.presses)
-    contacts = Trials(cast("Any", truth.answers), stored_contacts(predicted), truth.press,
-                      truth.groups, max_depth=keys.workspace.depth_max_mm,
-                      gate=keys.test.gate_mm, level=level)  # fmt: skip
+    contacts = Trials(
+        cast("Any", truth.answers),
+        stored_contacts(predicted),
+        truth.press,
+        truth.groups,
+        max_depth=keys.workspace.depth_max_mm,
+        gate=keys.test.gate_mm,
+        level=level,
+    )
     return Answered(keys, contacts, truth.presses)
 
 
@@ -87,8 +98,9 @@ def stored_contacts(arrays: Arrays) -> tuple[Contacts, ...]:
 
     Raises ValueError for counts that do not fit, or values that are not finite.
     """
-    xy, depth, score = (np.asarray(arrays[name], dtype=np.float64)
-                        for name in ("xy", "depth", "score"))  # fmt: skip
+    xy, depth, score = (
+        np.asarray(arrays[name], dtype=np.float64) for name in ("xy", "depth", "score")
+    )
     ends = np.cumsum(arrays["count"]).tolist()
     total = ends[-1] if ends else 0
     if xy.shape != (total, 2) or depth.shape != (total,) or score.shape != (total,):
@@ -98,5 +110,6 @@ def stored_contacts(arrays: Arrays) -> tuple[Contacts, ...]:
     for column in (xy, depth, score):
         column.setflags(write=False)
     starts = [0, *ends[:-1]]
-    return tuple(_Stored(xy[a:b], depth[a:b], score[a:b])
-                 for a, b in zip(starts, ends, strict=True))  # fmt: skip
+    return tuple(
+        _Stored(xy[a:b], depth[a:b], score[a:b]) for a, b in zip(starts, ends, strict=True)
+    )

@@ -58,10 +58,18 @@ def chapter(board: Board, sections: Sequence[Section], drawer: Drawer, cache: Pa
     published = [part for part in others if part.title == "Published"]
     measured = [part for part in others if part.title != "Published"]
     opened = Opened(board, drawer, cache)
-    shown = [_shown(board, section, part, opened, k)
-             for k, (section, part) in enumerate(zip(sections, measured, strict=True))]  # fmt: skip
-    return Chapter(keys.id, f"{keys.id}: {keys.title}", first.html, tuple(shown),
-                   "".join(part.html for part in published), len(board.records))  # fmt: skip
+    shown = [
+        _shown(board, section, part, opened, k)
+        for k, (section, part) in enumerate(zip(sections, measured, strict=True))
+    ]
+    return Chapter(
+        keys.id,
+        f"{keys.id}: {keys.title}",
+        first.html,
+        tuple(shown),
+        "".join(part.html for part in published),
+        len(board.records),
+    )
 
 
 def measured_sections(board: Board) -> list[Section]:

@@ -44,8 +44,9 @@ class Drawn:
         """Images of test presses, pressed anew. Raises UserError where the sensor cannot."""
         seed = np.random.SeedSequence(self.presser.keys.data_seed, spawn_key=(NOISE,))
         with self.presser.build(SensorContext(seed)) as sensor:
-            return {row: np.array(sensor.press(self.scenes[row]).image, dtype=np.uint8)
-                    for row in rows}  # fmt: skip
+            return {
+                row: np.array(sensor.press(self.scenes[row]).image, dtype=np.uint8) for row in rows
+            }
 
 
 class Drawer:

@@ -86,9 +86,11 @@ def _plates(
     group = np.array(trials.group or ("all",) * len(trials), dtype=object)
     by = RANKING.get(one.keys.id)
     use = group == by.group if by is not None and by.group in group else group == group[0]
-    rows = [(pose.tilt, pose.depth, np.nan if found is None else abs(found.depth - pose.depth))
-            for pose, found, wanted in zip(trials.truth, trials.predictions, use, strict=True)
-            if wanted and pose is not None]  # fmt: skip
+    rows = [
+        (pose.tilt, pose.depth, np.nan if found is None else abs(found.depth - pose.depth))
+        for pose, found, wanted in zip(trials.truth, trials.predictions, use, strict=True)
+        if wanted and pose is not None
+    ]
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
     return Errors(table[:, 0], table[:, 1], table[:, 2], press[use])
 
@@ -117,19 +119,31 @@ def _field(found: Answered) -> Field:
     if keys.answer == "plate":
         errors = errors_of(found)
         spans = [(float(axis.min()), float(axis.max())) for axis in (errors.x, errors.y)]
-        return Field("tilt, deg", "depth, mm", "depth error, mm", (spans[0], spans[1]),
-                     "frames without an answer")  # fmt: skip
+        return Field(
+            "tilt, deg",
+            "depth, mm",
+            "depth error, mm",
+            (spans[0], spans[1]),
+            "frames without an answer",
+        )
     half = keys.workspace.half_width_mm
     gated = "" if found.single else " of matched contacts"
-    return Field("x, mm", "y, mm", f"location error{gated}, mm", ((-half, half), (-half, half)),
-                 "true contacts missed")  # fmt: skip
+    return Field(
+        "x, mm",
+        "y, mm",
+        f"location error{gated}, mm",
+        ((-half, half), (-half, half)),
+        "true contacts missed",
+    )
 
 
 def _option(row: Row, field: Field, errors: Errors) -> Option:
     edges = [np.linspace(*span, CELLS + 1) for span in field.span]
     x, y, error, press = errors.x, errors.y, errors.error, errors.press
-    column, line = (np.clip(np.searchsorted(e, v, side="right") - 1, 0, CELLS - 1)
-                    for e, v in zip(edges, (x, y), strict=True))  # fmt: skip
+    column, line = (
+        np.clip(np.searchsorted(e, v, side="right") - 1, 0, CELLS - 1)
+        for e, v in zip(edges, (x, y), strict=True)
+    )
     mean: list[list[float | None]] = [[None] * CELLS for _ in range(CELLS)]
     missed: list[list[float | None]] = [[None] * CELLS for _ in range(CELLS)]
     more: list[list[tuple[object, ...]]] = [[("", "", 0, 0, 0)] * CELLS for _ in range(CELLS)]
@@ -146,10 +160,15 @@ def _option(row: Row, field: Field, errors: Errors) -> Option:
         f"%{{customdata[2]}} % {field.missed}<br>%{{customdata[3]}} values, %{{customdata[4]}} "
         "presses<extra></extra>"
     )
-    first = Figure((_heat(middles, mean, more, hover, "mm"),), _layout(field), height=380,
-                   caption=field.error)  # fmt: skip
-    second = Figure((_heat(middles, missed, more, hover, "%"),), _layout(field), height=380,
-                    caption=f"{field.missed}, %")  # fmt: skip
+    first = Figure(
+        (_heat(middles, mean, more, hover, "mm"),), _layout(field), height=380, caption=field.error
+    )
+    second = Figure(
+        (_heat(middles, missed, more, hover, "%"),),
+        _layout(field),
+        height=380,
+        caption=f"{field.missed}, %",
+    )
     share = float(np.isnan(error).mean())
     return Option(
         row.label,
@@ -180,10 +199,20 @@ def _heat(
     hover: str,
     unit: str,
 ) -> Trace:
-    return {"type": "heatmap", "x": middles[0], "y": middles[1], "z": z, "customdata": more,
-            "zmin": 0, "zmax": _top_of(z), "hovertemplate": hover, "colorscale": "Cividis",
-            "xgap": 1, "ygap": 1,
-            "colorbar": {"title": {"text": unit}, "thickness": 12}}  # fmt: skip
+    return {
+        "type": "heatmap",
+        "x": middles[0],
+        "y": middles[1],
+        "z": z,
+        "customdata": more,
+        "zmin": 0,
+        "zmax": _top_of(z),
+        "hovertemplate": hover,
+        "colorscale": "Cividis",
+        "xgap": 1,
+        "ygap": 1,
+        "colorbar": {"title": {"text": unit}, "thickness": 12},
+    }
 
 
 def _top_of(z: Sequence[Sequence[float | None]]) -> float:
@@ -193,5 +222,7 @@ def _top_of(z: Sequence[Sequence[float | None]]) -> float:
 
 def _layout(field: Field) -> Mapping[str, object]:
     square = {"scaleanchor": "x", "constrain": "domain", "autorange": "reversed"}
-    return {"xaxis": axis(field.x, constrain="domain"),
-            "yaxis": axis(field.y, **(square if field.y.startswith("y") else {}))}  # fmt: skip
+    return {
+        "xaxis": axis(field.x, constrain="domain"),
+        "yaxis": axis(field.y, **(square if field.y.startswith("y") else {})),
+    }

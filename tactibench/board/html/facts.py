@@ -34,12 +34,19 @@ def leaders(boards: Iterable[tuple[Board, Sequence[Section]]]) -> Table:
             rows += list(_first(board, section))
     return Table(
         "At a glance",
-        ("protocol", "measured on", "rank 1", "error that orders the board", "beside it",
-         "p90, one thread", "seeds"),
+        (
+            "protocol",
+            "measured on",
+            "rank 1",
+            "error that orders the board",
+            "beside it",
+            "p90, one thread",
+            "seeds",
+        ),
         tuple(rows),
         "Rows of rank 1: no paired 95 % interval tells them apart from the first. Trivial rows and "
         "tables of a single row are left out.",
-    )  # fmt: skip
+    )
 
 
 def _first(board: Board, section: Section) -> Iterator[tuple[str, ...]]:
@@ -53,8 +60,15 @@ def _first(board: Board, section: Section) -> Iterator[tuple[str, ...]]:
         value = row.metric(by.metric, by.group)
         if rank == 1 and value is not None and not row.trivial:
             text = with_interval(value.value, value.low, value.high, by.decimals)
-            yield (board.name, section.title, row.label, f"{by.name}: {text} {by.unit}",
-                   beside(row), p90_words(row), seeds_words(row))  # fmt: skip
+            yield (
+                board.name,
+                section.title,
+                row.label,
+                f"{by.name}: {text} {by.unit}",
+                beside(row),
+                p90_words(row),
+                seeds_words(row),
+            )
 
 
 def plan(board: Board) -> Table:
@@ -70,13 +84,23 @@ def _asked(keys: Protocol) -> Iterator[tuple[str, str]]:
     space = keys.workspace
     yield "answer", {"plate": "depth and tilt of a plate"}.get(keys.answer, keys.answer)
     depths = f"depth {space.depth_min_mm:g} to {space.depth_max_mm:g} mm"
-    yield "workspace", (f"x and y within ±{space.half_width_mm:g} mm, {depths}, dome radius "
-                        f"{space.dome_radius_mm:g} mm")  # fmt: skip
+    yield (
+        "workspace",
+        (
+            f"x and y within ±{space.half_width_mm:g} mm, {depths}, dome radius "
+            f"{space.dome_radius_mm:g} mm"
+        ),
+    )
     for draw in keys.draws:
         yield f"presses: {draw.name}", _draw(draw)
     if keys.split is not None:
-        yield "split", (f"of {keys.split.draw}: {keys.split.test:,} presses tested, "
-                        f"{keys.split.validation:,} of the others stop the training")  # fmt: skip
+        yield (
+            "split",
+            (
+                f"of {keys.split.draw}: {keys.split.test:,} presses tested, "
+                f"{keys.split.validation:,} of the others stop the training"
+            ),
+        )
     if keys.recorded is not None:
         shares = f"{100 * keys.recorded.test_share:g} % of the presses of a recording are tested"
         names = keys.recorded.test_frames
@@ -121,11 +145,14 @@ def _machine(records: Sequence[Record]) -> tuple[str, ...]:
     facts = records[0]["environment"]
     flags = ", ".join(str(flag) for flag in facts.get("cpu_flags") or ())
     cores = [facts.get(f"cores_{kind}") for kind in ("physical", "logical")]
-    return (str(len(records)), f"{facts.get('cpu', 'unknown')}{f' ({flags})' if flags else ''}",
-            " / ".join(str(count) for count in cores if count is not None) or "n/a",
-            str(facts.get("memory_gib", "n/a")),
-            ", ".join(str(gpu) for gpu in facts.get("gpu") or ()) or "none",
-            str(facts.get("os", "n/a")))  # fmt: skip
+    return (
+        str(len(records)),
+        f"{facts.get('cpu', 'unknown')}{f' ({flags})' if flags else ''}",
+        " / ".join(str(count) for count in cores if count is not None) or "n/a",
+        str(facts.get("memory_gib", "n/a")),
+        ", ".join(str(gpu) for gpu in facts.get("gpu") or ()) or "none",
+        str(facts.get("os", "n/a")),
+    )
 
 
 def software(records: Iterable[Record]) -> Table:
@@ -134,10 +161,14 @@ def software(records: Iterable[Record]) -> Table:
     for record in records:
         environment, identity = record["environment"], record["identity"]
         found = {("library", "python", str(environment.get("python", "n/a")))}
-        found |= {("library", str(name), str(version))
-                  for name, version in (environment.get("versions") or {}).items()}  # fmt: skip
-        found |= {("plugin", str(name), f"{_of(facts, 'distribution')} {_of(facts, 'version')}")
-                  for name, facts in (identity.get("plugins") or {}).items()}  # fmt: skip
+        found |= {
+            ("library", str(name), str(version))
+            for name, version in (environment.get("versions") or {}).items()
+        }
+        found |= {
+            ("plugin", str(name), f"{_of(facts, 'distribution')} {_of(facts, 'version')}")
+            for name, facts in (identity.get("plugins") or {}).items()
+        }
         commit, _, changed = str(identity.get("commit", "unknown")).partition("+")
         found.add(
             ("commit", "tactibench", commit[:12] + " with uncommitted changes" * bool(changed))

@@ -83,11 +83,14 @@ class Looks:
         for row in self.rows:
             model = models.index(str(row.first["model"]["name"]))
             nth = counts[row.label] = counts.get(row.label, len(counts))
-            self._found.setdefault(row.label, Look(
-                COLOURS[model % len(COLOURS)],
-                SYMBOLS[nth % len(SYMBOLS)],
-                DASHES[regimes.index(row.regime) % len(DASHES)],
-            ))  # fmt: skip
+            self._found.setdefault(
+                row.label,
+                Look(
+                    COLOURS[model % len(COLOURS)],
+                    SYMBOLS[nth % len(SYMBOLS)],
+                    DASHES[regimes.index(row.regime) % len(DASHES)],
+                ),
+            )
 
     def of(self, row: Row) -> Look:
         return self._found[row.label]
@@ -95,8 +98,7 @@ class Looks:
 
 def rounded(values: Iterable[float | None], digits: int = 5) -> list[float | None]:
     """Fewer digits than anybody can see in a figure; what is not finite becomes None."""
-    return [None if v is None or not math.isfinite(v) else float(f"{v:.{digits}g}")
-            for v in values]  # fmt: skip
+    return [None if v is None or not math.isfinite(v) else float(f"{v:.{digits}g}") for v in values]
 
 
 def lines(*texts: str) -> str:
@@ -114,20 +116,36 @@ def log_axis(title: str, values: Iterable[float], **more: Any) -> dict[str, Any]
     known = [value for value in values if value > 0]
     low, high = math.log10(min(known)), math.log10(max(known))
     few = high - low < 2.5
-    ticks = [k * 10.0**n for n in range(math.floor(low) - 1, math.ceil(high) + 1)
-             for k in ((1, 2, 5) if few else (1,))]  # fmt: skip
+    ticks = [
+        k * 10.0**n
+        for n in range(math.floor(low) - 1, math.ceil(high) + 1)
+        for k in ((1, 2, 5) if few else (1,))
+    ]
     if high - low < 0.4:  # so close that fewer would be seen than two
         ticks = sorted({*ticks, *(float(f"{value:.2g}") for value in known)})
     pad = 0.06 * (high - low) + 0.03
-    return axis(title, type="log", tickmode="array", tickvals=ticks,
-                ticktext=[f"{tick:.10g}" for tick in ticks],
-                range=[round(low - pad, 4), round(high + pad, 4)], **more)  # fmt: skip
+    return axis(
+        title,
+        type="log",
+        tickmode="array",
+        tickvals=ticks,
+        ticktext=[f"{tick:.10g}" for tick in ticks],
+        range=[round(low - pad, 4), round(high + pad, 4)],
+        **more,
+    )
 
 
-def bars(values: Sequence[float | None], lows: Sequence[float | None],
-         highs: Sequence[float | None]) -> dict[str, Any]:  # fmt: skip
+def bars(
+    values: Sequence[float | None], lows: Sequence[float | None], highs: Sequence[float | None]
+) -> dict[str, Any]:
     """Error bars up and down; an end that is not known has none."""
     up = [0.0 if v is None or h is None else h - v for v, h in zip(values, highs, strict=True)]
     down = [0.0 if v is None or w is None else v - w for v, w in zip(values, lows, strict=True)]
-    return {"type": "data", "symmetric": False, "array": rounded(up), "arrayminus": rounded(down),
-            "thickness": 1.2, "width": 3}  # fmt: skip
+    return {
+        "type": "data",
+        "symmetric": False,
+        "array": rounded(up),
+        "arrayminus": rounded(down),
+        "thickness": 1.2,
+        "width": 3,
+    }

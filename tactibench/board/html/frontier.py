@@ -53,11 +53,15 @@ def _figure(found: Frontier, error: RankingError, looks: Looks) -> Figure:
     points = [_point(point, found, error, looks) for point in found.points]
     heads = ("model", "p90, ms", f"{error.name}, {error.unit}", "beside the error", "verdict")
     rows = tuple(
-        (p.label, significant(p.latency.value),
-         with_interval(p.error.value, p.error.low, p.error.high, error.decimals),
-         beside(p.row), found.verdict(p))
+        (
+            p.label,
+            significant(p.latency.value),
+            with_interval(p.error.value, p.error.low, p.error.high, error.decimals),
+            beside(p.row),
+            found.verdict(p),
+        )
         for p in found.points
-    )  # fmt: skip
+    )
     layout = {
         "xaxis": log_axis("one frame to contacts, p90, ms", _ends(p.latency for p in found.points)),
         "yaxis": log_axis(f"{error.name}, {error.unit}", _ends(p.error for p in found.points)),
@@ -84,20 +88,34 @@ def _point(point: Point, found: Frontier, error: RankingError, looks: Looks) -> 
         machine_words(point.row.first),
     )
     return {
-        "type": "scatter", "mode": "markers", "name": figure_text(point.label),
-        "x": rounded([x.value]), "y": rounded([y.value]),
+        "type": "scatter",
+        "mode": "markers",
+        "name": figure_text(point.label),
+        "x": rounded([x.value]),
+        "y": rounded([y.value]),
         "error_x": _bar(x.value, x.low, x.high, look.colour),
         "error_y": _bar(y.value, y.low, y.high, look.colour),
-        "marker": {"color": look.colour, "size": 11, "line": {"width": 1.6},
-                   "symbol": look.symbol + ("-open" if hollow else "")},
-        "hoverinfo": "text", "hovertext": [text],
-    }  # fmt: skip
+        "marker": {
+            "color": look.colour,
+            "size": 11,
+            "line": {"width": 1.6},
+            "symbol": look.symbol + ("-open" if hollow else ""),
+        },
+        "hoverinfo": "text",
+        "hovertext": [text],
+    }
 
 
 def _bar(value: float, low: float, high: float, colour: str) -> Trace:
-    return {"type": "data", "symmetric": False, "array": rounded([high - value]),
-            "arrayminus": rounded([value - low]), "color": colour, "thickness": 1.2,
-            "width": 3}  # fmt: skip
+    return {
+        "type": "data",
+        "symmetric": False,
+        "array": rounded([high - value]),
+        "arrayminus": rounded([value - low]),
+        "color": colour,
+        "thickness": 1.2,
+        "width": 3,
+    }
 
 
 def _steps(found: Frontier) -> Trace:
@@ -105,6 +123,12 @@ def _steps(found: Frontier) -> Trace:
     x = [point.latency.value for point in found.best]
     y = [point.error.value for point in found.best]
     right = max(point.latency.high for point in found.points)
-    return {"type": "scatter", "mode": "lines", "x": rounded([*x, right]),
-            "y": rounded([*y, *y[-1:]]), "line": {"shape": "hv", "dash": "dash", "width": 1.4,
-            "color": GREY}, "hoverinfo": "skip", "showlegend": False}  # fmt: skip
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": rounded([*x, right]),
+        "y": rounded([*y, *y[-1:]]),
+        "line": {"shape": "hv", "dash": "dash", "width": 1.4, "color": GREY},
+        "hoverinfo": "skip",
+        "showlegend": False,
+    }

@@ -77,8 +77,9 @@ def gather(
     if origin != RUNS:
         check_folder(board)
     shown = [name for name in files if not protocols or name in protocols]
-    boards = [_board(name, files[name], whole, board if origin != RUNS else None, board)
-              for name in shown]  # fmt: skip
+    boards = [
+        _board(name, files[name], whole, board if origin != RUNS else None, board) for name in shown
+    ]
     boards = [one for one in boards if one.records or one.name in protocols]
     if not boards:
         raise UserError(
@@ -103,8 +104,9 @@ def _board(
     if name in RANKING:
         errors |= _ranked(opened)
     own = published / "published"
-    tables = load_published(protocol.keys.published.tables,
-                            own if own.is_dir() else shipped_folder("published"))  # fmt: skip
+    tables = load_published(
+        protocol.keys.published.tables, own if own.is_dir() else shipped_folder("published")
+    )
     return Board(
         protocol,
         tuple(
@@ -162,8 +164,11 @@ def _said(origin: str, store: Path, runs: Sequence[StoredRun], boards: Sequence[
     damaged = 0 if origin == BOARD else len(list(store.glob(f"[!.]*/{RECORD}"))) - len(runs)
     left = [_counted(partial, "partial run")] if partial else []
     left += [_counted(damaged, "run") + " that cannot be read"] if damaged else []
-    left += [f"{_counted(other, 'run')} of other protocols, or older ones of the same row and seed"
-             ] if other else []  # fmt: skip
+    left += (
+        [f"{_counted(other, 'run')} of other protocols, or older ones of the same row and seed"]
+        if other
+        else []
+    )
     text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
     return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."
 
@@ -173,8 +178,12 @@ def _counted(count: int, what: str) -> str:
 
 
 def _nothing_stored(store: Path, partial: int) -> str:
-    found = f"{partial} partial runs (--quick or --limit) and no complete one" if partial else (
-        "no complete run"
-    )  # fmt: skip
-    return (f"{store} holds {found}; run a protocol whole, name another store with --runs, or "
-            "leave --from out to see the committed boards.")  # fmt: skip
+    found = (
+        f"{partial} partial runs (--quick or --limit) and no complete one"
+        if partial
+        else ("no complete run")
+    )
+    return (
+        f"{store} holds {found}; run a protocol whole, name another store with --runs, or "
+        "leave --from out to see the committed boards."
+    )

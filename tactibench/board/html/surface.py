@@ -73,15 +73,22 @@ def _has_maps(run: StoredRun) -> bool:
 
 def _figure(x: FloatArray, y: FloatArray, heat: FloatArray, name: str, depth: float) -> Figure:
     trace: Trace = {
-        "type": "surface", "x": x.round(3).tolist(), "y": y.round(3).tolist(),
-        "z": heat.round(3).tolist(), "colorscale": "Cividis", "cmin": 0, "cmax": depth,
-        "colorbar": {"title": {"text": "mm"}, "thickness": 12}, "hovertemplate":
-        "x %{x} mm<br>y %{y} mm<br>%{z} mm<extra></extra>",
-    }  # fmt: skip
+        "type": "surface",
+        "x": x.round(3).tolist(),
+        "y": y.round(3).tolist(),
+        "z": heat.round(3).tolist(),
+        "colorscale": "Cividis",
+        "cmin": 0,
+        "cmax": depth,
+        "colorbar": {"title": {"text": "mm"}, "thickness": 12},
+        "hovertemplate": "x %{x} mm<br>y %{y} mm<br>%{z} mm<extra></extra>",
+    }
     scene = {
-        "xaxis": {"title": {"text": "x, mm"}}, "yaxis": {"title": {"text": "y, mm"},
-        "autorange": "reversed"}, "zaxis": {"title": {"text": "mm"}, "range": [0, depth]},
-        "aspectmode": "manual", "aspectratio": {"x": 1, "y": 1, "z": 0.45},
+        "xaxis": {"title": {"text": "x, mm"}},
+        "yaxis": {"title": {"text": "y, mm"}, "autorange": "reversed"},
+        "zaxis": {"title": {"text": "mm"}, "range": [0, depth]},
+        "aspectmode": "manual",
+        "aspectratio": {"x": 1, "y": 1, "z": 0.45},
         "camera": {"eye": {"x": 1.1, "y": 1.2, "z": 0.9}},
-    }  # fmt: skip
+    }
     return Figure((trace,), {"scene": scene}, height=420, caption=name)

@@ -22,8 +22,16 @@ if TYPE_CHECKING:
 INLINE = {"<br>", "<sub>", "</sub>"}
 """HTML that the pages themselves have inside cells."""
 _SUMMARY = re.compile(r"<details><summary>([^<>]*)</summary>\s*")
-_PLAIN = {"paragraph": "p", "bullet_list": "ul", "list_item": "li", "em": "em", "strong": "strong",
-          "thead": "thead", "tbody": "tbody", "tr": "tr"}  # fmt: skip
+_PLAIN = {
+    "paragraph": "p",
+    "bullet_list": "ul",
+    "list_item": "li",
+    "em": "em",
+    "strong": "strong",
+    "thead": "thead",
+    "tbody": "tbody",
+    "tr": "tr",
+}
 
 
 @dataclass(frozen=True)
@@ -97,8 +105,10 @@ class _Rendered:
         if side == "open":
             self._heads = []
             name = escape(self._heading)
-            yield (f'<div class="scroll" role="region" tabindex="0" aria-label="{name}">'
-                   '<table class="board">')  # fmt: skip
+            yield (
+                f'<div class="scroll" role="region" tabindex="0" aria-label="{name}">'
+                '<table class="board">'
+            )
         else:
             yield "</table></div>"
 

@@ -46,6 +46,9 @@ def machine_words(record: Record) -> str:
     """ "AMD EPYC, 2 cores (2814b7530aaa)"."""
     found = record["environment"]
     cores = found.get("cores_logical")
-    parts = [str(found.get("cpu") or "unknown"), f"{cores} cores" if cores else "",
-             *(str(gpu) for gpu in found.get("gpu") or ())]  # fmt: skip
+    parts = [
+        str(found.get("cpu") or "unknown"),
+        f"{cores} cores" if cores else "",
+        *(str(gpu) for gpu in found.get("gpu") or ()),
+    ]
     return f"{', '.join(filter(None, parts))} ({machine(record)})"

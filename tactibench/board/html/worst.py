@@ -92,8 +92,9 @@ def frame_errors(found: Answered, trials: Trials) -> FloatArray:
 
 
 def _option(one: _Chosen, images: dict[int, npt.NDArray[np.uint8]]) -> Option:
-    figures = tuple(_figure(k, one.found, one.trials, one.errors[k], images.get(k))
-                    for k in one.worst)  # fmt: skip
+    figures = tuple(
+        _figure(k, one.found, one.trials, one.errors[k], images.get(k)) for k in one.worst
+    )
     note = _note(one.row.first, one.among, one.trials, made=bool(images))
     return Option(one.row.label, figures, note)
 
@@ -101,8 +102,7 @@ def _option(one: _Chosen, images: dict[int, npt.NDArray[np.uint8]]) -> Option:
 def _note(record: Record, among: Sequence[int] | None, trials: Trials, *, made: bool) -> str:
     seed = f"Seed {record['seed']}"
     if among:
-        return (f"{seed}, of the {len(among)} frames that the run kept; "
-                f"{len(trials):,} were tested.")  # fmt: skip
+        return f"{seed}, of the {len(among)} frames that the run kept; {len(trials):,} were tested."
     of = f"{seed}, of all {len(trials):,} test frames"
     if not made:
         return f"{of}; the frames themselves are not at hand: run the protocol here to cache them."
@@ -110,9 +110,12 @@ def _note(record: Record, among: Sequence[int] | None, trials: Trials, *, made: 
 
 
 def _figure(
-    row: int, found: Answered, trials: Trials, error: float,
+    row: int,
+    found: Answered,
+    trials: Trials,
+    error: float,
     image: npt.NDArray[np.uint8] | None,
-) -> Figure:  # fmt: skip
+) -> Figure:
     truth, answer = trials.truth[row], trials.predictions[row]
     tip = max((draw.radius_mm for draw in found.keys.draws), default=0.0)
     half = found.keys.workspace.half_width_mm + tip
@@ -137,23 +140,49 @@ def _group(name: str) -> str:
 
 
 def _ring(x: float, y: float, r: float) -> Trace:
-    return {"type": "circle", "x0": x - r, "x1": x + r, "y0": y - r, "y1": y + r,
-            "line": {"color": "#009E73", "width": 2}}  # fmt: skip
+    return {
+        "type": "circle",
+        "x0": x - r,
+        "x1": x + r,
+        "y0": y - r,
+        "y1": y + r,
+        "line": {"color": "#009E73", "width": 2},
+    }
 
 
 def _points(kind: str, contacts: Contacts) -> Trace:
     text = [
-        lines(f"{kind} contact", f"x {x:.2f}, y {y:.2f} mm", f"depth {depth:.2f} mm",
-              "" if kind == "true" else f"score {score:.2f}")
-        for (x, y), depth, score in zip(contacts.xy.tolist(), contacts.depth.tolist(),
-                                        contacts.score.tolist(), strict=True)
-    ]  # fmt: skip
-    look = {"symbol": "circle", "size": 6, "color": "#009E73"} if kind == "true" else {
-        "symbol": "x-thin", "size": 11, "color": "#D55E00",
-        "line": {"width": 2.6, "color": "#D55E00"}}  # fmt: skip
-    return {"type": "scatter", "mode": "markers", "name": kind, "showlegend": False,
-            "x": contacts.xy[:, 0].round(3).tolist(), "y": contacts.xy[:, 1].round(3).tolist(),
-            "marker": look, "hoverinfo": "text", "hovertext": text}  # fmt: skip
+        lines(
+            f"{kind} contact",
+            f"x {x:.2f}, y {y:.2f} mm",
+            f"depth {depth:.2f} mm",
+            "" if kind == "true" else f"score {score:.2f}",
+        )
+        for (x, y), depth, score in zip(
+            contacts.xy.tolist(), contacts.depth.tolist(), contacts.score.tolist(), strict=True
+        )
+    ]
+    look = (
+        {"symbol": "circle", "size": 6, "color": "#009E73"}
+        if kind == "true"
+        else {
+            "symbol": "x-thin",
+            "size": 11,
+            "color": "#D55E00",
+            "line": {"width": 2.6, "color": "#D55E00"},
+        }
+    )
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": kind,
+        "showlegend": False,
+        "x": contacts.xy[:, 0].round(3).tolist(),
+        "y": contacts.xy[:, 1].round(3).tolist(),
+        "marker": look,
+        "hoverinfo": "text",
+        "hovertext": text,
+    }
 
 
 def _jpeg(image: npt.NDArray[np.uint8]) -> str:

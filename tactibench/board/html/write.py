@@ -47,12 +47,19 @@ def report_page(
     script, style = (_asset(name) for name in ("page.js", "page.css"))
     figures = dict(_specs(chapters))
     html: str = template.render(
-        origin=material.origin, version=__version__, chapters=chapters, style=style, script=script,
-        policy=_policy(script, bundle), bundle=bundle, figures=script_json(figures),
+        origin=material.origin,
+        version=__version__,
+        chapters=chapters,
+        style=style,
+        script=script,
+        policy=_policy(script, bundle),
+        bundle=bundle,
+        figures=script_json(figures),
         key=_figure_key,
-        leaders=leaders(sections), plans=[plan(board) for board in material.boards],
+        leaders=leaders(sections),
+        plans=[plan(board) for board in material.boards],
         environment=_environment(records),
-    )  # fmt: skip
+    )
     return html
 
 

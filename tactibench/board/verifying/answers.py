@@ -16,10 +16,19 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 MOST = 64
 """Contacts in a frame; no protocol presses more than three."""
-CONTACTS = {"count": ("i", ()), "xy": ("f", (2,)), "depth": ("f", ()), "score": ("f", ()),
-            "std": ("f", (3,))}  # fmt: skip
-PLATES = {"given": ("b", ()), "plate_depth": ("f", ()), "plate_tilt": ("f", ()),
-          "plate_std": ("f", (2,))}  # fmt: skip
+CONTACTS = {
+    "count": ("i", ()),
+    "xy": ("f", (2,)),
+    "depth": ("f", ()),
+    "score": ("f", ()),
+    "std": ("f", (3,)),
+}
+PLATES = {
+    "given": ("b", ()),
+    "plate_depth": ("f", ()),
+    "plate_tilt": ("f", ()),
+    "plate_std": ("f", (2,)),
+}
 
 
 def check_answers(

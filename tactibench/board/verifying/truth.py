@@ -141,9 +141,13 @@ def _request(record: Mapping[str, Any], source: Source) -> RunRequest:
         if asked.data is not None:  # a record holds the folder's last names alone
             asked = replace(asked, data=source.data)
     return RunRequest(
-        record["protocol"]["id"], "", record["regime"], data=source.data, tested=asked,
+        record["protocol"]["id"],
+        "",
+        record["regime"],
+        data=source.data,
+        tested=asked,
         presses=(record.get("limits") or {}).get("presses"),
-    )  # fmt: skip
+    )
 
 
 def _sensors(record: Mapping[str, Any], request: RunRequest, host: PluginHost) -> Sensors:

@@ -200,8 +200,9 @@ def refuse_differences(stated: Sequence[Row], again: Sequence[Row], where: str) 
                     f"{where} states {field} {one.get(field)} for {metric} of {group}, but its "
                     f"predictions give {other.get(field)}."
                 )
-    return tuple(sorted({m for (m, _), row in before.items()
-                         if m in FROM_MAPS and row["value"] is not None}))  # fmt: skip
+    return tuple(
+        sorted({m for (m, _), row in before.items() if m in FROM_MAPS and row["value"] is not None})
+    )
 
 
 def _same(stated: Any, again: Any) -> bool:

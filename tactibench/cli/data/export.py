@@ -20,8 +20,9 @@ FORMATS = ("bristol", "card", "croissant", "hf-parquet", "webdataset")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.argument("target", type=click.Path(path_type=Path))
 @click.option("--format", "format_", type=click.Choice(FORMATS), required=True)
-@click.option("--split", metavar="NAME",
-              help="Its parts become files of their own; default: the only one.")  # fmt: skip
+@click.option(
+    "--split", metavar="NAME", help="Its parts become files of their own; default: the only one."
+)
 @json_option
 def export(
     folder: Path, target: Path, format_: str, split: str | None, json_file: Path | None

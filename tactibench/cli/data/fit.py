@@ -12,8 +12,12 @@ from tactibench.cli.options import json_option
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--depth", default="auto", metavar="COLUMN", help="Depth label, mm, larger is deeper "
-              "(-COLUMN: smaller is deeper); default: pose_2.")  # fmt: skip
+@click.option(
+    "--depth",
+    default="auto",
+    metavar="COLUMN",
+    help="Depth label, mm, larger is deeper (-COLUMN: smaller is deeper); default: pose_2.",
+)
 @click.option("--tilt", default="auto", metavar="COLUMN", help="Tilt label, deg; default: pose_6.")
 @json_option
 def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
@@ -46,12 +50,16 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
         terminal.out,
         ("", "mm", "one sigma", "of scatter"),
         [
-            ("a", f"{found.offset_mm:.3f}", f"{found.offset_std:.3f}",
-             f"{found.offset_scatter:.3f}"),
+            (
+                "a",
+                f"{found.offset_mm:.3f}",
+                f"{found.offset_std:.3f}",
+                f"{found.offset_scatter:.3f}",
+            ),
             ("p", f"{found.pivot_mm:.2f}", f"{found.pivot_std:.2f}", f"{found.pivot_scatter:.2f}"),
         ],
         right=frozenset({"mm", "one sigma", "of scatter"}),
-    )  # fmt: skip
+    )
     terminal.say(f"median misfit of the pins' spread: {found.residual:.1%}")
     if fitted.sheared:
         terminal.say(f"shear taken out: {', '.join(fitted.sheared)}")
@@ -71,6 +79,8 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
         )
         write_json(
             json_file,
-            [{"metric": metric, "group": "all", "value": value, "std": std, "unit": unit}
-             for metric, value, std, unit in rows],
-        )  # fmt: skip
+            [
+                {"metric": metric, "group": "all", "value": value, "std": std, "unit": unit}
+                for metric, value, std, unit in rows
+            ],
+        )

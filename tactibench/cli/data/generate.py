@@ -16,8 +16,13 @@ if TYPE_CHECKING:
 @click.option("--plan", type=click.Path(path_type=Path), help="Press the lines of a plan.jsonl.")
 @click.option("--sensor", help="Sensor that is pressed; default: the protocol's.")
 @click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE", help="Set one.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
-              metavar="DIR", help="Folder of the data set.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    metavar="DIR",
+    help="Folder of the data set.",
+)
 @click.option("--count", type=click.IntRange(min=1), help="At most so many presses of every set.")
 @click.option("--seed", type=click.IntRange(min=0), help="Other presses and other noise.")
 def generate(

@@ -10,13 +10,28 @@ import click
 @click.command("import")
 @click.argument("source", type=click.Path(path_type=Path))
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option("--format", "format_", metavar="NAME", help="bristol, csv or huggingface; default: "
-              "what the folder looks like.")  # fmt: skip
-@click.option("--param", "params", multiple=True, metavar="NAME=VALUE",
-              help="Say where labels are and what they mean; --params lists them.")  # fmt: skip
-@click.option("--params", "show", is_flag=True, is_eager=True, expose_value=False,
-              callback=lambda ctx, _option, wanted: _show(ctx) if wanted else None,
-              help="List what --param can set.")  # fmt: skip
+@click.option(
+    "--format",
+    "format_",
+    metavar="NAME",
+    help="bristol, csv or huggingface; default: what the folder looks like.",
+)
+@click.option(
+    "--param",
+    "params",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Say where labels are and what they mean; --params lists them.",
+)
+@click.option(
+    "--params",
+    "show",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=lambda ctx, _option, wanted: _show(ctx) if wanted else None,
+    help="List what --param can set.",
+)
 def import_folder(source: Path, target: Path, format_: str | None, params: tuple[str, ...]) -> None:
     """Read a folder of recorded frames into the new data set TARGET.
 

@@ -20,9 +20,13 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--sheet", type=click.Path(path_type=Path, dir_okay=False, writable=True),
-              callback=picture, metavar="FILE.png",
-              help="Draw frames spread over the labels.")  # fmt: skip
+@click.option(
+    "--sheet",
+    type=click.Path(path_type=Path, dir_okay=False, writable=True),
+    callback=picture,
+    metavar="FILE.png",
+    help="Draw frames spread over the labels.",
+)
 @json_option
 def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     """Show what FOLDER holds: a recording of any known format, or a data set.
@@ -93,10 +97,19 @@ def _labels(terminal: Terminal, labels: list[Label]) -> None:
         print_grid(
             terminal.out,
             ("label", "least", "mean", "most", "", "histogram"),
-            [(one.name, f"{one.low:.2f}", f"{one.mean:.2f}", f"{one.high:.2f}", one.unit, one.bars)
-             for one in changing],
+            [
+                (
+                    one.name,
+                    f"{one.low:.2f}",
+                    f"{one.mean:.2f}",
+                    f"{one.high:.2f}",
+                    one.unit,
+                    one.bars,
+                )
+                for one in changing
+            ],
             right=frozenset({"least", "mean", "most"}),
-        )  # fmt: skip
+        )
     same = [f"{one.name} {one.low:g}" for one in labels if one.constant]
     if same:
         terminal.say(f"the same in all frames: {', '.join(same)}")

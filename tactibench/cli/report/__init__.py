@@ -71,20 +71,32 @@ def print_record(
 def _heading(console: Console, record: Record) -> None:
     protocol, encoder, data = record["protocol"], record.get("encoder"), record["data"]
     console.print(Text(f"{protocol['id']}  {protocol['title']}", style="bold"))
-    parts = (label_of(record), f"encoder {encoder['name']}" if encoder else "no encoder",
-             measured_on(record), f"seed {record['seed']}")  # fmt: skip
+    parts = (
+        label_of(record),
+        f"encoder {encoder['name']}" if encoder else "no encoder",
+        measured_on(record),
+        f"seed {record['seed']}",
+    )
     console.print(Text(", ".join(parts)))
     rejected = f"; {data['rejected']:,} rejected by geometry" if data.get("rejected") else ""
     tested = record["sensor"].get("tested")
     again = tested is not None and tested["presses"] != data["test"]
     frames = f"frames of {tested['presses']:,} " if again else ""
-    console.print(Text(f"{data['train']:,} training, {data['validation']:,} validation, "
-                       f"{data['test']:,} test {frames}presses{rejected}"))  # fmt: skip
+    console.print(
+        Text(
+            f"{data['train']:,} training, {data['validation']:,} validation, "
+            f"{data['test']:,} test {frames}presses{rejected}"
+        )
+    )
     training = record.get("training")
     if training and training["epochs"]:
         when = "weights reused, trained" if training.get("reused") else "trained"
-        console.print(Text(f"{when} {training['epochs']} epochs on {training['presses']:,} "
-                           f"presses in {_duration(training['seconds'])}"))  # fmt: skip
+        console.print(
+            Text(
+                f"{when} {training['epochs']} epochs on {training['presses']:,} "
+                f"presses in {_duration(training['seconds'])}"
+            )
+        )
     _warning(console, record)
 
 

@@ -65,8 +65,9 @@ def print_grid(
 
     right: heads of right-justified columns. widths: of the columns, where several tables line up.
     """
-    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, header_style="dim",
-                  show_header=show_heads)  # fmt: skip
+    table = Table(
+        box=None, padding=(0, gap, 0, 0), pad_edge=False, header_style="dim", show_header=show_heads
+    )
     for k, head in enumerate(heads):
         table.add_column(
             head,

@@ -60,18 +60,33 @@ def _print(console: Console, one: Comparison, first: str, second: str, *, severa
     rows: list[Cells] = []
     for row, difference in zip(one.rows, differences, strict=True):
         misses = ABSENT if row.misses is None else "/".join(number(100 * m, 2) for m in row.misses)
-        rows.append((
-            _name(row), _value(row, row.first), _value(row, row.second), difference,
-            _verdict(row, first, second), _p(row.p), _p(row.p_holm),
-            "" if row.misses is None else misses,
-            f"{row.difference.clusters:,}",
-            "/".join(f"{n:,}" for n in row.alone) if any(row.alone) else "",
-        ))  # fmt: skip
+        rows.append(
+            (
+                _name(row),
+                _value(row, row.first),
+                _value(row, row.second),
+                difference,
+                _verdict(row, first, second),
+                _p(row.p),
+                _p(row.p_holm),
+                "" if row.misses is None else misses,
+                f"{row.difference.clusters:,}",
+                "/".join(f"{n:,}" for n in row.alone) if any(row.alone) else "",
+            )
+        )
     share = "answered" if any(row.metric == "coverage" for row in one.rows) else "missed"
     heads = [
-        f"{first} - {second}" if several else "metric", first, second,
-        f"{first} - {second} [95 %]", "better", "p", "p Holm", f"{share} %", "presses", "one only",
-    ]  # fmt: skip
+        f"{first} - {second}" if several else "metric",
+        first,
+        second,
+        f"{first} - {second} [95 %]",
+        "better",
+        "p",
+        "p Holm",
+        f"{share} %",
+        "presses",
+        "one only",
+    ]
     drop = not any(any(row.alone) for row in one.rows)
     if drop:
         heads, rows = heads[:-1], [row[:-1] for row in rows]
@@ -139,8 +154,10 @@ def _notes(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[str]:
         "output.",
     ]
     if any(any(row.alone) for one in found for row in one.rows):
-        notes.append("one only: presses of which the first/the second alone has a value; they are "
-                     "in neither mean, so read the misses beside the error.")  # fmt: skip
+        notes.append(
+            "one only: presses of which the first/the second alone has a value; they are "
+            "in neither mean, so read the misses beside the error."
+        )
     if others := left_out(runs):
         notes.append(f"No means over presses, not compared: {', '.join(others)}.")
     return notes

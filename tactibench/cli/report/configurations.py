@@ -21,8 +21,14 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
     threads = sorted({row["threads"] for row in race.rows if row["scenario"] == "single"})
     phases = [row["phase"] for row in race.rows if _first(race, row)]
     console.print(Text("\none frame to contacts, ms", style="bold"))
-    heads = ["configuration", "threads", *(f"{phase} p50" for phase in phases[:-1]),
-             "p50", "p90", "p99"]  # fmt: skip
+    heads = [
+        "configuration",
+        "threads",
+        *(f"{phase} p50" for phase in phases[:-1]),
+        "p50",
+        "p90",
+        "p99",
+    ]
     print_grid(console, heads, _latencies(race, threads, phases), right=frozenset(heads[1:]))
     batches = sorted({row["batch"] for row in race.rows if row["scenario"] == "offline"})
     if batches:
@@ -36,8 +42,9 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
     for name, reason in race.found.skipped.items():
         console.print(Text(f"left out: {name}: {reason.rstrip('.')}", style="dim"))
     if not all(row["settled"] for row in race.rows):
-        console.print(Text("NOT SETTLED: some times still drifted after the warm-up",
-                           style="yellow"))  # fmt: skip
+        console.print(
+            Text("NOT SETTLED: some times still drifted after the warm-up", style="yellow")
+        )
     if note:
         console.print(Text(note, style="yellow"))
     console.print(Text(f"\n{verdict(race)}"))

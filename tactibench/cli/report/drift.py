@@ -15,8 +15,17 @@ from tactibench.running.drift import Drift, Drifts
 AIM = 0.02
 """Median drift that is small beside the model's own error, as a share of it."""
 ABSENT = "n/a"
-HEADS = ("configuration", "batch", "threads", "median, mm", "largest, mm", "of its error",
-         "other count", "not finite", "refused")  # fmt: skip
+HEADS = (
+    "configuration",
+    "batch",
+    "threads",
+    "median, mm",
+    "largest, mm",
+    "of its error",
+    "other count",
+    "not finite",
+    "refused",
+)
 
 
 def print_drifts(console: Console, found: Drifts, subject: str, note: str) -> None:
@@ -24,8 +33,9 @@ def print_drifts(console: Console, found: Drifts, subject: str, note: str) -> No
     console.print(Text(subject, style="bold"))
     error = "not known" if found.error_mm is None else f"{number(found.error_mm, 4)} mm"
     console.print(Text(f"its own mean error in float32: {error}"))
-    console.print(Text("\nanswers beside those in float32, one frame a call, on one thread",
-                       style="bold"))  # fmt: skip
+    console.print(
+        Text("\nanswers beside those in float32, one frame a call, on one thread", style="bold")
+    )
     print_grid(console, HEADS, table(found.rows), right=frozenset(HEADS[1:]))
     for name, words in {row.configuration: row.words for row in found.rows}.items():
         console.print(Text(f"{name}: {words}", style="dim"))
@@ -42,10 +52,16 @@ def table(rows: Iterable[Drift]) -> list[Cells]:
     """Cells under HEADS; settings that differ in the threads alone share a line."""
     lines: dict[Cells, list[str]] = {}
     for row in rows:
-        cells = (row.configuration, str(row.batch), length(row.apart.median_mm),
-                 length(row.apart.largest_mm), share(row.share),
-                 f"{row.apart.other_count} of {row.apart.frames}",
-                 f"{row.not_finite} of {row.outputs:,}", str(row.refused))  # fmt: skip
+        cells = (
+            row.configuration,
+            str(row.batch),
+            length(row.apart.median_mm),
+            length(row.apart.largest_mm),
+            share(row.share),
+            f"{row.apart.other_count} of {row.apart.frames}",
+            f"{row.not_finite} of {row.outputs:,}",
+            str(row.refused),
+        )
         lines.setdefault(cells, []).append(str(row.threads))
     return [(*cells[:2], ", ".join(threads), *cells[2:]) for cells, threads in lines.items()]
 

@@ -34,21 +34,29 @@ def _print(console: Console, found: Frontier, error: RankingError) -> None:
         for point, time, value in zip(found.points, times, errors, strict=True)
     ]
     heads = (
-        f"regime {found.regime}", "seeds", "p90 and range, ms",
-        f"error and range, {error.unit}", "",
-    )  # fmt: skip
+        f"regime {found.regime}",
+        "seeds",
+        "p90 and range, ms",
+        f"error and range, {error.unit}",
+        "",
+    )
     print_grid(console, heads, rows, right=frozenset({"seeds"}))
 
 
 def remarks(found: Sequence[Frontier]) -> list[str]:
     """What the table leaves out, one sentence each."""
-    texts = ["", "Range: from the lowest end of the seeds' intervals to the highest; a time is at "
-             "least 2 % wide. Dominated: another of the same regime is better on both by more than "
-             "the ranges. Trivial rows are left out."]  # fmt: skip
+    texts = [
+        "",
+        "Range: from the lowest end of the seeds' intervals to the highest; a time is at "
+        "least 2 % wide. Dominated: another of the same regime is better on both by more than "
+        "the ranges. Trivial rows are left out.",
+    ]
     elsewhere = sum(one.elsewhere for one in found)
     if elsewhere:
-        texts.append(f"Left out: {elsewhere:,} runs that were timed on another machine than "
-                     f"{found[0].machine}.")  # fmt: skip
+        texts.append(
+            f"Left out: {elsewhere:,} runs that were timed on another machine than "
+            f"{found[0].machine}."
+        )
     untimed = [f"{name} ({one.regime})" for one in found for name in one.untimed]
     if untimed:
         texts.append(f"Left out, without an error or a time: {'; '.join(untimed)}.")

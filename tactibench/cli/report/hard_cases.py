@@ -51,8 +51,14 @@ def _line(one: Graded, place: str) -> Cells:
     missed = "" if last.missed is None else number(100 * last.missed.value, 1)
     worst = "" if one.worst is None else number(one.worst.value, 1)
     hardest = (f"{last.value:g}" if len(one.cases) > 1 else "", _mm(last.error))
-    return (f"{one.axis.family}{unit}", *easy, *hardest, missed, worst,
-            place if one.axis.ordered else "")  # fmt: skip
+    return (
+        f"{one.axis.family}{unit}",
+        *easy,
+        *hardest,
+        missed,
+        worst,
+        place if one.axis.ordered else "",
+    )
 
 
 def _mm(found: Pooled | None) -> str:

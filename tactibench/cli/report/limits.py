@@ -17,8 +17,10 @@ HEADS = ("depth, mm", "sd of", "middle", "median", "90 %", "worst", "at x, y mm"
 def print_limits(console: Console, maps: LimitMaps, subject: str) -> None:
     """Print one line per depth and quantity; below it what has no bound and what is refused."""
     lines = summary(maps)
-    columns = [aligned([micrometres(line.get(name)) for line in lines])
-               for name in ("middle", "median", "p90", "worst")]  # fmt: skip
+    columns = [
+        aligned([micrometres(line.get(name)) for line in lines])
+        for name in ("middle", "median", "p90", "worst")
+    ]
     cells: list[Cells] = []
     last = None
     for line, *values in zip(lines, *columns, strict=True):
@@ -45,8 +47,9 @@ def micrometres(value: float | None) -> str:
 def remarks(maps: LimitMaps, lines: list[dict[str, Any]]) -> list[str]:
     """What the numbers leave out, one sentence each."""
     per_depth = lines[:: len(maps.request.quantities)]
-    unbounded, refused = (sum(line[state] for line in per_depth)
-                          for state in ("unbounded", "refused"))  # fmt: skip
+    unbounded, refused = (
+        sum(line[state] for line in per_depth) for state in ("unbounded", "refused")
+    )
     of = f"of {maps.request.presses:,} presses"
     found = []
     if len(maps.request.indenter.offsets) > 1:

@@ -24,15 +24,24 @@ def print_speed(console: Console, record: Record, published: Sequence[PublishedT
     console.print(Text("Speed beside error", style="bold"))
     for line in _headline(record, rows):
         console.print(Text(line))
-    console.print(Text(f"{environment['cpu']}, {_threads(environment['threads'])}, "
-                       f"fingerprint {environment['fingerprint']}", style="dim"))  # fmt: skip
+    console.print(
+        Text(
+            f"{environment['cpu']}, {_threads(environment['threads'])}, "
+            f"fingerprint {environment['fingerprint']}",
+            style="dim",
+        )
+    )
     if rows:
         heads = [*KEYS, "phase", "p50 ms", "p90 ms", "p99 ms", "frames/s"]
         print_grid(console, heads, _phases(rows), right=frozenset(heads[-4:]))
     drifted = _drifted(rows)
     if drifted:
-        console.print(Text(f"NOT SETTLED: times of {', '.join(drifted)} still drifted after the "
-                           "warm-up", style="yellow"))  # fmt: skip
+        console.print(
+            Text(
+                f"NOT SETTLED: times of {', '.join(drifted)} still drifted after the warm-up",
+                style="yellow",
+            )
+        )
     if rows and not any(row["scenario"] == "offline" for row in rows):
         console.print(Text("offline (larger batches): none, not timed by this run", style="dim"))
     timed = record.get("timed")
@@ -45,10 +54,13 @@ def print_speed(console: Console, record: Record, published: Sequence[PublishedT
     for table in published:
         for row in rows_for(record["protocol"]["id"], table):
             if row.speed:
-                console.print(Text(
-                    f"published: {row.label}, {row.speed.phase} {row.speed.per_s:g} per s on "
-                    f"{row.speed.hardware}, another machine", style="magenta"
-                ))  # fmt: skip
+                console.print(
+                    Text(
+                        f"published: {row.label}, {row.speed.phase} {row.speed.per_s:g} per s on "
+                        f"{row.speed.hardware}, another machine",
+                        style="magenta",
+                    )
+                )
 
 
 def _timed(timed: Row) -> str:

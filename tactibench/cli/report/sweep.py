@@ -22,15 +22,27 @@ def print_sweep(
 ) -> None:
     """Print every cell with its state, every data set, and how many there are of each."""
     if sets:
-        rows = [(one.label, f"{one.samples:,}", one.source.identity["name"],
-                 "complete" if one.is_complete else "to do") for one in sets]  # fmt: skip
-        print_grid(console, ("data set", "samples", "sensor", "state"), rows,
-                   right=frozenset({"samples"}))  # fmt: skip
+        rows = [
+            (
+                one.label,
+                f"{one.samples:,}",
+                one.source.identity["name"],
+                "complete" if one.is_complete else "to do",
+            )
+            for one in sets
+        ]
+        print_grid(
+            console, ("data set", "samples", "sensor", "state"), rows, right=frozenset({"samples"})
+        )
     if not finished:
         return
     axes = [axis for axis in AXES if any(one.cell.axes[axis] for one in finished)]
-    print_grid(console, (*axes, "state", "time", "run"), [_cells(one, axes) for one in finished],
-               right=frozenset({"seed", "time"}))  # fmt: skip
+    print_grid(
+        console,
+        (*axes, "state", "time", "run"),
+        [_cells(one, axes) for one in finished],
+        right=frozenset({"seed", "time"}),
+    )
     for one in finished:
         if one.why:
             console.print(Text(f"{one.cell.label}: {one.why}"), soft_wrap=True)

@@ -49,8 +49,11 @@ def print_block(
     sections = [_measured(block, record)]
     if block.compared:
         sections += [_measured(block, other, f"\n  stored as {other['name']}") for other in others]
-        sections += [_printed(block, table, row) for table in published
-                     for row in rows_for(record["protocol"]["id"], table)]  # fmt: skip
+        sections += [
+            _printed(block, table, row)
+            for table in published
+            for row in rows_for(record["protocol"]["id"], table)
+        ]
     sections = _line_up([section for section in sections if section.rows])
     heads = ["", *(HEADS[metric] for metric in block.metrics), *COUNTS]
     heads, widths, gap = _fit(heads, sections, max(console.width, NARROWEST))
@@ -61,13 +64,17 @@ def print_block(
         if section.head != last:
             style = "magenta" if section.head.startswith("published") else "cyan"
             console.print(Text(section.head, style=style))
-        unseen = [f"{name} {count}" for name, count in zip(COUNTS, section.counts, strict=True)
-                  if count and name not in heads]  # fmt: skip
+        unseen = [
+            f"{name} {count}"
+            for name, count in zip(COUNTS, section.counts, strict=True)
+            if count and name not in heads
+        ]
         if label := section.label or ", ".join(unseen):
             console.print(Text(label, style="italic"))
         rows = (row[: len(heads)] for row in section.rows)
-        print_grid(console, heads, rows, right=frozenset(COUNTS), widths=widths, gap=gap,
-                   show_heads=k == 0)  # fmt: skip
+        print_grid(
+            console, heads, rows, right=frozenset(COUNTS), widths=widths, gap=gap, show_heads=k == 0
+        )
         last = section.head
 
 

@@ -15,21 +15,33 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
     record = verdict.record
     console.print(Text(f"VERIFIED {verdict.path.name}", style="bold"), soft_wrap=True)
     console.print(Text(f"  {verdict.subject}"), soft_wrap=True)
-    console.print(Text(
-        f"  {record['protocol']['id']}@{record['protocol']['version']}: truth of "
-        f"{verdict.frames:,} test frames made again, predictions "
-        f"{record['identity']['predictions_hash'][:12]}, {len(verdict.again)} metric rows equal"
-    ), soft_wrap=True)  # fmt: skip
+    console.print(
+        Text(
+            f"  {record['protocol']['id']}@{record['protocol']['version']}: truth of "
+            f"{verdict.frames:,} test frames made again, predictions "
+            f"{record['identity']['predictions_hash'][:12]}, {len(verdict.again)} metric rows equal"
+        ),
+        soft_wrap=True,
+    )
     rows = [
-        (f"  {_name(row)}", row["group"], estimate(row, 2 if row["unit"] == "share" else 4),
-         f"{row['clusters']:,}")
+        (
+            f"  {_name(row)}",
+            row["group"],
+            estimate(row, 2 if row["unit"] == "share" else 4),
+            f"{row['clusters']:,}",
+        )
         for row in verdict.headline()
-    ]  # fmt: skip
-    print_grid(console, ("  metric", "group", "value [95 %]", "presses"), rows,
-               right=frozenset({"presses"}))  # fmt: skip
+    ]
+    print_grid(
+        console,
+        ("  metric", "group", "value [95 %]", "presses"),
+        rows,
+        right=frozenset({"presses"}),
+    )
     told = ["times", "training", "weights", *(NAMES.get(n, n) for n in verdict.stated)]
-    console.print(Text(f"  on the submitter's word: {', '.join(told)}", style="dim"),
-                  soft_wrap=True)  # fmt: skip
+    console.print(
+        Text(f"  on the submitter's word: {', '.join(told)}", style="dim"), soft_wrap=True
+    )
 
 
 def _name(row: Row) -> str:

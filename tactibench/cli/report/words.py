@@ -24,37 +24,55 @@ BLOCKS: Mapping[str, tuple[Block, ...]] = {
         Block("Error by axis", {"r2": 4, "mae_mm": 4, "rmse_mm": 4}, ("x", "y", "z", "mean")),
     ),
     "exp2": (
-        Block("By true distance of the tips, mm", {"resolved": 0, "distance_mae_mm": 3,
-              "distance_penalised_mm": 3, "orientation_mae_deg": 1}, (), compared=False),
-        Block("All distances", {"distance_mae_mm": 3, "distance_penalised_mm": 3, "resolved": 1},
-              ("all",)),
+        Block(
+            "By true distance of the tips, mm",
+            {
+                "resolved": 0,
+                "distance_mae_mm": 3,
+                "distance_penalised_mm": 3,
+                "orientation_mae_deg": 1,
+            },
+            (),
+            compared=False,
+        ),
+        Block(
+            "All distances",
+            {"distance_mae_mm": 3, "distance_penalised_mm": 3, "resolved": 1},
+            ("all",),
+        ),
     ),
     "exp3": (
-        Block("By number of contacts", {"position_mean_mm": 3, "depth_mae_mm": 3, "missed": 1},
-              ("dual", "triple", "all")),
+        Block(
+            "By number of contacts",
+            {"position_mean_mm": 3, "depth_mae_mm": 3, "missed": 1},
+            ("dual", "triple", "all"),
+        ),
     ),
     "surface": (
         Block("Flat plate", {"depth_mae_mm": 4, "tilt_mae_deg": 3, "coverage": 1}, ("all",)),
     ),
     "transfer": (
-        Block("By labelled frames of the tested sensor",
-              {"depth_mae_mm": 3, "tilt_mae_deg": 2, "coverage": 1}, ("0", "10", "50", "200")),
+        Block(
+            "By labelled frames of the tested sensor",
+            {"depth_mae_mm": 3, "tilt_mae_deg": 2, "coverage": 1},
+            ("0", "10", "50", "200"),
+        ),
     ),
-}  # fmt: skip
+}
 """Every other metric of a record is listed after these."""
 
 EXPLAIN = {
     "exp1": "Best-scored prediction against the one true contact, no gate.",
     "exp2": "error, turn: over resolved pairs only; penalised: an unresolved pair counts its true "
-            "distance, so that no missing contact improves it. n: resolved/all pairs.",
+    "distance, so that no missing contact improves it. n: resolved/all pairs.",
     "exp3": "position, depth: over contacts matched inside the gate; missed: true contacts without "
-            "a match. n: matched/true contacts.",
+    "a match. n: matched/true contacts.",
     "stability": "error: in x, y and depth a contact, a missed or false one counts the gate; "
-                 "doubles at: value at which it is twice that of the easy case.",
+    "doubles at: value at which it is twice that of the easy case.",
     "surface": "depth, tilt: over answered frames; coverage: answered frames.",
     "transfer": "depth: indentation, z + a + p (1 - cos tilt); over answered frames. The tested "
-                "sensor gives its rest image and so many labelled frames, nothing else.",
-}  # fmt: skip
+    "sensor gives its rest image and so many labelled frames, nothing else.",
+}
 
 HEADLINES = {
     "exp1": ("mae_mm", "mean", "missed", 4),

@@ -64,9 +64,16 @@ def describe_labels(values: Mapping[str, FloatArray]) -> list[Label]:
             low, high = float(known.min()), float(known.max())
             counts, _ = np.histogram(known, BINS, range=(low, high if high > low else low + 1))
             found.append(
-                Label(name, unit_of(name), low, high, float(known.mean()), len(known),
-                      tuple(counts.tolist()))
-            )  # fmt: skip
+                Label(
+                    name,
+                    unit_of(name),
+                    low,
+                    high,
+                    float(known.mean()),
+                    len(known),
+                    tuple(counts.tolist()),
+                )
+            )
     return found
 
 

@@ -49,9 +49,12 @@ def count_pins(recording: Recording, sample: int = SAMPLE) -> Pins:
     tracks = tracker.track(np.stack(images))
     away = np.linalg.norm(tracks.xy - tracker.rest, axis=2).max(axis=1)
     return Pins(
-        len(rows), tuple(found), len(tracker.rest), float(tracks.seen.all(axis=1).mean()),
+        len(rows),
+        tuple(found),
+        len(tracker.rest),
+        float(tracks.seen.all(axis=1).mean()),
         float(np.median(away)),
-    )  # fmt: skip
+    )
 
 
 def _gray(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

@@ -41,15 +41,24 @@ def draw_sheet(path: Path, recording: Recording) -> None:
         tile = _tile(recording.image(row))
         y, x = top + _ABOVE, left + _GAP // 2
         paper[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
-        axes.text(left + (_TILE + _GAP) / 2, y - 4, caption(recording, values, row), fontsize=6,
-                  ha="center", va="bottom")  # fmt: skip
+        axes.text(
+            left + (_TILE + _GAP) / 2,
+            y - 4,
+            caption(recording, values, row),
+            fontsize=6,
+            ha="center",
+            va="bottom",
+        )
     axes.imshow(paper, interpolation="nearest", aspect="auto")
     title = recording.folder.resolve().name
     if recording.dataset is not None:
         title = recording.dataset.header.name
     above = ", ".join(f"{name} {unit_of(name)}".strip() for name in values) or "no labels"
-    headline(made, f"{title}: {len(recording):,} frames of {recording.kind}",
-             f"{len(rows)} of them, spread over the labels; above each: {above}")  # fmt: skip
+    headline(
+        made,
+        f"{title}: {len(recording):,} frames of {recording.kind}",
+        f"{len(rows)} of them, spread over the labels; above each: {above}",
+    )
     save(made, path)
 
 
@@ -77,8 +86,12 @@ def spread_rows(labels: Sequence[FloatArray], frames: int, count: int) -> list[i
     """
     rows = np.linspace(0, frames - 1, min(frames, _CANDIDATES)).round().astype(int)
     if not labels:
-        return [int(row) for row in rows[np.linspace(0, len(rows) - 1, min(count, len(rows)))
-                                         .round().astype(int)]]  # fmt: skip
+        return [
+            int(row)
+            for row in rows[
+                np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(int)
+            ]
+        ]
     points = np.column_stack([column[rows] for column in labels])
     points = (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-12)
     taken = [int(np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1)))]

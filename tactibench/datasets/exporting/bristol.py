@@ -53,21 +53,37 @@ def write_bristol(
     for name in TARGETS:
         (folder / name).write_bytes(text)
     header = dataset.header
-    write_json(folder / "collect_params.json", {
-        **limits(rows),
-        "labels": dict(columns.labels), "scene": dict(columns.scene),
-        "name": header.name, "uuid": header.uuid, "source": dict(header.source),
-    })  # fmt: skip
-    write_json(folder / "env_params.json", {
-        "units": dict(header.units), "axes": header.axes, "frames": dict(header.frames),
-        "dome_radius_mm": _finite(header.dome_radius_mm, "flat"),
-        "objects": {str(label): _plain(one) for label, one in enumerate(indenters, start=1)},
-        "licence": header.licence,
-    })  # fmt: skip
-    write_json(folder / "sensor_image_params.json", {
-        "image": list(header.image), "channels": header.channels, "sensor": dict(header.sensor),
-        "rest": None if rest is None else REST,
-    })  # fmt: skip
+    write_json(
+        folder / "collect_params.json",
+        {
+            **limits(rows),
+            "labels": dict(columns.labels),
+            "scene": dict(columns.scene),
+            "name": header.name,
+            "uuid": header.uuid,
+            "source": dict(header.source),
+        },
+    )
+    write_json(
+        folder / "env_params.json",
+        {
+            "units": dict(header.units),
+            "axes": header.axes,
+            "frames": dict(header.frames),
+            "dome_radius_mm": _finite(header.dome_radius_mm, "flat"),
+            "objects": {str(label): _plain(one) for label, one in enumerate(indenters, start=1)},
+            "licence": header.licence,
+        },
+    )
+    write_json(
+        folder / "sensor_image_params.json",
+        {
+            "image": list(header.image),
+            "channels": header.channels,
+            "sensor": dict(header.sensor),
+            "rest": None if rest is None else REST,
+        },
+    )
     _write_splits(dataset, folder, {s.id: image_name(s) for s in samples})
 
 
@@ -94,7 +110,12 @@ def _finite(value: float | None, otherwise: str | None) -> float | str | None:
 
 def _write_splits(dataset: Dataset, folder: Path, names: dict[int, str]) -> None:
     if dataset.splits:
-        write_json(folder / "splits.json", {
-            split: {part: [names[i] for i in getattr(ids, part) if i in names] for part in PARTS}
-            for split, ids in dataset.splits.items()
-        })  # fmt: skip
+        write_json(
+            folder / "splits.json",
+            {
+                split: {
+                    part: [names[i] for i in getattr(ids, part) if i in names] for part in PARTS
+                }
+                for split, ids in dataset.splits.items()
+            },
+        )

@@ -83,8 +83,10 @@ def _front_matter(dataset: Dataset, samples: Sequence[Sample], files: Files) -> 
 
 def _settings(dataset: Dataset) -> list[str]:
     """Facts about sensor and source, one a line; long ones stand in the header only."""
-    told = {**{f"sensor {key}": value for key, value in dataset.header.sensor.items()},
-            **{f"source {key}": value for key, value in dataset.header.source.items()}}  # fmt: skip
+    told = {
+        **{f"sensor {key}": value for key, value in dataset.header.sensor.items()},
+        **{f"source {key}": value for key, value in dataset.header.source.items()},
+    }
     texts = {one_line(key): plain(value) for key, value in told.items() if value}
     lines = [f"- {key}: `{text}`" for key, text in texts.items() if len(text) <= _LONGEST]
     return ["\n".join(lines)] if lines else []
@@ -110,8 +112,13 @@ def _splits(dataset: Dataset) -> list[str]:
 
 def _size(number: int) -> str:
     """The Hub's classes of size."""
-    steps = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"),
-             (1_000_000, "100K<n<1M"), (10_000_000, "1M<n<10M"))  # fmt: skip
+    steps = (
+        (1_000, "n<1K"),
+        (10_000, "1K<n<10K"),
+        (100_000, "10K<n<100K"),
+        (1_000_000, "100K<n<1M"),
+        (10_000_000, "1M<n<10M"),
+    )
     return next((name for limit, name in steps if number < limit), "n>10M")
 
 

@@ -72,18 +72,24 @@ def schema_of(samples: Sequence[Sample]) -> pa.Schema:
     if any(s.t_frame_ns is not None for s in samples):
         columns["t_frame_ns"] = pa.int64()
     if any(s.scene is not None for s in samples):
-        columns |= {"indenter": text, "indenter_radius_mm": number,
-                    "indenter_offsets_mm": pa.list_(pa.list_(number)),
-                    **dict.fromkeys(pose, number), "n_contacts": pa.int64(),
-                    "contacts_xy_mm": pa.list_(pa.list_(number)),
-                    "contacts_depth_mm": pa.list_(number)}  # fmt: skip
+        columns |= {
+            "indenter": text,
+            "indenter_radius_mm": number,
+            "indenter_offsets_mm": pa.list_(pa.list_(number)),
+            **dict.fromkeys(pose, number),
+            "n_contacts": pa.int64(),
+            "contacts_xy_mm": pa.list_(pa.list_(number)),
+            "contacts_depth_mm": pa.list_(number),
+        }
     labels = dict.fromkeys(name for s in samples for name in s.labels)
     if labels:
         columns["labels"] = pa.struct(dict.fromkeys(labels, number))
     if any(s.extra for s in samples):
         columns["extra"] = text
-    features = {name: {"_type": "Image"} if name == "image" else _feature(kind)
-                for name, kind in columns.items()}  # fmt: skip
+    features = {
+        name: {"_type": "Image"} if name == "image" else _feature(kind)
+        for name, kind in columns.items()
+    }
     known = json.dumps({"info": {"features": features}}, ensure_ascii=False)
     return pa.schema(columns, metadata={"huggingface": known})
 

@@ -25,8 +25,13 @@ def title(dataset: Dataset) -> str:
 def description(dataset: Dataset) -> str:
     """A few sentences: what was pressed on what, how it is measured, who may use it."""
     header = dataset.header
-    parts = [sensor_line(dataset), *presses(dataset.samples), units_line(header.units, header.axes),
-             *frames_of_reference(header.frames), sentence(named(header.licence))]  # fmt: skip
+    parts = [
+        sensor_line(dataset),
+        *presses(dataset.samples),
+        units_line(header.units, header.axes),
+        *frames_of_reference(header.frames),
+        sentence(named(header.licence)),
+    ]
     return " ".join(parts)
 
 
@@ -53,8 +58,10 @@ def presses(samples: Sequence[Sample]) -> list[str]:
     """How many there are, of what, and how deep."""
     count = len({sample.press for sample in samples})
     bad = sum(sample.status != "ok" for sample in samples)
-    said = [f"{counted(len(samples), 'sample')} of {counted(count, 'press', 'presses')}"
-            f"{f', {bad:,} of them marked bad' if bad else ''}."]  # fmt: skip
+    said = [
+        f"{counted(len(samples), 'sample')} of {counted(count, 'press', 'presses')}"
+        f"{f', {bad:,} of them marked bad' if bad else ''}."
+    ]
     scenes = [sample.scene for sample in samples if sample.scene is not None]
     if scenes:
         kinds = Counter(one_line(scene.indenter.name) for scene in scenes)

@@ -64,13 +64,24 @@ def assemble(source: Source, options: ImportOptions) -> Recording:
             f"{table.path} has no column {options.press!r} for the presses; its columns are "
             f"{', '.join(table.columns)}."
         )
-    others = {name: table.cells[name] for name in table.columns
-              if name not in {*wanted, source.name_column}}  # fmt: skip
+    others = {
+        name: table.cells[name]
+        for name in table.columns
+        if name not in {*wanted, source.name_column}
+    }
     chosen = tuple(names[row] for row in rows)
     presses = table.cells[options.press] if options.press else names
     return Recording(
-        source.format, source.generation, source.folder, table.path, chosen, paths,
-        source.folders[0], content.kind, rest, numbers,
+        source.format,
+        source.generation,
+        source.folder,
+        table.path,
+        chosen,
+        paths,
+        source.folders[0],
+        content.kind,
+        rest,
+        numbers,
         scenes or (None,) * len(rows),
         tuple(presses[row] for row in rows),
         content.sha256,
@@ -80,7 +91,7 @@ def assemble(source: Source, options: ImportOptions) -> Recording:
         source.about,
         None if indenter == NONE else options.dome_radius_mm,
         _notes(source, len(names) - len(rows), paths, rest),
-    )  # fmt: skip
+    )
 
 
 def _label_columns(source: Source, options: ImportOptions) -> tuple[str, ...]:

@@ -53,9 +53,17 @@ def read_huggingface(folder: Path, options: ImportOptions) -> Source:
         count += len(table)
     table = Table(paths[0], {name: cells.pop(name), **dict(sorted(cells.items()))})
     return Source(
-        "huggingface", f"{paths[0].name}, {len(paths)} table{'s' if len(paths) > 1 else ''}",
-        folder, table, b"".join(blobs), name, (folder,), None, folder, parts,
-    )  # fmt: skip
+        "huggingface",
+        f"{paths[0].name}, {len(paths)} table{'s' if len(paths) > 1 else ''}",
+        folder,
+        table,
+        b"".join(blobs),
+        name,
+        (folder,),
+        None,
+        folder,
+        parts,
+    )
 
 
 def _json_lines(path: Path, data: bytes) -> Table:

@@ -20,8 +20,15 @@ CHUNK = 250
 """Frames that are read, checked and written together."""
 _PLAIN = (b"\x08\x00", b"\x08\x02")
 """Bits and colour type of a PNG that is kept byte for byte: 8-bit gray, 8-bit RGB."""
-_TRAIN = {"train": "train", "training": "train", "validation": "validation", "val": "validation",
-          "valid": "validation", "dev": "validation", "test": "test"}  # fmt: skip
+_TRAIN = {
+    "train": "train",
+    "training": "train",
+    "validation": "validation",
+    "val": "validation",
+    "valid": "validation",
+    "dev": "validation",
+    "test": "test",
+}
 
 Advance = Callable[[int], None]
 

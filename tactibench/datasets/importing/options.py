@@ -58,8 +58,10 @@ _HELP: dict[str, tuple[str, dict[str, Any]]] = {
     "labels": ("label columns, separated by commas; auto: all numbers, of Bristol's its own", {}),
     "press": ("column that frames of one press share; default: every frame is a press", {}),
     "missing": ("rows whose frame is no file", {"choices": (REFUSE, SKIP)}),
-    "indenter": ("what pressed, so that labels become contacts",
-                 {"choices": (AUTO, "none", "plate", "single")}),
+    "indenter": (
+        "what pressed, so that labels become contacts",
+        {"choices": (AUTO, "none", "plate", "single")},
+    ),
     "radius_mm": ("of the spherical tip", {"low": 0.01, "high": 1000.0}),
     "dome_radius_mm": ("of the sensor", {"low": 0.1, "high": 10_000.0}),
     "x": ("column of the tip's x, mm", {}),
@@ -68,11 +70,13 @@ _HELP: dict[str, tuple[str, dict[str, Any]]] = {
     "tilt": ("column of the plate's tilt, deg; auto: pose_6", {}),
     "offset_mm": ("added to the depth column: its value at first touch, negated", _MM),
     "pivot_mm": ("p of indentation = depth + offset + p (1 - cos tilt)", _MM),
-    "yaw_deg": ("direction in the image in which the contact of a tilted plate moves",
-                {"low": -360.0, "high": 360.0}),
+    "yaw_deg": (
+        "direction in the image in which the contact of a tilted plate moves",
+        {"low": -360.0, "high": 360.0},
+    ),
     "sensor": ("name of the sensor that was recorded", {}),
     "licence": ("of the frames, an SPDX name such as CC-BY-4.0", {}),
-}  # fmt: skip
+}
 
 _DEFAULTS = ImportOptions()
 

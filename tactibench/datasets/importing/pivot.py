@@ -143,9 +143,16 @@ def _fit(
     half = jacobian * (misfit * tail**-0.5)[:, None]
     scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))
     return Pivot(
-        float(x[0]), float(x[1]), float(scatter[0]), float(scatter[1]), float(scatter[0]),
-        float(scatter[1]), exponent, float(np.median(np.abs(misfit))), len(spread),
-    )  # fmt: skip
+        float(x[0]),
+        float(x[1]),
+        float(scatter[0]),
+        float(scatter[1]),
+        float(scatter[0]),
+        float(scatter[1]),
+        exponent,
+        float(np.median(np.abs(misfit))),
+        len(spread),
+    )
 
 
 def _terms(tilt: FloatArray, shear: FloatArray) -> FloatArray:

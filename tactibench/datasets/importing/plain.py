@@ -26,9 +26,16 @@ def read_plain(folder: Path, options: ImportOptions) -> Source:
         raise UserError(f"{frames} is no folder; name that of the frames with --param frames.")
     searched = (frames,) if frames else (folder, *(f for f in folders if f.is_dir()))
     return Source(
-        "csv", f"{path.name}, {name}", folder, table, data, name, searched, None,
+        "csv",
+        f"{path.name}, {name}",
+        folder,
+        table,
+        data,
+        name,
+        searched,
+        None,
         frames or next((f for f in folders if f.is_dir()), folder),
-    )  # fmt: skip
+    )
 
 
 def _table(folder: Path, wanted: str) -> Path:

@@ -76,9 +76,18 @@ def read_row(line: bytes, where: str) -> Sample:
             f"{image_name(row.id)}; restore the line."
         )
     return Sample(
-        row.id, row.file_name, row.sha256, row.status, row.scene(where), row.labels, row.press,
-        row.session, row.attempt, row.t_frame_ns, row.extra,
-    )  # fmt: skip
+        row.id,
+        row.file_name,
+        row.sha256,
+        row.status,
+        row.scene(where),
+        row.labels,
+        row.press,
+        row.session,
+        row.attempt,
+        row.t_frame_ns,
+        row.extra,
+    )
 
 
 def check_contacts(line: bytes, where: str, dome_radius_mm: float | None) -> None:

@@ -135,9 +135,11 @@ def shape(subject: EncoderSubject) -> None:
     """Maps of another shape than the grid's are refused."""
     channels, (rows, columns) = subject.encoder.channels, subject.grid.shape
     for wrong in (
-        (rows, columns), (channels + 1, rows, columns), (channels, rows // 2, columns),
+        (rows, columns),
+        (channels + 1, rows, columns),
+        (channels, rows // 2, columns),
         (1, channels, rows, columns),
-    ):  # fmt: skip
+    ):
         try:
             found = subject.encoder.decode(np.zeros(wrong, np.float32), subject.grid)
         except (ValueError, UserError):
@@ -159,8 +161,10 @@ def depth_range(subject: EncoderSubject) -> None:
             continue
         require(len(found) == 1, f"{words(truth)} was taken, and read as {len(found)} contacts")
         worst = max(errors(found, truth))
-        require(worst <= encoder.tolerance, f"{words(truth)} was taken, and came back off by "
-                f"{worst:.3g} mm")  # fmt: skip
+        require(
+            worst <= encoder.tolerance,
+            f"{words(truth)} was taken, and came back off by {worst:.3g} mm",
+        )
 
 
 def too_many(subject: EncoderSubject) -> None:

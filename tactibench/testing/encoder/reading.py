@@ -40,8 +40,12 @@ def empty(subject: EncoderSubject) -> None:
 def round_trip(subject: EncoderSubject) -> None:
     """One contact comes back alone and within the declared tolerance; maps are float32 in 0..1."""
     rng = np.random.default_rng(2)
-    corners = [Contacts.truth([[x, y]], [depth]) for x in (-HALF_WIDTH, HALF_WIDTH)
-               for y in (-HALF_WIDTH, 0.0) for depth in (SHALLOW, DEEP)]  # fmt: skip
+    corners = [
+        Contacts.truth([[x, y]], [depth])
+        for x in (-HALF_WIDTH, HALF_WIDTH)
+        for y in (-HALF_WIDTH, 0.0)
+        for depth in (SHALLOW, DEEP)
+    ]
     cells = [Contacts.truth([subject.grid.xy(row, row)], [2.0]) for row in (30, 30.5)]
     encoder = subject.encoder
     for truth in [*corners, *cells, *(single(rng) for _ in range(40))]:

@@ -61,8 +61,9 @@ def deeper(subject: SensorSubject) -> None:
     with subject.build() as sensor:
         rest = sensor.rest()
         levels = [_moved(sensor.press(tip(0, 0, float(depth))), rest) for depth in depths]
-    shown = ", ".join(f"{level:.3g} at {depth:.2g} mm" for level, depth in
-                      zip(levels, depths, strict=True))  # fmt: skip
+    shown = ", ".join(
+        f"{level:.3g} at {depth:.2g} mm" for level, depth in zip(levels, depths, strict=True)
+    )
     require(all(a < b for a, b in pairwise(levels)), f"mean change in grey levels: {shown}")
 
 

@@ -38,9 +38,10 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "running" / "fake")
     specs = {
         "tactip-127": SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny"),
-        "recorded": SensorSpec("recorded", "tiny_tactile.parts:TinySensor", "tiny",
-                               needs_data=True),
-    }  # fmt: skip
+        "recorded": SensorSpec(
+            "recorded", "tiny_tactile.parts:TinySensor", "tiny", needs_data=True
+        ),
+    }
     origins = dict.fromkeys(specs, Origin("tiny", "tactibench", "1"))
     host: Any = SimpleNamespace(sensors=Catalogue("sensor", specs, origins, {}))
     return Source(host, tmp_path / "cache")

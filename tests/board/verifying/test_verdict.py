@@ -172,10 +172,14 @@ def test_a_record_that_does_not_hold(submitted, source, change, words) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda a: {"xy": np.where(np.arange(40).reshape(20, 2) == 3, np.nan, a["xy"])},
-         "1 values of array 'xy' are NaN or infinite"),
-        (lambda a: {"std": np.where(np.arange(60).reshape(20, 3) == 3, 1.0, a["std"])},
-         "2 values of array 'std' are NaN"),
+        (
+            lambda a: {"xy": np.where(np.arange(40).reshape(20, 2) == 3, np.nan, a["xy"])},
+            "1 values of array 'xy' are NaN or infinite",
+        ),
+        (
+            lambda a: {"std": np.where(np.arange(60).reshape(20, 3) == 3, 1.0, a["std"])},
+            "2 values of array 'std' are NaN",
+        ),
         (lambda a: {"score": a["score"] + 1}, "a score lies in 0..1"),
         (lambda a: {"count": a["count"][:-1]}, "answers 19 frames, but the protocol tests 20"),
         (lambda a: {"count": a["count"] * 100}, "answered with 100 contacts; 0 to 64"),
@@ -186,7 +190,7 @@ def test_a_record_that_does_not_hold(submitted, source, change, words) -> None:
         (lambda a: {"ranked.error": a["ranked.error"] / 2}, "by which a board ranks, are not"),
         (lambda a: {"ranked.press": a["ranked.press"][::-1]}, "by which a board ranks, are not"),
     ],
-)  # fmt: skip
+)
 def test_answers_that_do_not_hold(submitted, source, change, words) -> None:
     path = submitted()
     with pytest.raises(UserError, match=words):
@@ -270,8 +274,13 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
     folder = tmp_path / "hidden"
     folder.mkdir()
     (folder / "exp1.toml").write_text(commitment_text(protocol, seed))
-    tested = {"name": "tactip-127", "parameters": {}, "asked": ["hidden"],
-              "on": "hidden presses", "presses": 20}  # fmt: skip
+    tested = {
+        "name": "tactip-127",
+        "parameters": {},
+        "asked": ["hidden"],
+        "on": "hidden presses",
+        "presses": 20,
+    }
     sensor = {"name": "tactip-127", "origin": "simulated", "parameters": {}, "tested": tested}
     path = submitted("exp1", hidden=seed)
     with pytest.raises(UserError, match="but its predictions give"):

@@ -31,9 +31,18 @@ def test_bars_show_an_empty_bin_and_a_rare_one():
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("pose_1", "mm"), ("pose_6", "deg"), ("shear_Rz", "deg"), ("pose_z", "mm"), ("x_mm", "mm"),
-     ("pose.tilt", "deg"), ("pose.depth", "mm"), ("force", ""), ("yaw_deg", "deg")],
-)  # fmt: skip
+    [
+        ("pose_1", "mm"),
+        ("pose_6", "deg"),
+        ("shear_Rz", "deg"),
+        ("pose_z", "mm"),
+        ("x_mm", "mm"),
+        ("pose.tilt", "deg"),
+        ("pose.depth", "mm"),
+        ("force", ""),
+        ("yaw_deg", "deg"),
+    ],
+)
 def test_units_by_name(name, unit):
     assert unit_of(name) == unit
 

@@ -77,22 +77,30 @@ def smalls(draw: Any) -> Small:
     names = draw(st.lists(_NAMES, max_size=4, unique=True))
     ids = draw(st.lists(st.integers(0, 2500), min_size=1, max_size=4, unique=True))
     header = Header(
-        draw(_TEXT), {"name": draw(_TEXT), "parameters": {"pins": 127}}, (4, 5), channels,
-        draw(st.sampled_from([None, 20.0, math.inf])), licence=draw(_TEXT | st.just("cc-by-4.0")),
-    )  # fmt: skip
+        draw(_TEXT),
+        {"name": draw(_TEXT), "parameters": {"pins": 127}},
+        (4, 5),
+        channels,
+        draw(st.sampled_from([None, 20.0, math.inf])),
+        licence=draw(_TEXT | st.just("cc-by-4.0")),
+    )
     with_scenes = draw(st.booleans())
     drafts = []
     for number in ids:
         labels = {name: draw(_NUMBERS) for name in names if draw(st.booleans())}
         drafts.append(
             Draft(
-                images(shape, number), number,
+                images(shape, number),
+                number,
                 draw(st.none() | _scenes()) if with_scenes else None,
-                labels, draw(_TEXT), draw(_TEXT), draw(st.none() | st.integers(0, 2**62)),
+                labels,
+                draw(_TEXT),
+                draw(_TEXT),
+                draw(st.none() | st.integers(0, 2**62)),
                 draw(st.sampled_from([{}, {"force": [0.5, -1.0]}, {"who": "ø"}])),
                 "ok" if number == ids[0] else draw(st.sampled_from(["ok", "ok", "bad"])),
             )
-        )  # fmt: skip
+        )
     rest = draw(st.none() | st.just(images(shape, 9999)))
     return Small(header, tuple(drafts), rest, draw(st.booleans()))
 
@@ -102,11 +110,16 @@ def made(folder: Path, count: int = 5, **header: Any) -> Dataset:
     tips = (Indenter.single(), Indenter.dual(7.0))
     drafts = tuple(
         Draft(
-            images((16, 16), number), number, Scene(tips[number % 2], Pose(0.5 * number, depth=2)),
-            {"force_z": 0.25 * number}, f"press-{number // 2}", "day 1", 10**18 + number,
+            images((16, 16), number),
+            number,
+            Scene(tips[number % 2], Pose(0.5 * number, depth=2)),
+            {"force_z": 0.25 * number},
+            f"press-{number // 2}",
+            "day 1",
+            10**18 + number,
         )
         for number in range(count)
-    )  # fmt: skip
+    )
     settings = {"dome_radius_mm": 20.0, "licence": "CC-BY-4.0", **header}
     whole = Header("taps", {"name": "tactip-127"}, (16, 16), **settings)
     return Small(whole, drafts, images((16, 16), 99), True).write(folder)

@@ -137,15 +137,29 @@ def test_labels_that_are_poses_keep_their_columns(tmp_path: Path) -> None:
     labels = {"pose_1": 0.0, "pose_2": -1.5, "pose_6": 3.0, "move_1": 4.0, "session": 1.0}
     columns = columns_of([Sample(0, "", "", scene=scene, labels=labels)])
     assert columns.labels == {
-        "pose_1": "pose_x", "pose_2": "pose_y", "pose_6": "pose_Rz", "move_1": "move_1",
+        "pose_1": "pose_x",
+        "pose_2": "pose_y",
+        "pose_6": "pose_Rz",
+        "move_1": "move_1",
         "session": "session_",
-    }  # fmt: skip
+    }
     assert columns.scene["depth"] == "scene_depth"
     assert columns.order() == [
-        "sensor_image", "object_label", "pose_x", "pose_y", "pose_Rz",
-        "scene_x", "scene_y", "scene_depth", "scene_tilt", "scene_yaw", "move_1", "session_",
-        "press", "session",
-    ]  # fmt: skip
+        "sensor_image",
+        "object_label",
+        "pose_x",
+        "pose_y",
+        "pose_Rz",
+        "scene_x",
+        "scene_y",
+        "scene_depth",
+        "scene_tilt",
+        "scene_yaw",
+        "move_1",
+        "session_",
+        "press",
+        "session",
+    ]
 
 
 @pytest.mark.parametrize("name", ["collect_params", "env_params", "sensor_image_params"])
@@ -154,9 +168,12 @@ def test_the_params_say_what_is_known(make: Make, tmp_path: Path, name: str) -> 
     export(dataset, tmp_path / "out", "bristol")
     params = json.loads((tmp_path / "out" / f"{name}.json").read_text("utf-8"))
     expected = {
-        "collect_params": {"pose_llims": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0],
-                           "pose_ulims": [2.0, 0.0, 2.0, 0.0, 0.0, 0.0], "name": "taps"},
+        "collect_params": {
+            "pose_llims": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0],
+            "pose_ulims": [2.0, 0.0, 2.0, 0.0, 0.0, 0.0],
+            "name": "taps",
+        },
         "env_params": {"dome_radius_mm": 20.0, "licence": "CC-BY-4.0", "axes": "sxyz"},
         "sensor_image_params": {"image": [16, 16], "channels": 1, "rest": "image_0.png"},
-    }[name]  # fmt: skip
+    }[name]
     assert {key: params[key] for key in expected} == expected

@@ -81,12 +81,15 @@ def test_any_name_and_label_makes_a_card_that_parses(
     [
         ("cc-by-4.0", {"license": "cc-by-4.0"}, "https://spdx.org/licenses/CC-BY-4.0.html"),
         ("Apache-2.0", {"license": "apache-2.0"}, "https://spdx.org/licenses/Apache-2.0.html"),
-        ("GPL-3.0-or-later", {"license": "gpl-3.0"},
-         "https://spdx.org/licenses/GPL-3.0-or-later.html"),
+        (
+            "GPL-3.0-or-later",
+            {"license": "gpl-3.0"},
+            "https://spdx.org/licenses/GPL-3.0-or-later.html",
+        ),
         ("ODbL-1.0", {"license": "odbl"}, "https://spdx.org/licenses/ODbL-1.0.html"),
         ("ask\n me", {"license": "other", "license_name": "ask me"}, "ask me"),
     ],
-)  # fmt: skip
+)
 def test_licences_in_the_words_of_others(written: str, hub: dict[str, str], link: str) -> None:
     licence = named(written)
     assert licence is not None

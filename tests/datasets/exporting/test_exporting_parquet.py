@@ -44,8 +44,10 @@ def test_the_files_hold_the_same_samples(
         made = export(dataset, Path(place) / "out", "hf-parquet")
         samples = good_of(dataset)
         for row, sample in zip(read_parquet(made.path), samples, strict=True):
-            image = {"bytes": (dataset.folder / sample.file_name).read_bytes(),
-                     "path": f"{sample.id:06d}.png"}  # fmt: skip
+            image = {
+                "bytes": (dataset.folder / sample.file_name).read_bytes(),
+                "path": f"{sample.id:06d}.png",
+            }
             assert row["image"] == image
             labels = row.get("labels") or {}
             assert {k: v for k, v in labels.items() if v is not None} == sample.labels
@@ -79,8 +81,10 @@ def test_shards_are_counted_in_their_names(make: Make, tmp_path: Path) -> None:
         dataset, tmp_path / "out", choose(dataset, "mine"), lambda _: None, shard_bytes=1_000
     )
     names = sorted(path.name for path in (tmp_path / "out/data").iterdir())
-    assert names == ["test-00000-of-00001.parquet",
-                     *(f"unassigned-{i:05d}-of-00004.parquet" for i in range(4))]  # fmt: skip
+    assert names == [
+        "test-00000-of-00001.parquet",
+        *(f"unassigned-{i:05d}-of-00004.parquet" for i in range(4)),
+    ]
     assert [row["id"] for row in read_parquet(tmp_path / "out")] == list(range(9))
 
 

@@ -44,9 +44,13 @@ def run(tmp_path: Path) -> Run:
         }
         program = f"FOLDER = {str(folder)!r}\n{code}\nimport json; print(json.dumps(found))"
         done = subprocess.run(
-            [sys.executable, "-c", program], env={**os.environ, **offline}, cwd=tmp_path,
-            capture_output=True, text=True, timeout=300,
-        )  # fmt: skip
+            [sys.executable, "-c", program],
+            env={**os.environ, **offline},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout.splitlines()[-1])
 
@@ -75,10 +79,13 @@ def check(rows: list[dict[str, Any]], dataset: Dataset, samples: Any) -> None:
         assert row["t_frame_ns"] == sample.t_frame_ns
 
 
-@pytest.mark.parametrize("call", [
-    'datasets.load_dataset("imagefolder", data_dir=FOLDER)',
-    "datasets.load_dataset(FOLDER)",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "call",
+    [
+        'datasets.load_dataset("imagefolder", data_dir=FOLDER)',
+        "datasets.load_dataset(FOLDER)",
+    ],
+)
 def test_a_data_set_is_an_image_folder(make: Make, run: Run, tmp_path: Path, call: str) -> None:
     dataset = make(tmp_path / "v1")
     dataset.images(dataset.samples)  # a cache beside the images
@@ -120,10 +127,13 @@ def test_what_some_samples_lack_is_no_obstacle(run: Run, tmp_path: Path) -> None
         assert row["n_contacts"] == (None if contacts is None else len(contacts))
 
 
-@pytest.mark.parametrize("call", [
-    'datasets.load_dataset("parquet", data_dir=FOLDER)',
-    "datasets.load_dataset(FOLDER)",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "call",
+    [
+        'datasets.load_dataset("parquet", data_dir=FOLDER)',
+        "datasets.load_dataset(FOLDER)",
+    ],
+)
 def test_parquet_files_show_images(make: Make, run: Run, tmp_path: Path, call: str) -> None:
     if importlib.util.find_spec("pyarrow") is None:
         pytest.skip("pyarrow is not installed")

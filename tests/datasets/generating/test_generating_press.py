@@ -95,9 +95,13 @@ def test_frames_are_those_of_the_cache(tmp_path: Path, source: Source, small: Pr
     assert sum(told) == len(dataset.samples) == 21
     for stretch in small.stretches:
         request = FrameRequest(
-            "x", Noise, {}, tuple(p.scene for p in stretch.presses),
-            tuple(p.name for p in stretch.presses), stretch.seed,
-        )  # fmt: skip
+            "x",
+            Noise,
+            {},
+            tuple(p.scene for p in stretch.presses),
+            tuple(p.name for p in stretch.presses),
+            stretch.seed,
+        )
         frames = open_frames(request, tmp_path / "cache").frames
         for press, frame in zip(stretch.presses, frames, strict=True):
             sample = dataset.samples[press.id]
@@ -112,9 +116,12 @@ def test_frames_are_those_of_the_cache(tmp_path: Path, source: Source, small: Pr
 
 @pytest.mark.parametrize("stops", [[0], [1], [6], [7], [16], [3, 9, 20], list(range(1, 21, 3))])
 def test_interruptions_change_nothing(
-    tmp_path: Path, source: Source, small: Pressing, stops: list[int],
+    tmp_path: Path,
+    source: Source,
+    small: Pressing,
+    stops: list[int],
     monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+) -> None:
     generate(tmp_path / "whole", source, small, lambda _: None)
     for stop in stops:
         monkeypatch.setattr(Noise, "presses", 0)

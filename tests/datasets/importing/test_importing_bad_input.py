@@ -174,12 +174,17 @@ def test_a_damaged_description(first, unimported, text):
 
 
 def test_columns_that_are_not_there(first, unimported):
-    unimported(first, "pose_9", "its columns are", options=ImportOptions(
-        indenter="plate", depth="pose_9"))  # fmt: skip
+    unimported(
+        first, "pose_9", "its columns are", options=ImportOptions(indenter="plate", depth="pose_9")
+    )
     unimported(first, "'tap'", "presses", options=ImportOptions(press="tap"))
     unimported(first, "no column wrong", options=ImportOptions(labels="wrong"))
-    unimported(first, "pose_1 has the same value", "pose_2 changes",
-               options=ImportOptions(indenter="plate", depth="pose_1"))  # fmt: skip
+    unimported(
+        first,
+        "pose_1 has the same value",
+        "pose_2 changes",
+        options=ImportOptions(indenter="plate", depth="pose_1"),
+    )
 
 
 def test_folders_that_are_none(tmp_path, refused, first):

@@ -59,8 +59,12 @@ def test_the_header_says_where_the_frames_came_from(first, third, tmp_path):
     dataset = import_folder(first, tmp_path / "a", read_options((*PLATE, "licence=CC0-1.0")))
     source = dataset.header.source
     assert source["files"]["meta.json"] == {"exposure": -7, "image_dir": "a\\frames_bw"}
-    assert source["options"] == {"indenter": "plate", "offset_mm": 5.0, "pivot_mm": 20.0,
-                                 "licence": "CC0-1.0"}  # fmt: skip
+    assert source["options"] == {
+        "indenter": "plate",
+        "offset_mm": 5.0,
+        "pivot_mm": 20.0,
+        "licence": "CC0-1.0",
+    }
     assert source["columns"]["depth"] == "pose_2"
     assert source["sha256"] == open_recording(first).sha256
     assert dataset.header.licence == "CC0-1.0"

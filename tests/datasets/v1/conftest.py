@@ -21,16 +21,26 @@ def picture(number: int, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
 
 
 def header_of(**keys: Any) -> Header:
-    base: dict[str, Any] = {"name": "some", "sensor": {"name": "noise"}, "image": SHAPE,
-                            "dome_radius_mm": 20.0}  # fmt: skip
+    base: dict[str, Any] = {
+        "name": "some",
+        "sensor": {"name": "noise"},
+        "image": SHAPE,
+        "dome_radius_mm": 20.0,
+    }
     return Header(**{**base, **keys})
 
 
 def draft_of(number: int) -> Draft:
     """Two samples a press, names that are not ASCII."""
     scene = Scene(Indenter.dual(7.0), Pose(0.1 * number, -0.25, 30.0, depth=1.5))
-    return Draft(picture(number), number, scene, {"pose_1": 0.5 * number}, f"präß-{number // 2}",
-                 extra={"note": "µm", "n": number})  # fmt: skip
+    return Draft(
+        picture(number),
+        number,
+        scene,
+        {"pose_1": 0.5 * number},
+        f"präß-{number // 2}",
+        extra={"note": "µm", "n": number},
+    )
 
 
 def write(folder: Path, count: int = 4, **more: Any) -> None:

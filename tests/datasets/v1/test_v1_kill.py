@@ -23,8 +23,18 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("kills", [10, pytest.param(200, marks=pytest.mark.slow)])
 def test_what_was_acknowledged_survives(tmp_path: Path, kills: int) -> None:
     folder, file = tmp_path / "set", tmp_path / "outcome.json"
-    command = [sys.executable, str(SCRIPT), "--kills", str(kills), "--folder", str(folder),
-               "--json", str(file), "--seed", "7"]  # fmt: skip
+    command = [
+        sys.executable,
+        str(SCRIPT),
+        "--kills",
+        str(kills),
+        "--folder",
+        str(folder),
+        "--json",
+        str(file),
+        "--seed",
+        "7",
+    ]
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **one})
     assert done.returncode == 0, done.stdout + done.stderr

@@ -18,8 +18,12 @@ def test_orphans_go_to_the_trash_and_unfinished_files_go(open_set: Path) -> None
     (shard / "000009.png").write_bytes(b"orphan")
     (open_set / "images/000007").mkdir()
     (open_set / "images/000007/007123.png").write_bytes(b"far")
-    for name in (".000008.png.part", "../reference/.rest.png.part", "../../.dataset.json.x1y2",
-                 "../../.plan.jsonl.x1y2"):  # fmt: skip
+    for name in (
+        ".000008.png.part",
+        "../reference/.rest.png.part",
+        "../../.dataset.json.x1y2",
+        "../../.plan.jsonl.x1y2",
+    ):
         (shard / name).write_bytes(b"half")
     dataset = open_dataset(open_set)
     assert dataset.repaired == (

@@ -82,9 +82,16 @@ def test_a_changed_plan_file_is_named(tmp_path: Path, header: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "plan", [[{"id": "0"}], [{}], [{"id": True}], [{"id": 1}, {"id": 1}], [{"id": 0, "x": {1}}],
-             [{"id": 0, "x": float("nan")}]],
-)  # fmt: skip
+    "plan",
+    [
+        [{"id": "0"}],
+        [{}],
+        [{"id": True}],
+        [{"id": 1}, {"id": 1}],
+        [{"id": 0, "x": {1}}],
+        [{"id": 0, "x": float("nan")}],
+    ],
+)
 def test_a_plan_that_is_none_is_refused(tmp_path: Path, header: Any, plan: Any) -> None:
     with pytest.raises(UserError, match=r"row [12] of the plan"):
         Writer(tmp_path / "set", header(), plan)
@@ -135,8 +142,12 @@ def test_a_closed_writer_takes_nothing(tmp_path: Path, image: Any, header: Any) 
     writer = Writer(tmp_path / "set", header())
     writer.close()
     writer.close()
-    for work in (lambda: writer.add(image(0), id=0), lambda: writer.event("stop"),
-                 lambda: writer.reference(image(0)), lambda: writer.split("a")):  # fmt: skip
+    for work in (
+        lambda: writer.add(image(0), id=0),
+        lambda: writer.event("stop"),
+        lambda: writer.reference(image(0)),
+        lambda: writer.split("a"),
+    ):
         with pytest.raises(UserError, match="is closed"):
             work()
 
@@ -207,8 +218,12 @@ def test_the_order_of_writing(
         writer.add_many([draft(1)])
         monkeypatch.undo()
     assert steps == [
-        "sync .000001.png.part", "rename", "sync 000000", "line", "sync metadata.jsonl"
-    ]  # fmt: skip
+        "sync .000001.png.part",
+        "rename",
+        "sync 000000",
+        "line",
+        "sync metadata.jsonl",
+    ]
 
 
 def test_a_header_that_could_not_be_read_again_is_refused(tmp_path: Path) -> None:

@@ -37,9 +37,10 @@ indenters = st.one_of(
 scenes = st.builds(
     Scene,
     indenters,
-    st.builds(Pose, millimetres, millimetres, st.floats(-360, 360), st.floats(-20, 20),
-              st.floats(-1, 6)),
-)  # fmt: skip
+    st.builds(
+        Pose, millimetres, millimetres, st.floats(-360, 360), st.floats(-20, 20), st.floats(-1, 6)
+    ),
+)
 extras = st.fixed_dictionaries(
     {},
     optional={
@@ -65,8 +66,11 @@ rows = st.fixed_dictionaries(
 
 
 @settings(max_examples=25, suppress_health_check=list(HealthCheck))
-@given(st.lists(st.tuples(st.integers(0, 3_000_000), rows), max_size=5, unique_by=lambda r: r[0]),
-       st.sampled_from([(5, 4), (5, 4, 3)]), st.sampled_from([None, 20.0, math.inf]))  # fmt: skip
+@given(
+    st.lists(st.tuples(st.integers(0, 3_000_000), rows), max_size=5, unique_by=lambda r: r[0]),
+    st.sampled_from([(5, 4), (5, 4, 3)]),
+    st.sampled_from([None, 20.0, math.inf]),
+)
 def test_samples_come_back(
     tmp_path_factory: pytest.TempPathFactory,
     several: list[tuple[int, dict[str, Any]]],
@@ -108,8 +112,11 @@ def test_the_journal_says_what_a_reader_of_it_alone_needs(closed_set: Path, draf
 def test_a_thousand_images_in_a_folder(tmp_path: Path, image: Any, header: Any) -> None:
     with Writer(tmp_path / "set", header()) as writer:
         names = [writer.add(image(n), id=n).file_name for n in (999, 1000, 1_234_567)]
-    assert names == ["images/000000/000999.png", "images/000001/001000.png",
-                     "images/001234/1234567.png"]  # fmt: skip
+    assert names == [
+        "images/000000/000999.png",
+        "images/000001/001000.png",
+        "images/001234/1234567.png",
+    ]
     assert len(open_dataset(tmp_path / "set").samples) == 3
 
 
@@ -125,7 +132,10 @@ def test_the_rest_frame_and_later_references(tmp_path: Path, image: Any, header:
     assert np.array_equal(dataset.rest, image(1))
     assert [event["kind"] for event in dataset.events] == ["reference"] * 3 + ["warning"]
     assert sorted(p.name for p in (folder / "images/reference").iterdir()) == [
-        "000001.png", "000002.png", "rest.png"]  # fmt: skip
+        "000001.png",
+        "000002.png",
+        "rest.png",
+    ]
     assert verify(folder) == []
 
 

@@ -54,9 +54,15 @@ def test_a_name_stays_in_the_folder(open_set: Path, header: Any, name: str) -> N
 
 
 @pytest.mark.parametrize(
-    "text", ["{", "[]", "{}", '{"train": 1, "validation": [], "test": []}',
-             '{"train": [0.5], "validation": [], "test": []}'],
-)  # fmt: skip
+    "text",
+    [
+        "{",
+        "[]",
+        "{}",
+        '{"train": 1, "validation": [], "test": []}',
+        '{"train": [0.5], "validation": [], "test": []}',
+    ],
+)
 def test_a_damaged_file_is_named(open_set: Path, text: str) -> None:
     (open_set / "splits").mkdir()
     (open_set / "splits/x.json").write_text(text)

@@ -60,8 +60,12 @@ def test_every_bit_of_an_image_counts(closed_set: Path) -> None:
 def test_two_damages_are_two_findings_in_order(closed_set: Path) -> None:
     for number in (3, 1):
         flip(closed_set / f"images/000000/00000{number}.png")
-    assert [number for finding in verify(closed_set) for number in "0123"
-            if f"00000{number}.png" in finding] == ["1", "3"]  # fmt: skip
+    assert [
+        number
+        for finding in verify(closed_set)
+        for number in "0123"
+        if f"00000{number}.png" in finding
+    ] == ["1", "3"]
 
 
 def test_repairing_leaves_nothing_to_find(open_set: Path) -> None:

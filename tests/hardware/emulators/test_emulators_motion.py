@@ -114,8 +114,13 @@ def test_an_envelope_holds_all_poses_or_not() -> None:
     box = Envelope(x=(-1, 1), y=(-2, 2), z=(-3, 3), tilt=20.0)
     inside = [(1, 2, 3, 0, 0, 170), (-1, -2, -3, 19.9, 0, 0)]
     assert box.holds(np.array([matrix(pose) for pose in inside]))
-    for bad in ((1.1, 0, 0, 0, 0, 0), (0, -2.1, 0, 0, 0, 0), (0, 0, 3.1, 0, 0, 0),
-                (0, 0, 0, 0, 20.1, 0), (0, 0, 0, 180, 0, 0)):  # fmt: skip
+    for bad in (
+        (1.1, 0, 0, 0, 0, 0),
+        (0, -2.1, 0, 0, 0, 0),
+        (0, 0, 3.1, 0, 0, 0),
+        (0, 0, 0, 0, 20.1, 0),
+        (0, 0, 0, 180, 0, 0),
+    ):
         assert not box.holds(np.array([matrix(pose) for pose in (*inside, bad)]))
 
 
