@@ -25,12 +25,12 @@ from tactibench.records.files import (
     arrays_hash,
     atomic,
     file_hash,
-    locked,
     read_arrays,
     read_json,
     write_json,
 )
 from tactibench.records.identity import combined, digest
+from tactibench.records.locks import locked
 
 CHUNK = 250
 """Presses in a chunk: about a fifth of a second of work is lost by an interruption."""

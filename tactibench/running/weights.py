@@ -15,7 +15,7 @@ from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import FitReport, Model, Progress
 from tactibench.protocols.schema import Protocol
-from tactibench.records.files import file_hash, locked, read_json, write_json
+from tactibench.records.files import file_hash, read_json, write_json
 from tactibench.records.identity import (
     canonical,
     code_hash,
@@ -23,6 +23,7 @@ from tactibench.records.identity import (
     digest,
     installed_versions,
 )
+from tactibench.records.locks import locked
 from tactibench.running.parts import Parts
 
 TRAINING_STREAM = 1

@@ -17,12 +17,12 @@ from tactibench import UserError
 from tactibench.records.files import (
     arrays_hash,
     atomic,
-    locked,
     read_arrays,
     read_json,
     write_arrays,
     write_json,
 )
+from tactibench.records.locks import locked
 
 
 @pytest.mark.parametrize("before", [None, b"old"])
