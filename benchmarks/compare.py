@@ -26,7 +26,7 @@ from tactibench.records.answers import pack_contacts
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import SCHEMA
 from tactibench.records.store import PARTS, open_run, write_run
-from tactibench.running.scoring import score_arrays
+from tactibench.run.score import score_arrays
 
 TARGET_S = 2.0
 

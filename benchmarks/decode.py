@@ -19,8 +19,8 @@ from scipy.ndimage import gaussian_filter
 from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Grid
-from tactibench.timing.latency import time_single
-from tactibench.timing.rows import speed_rows
+from tactibench.run.latency import time_single
+from tactibench.run.latency_rows import speed_rows
 from tactibench_heatmaps.axes import Axes
 from tactibench_heatmaps.depth import HeatAndDepth
 from tactibench_heatmaps.hertz import HertzGaussian

@@ -21,9 +21,9 @@ import numpy as np
 from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Frame, Grid, ModelContext, Pose
-from tactibench.running.configurations import COMPILED, configurations, fastest
-from tactibench.running.device import machine
-from tactibench.timing.latency import LatencySample, Stage, time_in_rounds, torch_threads
+from tactibench.run.configurations import COMPILED, configurations, fastest
+from tactibench.run.device import machine
+from tactibench.run.latency import LatencySample, Stage, time_in_rounds, torch_threads
 from tactibench_heatmaps.hertz import HertzGaussian
 from tactibench_unet.model import UNet
 

@@ -27,13 +27,13 @@ from tactibench.cli.report.drift import length, share
 from tactibench.plugins.host import PluginHost
 from tactibench.records.cache import cache_folder
 from tactibench.records.files import read_json, write_json
-from tactibench.running.drift import run_drift
-from tactibench.running.plan import make_plan
-from tactibench.running.request import RunRequest
-from tactibench.running.silent import Silent
-from tactibench.running.training import open_frames, trained_model
-from tactibench.running.truth import true_answers
-from tactibench.timing.difference import compare
+from tactibench.run.difference import compare
+from tactibench.run.drift import run_drift
+from tactibench.run.plan import make_plan
+from tactibench.run.reporter import Silent
+from tactibench.run.request import RunRequest
+from tactibench.run.train import open_frames, trained_model
+from tactibench.run.truth import true_answers
 
 MODELS = ("cnn", "unet", "vgnn", "mixture", "superpose")
 TYPES = (torch.float64, torch.bfloat16, torch.float16)

@@ -73,9 +73,9 @@ def trained_model(
     from tactibench.errors import UserError
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
-    from tactibench.running.plan import make_plan
-    from tactibench.running.request import RunRequest, read_parameters
-    from tactibench.running.training import trained_model as load
+    from tactibench.run.plan import make_plan
+    from tactibench.run.request import RunRequest, read_parameters
+    from tactibench.run.train import trained_model as load
 
     request = RunRequest(
         protocol,

@@ -25,7 +25,7 @@ from tactibench.metrics.compare import press_means
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.protocols.schema import Protocol
 from tactibench.records.files import read_arrays
-from tactibench.running.scoring import trials_of
+from tactibench.run.score import trials_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -16,7 +16,7 @@ from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import Arrays, StoredRun
-from tactibench.running.examples import unpacked_features
+from tactibench.run.examples import unpacked_features
 from tactibench.shipped import shipped_folder
 
 CURVES, PANELS = 6, 3

@@ -54,7 +54,7 @@ def check(
     trained on 40 frames. Exit code 1 when a property fails, or when nothing ran.
     """
     from tactibench.plugins.host import PluginHost
-    from tactibench.running.request import read_parameters
+    from tactibench.run.request import read_parameters
     from tactibench.testing import expected_failures, properties, run_checks, subject_of
     from tactibench.testing.report import known_names
 

@@ -94,10 +94,10 @@ def _repeat(
     from tactibench.cli.output import Terminal
     from tactibench.cli.report.determinism import print_findings
     from tactibench.records.files import write_json
-    from tactibench.running.environment import environment_facts
-    from tactibench.running.evidence import Asked
-    from tactibench.running.repeated import repeat, steps
-    from tactibench.running.request import QUICK_FIT
+    from tactibench.run.environment import environment_facts
+    from tactibench.run.evidence import Asked
+    from tactibench.run.repeated import repeat, steps
+    from tactibench.run.request import QUICK_FIT
 
     terminal = Terminal()
     with terminal.task("repeat", len(models) * steps()) as advance:
@@ -123,7 +123,7 @@ def _repeat(
 
 
 def _machine() -> Iterator[Finding]:
-    from tactibench.timing.fingerprint import fingerprint, fingerprint_hash
+    from tactibench.run.fingerprint import fingerprint, fingerprint_hash
 
     try:
         found = fingerprint(with_torch=True)

@@ -26,14 +26,14 @@ def hidden() -> None:
 @board_option
 def commit(protocol: str, board_folder: Path) -> None:
     """Write the hash of the seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL. It is written once."""
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.records.files import atomic
-    from tactibench.running.hidden import (
+    from tactibench.protocols.hidden_seed import (
         commitment_file,
         commitment_text,
         given_seed,
         read_commitment,
     )
+    from tactibench.protocols.loader import load_protocol
+    from tactibench.records.files import atomic
 
     loaded = load_protocol(protocol)
     if loaded.keys.split is None:

@@ -148,7 +148,7 @@ def _check_picture(out: Path) -> None:
 
 
 def _settings(spec: SensorSpec, params: tuple[str, ...]) -> dict[str, Value]:
-    from tactibench.running.request import read_parameters
+    from tactibench.run.request import read_parameters
 
     given = read_parameters(params)
     for kind in set(given) - {"sensor"}:

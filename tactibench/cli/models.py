@@ -11,7 +11,7 @@ from tactibench.cli.options import json_option, request_of, request_options
 
 if TYPE_CHECKING:
     from tactibench.plugins.host import PluginHost
-    from tactibench.running.kept import KeptWeights
+    from tactibench.run.cached_weights import KeptWeights
 
 MIB = 2**20
 
@@ -33,7 +33,7 @@ def list_weights(json_file: Path | None) -> None:
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
-    from tactibench.running.kept import kept_weights
+    from tactibench.run.cached_weights import kept_weights
 
     found = kept_weights(cache_folder())
     if json_file is not None:
@@ -86,8 +86,8 @@ def train_weights(
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
-    from tactibench.running.plan import make_plan
-    from tactibench.running.training import trained_model
+    from tactibench.run.plan import make_plan
+    from tactibench.run.train import trained_model
 
     request = request_of(protocol, model, asked, presses=presses)
     terminal = Terminal()

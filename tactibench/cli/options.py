@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from tactibench.running.request import RunRequest
+    from tactibench.run.request import RunRequest
 
 Verb = Callable[..., None]
 
@@ -114,7 +114,7 @@ def request_of(protocol: str, model: str, asked: Mapping[str, Any], **more: Any)
 
     Raises UserError for a ``--param`` that is not understood.
     """
-    from tactibench.running.request import RunRequest, read_parameters
+    from tactibench.run.request import RunRequest, read_parameters
 
     fields = dict(asked)
     return RunRequest(

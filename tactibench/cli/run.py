@@ -71,8 +71,8 @@ def run(
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
-    from tactibench.running.plan import make_plan, plan_lines
-    from tactibench.running.request import read_tested
+    from tactibench.run.plan import make_plan, plan_lines
+    from tactibench.run.request import read_tested
 
     tested = read_tested(tests, hidden=hidden)
     request = request_of(
@@ -90,7 +90,7 @@ def run(
     if stored:
         finished = open_run(out, plan.name)
     else:
-        from tactibench.running.run import execute
+        from tactibench.run.execute import execute
 
         finished = execute(plan, out, terminal, fresh=fresh)
     show_run(terminal, finished, out)

@@ -23,7 +23,7 @@ def score(ctx: click.Context, run_name: str, out: Path, json_file: Path | None) 
     from tactibench.cli.output import Terminal, show_run
     from tactibench.records.files import write_json
     from tactibench.records.store import StoredRun, open_run
-    from tactibench.running.rescore import differences, rescored
+    from tactibench.run.rescore import differences, rescored
 
     terminal = Terminal()
     run = open_run(out, run_name)

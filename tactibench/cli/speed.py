@@ -11,8 +11,8 @@ from tactibench.cli.options import json_option, request_of, request_options
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from tactibench.running.plan import RunPlan
-    from tactibench.running.training import Reporter
+    from tactibench.run.plan import RunPlan
+    from tactibench.run.train import Reporter
 
 UNTRAINED = "RANDOM WEIGHTS: their answers say nothing, and reading them may take another time"
 
@@ -72,11 +72,11 @@ def speed(
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
-    from tactibench.running.environment import environment_facts
-    from tactibench.running.plan import make_plan
-    from tactibench.running.race import metric_rows, run_race, steps
-    from tactibench.running.training import open_frames
-    from tactibench.running.truth import true_answers
+    from tactibench.run.environment import environment_facts
+    from tactibench.run.plan import make_plan
+    from tactibench.run.race import metric_rows, run_race, steps
+    from tactibench.run.train import open_frames
+    from tactibench.run.truth import true_answers
 
     if train and untrained:
         raise UserError("--train and --untrained exclude each other; leave one of them out.")
@@ -101,8 +101,8 @@ def speed(
     }
     if precision:
         from tactibench.cli.report.drift import print_drifts
-        from tactibench.running.arithmetic import ways
-        from tactibench.running.drift import run_drift
+        from tactibench.run.arithmetic import ways
+        from tactibench.run.drift import run_drift
 
         with terminal.task("precision", len(ways(timed, compiled=compiled)[0])) as advance:
             drifts = run_drift(timed, seen, truth, compiled=compiled, advance=advance)
@@ -138,7 +138,7 @@ def speed(
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
     """The model with the weights that were asked for. Raises UserError where there are none."""
     from tactibench.plugins.interfaces import ConfiguredModel
-    from tactibench.running.training import trained_model
+    from tactibench.run.train import trained_model
 
     name = plan.parts.model.name
     if untrained:

@@ -42,7 +42,7 @@ def verify(
     from tactibench.errors import UserError
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
-    from tactibench.running.parts import data_folder
+    from tactibench.run.components import data_folder
 
     source = Source(trusted_host(), cache_folder(), data_folder(data))
     terminal = Terminal()

@@ -25,7 +25,7 @@ Press = Literal[
     "beside",
     "ring",
 ]
-"""What a value changes of the scene, see `tactibench.hardcases.scenes`."""
+"""What a value changes of the scene, see `tactibench.frames.hard_scenes`."""
 
 Fault = Literal[
     "blur",
@@ -40,7 +40,7 @@ Fault = Literal[
     "shift",
     "rotation",
 ]
-"""What a value does to a frame of the base family, see `tactibench.hardcases.faults`."""
+"""What a value does to a frame of the base family, see `tactibench.frames.faults`."""
 
 NEEDS: dict[str, frozenset[str]] = {
     "nothing": frozenset({"radius_mm"}),

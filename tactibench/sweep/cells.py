@@ -9,7 +9,7 @@ from itertools import product
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import ModelSpec
-from tactibench.running.request import RunRequest, read_parameters, read_tested
+from tactibench.run.request import RunRequest, read_parameters, read_tested
 from tactibench.sweep.keys import ANY, AXES, Exclusion
 from tactibench.sweep.names import check_exclusions, check_names, named, protocol_of
 from tactibench.sweep.read import SweepFile

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from tactibench.errors import UserError
-from tactibench.running.request import RunRequest
+from tactibench.run.request import RunRequest
 from tactibench.sweep.cells import Cell
 from tactibench.sweep.engine import NO_GPU, Engine, Room, WorkersDied
 from tactibench.sweep.planned import Place, Planned

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tactibench.running.device import cuda_possible
+from tactibench.run.device import cuda_possible
+from tactibench.run.fingerprint import fingerprint
 from tactibench.sweep.dask_modules import dask_modules, quiet
 from tactibench.sweep.engine import GPU, Engine
-from tactibench.timing.fingerprint import fingerprint
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables that say with how many threads a process computes."""

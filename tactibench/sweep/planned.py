@@ -12,8 +12,8 @@ from tactibench.plugins.host import PluginHost
 from tactibench.records.identity import digest
 from tactibench.records.seal import SEAL
 from tactibench.records.store import readable_run, stored_runs
-from tactibench.running.plan import RunPlan, make_plan
-from tactibench.running.request import RunRequest
+from tactibench.run.plan import RunPlan, make_plan
+from tactibench.run.request import RunRequest
 
 ADDED = ("commit", "data", "weights_hash", "predictions_hash", "stored", SEAL)
 """What a record's identity holds beside that of its plan."""

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tactibench.errors import UserError
-from tactibench.running.request import RunRequest
-from tactibench.running.training import Reporter
+from tactibench.run.request import RunRequest
+from tactibench.run.train import Reporter
 from tactibench.sweep.cells import Cell
 from tactibench.sweep.dispatch import carried_out, jobs_of
 from tactibench.sweep.engine import NO_GPU, Engine, WorkersDied

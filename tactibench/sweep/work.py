@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import check_metrics
-from tactibench.running.plan import RunPlan, make_plan
-from tactibench.running.request import RunRequest
-from tactibench.running.silent import Silent
+from tactibench.run.plan import RunPlan, make_plan
+from tactibench.run.reporter import Silent
+from tactibench.run.request import RunRequest
 from tactibench.sweep.planned import Place, stored_name
 
 
@@ -28,7 +28,7 @@ def train_weights(request: RunRequest, place: Place) -> Outcome:
     """Make sure that the weights of a cell are in the cache."""
 
     def train(plan: RunPlan) -> str:
-        from tactibench.running.training import trained_model
+        from tactibench.run.train import trained_model
 
         trained_model(plan, Silent())
         return ""
@@ -41,7 +41,7 @@ def run_cell(request: RunRequest, place: Place) -> Outcome:
     and another sweep may be at work on the same store: what is stored is not run again."""
 
     def run(plan: RunPlan) -> str:
-        from tactibench.running.run import execute
+        from tactibench.run.execute import execute
 
         if stored_name(plan, place, {}) is None:
             check_metrics(plan.protocol)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Grid, ModelContext
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.running import race
+from tactibench.run import race
 
 
 @pytest.fixture

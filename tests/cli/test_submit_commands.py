@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tactibench.running.hidden import VARIABLE
+from tactibench.protocols.hidden_seed import VARIABLE
 
 SECRET = "c0ffee" * 8
 

@@ -15,8 +15,8 @@ from few_presses import few_presses
 from tactibench.cli.main import call
 from tactibench.cli.report.determinism import verdict
 from tactibench.errors import UserError
-from tactibench.running.evidence import Asked
-from tactibench.running.repeated import ALONE, TWO, Finding, repeat, steps
+from tactibench.run.evidence import Asked
+from tactibench.run.repeated import ALONE, TWO, Finding, repeat, steps
 
 TESTS = Path(__file__).parents[1]
 FRAMES = ["frames, fit", "frames, validation", "frames, test"]
@@ -27,7 +27,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Aske
     """Model, sensor -> what is repeated: few presses with a plugin that other processes see."""
     site = tmp_path / "site"
     fake_distribution(site, "unsteady-tactile", unsteady="unsteady_tactile.hooks")
-    folders = [site, TESTS / "determinism/fake", TESTS / "running/fake"]
+    folders = [site, TESTS / "determinism/fake", TESTS / "run/fake"]
     before = os.environ.get("PYTHONPATH", "")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([*map(str, folders), before]))
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))

@@ -11,11 +11,11 @@ import pytest
 from tiny_lab import Lab, tiny_host
 
 from tactibench.records.store import StoredRun
-from tactibench.running import run as running
-from tactibench.running.plan import RunPlan, make_plan
-from tactibench.running.request import RunRequest
-from tactibench.running.silent import Silent
-from tactibench.running.speed import NOT_TIMED
+from tactibench.run import execute as running
+from tactibench.run.plan import RunPlan, make_plan
+from tactibench.run.reporter import Silent
+from tactibench.run.request import RunRequest
+from tactibench.run.timing import NOT_TIMED
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from drawn_pins import presses
 
 from tactibench import Grid, ModelContext
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.running.speed import measure_speed
+from tactibench.run.timing import measure_speed
 from tactibench_pins.presence import answers_of, least, went
 
 NAMES = ("kernel", "pins")

@@ -9,7 +9,7 @@ from drawn_pins import SIZE, draw, hexagon
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import lattice
 from tactibench.plugins.interfaces import Adapts
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 from tactibench_pins.correction import RIDGES, Correction
 from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins

@@ -12,10 +12,10 @@ import pytest
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 from tactibench.cli.main import call
 from tactibench.cli.report.drift import length, share, table, verdict, worst
-from tactibench.running import arithmetic, drift
-from tactibench.running.arithmetic import ways
-from tactibench.running.drift import Drift, Drifts, read_all, run_drift
-from tactibench.timing.difference import Difference, compare
+from tactibench.run import arithmetic, drift
+from tactibench.run.arithmetic import ways
+from tactibench.run.difference import Difference, compare
+from tactibench.run.drift import Drift, Drifts, read_all, run_drift
 from tactibench.training import LearnedModel
 
 FRAMES = [Frame(np.full((2, 2), k, np.uint8), 0.0, Pose()) for k in range(8)]

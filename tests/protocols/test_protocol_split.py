@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import SensorContext, UserError
+from tactibench.frames.recorded import published_split
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Recorded, Split
 from tactibench.protocols.split import Parts, split_presses, split_recorded
-from tactibench.running.frames_recorded import published_split
 
 SHARED = Path(__file__).parents[3] / "shared/data/tac-vgnn"
 REAL = Path(os.environ.get("TACTIBENCH_TACVGNN", SHARED))

@@ -11,7 +11,8 @@ def time_briefly(put: Callable[[Any, str, Any], None]) -> None:
 
     put: ``setattr``, or that of a patch, which takes it back.
     """
-    from tactibench.running import run, speed
+    from tactibench.run import execute as run
+    from tactibench.run import timing as speed
 
     def briefly(
         model: Any, frames: Sequence[Any], answers: Sequence[Any], *_: Any, **more: Any

@@ -222,7 +222,7 @@ def commands() -> dict[str, click.Command]:
 
 def _words(data: bytes, _: Path) -> None:
     """A command line is read and checked, and not carried out."""
-    from tactibench.running.request import read_parameters, read_tested
+    from tactibench.run.request import read_parameters, read_tested
 
     known = commands()
     line = data.decode("utf-8", errors="replace").replace("\x00", "").split("\n")

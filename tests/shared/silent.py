@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 
 
 class Epochs(SilentProgress):

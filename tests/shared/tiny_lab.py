@@ -19,7 +19,7 @@ from typing import Any
 from briefly import time_briefly
 from few_presses import few_presses
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "running" / "fake"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "run" / "fake"))
 
 OUTPUT = "output.txt"
 CRASHED = 70
@@ -57,8 +57,8 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
 
     put: ``setattr``, or that of a patch, which takes everything back.
     """
-    from tactibench.datasets import generated
     from tactibench.datasets.generating import asked
+    from tactibench.frames import cache as generated
     from tactibench.plugins import host
     from tactibench.protocols import loader
 

@@ -6,7 +6,7 @@ import pytest
 from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 
 SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 160, "crowded": 24}
 

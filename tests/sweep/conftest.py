@@ -21,7 +21,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The plugin is installed; gives its diary of trainings. This is the folder of the test."""
     site = tmp_path / "site"
     fake_distribution(site, "toy-tactile", toy="toy_tactile.hooks")
-    folders = [str(site), str(TESTS / "sweep/fake"), str(TESTS / "running/fake")]
+    folders = [str(site), str(TESTS / "sweep/fake"), str(TESTS / "run/fake")]
     for folder in folders:
         monkeypatch.syspath_prepend(folder)
     path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)

@@ -15,7 +15,7 @@ from tactibench.errors import UserError
 from tactibench.records.files import read_json, write_json
 from tactibench.records.seal import sealed, unsealed
 from tactibench.records.store import RECORD
-from tactibench.running.request import RunRequest
+from tactibench.run.request import RunRequest
 from tactibench.sweep.cells import Cell
 from tactibench.sweep.dispatch import carried_out, jobs_of
 from tactibench.sweep.engine import NO_GPU, Room, WorkersDied

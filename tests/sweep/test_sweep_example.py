@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import load_protocol
-from tactibench.running.parts import resolve_parts
+from tactibench.run.components import resolve_parts
 from tactibench.sweep.cells import cells_of
 from tactibench.sweep.keys import GenerateKeys, SweepKeys
 from tactibench.sweep.read import read_sweep

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 from tactibench.training import save_weights, state_hash
 
 

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.errors import UserError
+from tactibench.frames.drawn import frames_of_test, presser_of_test
+from tactibench.frames.presser import Presser
 from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import SensorContext
@@ -19,13 +21,11 @@ from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.files import read_arrays, write_arrays
 from tactibench.records.identity import code_hash, digest
 from tactibench.records.store import Arrays
-from tactibench.running.frames_drawn import frames_of_test, presser_of_test
-from tactibench.running.parts import sensors_of
-from tactibench.running.presser import Presser
-from tactibench.running.request import RunRequest
-from tactibench.running.truth import truth_arrays
+from tactibench.run.components import sensors_of
+from tactibench.run.request import RunRequest
+from tactibench.run.truth import truth_arrays
 
-_BEHIND = ("tactibench.hardcases", "tactibench.protocols", "tactibench.running")
+_BEHIND = ("tactibench.frames", "tactibench.protocols")
 """Packages whose code draws presses."""
 NOISE = 2_000_000
 """Spawn key of frames that are made again one by one: their noise is drawn anew."""

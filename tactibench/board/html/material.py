@@ -18,7 +18,7 @@ from tactibench.board.submissions import FOLDER, all_press_errors, read_submissi
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.records.store import RECORD, StoredRun, stored_runs
-from tactibench.running.request import folder_label
+from tactibench.run.request import folder_label
 from tactibench.shipped import shipped_folder
 
 

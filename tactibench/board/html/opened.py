@@ -15,8 +15,8 @@ from tactibench.board.html.answers import Answered, Truth, answered, unpacked_tr
 from tactibench.board.html.drawn import Drawer, Drawn
 from tactibench.board.html.material import Board
 from tactibench.board.ranking import RANKING
-from tactibench.datasets.generated import folder_of
 from tactibench.errors import UserError
+from tactibench.frames.cache import folder_of
 from tactibench.records.identity import canonical
 from tactibench.records.store import StoredRun
 

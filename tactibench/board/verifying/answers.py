@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
-from tactibench.running.guarded import COLUMNS as FAILURES
-from tactibench.running.guarded import LONGEST
+from tactibench.run.failures import COLUMNS as FAILURES
+from tactibench.run.failures import LONGEST
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 

@@ -16,26 +16,26 @@ import numpy as np
 
 from tactibench.contacts import Answer
 from tactibench.errors import UserError
+from tactibench.frames.drawn import frames_of_test, presser_of_test
+from tactibench.frames.presser import Presser
+from tactibench.frames.recorded import recorded_frames
+from tactibench.frames.source import Wanted
+from tactibench.frames.transfer import Target, open_target
 from tactibench.geometry import true_contacts
 from tactibench.plugins.discovery import installed
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import KnowsBound, SensorContext
+from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.store import Arrays
-from tactibench.running.frames import Wanted
-from tactibench.running.frames_drawn import frames_of_test, presser_of_test
-from tactibench.running.frames_recorded import recorded_frames
-from tactibench.running.frames_transfer import Target, open_target
-from tactibench.running.hidden import HiddenSeed
-from tactibench.running.parts import Sensors, sensors_of
-from tactibench.running.presser import Presser
-from tactibench.running.released import find_released, released_arrays
-from tactibench.running.request import HIDDEN, RunRequest, TestedOn, read_tested
-from tactibench.running.shots import Shots
-from tactibench.running.tested import with_test_sensor
-from tactibench.running.transfer import with_target
-from tactibench.running.truth import true_answers, truth_arrays
+from tactibench.run.components import Sensors, sensors_of
+from tactibench.run.few_shot import Shots
+from tactibench.run.published_predictions import find_released, released_arrays
+from tactibench.run.request import HIDDEN, RunRequest, TestedOn, read_tested
+from tactibench.run.test_sensor import with_test_sensor
+from tactibench.run.transfer import with_target
+from tactibench.run.truth import true_answers, truth_arrays
 
 OURS = "tactibench"
 """The distribution whose plugins are trusted."""

@@ -24,12 +24,12 @@ from tactibench.board.submissions import refuse_partial
 from tactibench.board.verifying.answers import check_answers
 from tactibench.board.verifying.truth import Source, shots_of, truth_of
 from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import checked
-from tactibench.running.hidden import committed_seed
-from tactibench.running.request import HIDDEN
-from tactibench.running.scoring import score_arrays
+from tactibench.run.request import HIDDEN
+from tactibench.run.score import score_arrays
 
 TOLERANCE = 1e-6
 """Relative; another processor or version of numpy sums in another order."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tactibench.datasets.describing.labels import Label
     from tactibench.datasets.describing.pins import Pins
     from tactibench.datasets.importing import Recording
-    from tactibench.running.serves import Service
+    from tactibench.frames.services import Service
 
 
 @click.command()
@@ -38,8 +38,8 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     from tactibench.datasets.describing.labels import describe_labels, known_values
     from tactibench.datasets.describing.pins import count_pins
     from tactibench.datasets.importing import open_recording
+    from tactibench.frames.services import services
     from tactibench.records.files import write_json
-    from tactibench.running.serves import services
 
     terminal = Terminal()
     recording = open_recording(folder)

@@ -10,7 +10,7 @@ from rich.text import Text
 from tactibench.board.numbers import number
 from tactibench.cli.report.cells import Cells, print_grid
 from tactibench.cli.report.speed import change
-from tactibench.running.race import Race
+from tactibench.run.race import Race
 
 ABSENT = "n/a"
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from tactibench.cli.report.cells import Cells, print_grid
-from tactibench.running.repeated import Finding
+from tactibench.run.repeated import Finding
 
 SHOWN = 12
 """Figures of a hash."""

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from tactibench.board.numbers import number
 from tactibench.cli.report.cells import Cells, print_grid
-from tactibench.running.drift import Drift, Drifts
+from tactibench.run.drift import Drift, Drifts
 
 AIM = 0.02
 """Median drift that is small beside the model's own error, as a share of it."""

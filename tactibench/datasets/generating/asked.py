@@ -15,7 +15,7 @@ from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.interfaces import SensorContext
 from tactibench.protocols.loader import LoadedProtocol, load_protocol
-from tactibench.running.request import read_parameters
+from tactibench.run.request import read_parameters
 
 SENSOR = "tactip-127"
 """Where no protocol names one."""

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Frame
-from tactibench.datasets.generated import CHUNK
 from tactibench.datasets.generating.stretches import Press, Pressing
 from tactibench.datasets.v1 import Draft, Header, Writer, is_dataset
 from tactibench.datasets.v1.header import read_header
 from tactibench.datasets.v1.plan import plan_hash, plan_text
+from tactibench.frames.cache import CHUNK
 from tactibench.geometry import DOME_RADIUS_MM, HasShape
 from tactibench.plugins.interfaces import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec, Value

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from tactibench.datasets.generating.stretches import Press, Pressing, Stretch
 from tactibench.errors import UserError
+from tactibench.frames.drawn import FIT, TEST, VALIDATION, WHOLE
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.protocols.split import split_presses
-from tactibench.running.frames_drawn import FIT, TEST, VALIDATION, WHOLE
 
 
 @dataclass(frozen=True)

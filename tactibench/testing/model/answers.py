@@ -9,7 +9,7 @@ import numpy as np
 from tactibench.contacts import Contacts, Frame, Pose
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import MapsModel, StagedModel
-from tactibench.running.predictions import blinded
+from tactibench.run.predict import blinded
 from tactibench.testing.model.subject import FIT, ModelSubject, checked, difference
 from tactibench.testing.property import NotApplicable, guarded, require
 

@@ -15,7 +15,7 @@ from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.errors import UserError
 from tactibench.plugins.interfaces import Encoder, FitReport, Model, ModelContext
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, Value, in_one_line
-from tactibench.running.silent import SilentProgress
+from tactibench.run.reporter import SilentProgress
 from tactibench.testing.pressed import Examples, Presser, changes, writable
 from tactibench.testing.property import Failed, NotApplicable, require
 

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Frame, Indenter, Pose, Scene
+from tactibench.frames.source import spread
 from tactibench.plugins.interfaces import HasScenes, Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec, Value
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import Protocol
-from tactibench.running.frames import spread
 from tactibench.testing.pressed import PROTOCOL
 from tactibench.testing.property import NotApplicable
 

@@ -21,7 +21,7 @@ from tactibench.plugins.host import Catalogue
 from tactibench.protocols.loader import LoadedProtocol, read_protocol
 from tactibench.records.answers import pack_contacts, unpack_contacts
 from tactibench.records.files import arrays_hash, write_arrays
-from tactibench.running.scoring import score_arrays
+from tactibench.run.score import score_arrays
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Loa
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
     """A host whose one sensor is tiny."""
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "running" / "fake")
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "run" / "fake")
     specs = {
         "tactip-127": SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny"),
         "recorded": SensorSpec(

@@ -19,10 +19,10 @@ from tactibench.board.verifying.truth import trusted_host, truth_of
 from tactibench.board.verifying.verdict import verify
 from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.hidden_seed import VARIABLE, commitment_text, given_seed
 from tactibench.protocols.split import split_presses
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.files import arrays_hash, read_arrays, write_arrays
-from tactibench.running.hidden import VARIABLE, commitment_text, given_seed
 
 Submitted = Callable[..., Path]
 

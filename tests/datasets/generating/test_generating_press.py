@@ -10,13 +10,13 @@ import pytest
 from folder_files import CLOCKED, files
 
 from tactibench import Frame, Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.datasets import generated
-from tactibench.datasets.generated import FrameRequest, open_frames
 from tactibench.datasets.generating import press as pressing
 from tactibench.datasets.generating.press import Source, generate, is_complete, source_of
 from tactibench.datasets.generating.protocol import from_protocol
 from tactibench.datasets.generating.stretches import Press, Pressing, Stretch, from_file
 from tactibench.datasets.v1 import open_dataset, verify
+from tactibench.frames import cache as generated
+from tactibench.frames.cache import FrameRequest, open_frames
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol

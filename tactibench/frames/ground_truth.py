@@ -1,0 +1,66 @@
+"""What a simulator knows beyond the frames, kept beside them: surfaces and bounds.
+
+The folder's key holds the sensor's code and tables, so a file in it is of this simulator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import FloatArray, Grid
+from tactibench.errors import UserError
+from tactibench.frames.presses import Presses
+from tactibench.plugins.interfaces import KnowsBound, KnowsSurface, Sensor
+from tactibench.records.files import arrays_hash, read_arrays, write_arrays
+from tactibench.records.identity import digest
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def true_surfaces(sensor: Sensor, presses: Presses, grid: Grid) -> npt.NDArray[np.float16] | None:
+    """(N, H, W) float16 mm inward displacement of the skin; None where nobody knows it."""
+    if not isinstance(sensor, KnowsSurface):
+        return None
+    place = digest([grid.shape, grid.origin, grid.pitch])[:12]
+
+    def compute() -> Arrays:
+        surfaces = [sensor.surface(scene, grid) for scene in presses.reached()]
+        return {"surface": np.stack(surfaces).astype(np.float16)}
+
+    return _kept(presses, f"surface-{place}.npz", compute)["surface"]
+
+
+def true_bounds(sensor: Sensor, presses: Presses) -> tuple[FloatArray, ...] | None:
+    """(K, 3) mm smallest standard deviation of x, y, depth per press; None where unknown."""
+    if not isinstance(sensor, KnowsBound):
+        return None
+
+    def compute() -> Arrays:
+        bounds = [sensor.bound(scene) for scene in presses.reached()]
+        counts = np.array([len(bound) for bound in bounds], dtype=np.int64)
+        return {"bound": np.concatenate(bounds), "count": counts}
+
+    kept = _kept(presses, "bound.npz", compute)
+    return tuple(np.split(kept["bound"], np.cumsum(kept["count"])[:-1]))
+
+
+def _kept(presses: Presses, name: str, compute: Callable[[], Arrays]) -> Arrays:
+    """The arrays of a file beside the frames, computed when it is missing or damaged."""
+    path: Path | None = presses.folder / name if presses.folder else None
+    if path is not None:
+        try:
+            arrays = read_arrays(path)
+            seal = str(arrays.pop("seal", ""))
+            if seal == arrays_hash(arrays):
+                return arrays
+        except UserError:
+            pass  # not there, or damaged: it can be computed
+    arrays = compute()
+    if path is not None:
+        write_arrays(path, {**arrays, "seal": np.array(arrays_hash(arrays))})
+    return arrays

@@ -1,0 +1,196 @@
+"""Trained weights: found in the cache or trained, and never used when damaged."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import Answer, Frame
+from tactibench.errors import UserError
+from tactibench.plugins.interfaces import FitReport, Model, Progress
+from tactibench.protocols.schema import Protocol
+from tactibench.records.files import file_hash, read_json, write_json
+from tactibench.records.identity import (
+    canonical,
+    code_hash,
+    combined,
+    digest,
+    installed_versions,
+)
+from tactibench.records.locks import locked
+from tactibench.run.components import Parts
+
+TRAINING_STREAM = 1
+MANIFEST = "manifest.json"
+SHARED_CODE = (
+    "tactibench.contacts",
+    "tactibench.frames.presses",
+    "tactibench.geometry",
+    "tactibench.images",
+    "tactibench.training",
+)
+"""Core modules whose source changes what any model learns."""
+PIN_CODE = ("tactibench.markers", "tactibench.superposition")
+"""The same of models that look at pins, and of contact mixing."""
+
+Examples = tuple[Sequence[Frame], Sequence[Answer]]
+
+
+@dataclass(frozen=True)
+class WeightsPlan:
+    """Identity of trained weights and where they are kept."""
+
+    identity: dict[str, Any]
+    folder: Path
+    checkpoints: Path
+
+    @property
+    def cached(self) -> bool:
+        """Whether the weights are there (they are verified when they are loaded)."""
+        return (self.folder / MANIFEST).is_file()
+
+    @property
+    def begun(self) -> bool:
+        """Whether an interrupted training can be continued."""
+        return self.checkpoints.is_dir() and any(self.checkpoints.iterdir())
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained model's weights: their hash, and how they came to be."""
+
+    hash: str
+    report: dict[str, Any]
+    reused: bool
+
+
+def plan_weights(
+    keys: Protocol, parts: Parts, *, seed: int, training_key: str, device: str, cache: Path
+) -> WeightsPlan:
+    """Everything that determines the weights; equal identities share one training."""
+    encoder = parts.encoder
+    identity = {
+        "model": parts.model.name,
+        "parameters": dict(parts.model.values),
+        "code": combined([parts.model.code(), *(code_hash(name) for name in _core_code(parts))]),
+        "encoder": None
+        if encoder is None
+        else {"name": encoder.name, "parameters": parts.encode_values, "code": encoder.code()},
+        "answer": keys.answer,
+        **({} if keys.transfer is None else {"transfers": True}),
+        "grid": keys.grid.model_dump(),
+        "dome_radius_mm": keys.workspace.dome_radius_mm,
+        "max_depth_mm": keys.workspace.depth_max_mm,
+        "regime": parts.regime,
+        "frames": training_key,
+        "seed": seed,
+        "device": device,
+        "versions": installed_versions("torch", "numpy"),
+    }
+    key = digest(identity)[:24]
+    return WeightsPlan(identity, cache / "weights" / key, cache / "training" / key)
+
+
+def _core_code(parts: Parts) -> tuple[str, ...]:
+    if parts.model.values.get("mixing") or parts.model.mentions(*PIN_CODE):
+        return (*SHARED_CODE, *PIN_CODE)
+    return SHARED_CODE
+
+
+def trained_weights(
+    plan: WeightsPlan,
+    model: Model,
+    examples: Callable[[str], Examples],
+    progress: Progress,
+) -> Trained:
+    """Load the weights into ``model``, training it first when they are not there.
+
+    examples: "fit" or "validation" -> frames and truth, asked for only when training is needed.
+    The model that predicts is always the one that was read from the disk.
+    """
+    with locked(plan.folder.with_name(plan.folder.name + ".lock")):
+        manifest = _intact(plan)
+        reused = manifest is not None
+        if manifest is None:
+            manifest = _train(plan, model, examples, progress)
+        shutil.rmtree(plan.checkpoints, ignore_errors=True)
+        model.load(plan.folder)
+    return Trained(manifest["hash"], manifest["report"], reused)
+
+
+def _intact(plan: WeightsPlan) -> dict[str, Any] | None:
+    """The manifest, when it and every file are what they were when they were written."""
+    try:
+        manifest: dict[str, Any] = read_json(plan.folder / MANIFEST)
+        files = manifest["files"]
+        whole = (
+            canonical(manifest["identity"]) == canonical(plan.identity)
+            and manifest["hash"] == _hash(files)
+            and "report" in manifest
+            and all(file_hash(plan.folder / name) == value for name, value in files.items())
+        )
+    except (UserError, OSError, KeyError, TypeError, AttributeError, ValueError):
+        return None
+    return manifest if whole else None
+
+
+def _train(
+    plan: WeightsPlan,
+    model: Model,
+    examples: Callable[[str], Examples],
+    progress: Progress,
+) -> dict[str, Any]:
+    frames, truth = examples("fit")
+    plan.checkpoints.mkdir(parents=True, exist_ok=True)
+    seed = np.random.SeedSequence(plan.identity["seed"], spawn_key=(TRAINING_STREAM,))
+    report: FitReport = model.fit(
+        frames,
+        truth,
+        validation=examples("validation"),
+        rng=np.random.default_rng(seed),
+        progress=progress,
+    )
+    made = plan.folder.with_name(plan.folder.name + ".made")
+    shutil.rmtree(made, ignore_errors=True)
+    made.mkdir(parents=True)
+    model.save(made)
+    files = {
+        path.relative_to(made).as_posix(): file_hash(path)
+        for path in sorted(made.rglob("*"))
+        if path.is_file()
+    }
+    manifest = {
+        "identity": plan.identity,
+        "files": files,
+        "hash": _hash(files),
+        "report": _plain(report, plan.identity["model"]),
+        "presses": len(frames),
+    }
+    write_json(made / MANIFEST, manifest)
+    if plan.folder.exists():  # damaged
+        shutil.rmtree(plan.folder)
+    made.rename(plan.folder)
+    return manifest
+
+
+def _hash(files: dict[str, str]) -> str:
+    return combined([f"{name} {value}" for name, value in sorted(files.items())])
+
+
+def _plain(report: FitReport, model: str) -> dict[str, Any]:
+    """The report as JSON values, numpy's numbers as Python's."""
+    try:
+        text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())
+    except (ValueError, TypeError, AttributeError) as error:
+        raise UserError(
+            f"model {model!r} reported a training that cannot be recorded ({error}): its loss was "
+            "not finite, or a note is no number or text; train with other parameters or mend it."
+        ) from None
+    plain: dict[str, Any] = json.loads(text)
+    return plain

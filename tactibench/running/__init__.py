@@ -1,1 +1,0 @@
-"""One run, from a request to a stored record."""

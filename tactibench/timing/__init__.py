@@ -1,1 +1,0 @@
-"""How fast a model is, and on what machine that was measured."""

@@ -1,0 +1,263 @@
+"""Generated frames: the same however often they were interrupted; damage is never used."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import Frame, Indenter, Pose, Scene, UserError
+from tactibench.frames import cache as generated
+from tactibench.frames.cache import FrameRequest, folder_of, is_cached, open_frames
+
+RequestOf = Callable[..., FrameRequest]
+
+
+def files(cache: Path) -> list[str]:
+    """What lies in the cache, locks apart."""
+    found = [p.relative_to(cache / "frames").as_posix() for p in cache.rglob("*") if p.is_file()]
+    return sorted(name for name in found if not name.endswith(".lock"))
+
+
+def images(request: FrameRequest, cache: Path) -> np.ndarray:
+    return np.array([frame.image for frame in open_frames(request, cache).frames])
+
+
+def test_frames_come_once_and_again_from_the_disk(
+    request_of: RequestOf, counter: Any, tmp_path: Path
+) -> None:
+    request = request_of()
+    told: list[int] = []
+    assert not is_cached(folder_of(tmp_path, request.key))
+    first = open_frames(request, tmp_path, told.append)
+    assert sum(told) == counter.presses == 25
+    assert is_cached(folder_of(tmp_path, request.key))
+    again = open_frames(request_of(), tmp_path)
+    assert counter.presses == 25
+    assert first.hash == again.hash
+    assert first.names[2] == "some-6"
+    for one, two in zip(first.frames, again.frames, strict=True):
+        np.testing.assert_array_equal(one.image, two.image)
+        assert one.rest is not None
+        assert one.rest.shape == one.image.shape
+    folder = folder_of(tmp_path, request.key).name
+    parts = ("frames.npy", "manifest.json", "poses.npy", "rest.npy")
+    assert files(tmp_path) == [f"{folder}/{part}" for part in parts]
+
+
+def test_every_press_has_noise_of_its_own_across_chunks(
+    request_of: RequestOf, tmp_path: Path
+) -> None:
+    frames = images(request_of(), tmp_path).reshape(25, -1)
+    assert len({frame.tobytes() for frame in frames}) == 25
+    for seed in ((6, 1, 0), (5, 2, 0), (5, 1, 1)):
+        others = images(request_of(seed=seed), tmp_path).reshape(25, -1)
+        assert not {f.tobytes() for f in frames} & {f.tobytes() for f in others}
+
+
+def test_a_longer_set_starts_with_the_same_frames(request_of: RequestOf, tmp_path: Path) -> None:
+    short, long = images(request_of(10), tmp_path), images(request_of(25), tmp_path)
+    np.testing.assert_array_equal(short, long[:10])
+
+
+@pytest.mark.parametrize("fail_at", [0, 6, 7, 13, 24])
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_interrupted_generation_goes_on_and_ends_the_same(
+    request_of: RequestOf, counter: Any, tmp_path: Path, fail_at: int, error: type[BaseException]
+) -> None:
+    undisturbed = open_frames(request_of(), tmp_path / "a")
+    counter.presses, counter.fail_at, counter.error = 0, fail_at, error
+    with pytest.raises(error):
+        open_frames(request_of(), tmp_path / "b")
+    assert not is_cached(folder_of(tmp_path / "b", request_of().key))
+    counter.fail_at, counter.presses = None, 0
+    resumed = open_frames(request_of(), tmp_path / "b")
+    assert counter.presses == 25 - fail_at // 7 * 7  # finished chunks are not made again
+    assert resumed.hash == undisturbed.hash
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+def flip(path: Path) -> None:
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    path.write_bytes(raw)
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-5])
+
+
+DAMAGES: dict[str, Callable[[Path], object]] = {
+    "flipped": flip,
+    "truncated": truncate,
+    "empty": lambda path: path.write_bytes(b""),
+    "gone": lambda path: path.unlink(),
+    "binary": lambda path: path.write_bytes(b"\xff\xfe\x00"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("part", ["frames.npy", "rest.npy", "poses.npy", "manifest.json"])
+def test_a_damaged_data_set_is_made_again(
+    request_of: RequestOf, counter: Any, tmp_path: Path, part: str, damage: str
+) -> None:
+    first = open_frames(request_of(), tmp_path)
+    DAMAGES[damage](folder_of(tmp_path, first_key := request_of().key) / part)
+    again = open_frames(request_of(), tmp_path)
+    assert again.hash == first.hash
+    # A flipped bit of the manifest may sit in what only a person reads.
+    assert counter.presses == 50 or (part, damage) == ("manifest.json", "flipped")
+    folder = folder_of(tmp_path, first_key)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert generated.file_hash(folder / "frames.npy") == manifest["frames"]
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", "null", '{"key": 1}', '"text"'])
+def test_a_manifest_of_something_else_is_not_believed(
+    request_of: RequestOf, counter: Any, tmp_path: Path, content: str
+) -> None:
+    open_frames(request_of(), tmp_path)
+    (folder_of(tmp_path, request_of().key) / "manifest.json").write_text(content)
+    open_frames(request_of(), tmp_path)
+    assert counter.presses == 50
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_chunk_is_made_again(
+    request_of: RequestOf, counter: Any, tmp_path: Path, damage: str
+) -> None:
+    undisturbed = open_frames(request_of(), tmp_path / "a").hash
+    counter.presses, counter.fail_at = 0, 20
+    with pytest.raises(RuntimeError):
+        open_frames(request_of(), tmp_path / "b")
+    parts = sorted((tmp_path / "b").rglob("chunk-*"))
+    assert len(parts) == 2
+    DAMAGES[damage](parts[0])
+    counter.presses, counter.fail_at = 0, None
+    assert open_frames(request_of(), tmp_path / "b").hash == undisturbed
+    assert counter.presses == 25 - 7
+
+
+def test_what_a_kill_leaves_behind_does_not_matter(request_of: RequestOf, tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, request_of().key)
+    for leftover in (folder.with_name(folder.name + ".made"), folder):
+        leftover.mkdir(parents=True)
+        (leftover / "frames.npy").write_bytes(b"half")
+    done = open_frames(request_of(), tmp_path)
+    assert len(done) == 25
+    assert not list(tmp_path.rglob("*.made"))
+    # killed after the rename, before the chunks were removed
+    folder.with_name(folder.name + ".parts").mkdir()
+    assert open_frames(request_of(), tmp_path).hash == done.hash
+    assert not list(tmp_path.rglob("*.parts"))
+
+
+def test_two_at_once_make_it_once(request_of: RequestOf, counter: Any, tmp_path: Path) -> None:
+    hashes: list[str] = []
+    start = threading.Barrier(3)
+
+    def work() -> None:
+        start.wait()
+        hashes.append(open_frames(request_of(), tmp_path).hash)
+
+    workers = [threading.Thread(target=work) for _ in range(3)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert len(hashes) == 3
+    assert len(set(hashes)) == 1
+    assert counter.presses == 25
+
+
+def test_frames_are_mapped_and_cannot_be_written(request_of: RequestOf, tmp_path: Path) -> None:
+    frame = open_frames(request_of(), tmp_path).frames[3]
+    assert isinstance(frame.image, np.memmap)
+    assert frame.rest is not None
+    for image in (frame.image, frame.rest):
+        with pytest.raises(ValueError, match="read-only"):
+            image[0, 0] = 1
+
+
+def test_truth_is_of_the_poses_reached(request_of: RequestOf, tmp_path: Path) -> None:
+    presses = open_frames(request_of(offset=0.25), tmp_path)
+    asked = request_of().scenes
+    for frame, scene, reached in zip(presses.frames, asked, presses.reached(), strict=True):
+        assert frame.pose.x == reached.pose.x == scene.pose.x + 0.25
+    truth = presses.truth("contacts", 20.0)
+    assert truth[0].xy[0, 0] == pytest.approx(0.25)  # type: ignore[union-attr]
+
+
+def test_the_key_holds_every_ingredient(
+    request_of: RequestOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes = request_of().scenes
+    pose = Pose(**{**vars(scenes[0].pose), "yaw": 1e-9})
+    keys = [
+        request_of().key,
+        request_of(24).key,
+        request_of(seed=(6, 1, 0)).key,
+        request_of(seed=(5, 2, 0)).key,
+        request_of(seed=(5, 1, 1)).key,
+        request_of(identity={"name": "other"}).key,
+        request_of(identity={"name": "noise", "offset": 0.0, "code": "x"}).key,
+        request_of(scenes=(Scene(scenes[0].indenter, pose), *scenes[1:])).key,
+        request_of(scenes=(Scene(Indenter.single(2.0), scenes[0].pose), *scenes[1:])).key,
+        request_of(scenes=(Scene(Indenter.plate(), scenes[0].pose), *scenes[1:])).key,
+        request_of(scenes=(scenes[1], scenes[0], *scenes[2:])).key,
+    ]
+    monkeypatch.setattr(generated, "CHUNK", 8)
+    keys.append(request_of().key)
+    monkeypatch.setattr(generated, "CHUNK", 7)
+    monkeypatch.setattr(np, "__version__", "0")
+    keys.append(request_of().key)
+    assert len(set(keys)) == len(keys)
+    monkeypatch.undo()
+
+
+def test_names_do_not_change_the_frames(request_of: RequestOf) -> None:
+    assert request_of(names=("x",) * 25).key == request_of().key
+
+
+@pytest.mark.parametrize("wrong", ["fewer", "shape", "type"])
+def test_a_sensor_that_answers_wrongly_is_named(
+    request_of: RequestOf, tmp_path: Path, wrong: str
+) -> None:
+    request = request_of()
+
+    def build(context: Any) -> Any:
+        sensor = request.build(context)
+        true_press = sensor.press
+
+        def press_many(scenes: Any) -> list[Frame]:
+            frames = [true_press(scene) for scene in scenes]
+            if wrong == "fewer":
+                return frames[1:]
+            images = [f.image[1:] if wrong == "shape" else f.image / 2.0 for f in frames]
+            return [Frame(i, 0.0, f.pose) for i, f in zip(images, frames, strict=True)]
+
+        sensor.press_many = press_many  # type: ignore[method-assign]
+        return sensor
+
+    with pytest.raises(UserError, match="sensor 'noise' made"):
+        open_frames(request_of(build=build), tmp_path)
+    assert not is_cached(folder_of(tmp_path, request.key))
+
+
+def test_equal_frames_have_one_hash_whatever_code_made_them(
+    request_of: RequestOf, tmp_path: Path
+) -> None:
+    """Rows of two versions of the code stand in one table when they were asked the same."""
+    first, other = request_of(), request_of()
+    other = replace(other, identity={**other.identity, "code": "newer"})
+    assert other.key != first.key
+    assert open_frames(other, tmp_path).hash == open_frames(first, tmp_path).hash
+    flat = replace(first, dome_radius=math.inf)
+    assert open_frames(flat, tmp_path).hash != open_frames(first, tmp_path).hash

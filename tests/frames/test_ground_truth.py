@@ -1,0 +1,68 @@
+"""Surfaces and bounds beside the frames: computed once, computed again when damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import Grid, SensorContext
+from tactibench.frames.cache import FrameRequest, open_frames
+from tactibench.frames.ground_truth import true_bounds, true_surfaces
+
+GRID = Grid.centred(8, 0.4)
+RequestOf = Callable[..., FrameRequest]
+
+
+@pytest.fixture
+def sensor(request_of: RequestOf) -> Any:
+    return request_of().build(SensorContext(np.random.SeedSequence(0)))
+
+
+def test_surfaces_are_kept(
+    request_of: RequestOf, sensor: Any, counter: Any, tmp_path: Path
+) -> None:
+    presses = open_frames(request_of(), tmp_path)
+    first = true_surfaces(sensor, presses, GRID)
+    assert first is not None
+    assert first.shape == (25, 8, 8)
+    np.testing.assert_allclose(first[:, 0, 0], [s.pose.depth for s in presses.scenes], rtol=1e-3)
+    again = true_surfaces(sensor, open_frames(request_of(), tmp_path), GRID)
+    np.testing.assert_array_equal(first, again)
+    assert counter.surfaces == 25
+    for other in (Grid.centred(8, 0.5), Grid.centred(9, 0.4), Grid((8, 8), (0.0, 0.0), 0.4)):
+        true_surfaces(sensor, presses, other)
+    assert counter.surfaces == 100
+
+
+def test_bounds_keep_their_counts(request_of: RequestOf, sensor: Any, tmp_path: Path) -> None:
+    presses = open_frames(request_of(), tmp_path)
+    for bounds in (true_bounds(sensor, presses), true_bounds(sensor, presses)):
+        assert bounds is not None
+        assert [len(bound) for bound in bounds] == [1, 2] * 12 + [1]
+        assert bounds[4][0, 0] == pytest.approx(1.04)
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no zip", "flip", "cut"])
+def test_a_damaged_file_is_computed_again(
+    request_of: RequestOf, sensor: Any, counter: Any, tmp_path: Path, damage: bytes | str
+) -> None:
+    presses = open_frames(request_of(), tmp_path)
+    first = true_surfaces(sensor, presses, GRID)
+    (path,) = tmp_path.rglob("surface-*.npz")
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) // 3] ^= 0x10
+    path.write_bytes({"flip": bytes(raw), "cut": bytes(raw)[:40]}.get(str(damage), damage))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(true_surfaces(sensor, presses, GRID), first)
+    assert counter.surfaces == 50
+    true_surfaces(sensor, presses, GRID)
+    assert counter.surfaces == 50
+
+
+def test_nobody_knows(request_of: RequestOf, tmp_path: Path) -> None:
+    presses = open_frames(request_of(), tmp_path)
+    assert true_surfaces(object(), presses, GRID) is None  # type: ignore[arg-type]
+    assert true_bounds(object(), presses) is None  # type: ignore[arg-type]

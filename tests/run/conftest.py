@@ -1,0 +1,122 @@
+"""A run in miniature: small protocols, a tiny sensor and model behind a hand-built host."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from briefly import time_briefly
+from few_presses import few_presses
+
+from tactibench import EncoderSpec, ModelSpec, Parameter, SensorSpec
+from tactibench.plugins.discovery import Origin
+from tactibench.plugins.host import Catalogue
+from tactibench.records.store import StoredRun
+from tactibench.run.execute import execute
+from tactibench.run.plan import RunPlan, make_plan
+from tactibench.run.reporter import Silent
+from tactibench.run.request import RunRequest
+
+ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
+
+
+def catalogue(kind: str, *specs: Any) -> Catalogue[Any]:
+    names = {spec.name: spec for spec in specs}
+    return Catalogue(kind, names, dict.fromkeys(names, ORIGIN), {})
+
+
+@pytest.fixture(autouse=True)
+def timed_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """See ``time_briefly``; measuring itself is tested where it is called."""
+    time_briefly(monkeypatch.setattr)
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The fake plugin's module, with fresh counters."""
+    monkeypatch.syspath_prepend(Path(__file__).parent / "fake")
+    from tiny_tactile import parts
+
+    monkeypatch.setattr(parts.TinySensor, "pressed", 0)
+    for name, value in {"fits": [], "shown": [], "fail_in_fit": False, "behave": "well"}.items():
+        monkeypatch.setattr(parts.TinyModel, name, value)
+    return parts
+
+
+@pytest.fixture
+def host(tiny: Any) -> Any:
+    parameters = (
+        Parameter("epochs", 3, "passes", low=1),
+        Parameter("width", 8, "has no effect", low=1),
+    )
+    offset = Parameter("offset", 0.0, "of the frames, grey levels")
+    blur = Parameter("blur", 2.0, "has no effect")
+    target, encoder = "tiny_tactile.parts:TinyModel", "tiny_tactile.parts:TinyEncoder"
+    return SimpleNamespace(
+        models=catalogue(
+            "model",
+            ModelSpec("tiny", target, "reads all tips", parameters),
+            ModelSpec("tiny-one", target, "declares one", parameters, max_contacts=1),
+            ModelSpec("tiny-plate", target, "plates", parameters, answers=("plate",)),
+            ModelSpec("tiny-set", target, "of no kind here", uses_encoder=True, encoders=("set",)),
+            ModelSpec("tiny-heat", target, "learns heatmaps", parameters, uses_encoder=True),
+            ModelSpec(
+                "tiny-mixture",
+                target,
+                "learns mixtures",
+                parameters,
+                uses_encoder=True,
+                encoders=("mixture",),
+                default_encoder="clouds",
+            ),
+        ),
+        sensors=catalogue(
+            "sensor",
+            SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny", (offset,)),
+            SensorSpec("other", "tiny_tactile.parts:TinySensor", "tiny"),
+            SensorSpec(
+                "known",
+                "tiny_tactile.parts:TinyReference",
+                "reference of tactip-127",
+                (offset,),
+                reference_of="tactip-127",
+                scenes="known scenes",
+            ),
+            SensorSpec("recorded", "tiny_tactile.parts:TinySensor", "tiny", needs_data=True),
+        ),
+        encoders=catalogue(
+            "encoder",
+            EncoderSpec("hertz", encoder, "heat", (blur,), shows_surface=True),
+            EncoderSpec("profiles", encoder, "one contact", max_contacts=1),
+            EncoderSpec("clouds", encoder, "mixtures", kind="mixture"),
+        ),
+    )
+
+
+@pytest.fixture
+def mini(tmp_path: Path) -> Callable[[str], str]:
+    """exp1, exp2 and exp3 with few presses, as paths."""
+    files = few_presses(tmp_path / "protocols")
+    return lambda name: str(files[name])
+
+
+@pytest.fixture
+def planned(host: Any, mini: Callable[[str], str], tmp_path: Path) -> Callable[..., RunPlan]:
+    def plan(
+        protocol: str = "exp1", model: str = "tiny", cache: str = "cache", **more: Any
+    ) -> RunPlan:
+        path = protocol if protocol.endswith(".toml") else mini(protocol)
+        return make_plan(RunRequest(path, model, **more), host, tmp_path / cache)
+
+    return plan
+
+
+@pytest.fixture
+def run(planned: Callable[..., RunPlan], tmp_path: Path) -> Callable[..., StoredRun]:
+    def execute_it(*names: str, store: str = "runs", **more: Any) -> StoredRun:
+        return execute(planned(*names, **more), tmp_path / store, Silent())
+
+    return execute_it

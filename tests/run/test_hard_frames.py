@@ -1,0 +1,211 @@
+"""Hard cases through a whole run in miniature: frames, failures, score, board and verification."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import UserError
+from tactibench.frames.faults import FAULTS
+from tactibench.frames.source import FramePlan
+from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.records.files import arrays_hash
+from tactibench.run.plan import RunPlan, plan_lines
+from tactibench.run.request import TestedOn
+from tactibench.run.rescore import differences
+from tactibench.run.score import score_arrays
+
+SHORT = {
+    "count = 5000": "count = 60",
+    "count = 1000": "count = 20",
+    "test = 1000": "test = 20",
+    "validation = 400": "validation = 10",
+    "presses = 50": "presses = 3",
+    "presses = 1000": "presses = 4",
+    'sensor = { tier = "green" }': 'sensor = { offset = "1.0" }',
+    'parameter = "instance"': 'parameter = "offset"',
+    "values = [2, 3, 4, 5, 6]": "values = [2, 3]",  # the tiny sensor shows three tips
+    "values = [0.32, 0.45, 0.6, 0.7, 0.8]": "values = [0.2, 0.3]",  # and 7 mm
+}
+
+
+@pytest.fixture
+def hard(tmp_path: Path, host: Any) -> str:
+    """The protocol with few presses, for a sensor whose one parameter is an offset."""
+    text = protocol_files()["stability"].read_text(encoding="utf-8")
+    for long, short in SHORT.items():
+        assert long in text
+        text = re.sub(rf"^{re.escape(long)}", short, text, flags=re.MULTILINE)
+    path = tmp_path / "hard.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture
+def no_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tiny frames hold numbers, not pictures: a fault adds its amount to the depths."""
+
+    def worse(image: Any, amount: float, rng: np.random.Generator) -> Any:
+        out = image.copy()
+        if out[0, 3]:
+            out[0, 2] = min(255, round(out[0, 2] + amount + rng.uniform(0, 1e-6)))
+        return out
+
+    for name in FAULTS:
+        monkeypatch.setitem(FAULTS, name, worse)  # type: ignore[arg-type]
+
+
+def opened(plan: FramePlan) -> dict[str, Any]:
+    """Group -> frames."""
+    found: dict[str, list[Any]] = {}
+    for wanted in plan.test:
+        presses = wanted.open(lambda _: None)
+        for group, frame in zip(wanted.groups, presses.frames, strict=True):
+            found.setdefault(group, []).append(frame)
+    return found
+
+
+def test_every_case_has_its_frames_and_presses_are_shared(
+    planned: Callable[..., RunPlan], hard: str
+) -> None:
+    frames = planned(hard).frames
+    keys = read_protocol(Path(hard)).keys
+    groups = [group for wanted in frames.test for group in wanted.groups]
+    expected = {g for axis in keys.axes for g in (*axis.groups, axis.reference) if g}
+    assert set(groups) == expected
+    assert groups.count("grazing:0.05") == 3
+    assert groups.count("empty:0") == 4
+    by_group = {}
+    for wanted in frames.test:
+        for group, press in zip(wanted.groups, wanted.clusters, strict=True):
+            by_group.setdefault(group, []).append(press)
+    assert by_group["grazing:0.5"] == by_group["grazing:2"] == [f"grazing-{k}" for k in range(3)]
+    assert by_group["blur:1"] == by_group["individual:2"] == by_group["plain:0"]
+    assert len(set(frames.test[0].names)) == 4
+
+
+def test_faults_are_done_to_the_plain_frames_and_rest_stays(
+    planned: Callable[..., RunPlan], hard: str, no_pixels: None
+) -> None:
+    plan = planned(hard)
+    found = opened(plan.frames)
+    for plain, worse in zip(found["plain:0"], found["noise:8"], strict=True):
+        assert worse.image[0, 2] == plain.image[0, 2] + 8
+        assert worse.pose == plain.pose
+        assert worse.rest is plain.rest or np.array_equal(worse.rest, plain.rest)
+        assert not worse.image.flags.writeable
+    again = opened(planned(hard).frames)
+    for group, frames in found.items():
+        for one, other in zip(frames, again[group], strict=True):
+            assert np.array_equal(one.image, other.image)
+
+
+def test_frames_of_another_fault_have_another_hash(
+    planned: Callable[..., RunPlan], hard: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows stand in one table when their frames are equal, however a fault is called."""
+
+    def hashes() -> dict[str, str]:
+        return {one.name: one.open(lambda _: None).hash for one in planned(hard).frames.test}
+
+    before = hashes()
+    monkeypatch.setitem(FAULTS, "noise", lambda image, *_: image)
+    after = hashes()
+    assert {name for name in before if before[name] != after[name]} == {"noise"}
+
+
+def test_another_seed_of_the_data_gives_other_cases(
+    planned: Callable[..., RunPlan], hard: str, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.toml"
+    text = Path(hard).read_text(encoding="utf-8")
+    other.write_text(text.replace("data_seed = 20260101", "data_seed = 7"), encoding="utf-8")
+    keys = [{w.name: w.key for w in planned(str(p)).frames.test} for p in (hard, other)]
+    assert all(keys[0][name] != keys[1][name] for name in keys[0])
+
+
+def test_a_sensor_family_changes_the_sensor_and_nothing_else(
+    planned: Callable[..., RunPlan], hard: str
+) -> None:
+    found = opened(planned(hard).frames)
+    for plain, changed in zip(found["plain:0"], found["individual:4"], strict=True):
+        assert changed.pose == plain.pose
+        assert abs(int(changed.image[0, 0]) - int(plain.image[0, 0]) - 4) <= 1
+
+
+def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
+    planned: Callable[..., RunPlan], hard: str
+) -> None:
+    with pytest.raises(
+        UserError,
+        match=r"family 'sharp' of protocol 'stability' changes the "
+        r"sensor: 'other' has no parameter 'offset'",
+    ):
+        planned(hard, sensor="other")
+
+
+def test_a_flat_sensor_has_no_edge(
+    planned: Callable[..., RunPlan], hard: str, tiny: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiny.TinySensor, "dome_radius_mm", float("inf"), raising=False)
+    monkeypatch.setattr(tiny.TinySensor, "deepest_mm", 6.0, raising=False)
+    with pytest.raises(UserError, match="presses a dome as far as its edge"):
+        planned(hard)
+
+
+def test_recorded_folders_and_reference_scenes_are_refused(
+    planned: Callable[..., RunPlan], hard: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError, match="presses hard cases, which the folder of sensor"):
+        planned(hard, sensor="recorded", data=tmp_path)
+    with pytest.raises(UserError, match="leave --test reference out"):
+        planned(hard, tested=TestedOn(reference=True))
+
+
+def test_quick_spreads_over_the_cases(planned: Callable[..., RunPlan], hard: str) -> None:
+    plan = planned(hard, quick=True)
+    assert plan.frames.count("test") == 40
+    assert len({group for wanted in plan.frames.test for group in wanted.groups}) > 30
+    assert any(re.search(r"40 \(\d+ sets\)", line) for line in plan_lines(plan, False))
+
+
+def test_a_run_counts_failures_names_them_and_scores_again(
+    run: Callable[..., Any], hard: str, no_pixels: None, tiny: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = tiny.TinyModel.predict
+
+    def fragile(self: Any, frames: Any) -> Any:
+        if frames[0].image[0, 3] == 3:
+            raise IndexError("no room for three")
+        return asked(self, frames)
+
+    monkeypatch.setattr(tiny.TinyModel, "predict", fragile)
+    stored = run(hard)
+    record = stored.record
+    rows = {(row["metric"], row["group"]): row for row in record["metrics"]}
+    keys = read_protocol(Path(hard)).keys
+    assert rows["raised", "many"]["value"] == rows["raised", "all"]["value"]
+    assert rows["not_finite", "all"]["value"] == 0
+    failed = stored.arrays("predictions")
+    groups = stored.arrays("truth")["group"]
+    assert set(groups[failed["failed"]]) == {"many:3"}
+    assert record["data"]["failures"] == {
+        "frames": 3,
+        "causes": [{"cause": "IndexError: no room for three", "first": "many:3", "frames": 3}],
+    }
+    assert record["speed"] == []
+    assert record["partial"] is False
+    again = score_arrays(keys, stored.arrays("truth"), failed, stored.arrays("maps"))
+    assert differences(record["metrics"], again) == []
+    assert rows["ospa_mm", "noise:64"]["value"] > rows["ospa_mm", "plain:0"]["value"]
+    images = stored.arrays("examples")
+    assert len(images["index"]) == len(set(groups))  # one of every case
+    before = arrays_hash(failed)
+    monkeypatch.setattr(tiny.TinyModel, "predict", asked)
+    kept = run(hard, store="second")  # the answers are kept with their failures
+    assert arrays_hash(kept.arrays("predictions")) == before

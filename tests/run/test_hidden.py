@@ -1,0 +1,100 @@
+"""Hidden presses: drawn from a secret, keyed and recorded by hashes alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import UserError
+from tactibench.board.labels import asked_of, section_key
+from tactibench.protocols import hidden_seed as module
+from tactibench.protocols.hidden_seed import (
+    VARIABLE,
+    HiddenSeed,
+    commitment_text,
+    committed_seed,
+    given_seed,
+)
+from tactibench.protocols.loader import load_protocol
+from tactibench.records.record import checked
+from tactibench.records.store import StoredRun
+from tactibench.run.request import TestedOn
+
+SECRET = "5eed" * 16
+HIDDEN = TestedOn(hidden=True)
+
+
+@pytest.fixture
+def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> HiddenSeed:
+    """The seed in the environment, its hash published."""
+    monkeypatch.setenv(VARIABLE, SECRET)
+    monkeypatch.setattr(module, "shipped_folder", lambda _: tmp_path)
+    protocol = load_protocol(mini("exp1"))
+    seed = given_seed(protocol)
+    (tmp_path / "exp1.toml").write_text(commitment_text(protocol, seed))
+    return seed
+
+
+def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
+    run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
+) -> None:
+    public, secret = run("exp1"), run("exp1", tested=HIDDEN)
+    one, other = (done.record["identity"] for done in (public, secret))
+    assert one["weights"] == other["weights"]
+    assert other["hidden"] == committed.commitment
+    truth, hidden = public.arrays("truth")["xy"], secret.arrays("truth")["xy"]
+    assert len(truth) == len(hidden) == 20
+    assert not np.isin(hidden, truth).any()
+    checked(secret.record, "it")
+    assert asked_of(secret.record) == " --hidden-seed"
+    assert secret.record["sensor"]["tested"]["on"] == "hidden presses"
+    assert section_key(public.record) != section_key(secret.record)
+    assert "-on-hidden-" in secret.record["name"]
+
+
+def test_the_seed_is_nowhere_on_the_disk(
+    run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
+) -> None:
+    run("exp1", tested=HIDDEN)
+    number = committed.data_seed
+    clear = [text.encode() for text in (SECRET, f"{number}", f"{number:x}")]
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert len(files) > 10
+    for path in files:
+        content = path.read_bytes()
+        assert not any(text in content or text in path.name.encode() for text in clear), path
+    manifests = [path.read_text() for path in tmp_path.rglob("manifest.json")]
+    assert sum('"seed": "hidden"' in text for text in manifests) == 1
+    assert SECRET not in repr(committed)
+
+
+def test_seeds_of_protocols_and_versions_differ() -> None:
+    asked = ("exp1@1 ab", "exp1@2 ab", "exp2@1 ab")
+    seeds = [HiddenSeed(question, b"x" * 32) for question in asked]
+    assert len({seed.commitment for seed in seeds}) == len({seed.data_seed for seed in seeds}) == 3
+    assert seeds[0].data_seed.bit_length() > 128
+    assert f"{seeds[0].data_seed:064x}" != seeds[0].commitment
+
+
+def test_another_seed_and_damaged_hashes_are_refused(
+    committed: HiddenSeed, mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any
+) -> None:
+    protocol = load_protocol(mini("exp1"))
+    assert committed_seed(protocol) == committed
+    monkeypatch.setenv(VARIABLE, SECRET[::-1])
+    with pytest.raises(UserError, match="is not the one whose hash was published") as told:
+        committed_seed(protocol)
+    assert SECRET[::-1] not in str(told.value)
+    for text, words in (("sha256 = 3", "key 'sha256' must be"), ("=", "is no TOML file")):
+        (tmp_path / "exp1.toml").write_text(text)
+        with pytest.raises(UserError, match=words):
+            committed_seed(protocol)
+
+
+def test_a_recording_has_no_hidden_presses(planned: Callable[..., Any], tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="leave --hidden-seed out"):
+        planned("exp1", sensor="recorded", data=tmp_path, tested=HIDDEN)

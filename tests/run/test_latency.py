@@ -1,0 +1,191 @@
+"""Scenarios under a clock that only stages move."""
+
+from __future__ import annotations
+
+import gc
+import sys
+
+import numpy as np
+import pytest
+
+from tactibench.run.latency import (
+    LatencySample,
+    time_offline,
+    time_single,
+    torch_threads,
+)
+
+
+class Clock:
+    """Stands still until a stage says how long it takes."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def stage(self, seconds, then=lambda value: value):
+        """A stage that takes ``seconds(call number)`` and returns ``then(value)``."""
+        count = 0
+
+        def run(value):
+            nonlocal count
+            self.now += seconds(count)
+            count += 1
+            return then(value)
+
+        return run
+
+
+def constant(seconds):
+    return lambda call: seconds
+
+
+def test_phases_are_timed_apart():
+    clock = Clock()
+    stages = [
+        ("preprocess", clock.stage(constant(0.001))),
+        ("forward", clock.stage(constant(0.004))),
+    ]
+    sample = time_single(stages, ["a"], threads=1, clock=clock)
+    assert sample.phases == ("preprocess", "forward")
+    assert sample.raw_ms.shape == (300, 2)
+    np.testing.assert_allclose(sample.raw_ms, np.tile([1.0, 4.0], (300, 1)), rtol=1e-6)
+    np.testing.assert_allclose(sample.total_ms, 5.0, rtol=1e-6)
+    assert (sample.settled, sample.warmup_calls, sample.batch) == (True, 40, 1)
+    assert not sample.raw_ms.flags.writeable
+
+
+def test_each_stage_gets_what_the_one_before_returned():
+    seen = []
+    stages = [("one", lambda frames: [f + 1 for f in frames]), ("two", seen.append)]
+    time_single(stages, [10, 20, 30], threads=1, calls=4, budget_s=0.0, clock=Clock())
+    assert seen == [[11], [21], [31], [11]]  # a budget already spent: no warm-up at all
+
+
+def test_warm_up_goes_on_while_calls_get_faster():
+    """Blocks of 20: 2.0, 1.0, 1.0 s: the third agrees with the second, the second not."""
+    clock = Clock()
+    stages = [("all", clock.stage(lambda call: 2.0 if call < 20 else 1.0))]
+    sample = time_single(stages, [0], threads=1, clock=clock)
+    assert (sample.settled, sample.warmup_calls) == (True, 60)
+    np.testing.assert_allclose(sample.raw_ms, 1000.0)
+
+
+@pytest.mark.parametrize(("change", "settles"), [(0.019, True), (0.021, False)])
+def test_settled_means_within_two_percent(change, settles):
+    clock = Clock()
+    stages = [("all", clock.stage(lambda call: (1 - change) ** (call // 20)))]
+    sample = time_single(stages, [0], threads=1, clock=clock)
+    assert sample.settled is settles
+    assert sample.warmup_calls == (40 if settles else 500)
+
+
+def test_outliers_do_not_keep_it_from_settling():
+    clock = Clock()
+    stages = [("all", clock.stage(lambda call: 9.0 if call == 25 else 1.0))]
+    assert time_single(stages, [0], threads=1, clock=clock).warmup_calls == 40
+
+
+def test_budget_stops_but_leaves_a_block():
+    clock = Clock()
+    stages = [("all", clock.stage(constant(1.0)))]
+    sample = time_single(stages, [0], threads=1, budget_s=100.0, clock=clock)
+    assert sample.settled
+    assert len(sample.raw_ms) == 60  # 40 of the 100 went into the warm-up
+    sample = time_single(stages, [0], threads=1, budget_s=15.0, clock=clock)
+    assert (sample.settled, sample.warmup_calls, len(sample.raw_ms)) == (False, 20, 20)
+
+
+def test_offline_batches_take_frames_in_turn():
+    clock, seen = Clock(), []
+
+    def look(frames):
+        seen.append(tuple(frames))
+        clock.now += 0.5
+
+    sample = time_offline([("all", look)], "abcde", 2, threads=2, calls=6, clock=clock)
+    assert sample.batch == 2
+    assert sample.threads == 2
+    assert len(sample.raw_ms) == 6
+    assert set(seen) == {("a", "b"), ("c", "d"), ("e", "a")}
+    with pytest.raises(ValueError, match="batch"):
+        time_offline([("all", look)], "abc", 0, threads=1, clock=clock)
+    big = time_offline([("all", look)], "abc", 7, threads=1, clock=clock)
+    assert {len(s) for s in seen} == {2, 7}
+    assert big.batch == 7
+
+
+@pytest.mark.parametrize("was_on", [True, False])
+def test_collector_is_off_in_calls_and_restored(was_on):
+    states = []
+
+    def fail(value):
+        states.append(gc.isenabled())
+        if len(states) > 50:
+            raise RuntimeError("stop")
+
+    before = gc.isenabled()
+    try:
+        (gc.enable if was_on else gc.disable)()
+        with pytest.raises(RuntimeError, match="stop"):
+            time_single([("all", fail)], [0], threads=1, clock=Clock())
+        assert gc.isenabled() is was_on
+    finally:
+        (gc.enable if before else gc.disable)()
+    assert not any(states)
+
+
+@pytest.mark.parametrize(
+    ("stages", "frames", "calls"),
+    [
+        ([], [0], 1),
+        ([("a", id)], [], 1),
+        ([("a", id)], [0], 0),
+        ([("a", id), ("a", id)], [0], 1),
+        ([("total", id)], [0], 1),
+    ],
+)
+def test_impossible_jobs_are_refused(stages, frames, calls):
+    with pytest.raises(ValueError, match=r"timing needs|different names"):
+        time_single(stages, frames, threads=1, calls=calls)
+
+
+def test_the_real_clock_runs_forward():
+    sample = time_single([("sum", lambda frames: sum(range(1000)))], [0], threads=1, calls=50)
+    assert (sample.raw_ms > 0).all()
+
+
+def test_a_sample_checks_its_shape():
+    with pytest.raises(ValueError, match="phases"):
+        LatencySample(("a", "b"), [[1.0]], True, 40, 1)
+    with pytest.raises(ValueError, match="phases"):
+        LatencySample(("a",), np.empty((0, 1)), True, 40, 1)
+
+
+class FakeTorch:
+    threads = 7
+
+    @classmethod
+    def get_num_threads(cls):
+        return cls.threads
+
+    @classmethod
+    def set_num_threads(cls, count):
+        cls.threads = count
+
+
+def test_torch_threads_are_restored_after_an_error(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", FakeTorch)
+    inside = []
+
+    def use():
+        with torch_threads(3):
+            inside.append(FakeTorch.threads)
+            raise RuntimeError("inside")
+
+    with pytest.raises(RuntimeError, match="inside"):
+        use()
+    assert inside == [3]
+    assert FakeTorch.threads == 7

@@ -1,0 +1,233 @@
+"""``--test``: other frames to be tested on, the training left as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactibench import UserError
+from tactibench.frames.presser import Presser
+from tactibench.frames.reference import reference_frames
+from tactibench.records.answers import unpack_contacts
+from tactibench.records.identity import code_hash
+from tactibench.records.record import checked
+from tactibench.records.store import StoredRun
+from tactibench.run.components import Part
+from tactibench.run.plan import RunPlan, plan_lines
+from tactibench.run.request import TestedOn, read_tested
+
+Planned = Callable[..., RunPlan]
+Run = Callable[..., StoredRun]
+REFERENCE = TestedOn(reference=True)
+SHIFTED = TestedOn(parameters={"offset": "9.0"})
+
+
+def rows(done: StoredRun) -> dict[tuple[str, str], Any]:
+    return {(row["metric"], row["group"]): row for row in done.record["metrics"]}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "frames", "presses", "rejected"),
+    [("exp1", 2, 1, 2), ("exp2", 4, 2, 0), ("exp3", 6, 3, 0)],
+)
+def test_reference_scenes_with_the_protocols_tips_inside_its_workspace(
+    run: Run, protocol: str, frames: int, presses: int, rejected: int
+) -> None:
+    done = run(protocol, tested=REFERENCE)
+    truth = done.arrays("truth")
+    assert len(truth["press"]) == done.record["data"]["test"] == frames
+    assert len(set(truth["press"])) == done.record["sensor"]["tested"]["presses"] == presses
+    assert done.record["data"]["rejected"] == rejected
+    for one, two in zip(
+        unpack_contacts(truth), unpack_contacts(done.arrays("predictions")), strict=True
+    ):
+        np.testing.assert_allclose(one.xy, two.xy, atol=1 / 18 + 1e-9)
+    assert rows(done)["missed", "all"]["value"] == 0
+    assert rows(done)["missed", "all"]["clusters"] == presses
+    assert done.record["partial"] is False
+
+
+def test_what_the_reference_cannot_tell_is_neither_zero_nor_an_error(run: Run) -> None:
+    found = rows(run("exp2", tested=REFERENCE))
+    assert {group for metric, group in found if metric == "resolved"} == {"7.0", "12.0", "all"}
+    for metric in ("catch_resolved", "d_prime"):
+        assert found[metric, "all"]["value"] is None
+    assert found["threshold_mm", "all"]["censored"] == "<", "of the distances that there are"
+    assert found["distance_mae_mm", "7.0"]["low"] is None, "one press has no interval"
+
+
+@pytest.mark.parametrize("regime", ["single", "multiple"])
+@pytest.mark.parametrize("tested", [REFERENCE, SHIFTED], ids=["reference", "shifted"])
+def test_weights_are_those_of_the_ordinary_run(
+    run: Run, planned: Planned, tiny: Any, tested: TestedOn, regime: str
+) -> None:
+    plan, other = planned("exp2", regime=regime), planned("exp2", regime=regime, tested=tested)
+    assert other.weights.identity == plan.weights.identity
+    assert other.name != plan.name
+    assert not {w.key for w in other.frames.test} & {w.key for w in plan.frames.test}
+    runs = [run("exp2", regime=regime), run("exp2", regime=regime, tested=tested)]
+    assert len(tiny.TinyModel.fits) == 1
+    assert len({one.record["identity"]["weights_hash"] for one in runs}) == 1
+
+
+def test_the_same_presses_on_a_sensor_with_other_parameters(run: Run, planned: Planned) -> None:
+    base, shifted = planned("exp1"), planned("exp1", tested=SHIFTED)
+    assert shifted.frames.test[0].scenes == base.frames.test[0].scenes
+    assert shifted.frames.sensor_identity == base.frames.sensor_identity
+    assert shifted.frames.tested_identity["parameters"] == {"offset": 9.0}  # type: ignore[index]
+    one, two = rows(run("exp1")), rows(run("exp1", tested=SHIFTED))
+    # 9 grey levels are half a millimetre, of which the model was told nothing
+    assert two["mae_mm", "x"]["value"] == pytest.approx(0.5, abs=0.03)
+    assert one["mae_mm", "x"]["value"] < 0.03
+
+
+def test_what_asks_for_the_trained_parameters_too(planned: Planned) -> None:
+    plan = planned(parameters={"sensor": {"offset": "3.0"}}, tested=REFERENCE)
+    assert plan.parts.test_sensor.values == {"offset": 3.0}
+    both = TestedOn(reference=True, parameters={"offset": "4.0"})
+    assert planned(tested=both).parts.test_sensor.values == {"offset": 4.0}
+
+
+def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned) -> None:
+    done = run("exp1", tested=SHIFTED)
+    tested = done.record["sensor"]["tested"]
+    assert tested == {
+        "name": "tactip-127",
+        "parameters": {"offset": 9.0},
+        "asked": ["sensor.offset=9.0"],
+        "on": "another setting (offset=9.0)",
+        "presses": 20,
+    }
+    assert checked(done.record, "it").sensor.parameters == {"offset": 0.0}
+    assert "|seed:0|test:sensor.offset=9.0|weights:" in done.record["signature"]
+    assert "-on-offset-9.0-s0-" in done.record["name"]
+    text = "\n".join(plan_lines(planned("exp2", tested=REFERENCE), False))
+    assert "test:  on known scenes: generate 4 (pairs) frames on known;" in text
+    assert "take the trained weights from the cache" in text
+    plain = run("exp1").record
+    assert "tested" not in plain["sensor"]
+    assert "tested" not in plain["identity"]
+    assert "test:" not in plain["signature"]
+
+
+def test_another_individual_is_called_so(planned: Planned) -> None:
+    from tactibench.run.test_sensor import words
+
+    parts = planned(tested=REFERENCE).parts
+    assert words(parts, REFERENCE) == "known scenes"
+    asked = TestedOn(parameters={"offset": "9"})
+    assert words(planned(tested=asked).parts, asked) == "another setting (offset=9.0)"
+
+
+def test_a_limit_holds_for_reference_scenes_too(run: Run) -> None:
+    done = run("exp3", tested=REFERENCE, limit=3)
+    assert done.record["data"]["test"] == 3
+    assert done.record["partial"] is True
+
+
+@pytest.mark.parametrize(
+    ("request_", "said"),
+    [
+        (
+            {"sensor": "other", "tested": REFERENCE},
+            "sensor 'other' has no reference scenes; tactip-127 have some",
+        ),
+        ({"sensor": "known"}, "use --sensor tactip-127 --test reference"),
+        ({"tested": TestedOn(parameters={"ofset": "1"})}, "did you mean 'offset'?"),
+        ({"tested": TestedOn(parameters={"offset": "x"})}, "must be a number"),
+        (
+            {"tested": TestedOn(parameters={"offset": "0"})},
+            "--test sensor.offset=0 is what the training frames are made with already",
+        ),
+    ],
+    ids=str,
+)
+def test_requests_that_cannot_be_met(planned: Planned, request_: dict[str, Any], said: str) -> None:
+    with pytest.raises(UserError) as raised:
+        planned(**request_)
+    assert said in str(raised.value)
+
+
+def test_a_recording_has_no_other_frames(planned: Planned, tmp_path: Any) -> None:
+    for tested in (REFERENCE, SHIFTED):
+        with pytest.raises(UserError, match="can press no others; leave --test out"):
+            planned(sensor="recorded", data=tmp_path, tested=tested)
+
+
+def test_a_reference_without_fitting_scenes(planned: Planned, tiny: Any, monkeypatch: Any) -> None:
+    monkeypatch.setattr(tiny.TinyReference, "scenes", lambda _: {})
+    with pytest.raises(UserError, match="none of the 0 known scenes"):
+        planned(tested=REFERENCE)
+
+
+def test_a_reference_that_has_no_scenes(planned: Planned, tmp_path: Any) -> None:
+    plan = planned()
+    tester = Presser(plan.protocol.keys, plan.parts.sensor, plan.parts.build_sensor, tmp_path)
+    with pytest.raises(UserError, match="does not say which; mend the plugin"):
+        reference_frames(plan.request, tester)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("refrence", "did you mean 'reference'?"),
+        ("zzz", "known: data, reference."),
+        ("instance=1", "changes no sensor; write sensor.NAME=VALUE"),
+        ("model.width=2", "changes no sensor"),
+        ("sensor.=2", "changes no sensor"),
+        ("", "is neither the word 'reference' nor sensor.NAME=VALUE"),
+    ],
+)
+def test_words_that_are_not_understood(text: str, said: str) -> None:
+    with pytest.raises(UserError) as raised:
+        read_tested((text,))
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_parameter_is_given_once() -> None:
+    with pytest.raises(UserError, match=r"--test sensor\.a is given twice"):
+        read_tested(("sensor.a=1", "sensor.a=2"))
+
+
+@given(st.booleans(), st.dictionaries(st.sampled_from("abc"), st.text(max_size=3)))
+def test_what_is_read_can_be_asked_again(reference: bool, parameters: dict[str, str]) -> None:
+    asked = TestedOn(reference, parameters)
+    assert read_tested(tuple(asked.texts)) == asked
+    assert bool(asked) == bool(asked.texts)
+
+
+def test_reference_frames_are_no_part_of_the_code_behind_other_frames(
+    host: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "shaped"
+    (package / "reference_frames").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "sensor.py").write_text("a = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    spec, origin = host.sensors["other"], host.sensors.origins["other"]
+
+    def codes() -> tuple[str, str]:
+        code_hash.cache_clear()
+        targets = ("shaped.sensor:S", "shaped.reference_frames.sensor:S")
+        made = (Part(_renamed(spec, target), {}, origin) for target in targets)
+        one, two = (part.code() for part in made)
+        return one, two
+
+    before = codes()
+    (package / "reference_frames" / "sensor.py").write_text("b = 1\n")
+    after = codes()
+    assert (before[0] == after[0], before[1] == after[1]) == (True, False)
+    (package / "sensor.py").write_text("a = 2\n")
+    assert not set(codes()) & set(after)
+
+
+def _renamed(spec: Any, target: str) -> Any:
+    from dataclasses import replace
+
+    return replace(spec, target=target)
