@@ -1,7 +1,7 @@
 """How near the bound the answers of stored runs are, and whether their stated errors are honest.
 
     python benchmarks/uncertainty.py runs/exp1-* runs/exp2-* runs/exp3-*
-    python benchmarks/uncertainty.py NAME NAME --out runs       names in a store
+    python benchmarks/uncertainty.py NAME NAME --store runs       names in a store
 
 The presses are drawn again from the protocol, compared with the truth of the run, and the sensor of
 the run tells their Cramer-Rao bounds. A press of one contact is answered by the top-scored

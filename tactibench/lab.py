@@ -92,6 +92,6 @@ def trained_model(
     if not plan.weights.cached:
         raise UserError(
             f"there are no trained weights of {label} in the cache for this request; make them "
-            f"with `tactibench models train {name} --protocol {protocol}` and the same options."
+            f"with `tactibench run {protocol} --model {name} --train-only` and the same options."
         )
     return load(plan, Terminal())[0], label

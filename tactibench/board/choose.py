@@ -37,7 +37,7 @@ def of_sensor(records: Iterable[Record], sensor: str | None, protocol: str) -> S
     sections = sections_of(records)
     if not sections:
         raise UserError(
-            f"there is no complete run of {protocol}; add some with `tactibench board --add`, or "
+            f"there is no complete run of {protocol}; add some with `tactibench board add`, or "
             "name a run store with --runs."
         )
     if sensor is None:

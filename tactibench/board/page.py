@@ -63,7 +63,7 @@ def page(
         lines += _section(name, section, protocol, records, errors)
     if not sections:
         lines += [
-            f"No run has been added yet: `tactibench board --add RUN` adds one of {name}.",
+            f"No run has been added yet: `tactibench board add RUN` adds one of {name}.",
             "",
         ]
     lines += published_lines(name, published)

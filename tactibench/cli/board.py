@@ -1,14 +1,15 @@
-"""``tactibench board``: the leaderboards, made from committed records and nothing else."""
+"""``tactibench board``: the leaderboards and the submissions that they are made from."""
 
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, json_option, runs_option, writable_place
+from tactibench.cli.completion import RUN
+from tactibench.cli.options import board_option, json_option, store_option, writable_place
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -16,125 +17,286 @@ if TYPE_CHECKING:
     from tactibench.records.store import StoredRun
 
 
-FILE = click.Path(path_type=Path, dir_okay=False, writable=True)
+OUTPUT = click.Path(path_type=Path, dir_okay=False, writable=True)
 
 
-@click.command()
-@click.option("--check", is_flag=True, help="Write nothing; exit 1 when a page is out of date.")
-@click.option(
-    "--add",
-    "names",
-    multiple=True,
-    metavar="RUN",
-    help="Commit a run of --runs: its name or folder, or a pattern such as 'exp1-*'.",
+@click.group(invoke_without_command=True)
+@click.option("--check", is_flag=True, hidden=True, help="The same as `board check`.")
+@click.option("--add", "added", multiple=True, hidden=True)
+@click.pass_context
+def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
+    """Make the leaderboards from submissions, and check submissions.
+
+    \b
+    tactibench board add 'exp1-unet-*'       runs become rows
+    tactibench board check                   the pages are what the records give
+    tactibench board verify FILE.json        score a submission again
+    """
+    if ctx.invoked_subcommand is not None:
+        return
+    if added:
+        raise UserError(f"--add is a command now: run `tactibench board add {' '.join(added)}`.")
+    if check:
+        ctx.invoke(check_pages)
+    else:
+        click.echo(ctx.get_help())
+
+
+@board.command()
+@board_option
+def write(board_folder: Path) -> None:
+    """Write the pages of all boards from the committed records."""
+    _write_pages(board_folder)
+
+
+@board.command("check")
+@board_option
+@click.pass_context
+def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -> None:
+    """Compare the pages with the committed records; write nothing.
+
+    Exit code 1 when a page is out of date.
+    """
+    from tactibench.board.boards import check_folder, pages
+
+    check_folder(board_folder)
+    made = pages(board_folder)
+    stale = [page for page in made if not page.current]
+    for page in stale:
+        click.echo(
+            f"{page.path} is not what the committed records give; "
+            "run `tactibench board write` and commit it.",
+            err=True,
+        )
+    if stale:
+        ctx.exit(1)
+    click.echo(f"{len(made)} pages are what the committed records give")
+
+
+@board.command()
+@click.argument("names", nargs=-1, required=True, metavar="RUN...", type=RUN)
+@store_option
+@board_option
+def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
+    """Commit each RUN (a name, a folder, or a pattern such as 'exp1-*') and write the pages.
+
+    A newer record of the same row and seed replaces the older one. Partial runs are refused; a
+    pattern passes them over.
+    """
+    from tactibench.board.boards import check_folder
+    from tactibench.board.submissions import add
+
+    check_folder(board_folder)
+    for run in _complete_runs(store, names):
+        added = add(run, board_folder)
+        click.echo(f"added {added.path}")
+        _echo_replaced(added.replaced)
+    _write_pages(board_folder)
+
+
+@board.command()
+@click.argument("name", metavar="RUN", type=RUN)
+@store_option
+@board_option
+def submit(name: str, store: Path, board_folder: Path) -> None:
+    """Write the record and the predictions of RUN into a board's folder, for a pull request.
+
+    Two files under submissions/PROTOCOL: NAME.json and NAME.npz. `board add` does the same and
+    writes the pages again.
+    """
+    from tactibench.board.boards import check_folder
+    from tactibench.board.committed import answers_file
+    from tactibench.board.submissions import add
+    from tactibench.records.store import open_run
+
+    check_folder(board_folder)
+    added = add(open_run(store, name), board_folder)
+    for path in (added.path, answers_file(added.path)):
+        click.echo(f"wrote {path} ({path.stat().st_size / 1000:,.0f} kB)")
+    _echo_replaced(added.replaced)
+    click.echo(
+        f"check it with `tactibench board verify {added.path}`, then open a pull request with "
+        "both files; docs/submit.md says what is checked there."
+    )
+
+
+@board.command()
+@click.argument(
+    "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )
-@runs_option
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    help="Folder of the recorded frames that were tested.",
+)
+@click.option("--hidden", is_flag=True, help="Their presses are from TACTIBENCH_HIDDEN_SEED.")
+@json_option
+@click.pass_context
+def verify(
+    ctx: click.Context,
+    files: tuple[Path, ...],
+    data: Path | None,
+    hidden: bool,
+    json_file: Path | None,
+) -> None:
+    """Score the predictions beside committed records (submissions/PROTOCOL/NAME.json) again.
+
+    The truth is made anew by this installation; nothing of the submitter's is imported. Exit code 1
+    when a file is refused.
+    """
+    from tactibench.board.verifying.truth import Source, trusted_host
+    from tactibench.board.verifying.verdict import metric_rows
+    from tactibench.board.verifying.verdict import verify as check
+    from tactibench.cli.output import Terminal
+    from tactibench.cli.report.verify import print_verdict
+    from tactibench.records.cache import cache_folder
+    from tactibench.records.files import write_json
+    from tactibench.run.components import data_folder
+
+    source = Source(trusted_host(), cache_folder(), data_folder(data))
+    terminal = Terminal()
+    rows: list[dict[str, Any]] = []
+    refused = 0
+    for path in files:
+        try:
+            with terminal.task(f"verify {path.stem[:60]}", 1) as advance:
+                verdict = check(path, source, hidden=hidden)
+                advance(1)
+        except UserError as error:
+            refused += 1
+            reason = " ".join(str(error).split())
+            terminal.say(f"REFUSED {path.name}: {reason}")
+            rows.append({"file": path.name, "state": "refused", "reason": reason})
+            continue
+        print_verdict(terminal.out, verdict)
+        rows += metric_rows(verdict)
+    if json_file is not None:
+        write_json(json_file, rows)
+    if len(files) > 1:
+        terminal.say(f"{len(files) - refused:,} of {len(files):,} verified")
+    if refused:
+        ctx.exit(1)
+
+
+@board.command()
 @board_option
 @json_option
 @click.option(
     "--csv",
     "csv_file",
-    type=FILE,
+    type=OUTPUT,
     callback=writable_place,
     help="Write the figures here, a line a metric.",
 )
 @click.option(
     "--latex",
     "latex_file",
-    type=FILE,
+    type=OUTPUT,
     callback=writable_place,
     help="Write the first tables here, for a paper.",
 )
-@click.pass_context
-def board(
-    ctx: click.Context,
-    check: bool,
-    names: tuple[str, ...],
-    runs: Path,
-    board_folder: Path,
-    json_file: Path | None,
-    csv_file: Path | None,
-    latex_file: Path | None,
+def export(
+    board_folder: Path, json_file: Path | None, csv_file: Path | None, latex_file: Path | None
 ) -> None:
-    """Write the leaderboards from the records that are committed beside them.
+    """Write the figures of all boards as JSON, CSV or LaTeX files."""
+    from tactibench.board.boards import check_folder
+    from tactibench.board.export import csv_text, latex_text, tidy_rows
+    from tactibench.records.files import atomic, write_json
 
-    --add takes complete runs from a run store into submissions/; the newer record of the same row
-    and seed replaces the older one.
+    if json_file is csv_file is latex_file is None:
+        raise UserError("nothing to write; name a file with --json, --csv or --latex.")
+    check_folder(board_folder)
+    rows = tidy_rows(board_folder)
+    if json_file is not None:
+        write_json(json_file, rows)
+    if csv_file is not None:
+        with atomic(csv_file) as stream:
+            stream.write(csv_text(rows).encode())
+    if latex_file is not None:
+        with atomic(latex_file) as stream:
+            stream.write(latex_text(board_folder).encode())
+
+
+@board.command()
+@click.argument("protocol")
+@board_option
+def hidden(protocol: str, board_folder: Path) -> None:
+    """Publish the hash of the secret seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL, once.
+
+    The hash is published before the first run, the seed never: test presses that nobody has seen.
 
     \b
-    tactibench board --add 'exp1-unet-*' --add exp1-mean-single-s0-1a2b3c4d
-    tactibench board --check
+    export TACTIBENCH_HIDDEN_SEED=$(openssl rand -hex 32)
+    tactibench board hidden exp1
+    tactibench run exp1 --model unet --hidden-seed
     """
-    from tactibench.board.boards import check_folder, pages
-    from tactibench.board.submissions import add
+    from tactibench.protocols.hidden_seed import (
+        commitment_file,
+        commitment_text,
+        given_seed,
+        read_commitment,
+    )
+    from tactibench.protocols.loader import load_protocol
+    from tactibench.records.files import atomic
 
-    if check and names:
-        raise UserError("--check writes nothing, --add does; leave one of the two out.")
+    loaded = load_protocol(protocol)
+    if loaded.keys.split is None:
+        raise UserError(
+            f"protocol {loaded.keys.id!r} takes recorded presses, which no seed draws; take one "
+            "that draws its presses."
+        )
+    seed = given_seed(loaded)
+    path = commitment_file(loaded.keys.id, board_folder / "hidden")
+    if path.exists():
+        if read_commitment(path) == seed.commitment:
+            click.echo(f"{path} holds the hash of this seed already")
+            return
+        raise UserError(
+            f"{path} holds the hash of another seed; to exchange a seed, remove the file in a "
+            "commit of its own, so that everybody sees it."
+        )
+    with atomic(path) as stream:
+        stream.write(commitment_text(loaded, seed).encode())
+    click.echo(f"wrote {path}: sha256 {seed.commitment}; commit it before the first run")
+
+
+def _write_pages(board_folder: Path) -> None:
+    from tactibench.board.boards import check_folder, pages
+
     check_folder(board_folder)
-    for run in _chosen(runs, names):
-        added = add(run, board_folder)
-        click.echo(f"added {added.path}")
-        for path in added.replaced:
-            click.echo(f"  in place of {path.name}, the same row and seed")
-    made = pages(board_folder)
-    _export(board_folder, json_file, csv_file, latex_file)
-    if check:
-        stale = [page for page in made if not page.current]
-        for page in stale:
-            click.echo(
-                f"{page.path} is not what the committed records give; "
-                "run `tactibench board` and commit it.",
-                err=True,
-            )
-        if stale:
-            ctx.exit(1)
-        click.echo(f"{len(made)} pages are what the committed records give")
-        return
-    for page in made:
-        click.echo(_line(page))
+    for page in pages(board_folder):
+        click.echo(_page_line(page))
         if not page.current:
             page.write()
 
 
-def _chosen(store: Path, names: tuple[str, ...]) -> list[StoredRun]:
-    """Runs by name or pattern; a pattern passes partial runs over. Raises UserError."""
-    from tactibench.records.store import open_run, run_names
-
-    found: dict[Path, StoredRun] = {}
-    for name in names:
-        if not any(sign in name for sign in "*?["):
-            run = open_run(store, name)
-            found[run.folder] = run
-            continue
-        # Opened one by one: a damaged run that was passed over would change a mean.
-        fitting = [open_run(store, run) for run in run_names(store) if fnmatchcase(run, name)]
-        whole = [run for run in fitting if not run.record["partial"]]
-        if not whole:
-            partial = f", but {len(fitting)} partial ones" if fitting else ""
-            raise UserError(f"{store} holds no complete run called like {name!r}{partial}.")
-        found |= {run.folder: run for run in whole}
-    # The oldest first, so that of one row and seed the newest stays.
-    return sorted(found.values(), key=lambda run: (run.record["created"], run.folder.name))
-
-
-def _line(page: Page) -> str:
+def _page_line(page: Page) -> str:
     curve = f", {page.on_curve} of them for the learning curve" if page.on_curve else ""
     state = "unchanged" if page.current else "written"
     return f"{page.path}: {page.records} runs{curve}; {state}"
 
 
-def _export(board: Path, json_file: Path | None, table: Path | None, latex: Path | None) -> None:
-    """Tidy rows, a pooled metric of a row of a board each, and tables for a paper."""
-    from tactibench.board.export import csv_text, latex_text, tidy_rows
-    from tactibench.records.files import atomic, write_json
+def _echo_replaced(paths: tuple[Path, ...]) -> None:
+    for path in paths:
+        click.echo(f"  in place of {path.name}, the same row and seed")
 
-    if json_file is not None or table is not None:
-        rows = tidy_rows(board)
-        if json_file is not None:
-            write_json(json_file, rows)
-        if table is not None:
-            with atomic(table) as stream:
-                stream.write(csv_text(rows).encode())
-    if latex is not None:
-        with atomic(latex) as stream:
-            stream.write(latex_text(board).encode())
+
+def _complete_runs(store: Path, names: tuple[str, ...]) -> list[StoredRun]:
+    """Return runs by name or pattern, the oldest first. Raises UserError."""
+    from tactibench.records.store import open_run, run_names
+
+    runs: dict[Path, StoredRun] = {}
+    for name in names:
+        if not any(sign in name for sign in "*?["):
+            run = open_run(store, name)
+            runs[run.folder] = run
+            continue
+        # Opened one by one: a damaged run that was passed over would change a mean.
+        fitting = [open_run(store, run) for run in run_names(store) if fnmatchcase(run, name)]
+        complete = [run for run in fitting if not run.record["partial"]]
+        if not complete:
+            partial = f", but {len(fitting)} partial ones" if fitting else ""
+            raise UserError(f"{store} holds no complete run called like {name!r}{partial}.")
+        runs |= {run.folder: run for run in complete}
+    # The oldest first, so that of one row and seed the newest stays.
+    return sorted(runs.values(), key=lambda run: (run.record["created"], run.folder.name))

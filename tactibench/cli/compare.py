@@ -6,16 +6,17 @@ from pathlib import Path
 
 import click
 
-from tactibench.cli.options import json_option, out_option
+from tactibench.cli.completion import RUN
+from tactibench.cli.options import json_option, store_option
 from tactibench.errors import UserError
 
 
 @click.command()
-@click.argument("names", nargs=-1, required=True, metavar="RUN RUN [RUN...]")
+@click.argument("names", nargs=-1, required=True, metavar="RUN RUN [RUN...]", type=RUN)
 @click.option("--distances", is_flag=True, help="Also at every true distance of the tips.")
-@out_option
+@store_option
 @json_option
-def compare(names: tuple[str, ...], distances: bool, out: Path, json_file: Path | None) -> None:
+def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Path | None) -> None:
     """Compare stored runs (names in the store, or folders) that answered the same test frames.
 
     Paired differences of every metric that is a mean over presses, with intervals over presses,
@@ -32,7 +33,7 @@ def compare(names: tuple[str, ...], distances: bool, out: Path, json_file: Path 
 
     if len(names) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
-    runs = [open_run(out, name) for name in names]
+    runs = [open_run(store, name) for name in names]
     found = compare_runs(runs, distances=distances)
     print_comparisons(Terminal().out, runs, found)
     if json_file is not None:

@@ -1,4 +1,4 @@
-"""``tactibench curve``: error against training presses."""
+"""``tactibench plot curve``: error against training presses."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def curve(
 
     \b
     tactibench run exp1 --model unet --presses 250
-    tactibench curve exp1 --runs runs --out curve.png
+    tactibench plot curve exp1 --store runs --out curve.png
     """
     from tactibench.board.choose import gathered, of_sensor
     from tactibench.board.curve import curves

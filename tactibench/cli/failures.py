@@ -30,8 +30,8 @@ def _about_files(error: OSError) -> str:
     if error.errno in _FULL:
         where = f" while writing{place}" if place else ""
         return (
-            f"the disk is full{where}; free some space, or put the store elsewhere with --out and "
-            "the cache with TACTIBENCH_CACHE, then run the same command again."
+            f"the disk is full{where}; free some space, or put the store elsewhere with --store "
+            "and the cache with TACTIBENCH_CACHE, then run the same command again."
         )
     what = error.strerror or str(error) or type(error).__name__
     return f"the file system refused{place}: {what}; check the path, its permissions and limits."

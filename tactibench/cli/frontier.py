@@ -1,4 +1,4 @@
-"""``tactibench frontier``: speed against error."""
+"""``tactibench plot frontier``: speed against error."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def frontier(
     error that orders the board. Seeds are pooled.
 
     \b
-    tactibench frontier exp2 --out docs/images/frontier-exp2.png
+    tactibench plot frontier exp2 --out docs/images/frontier-exp2.png
     """
     from tactibench.board.choose import gathered, left_out, of_sensor
     from tactibench.board.frontier import frontiers

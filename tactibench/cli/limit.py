@@ -1,4 +1,4 @@
-"""``tactibench limit``: the smallest errors that a sensor's noise allows."""
+"""``tactibench plot limit``: the smallest errors that a sensor's noise allows."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ def limit(
     the plane.
 
     \b
-    tactibench limit --scene dual --spacing 6.5 --out map.png
-    tactibench limit --param sensor.size=256 --nuisance brightness,background,shift,roll
+    tactibench plot limit --scene dual --spacing 6.5 --out map.png
+    tactibench plot limit --param sensor.size=256 --nuisance brightness,background,shift,roll
     """
     from tactibench.board.limits import map_limits, rows_of
     from tactibench.cli.output import Terminal

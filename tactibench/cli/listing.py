@@ -1,46 +1,70 @@
-"""``tactibench list``: names and summaries, without importing what stands behind them."""
+"""``tactibench list``: plugins, protocols, stored runs, trained weights and published tables."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-if TYPE_CHECKING:
-    from tactibench.plugins.host import PluginHost
+from tactibench.cli.options import board_option, store_option
 
-KINDS = ("models", "sensors", "encoders", "protocols")
+if TYPE_CHECKING:
+    from tactibench.board.published import PublishedTable
+    from tactibench.plugins.host import PluginHost
+    from tactibench.run.cached_weights import KeptWeights
+
+PLUGINS = ("models", "sensors", "encoders", "protocols")
+KINDS = (*PLUGINS, "runs", "weights", "published")
+MIB = 2**20
+
+Row = dict[str, Any]
 
 
 @click.command("list")
 @click.argument("kind", type=click.Choice(KINDS), required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def listing(kind: str | None, as_json: bool) -> None:
-    """List models, sensors, encoders and protocols."""
+@store_option
+@board_option
+def listing(kind: str | None, as_json: bool, store: Path, board_folder: Path) -> None:
+    """List plugins and protocols, or what is stored.
+
+    models, sensors, encoders and protocols are listed by default; runs are those of --store,
+    weights those in the cache, published the tables of papers.
+    """
+    if kind == "runs":
+        _list_runs(store, as_json)
+    elif kind == "weights":
+        _list_weights(as_json)
+    elif kind == "published":
+        _list_published(board_folder, as_json)
+    else:
+        _list_plugins((kind,) if kind else PLUGINS, as_json)
+
+
+def _list_plugins(kinds: tuple[str, ...], as_json: bool) -> None:
+    """Print names and summaries without importing what stands behind them."""
     from tactibench.plugins.host import PluginHost
 
     host = PluginHost()
-    found = {name: _rows(host, name) for name in KINDS if kind in (None, name)}
+    rows = {kind: _plugin_rows(host, kind) for kind in kinds}
     if as_json:
-        click.echo(json.dumps(found, indent=1))
+        click.echo(json.dumps(rows, indent=1))
     else:
-        _print(found)
+        for kind, listed in rows.items():
+            width = max((len(row["name"]) for row in listed), default=0)
+            click.echo(f"{kind}:")
+            for row in listed:
+                click.echo(f"  {row['name']:<{width}}  {row['summary']}")
     count = len(host.problems)
     if count:
         plural = "s" if count > 1 else ""
         click.echo(f"{count} plugin problem{plural}: run `tactibench doctor`.", err=True)
 
 
-def _print(found: dict[str, list[dict[str, str]]]) -> None:
-    for name, rows in found.items():
-        width = max((len(row["name"]) for row in rows), default=0)
-        click.echo(f"{name}:")
-        for row in rows:
-            click.echo(f"  {row['name']:<{width}}  {row['summary']}")
-
-
-def _rows(host: PluginHost, kind: str) -> list[dict[str, str]]:
+def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
     if kind == "protocols":
         from tactibench.protocols.loader import protocol_titles
 
@@ -48,7 +72,7 @@ def _rows(host: PluginHost, kind: str) -> list[dict[str, str]]:
             {"name": name, "summary": title, "version": str(version)}
             for name, (version, title) in protocol_titles().items()
         ]
-    catalogue = next(found for found in host.parts if f"{found.kind}s" == kind)
+    catalogue = next(catalogue for catalogue in host.parts if f"{catalogue.kind}s" == kind)
     return [
         {
             "name": spec.name,
@@ -58,3 +82,148 @@ def _rows(host: PluginHost, kind: str) -> list[dict[str, str]]:
         }
         for spec in catalogue
     ]
+
+
+def _list_runs(store: Path, as_json: bool) -> None:
+    from tactibench.records.store import stored_runs
+
+    rows: list[Row] = []
+    for run in stored_runs(store):
+        record = run.record
+        rows.append(
+            {
+                "name": run.folder.name,
+                "protocol": record["protocol"]["id"],
+                "model": record["model"]["name"],
+                "seed": record["seed"],
+                "created": record["created"],
+                "partial": record["partial"],
+            }
+        )
+    heads = ("name", "protocol", "model", "seed", "created", "partial")
+    _print(rows, as_json, heads, f"no runs in {store}; `tactibench run` leaves its own there")
+
+
+def _list_weights(as_json: bool) -> None:
+    from tactibench.board.numbers import duration, number
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.cache import cache_folder
+    from tactibench.run.cached_weights import kept_weights
+
+    folder = cache_folder()
+    host = PluginHost()
+    rows: list[Row] = []
+    for weights in kept_weights(folder):
+        facts = {
+            "model": _weights_label(weights, host),
+            "encoder": weights.encoder or "none",
+            "regime": weights.regime,
+            "presses": weights.presses,
+            "seed": weights.seed,
+            "device": weights.device,
+            "epochs": weights.epochs,
+        }
+        if as_json:
+            values = {"training_s": weights.seconds, "bytes": weights.bytes, "hash": weights.hash}
+            parameters = dict(weights.parameters)
+            rows.append(
+                {
+                    **facts,
+                    "model": weights.model,
+                    "parameters": parameters,
+                    **values,
+                    "folder": weights.folder.name,
+                }
+            )
+        else:
+            rows.append(
+                {
+                    **facts,
+                    "training": duration(weights.seconds),
+                    "MiB": number(weights.bytes / MIB, 1),
+                    "folder": weights.folder.name,
+                }
+            )
+    heads = (
+        "model",
+        "encoder",
+        "regime",
+        "presses",
+        "seed",
+        "device",
+        "epochs",
+        "training",
+        "MiB",
+        "folder",
+    )
+    _print(rows, as_json, heads, f"no trained weights in {folder}; a run leaves its own there")
+
+
+def _weights_label(weights: KeptWeights, host: PluginHost) -> str:
+    """Return the model with the parameters that are not at their defaults, as far as known."""
+    spec = host.models.specs.get(weights.model)
+    defaults = {p.name: p.default for p in spec.parameters} if spec else {}
+    other = [
+        f"{name}={value}"
+        for name, value in weights.parameters.items()
+        if name not in defaults or value != defaults[name]
+    ]
+    return f"{weights.model}({','.join(other)})" if other else weights.model
+
+
+def _list_published(board_folder: Path, as_json: bool) -> None:
+    rows: list[Row] = []
+    for table in _published_tables(board_folder):
+        if not as_json:
+            click.echo(f"{table.name}: {table.authors}, {table.title}, {table.year}")
+            click.echo(f"  measured on: {table.measured_on}")
+        rows += [
+            {
+                "table": table.name,
+                "protocol": row.protocol,
+                "model": row.label,
+                "metrics": row.metrics if as_json else ", ".join(row.metrics),
+                "n": f"{row.n:,} {row.unit}" if row.n else "n/a",
+                "source": row.source,
+                "comparable": row.comparable,
+            }
+            for row in table.rows
+        ]
+    heads = ("table", "protocol", "model", "metrics", "n", "comparable")
+    _print(rows, as_json, heads, f"no published tables in {board_folder}")
+
+
+def _published_tables(board_folder: Path) -> list[PublishedTable]:
+    from tactibench.board.published import load_published, published_names
+    from tactibench.shipped import shipped_folder
+
+    own = board_folder / "published"
+    folder = own if own.is_dir() else shipped_folder("published")
+    return load_published(published_names(folder), folder)
+
+
+def _print(rows: list[Row], as_json: bool, heads: tuple[str, ...], empty: str) -> None:
+    """Print rows as JSON or as aligned columns; without rows, say where they would come from."""
+    if as_json:
+        click.echo(json.dumps(rows, indent=1, default=_plain))
+        return
+    if not rows:
+        click.echo(empty)
+        return
+    cells = [heads, *(tuple(_text(row[head]) for head in heads) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        padded = (f"{text:<{width}}" for text, width in zip(line, widths, strict=True))
+        click.echo("  ".join(padded).rstrip())
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "n/a"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    return dict(value) if isinstance(value, Mapping) else str(value)

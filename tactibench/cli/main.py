@@ -20,29 +20,33 @@ if TYPE_CHECKING:
     from tactibench.plugins.specs import CommandSpec
 
 VERBS = {
-    "board": ("tactibench.cli.board:board", "write or check the leaderboards, add runs to them"),
+    "board": ("tactibench.cli.board:board", "make the leaderboards; add, submit and verify rows"),
     "check": ("tactibench.cli.check:check", "prove that a plugin behaves as its kind must"),
     "compare": ("tactibench.cli.compare:compare", "runs against each other, press by press"),
-    "curve": ("tactibench.cli.curve:curve", "the learning curve: error against training presses"),
     "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
-    "frontier": ("tactibench.cli.frontier:frontier", "speed against error, and who is dominated"),
-    "hidden": ("tactibench.cli.hidden:hidden", "publish the hash of a secret seed of test presses"),
-    "limit": ("tactibench.cli.limit:limit", "the smallest errors that a sensor's noise allows"),
-    "list": ("tactibench.cli.listing:listing", "list models, sensors, encoders and protocols"),
-    "models": ("tactibench.cli.models:models", "list trained weights, train without a test"),
+    "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
     "new": ("tactibench.cli.new:new", "begin a model, sensor or encoder of your own"),
-    "published": ("tactibench.cli.published:published", "published tables: list, check"),
+    "plot": ("tactibench.cli.plot:plot", "figures: frontier, curve, stability, limit"),
     "report": ("tactibench.cli.report_html:report", "the boards as one HTML page, offline"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
-    "stability": ("tactibench.cli.stability:stability", "hard cases: where models start to fail"),
-    "submit": ("tactibench.cli.submit:submit", "write a run's record and predictions to a board"),
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
-    "verify": ("tactibench.cli.verify:verify", "score submissions again without trusting them"),
 }
+RETIRED = {
+    "curve": "plot curve",
+    "frontier": "plot frontier",
+    "hidden": "board hidden",
+    "limit": "plot limit",
+    "models": "list weights",
+    "published": "list published",
+    "stability": "plot stability",
+    "submit": "board submit",
+    "verify": "board verify",
+}
+"""Verbs of version 1 and what they are called now."""
 
 MISTAKE, INTERRUPTED = 2, 130
 STOPPED = "tactibench: stopped; the same command continues where it was."
@@ -61,6 +65,10 @@ class Verbs(click.Group):
             module, _, attribute = VERBS[name][0].partition(":")
             command: click.Command = getattr(import_module(module), attribute)
             return command
+        if name in RETIRED:
+            raise UserError(
+                f"`tactibench {name}` is now `tactibench {RETIRED[name]}`; see its --help."
+            )
         verbs = _plugin_verbs()
         if name not in verbs:
             raise UserError(f"unknown command {name!r}; {did_you_mean(name, {*VERBS, *verbs})}")
@@ -68,7 +76,7 @@ class Verbs(click.Group):
         if not isinstance(loaded, click.Command):
             raise UserError(
                 f"command {name!r} cannot be used, because {verbs[name].target} is no click "
-                "command; mend or reinstall its plugin."
+                "command; fix or reinstall its plugin."
             )
         return loaded
 

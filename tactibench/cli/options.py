@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactibench.cli.completion import ENCODER, SENSOR
+
 if TYPE_CHECKING:
     from tactibench.run.request import RunRequest
 
@@ -28,8 +30,8 @@ def picture(_ctx: click.Context, _option: click.Parameter, path: Path | None) ->
     return writable_place(_ctx, _option, path)
 
 
-out_option = click.option(
-    "--out",
+store_option = click.option(
+    "--store",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("runs"),
     show_default=True,
@@ -51,7 +53,8 @@ board_option = click.option(
     help="Folder of the leaderboards.",
 )
 runs_option = click.option(
-    "--runs",
+    "--store",
+    "runs",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("runs"),
     show_default=True,
@@ -65,7 +68,8 @@ picture_option = click.option(
     help="Draw the picture.",
 )
 more_runs_option = click.option(
-    "--runs",
+    "--store",
+    "runs",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="Take the complete runs of this store, too.",
 )
@@ -86,8 +90,10 @@ def request_options(
     """
     options = (
         click.option("--regime", help=regime),
-        click.option("--sensor", help="Sensor that makes the frames; default: the protocol's."),
-        click.option("--encoder", help=encoder),
+        click.option(
+            "--sensor", type=SENSOR, help="Sensor that makes the frames; default: the protocol's."
+        ),
+        click.option("--encoder", type=ENCODER, help=encoder),
         click.option("--data", type=click.Path(path_type=Path), help="Folder of recorded frames."),
         click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help=seed),
         click.option(

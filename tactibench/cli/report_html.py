@@ -62,7 +62,7 @@ def report(
 
     \b
     tactibench report --out report.html
-    tactibench report --runs runs --from both --protocol exp2
+    tactibench report --store runs --from both --protocol exp2
     """
     from tactibench.board.html.material import gather
     from tactibench.board.html.write import report_page
@@ -72,7 +72,7 @@ def report(
 
     named = ctx.get_parameter_source("runs") is not ParameterSource.DEFAULT
     if not runs.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
-        raise UserError(f"there is no run store in {runs}; name one with --runs DIR.")
+        raise UserError(f"there is no run store in {runs}; name one with --store DIR.")
     material = gather(runs, board_folder, origin=origin, protocols=protocols)
     terminal = Terminal()
     with terminal.task("report", len(material.boards) + 1) as advance:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option, out_option, request_of, request_options
+from tactibench.cli.completion import MODEL, PROTOCOL
+from tactibench.cli.options import json_option, request_of, request_options, store_option
+
+if TYPE_CHECKING:
+    from tactibench.cli.output import Terminal
+    from tactibench.run.plan import RunPlan
 
 
 @click.command()
-@click.argument("protocol")
-@click.option("--model", required=True, help="Model to score; mean and nearest are baselines.")
+@click.argument("protocol", type=PROTOCOL)
+@click.option(
+    "--model", type=MODEL, required=True, help="Model to score; mean and nearest are baselines."
+)
 @request_options(encoder="Heatmap encoder, for models that use one.", seed="Of training.")
 @click.option(
     "--quick", is_flag=True, help="200 presses, 2 epochs, 40 tests: only proves the path."
@@ -44,7 +51,8 @@ from tactibench.cli.options import json_option, out_option, request_of, request_
     help="Released answers to the test frames; default: looked for beside --data.",
 )
 @json_option
-@out_option
+@store_option
+@click.option("--train-only", is_flag=True, help="Train and keep the weights; test nothing.")
 @click.option("--fresh", is_flag=True, help="Predict, time and score again, even if stored.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 def run(
@@ -56,7 +64,8 @@ def run(
     tests: tuple[str, ...],
     hidden: bool,
     json_file: Path | None,
-    out: Path,
+    store: Path,
+    train_only: bool,
     fresh: bool,
     dry_run: bool,
     **asked: Any,
@@ -80,7 +89,10 @@ def run(
     )
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
-    stored = not fresh and (out / plan.name / RECORD).is_file()
+    if train_only and not dry_run:
+        _train(plan, terminal, json_file)
+        return
+    stored = not fresh and (store / plan.name / RECORD).is_file()
     if not stored:
         check_metrics(plan.protocol)
     for line in plan_lines(plan, stored):
@@ -88,11 +100,37 @@ def run(
     if dry_run:
         return
     if stored:
-        finished = open_run(out, plan.name)
+        finished = open_run(store, plan.name)
     else:
         from tactibench.run.execute import execute
 
-        finished = execute(plan, out, terminal, fresh=fresh)
-    show_run(terminal, finished, out)
+        finished = execute(plan, store, terminal, fresh=fresh)
+    show_run(terminal, finished, store)
     if json_file is not None:
         write_json(json_file, finished.record)
+
+
+def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:
+    """Train, or find the weights in the cache, and say where they are."""
+    from tactibench.board.numbers import duration
+    from tactibench.records.files import write_json
+    from tactibench.run.train import trained_model
+
+    _, trained = trained_model(plan, terminal)
+    report, model = trained.report, plan.parts.model.label()
+    how = "found in the cache, trained" if trained.reused else "trained"
+    terminal.say(
+        f"{model} ({plan.parts.regime}), seed {plan.request.seed}: {how} {report['epochs']} epochs "
+        f"on {plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
+    )
+    terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
+    if json_file is not None:
+        facts = {
+            "model": model,
+            "regime": plan.parts.regime,
+            "seed": plan.request.seed,
+            "weights": trained.hash,
+            "reused": trained.reused,
+        }
+        values = {"training_s": report["seconds"], "epochs": report["epochs"]}
+        write_json(json_file, {**facts, **values})

@@ -6,15 +6,16 @@ from pathlib import Path
 
 import click
 
-from tactibench.cli.options import json_option, out_option
+from tactibench.cli.completion import RUN
+from tactibench.cli.options import json_option, store_option
 
 
 @click.command()
-@click.argument("run_name", metavar="RUN")
-@out_option
+@click.argument("run_name", metavar="RUN", type=RUN)
+@store_option
 @json_option
 @click.pass_context
-def score(ctx: click.Context, run_name: str, out: Path, json_file: Path | None) -> None:
+def score(ctx: click.Context, run_name: str, store: Path, json_file: Path | None) -> None:
     """Score the stored predictions of RUN (a name in the store, or a folder) again.
 
     Neither model nor sensor is used. Says whether the numbers equal the stored ones; exit code 1
@@ -26,9 +27,9 @@ def score(ctx: click.Context, run_name: str, out: Path, json_file: Path | None) 
     from tactibench.run.rescore import differences, rescored
 
     terminal = Terminal()
-    run = open_run(out, run_name)
+    run = open_run(store, run_name)
     record = rescored(run)
-    show_run(terminal, StoredRun(run.folder, record), out)
+    show_run(terminal, StoredRun(run.folder, record), store)
     changed = differences(run.record["metrics"], record["metrics"])
     if json_file is not None:
         write_json(json_file, record)

@@ -1,4 +1,4 @@
-"""``tactibench stability``: where models start to fail."""
+"""``tactibench plot stability``: where models start to fail."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def stability(
 
     \b
     tactibench run stability --model superpose
-    tactibench stability --runs runs --out stability.png --cases cases.png
+    tactibench plot stability --store runs --out stability.png --cases cases.png
     """
     from tactibench.board.choose import gathered, of_sensor
     from tactibench.board.hard_cases import graded

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tactibench.cli.options import json_option, out_option
+from tactibench.cli.options import json_option, store_option
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ RETRIES = 2
     help="How often a cell whose worker died is run again.",
 )
 @json_option
-@out_option
+@store_option
 @click.option("--dry-run", is_flag=True, help="List the cells, done and to do, and stop.")
 def sweep(
     file: Path,
@@ -50,7 +50,7 @@ def sweep(
     threads: int | None,
     retries: int,
     json_file: Path | None,
-    out: Path,
+    store: Path,
     dry_run: bool,
 ) -> int:
     """Run all cells of FILE: protocol x model x regime x encoder x sensor x seed.
@@ -86,7 +86,7 @@ def sweep(
         )
     asked = read_sweep(file)
     cells, sets = cells_of(asked, PluginHost()), sets_of(asked)
-    place = Place(out.resolve(), cache_folder().resolve(), any_machine=scheduler is not None)
+    place = Place(store.resolve(), cache_folder().resolve(), any_machine=scheduler is not None)
     terminal = Terminal()
     with _engine(scheduler, place) as remote:
         planned = look_up(cells, place, remote)

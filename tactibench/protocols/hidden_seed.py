@@ -92,7 +92,7 @@ def read_commitment(path: Path) -> str:
     except FileNotFoundError:
         raise UserError(
             f"no hash of a hidden seed was published for protocol {path.stem!r} ({path} is not "
-            "there); `tactibench hidden commit` writes it, before the first run."
+            "there); `tactibench board hidden` writes it, before the first run."
         ) from None
     except (OSError, ValueError) as error:
         raise UserError(f"{path} is no TOML file with a key sha256 ({error}).") from None

@@ -10,7 +10,7 @@ from tactibench.records.identity import digest
 
 SEAL = "sealed"
 """Key of a record's identity. It says that nothing changed by accident; who changes a record on
-purpose writes another seal, and is found out by ``tactibench verify``."""
+purpose writes another seal, and is found out by ``tactibench board verify``."""
 
 Record = Mapping[str, Any]
 

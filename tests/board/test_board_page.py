@@ -185,7 +185,7 @@ def test_no_markup_of_a_record_reaches_the_page(fabricate):
 
 
 def test_an_empty_board_says_how_to_fill_it():
-    assert "tactibench board --add RUN" in made([])
+    assert "tactibench board add RUN" in made([])
     assert made([]).endswith("\n")
 
 

@@ -21,7 +21,7 @@ def store(tmp_path_factory):
         patch.setenv("TACTIBENCH_CACHE", str(folder / "cache"))
         tiny_commands(patch.setattr, Lab(folder / "lab").protocols)
         for protocol, epochs in (("exp1", 6), ("exp2", 6), ("exp2", 7), ("exp3", 6), ("exp3", 7)):
-            options = ["--param", f"model.epochs={epochs}", "--out", str(folder / "runs")]
+            options = ["--param", f"model.epochs={epochs}", "--store", str(folder / "runs")]
             assert call(["run", protocol, "--model", "tiny", *options]) == 0
         yield folder / "runs"
 

@@ -21,7 +21,7 @@ UNET = ("run", "exp2", "--model", "unet")
     ("arguments", "words"),
     [
         (["runn"], ["unknown command 'runn'", "did you mean 'run'?"]),
-        (["zzz"], ["unknown command 'zzz'", "known: board, check, compare, curve, data"]),
+        (["zzz"], ["unknown command 'zzz'", "known: board, check, compare, data, describe"]),
         (["run"], ["Missing argument 'PROTOCOL'", "tactibench run --help"]),
         (["run", "exp1"], ["Missing option '--model'", "tactibench run --help"]),
         (["run", "exp1", "--model"], ["'--model' requires an argument"]),
@@ -85,7 +85,7 @@ def test_a_gpu_that_is_not_there(refused: Any) -> None:
 
 def test_out_that_is_a_file(refused: Any, tmp_path: Path) -> None:
     (tmp_path / "store").write_text("")
-    assert "'store' is a file" in refused(*MEAN, "--quick", "--out", "store")
+    assert "'store' is a file" in refused(*MEAN, "--quick", "--store", "store")
 
 
 EDITS = {
@@ -146,7 +146,7 @@ def test_a_full_disk(refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("tactibench.cli.output.Terminal.say", lambda *_: None)
     sentence = refused(*MEAN, "--quick")
     assert "the disk is full while writing frames.npy" in sentence
-    assert "--out" in sentence
+    assert "--store" in sentence
     assert "TACTIBENCH_CACHE" in sentence
     assert not [path for path in tmp_path.rglob("*.npy") if path.name.startswith(".")]
     assert not (tmp_path / "runs").exists()

@@ -11,36 +11,36 @@ import pytest
 
 def test_runs_are_added_written_and_checked(cli, stored_run):
     names = [stored_run(seed=0), stored_run(seed=1)]
-    code, out, _ = cli("board", "--add", names[0], "--add", names[1])
+    code, out, _ = cli("board", "add", *names)
     assert code == 0
     assert f"added leaderboards/submissions/exp1/{names[0]}.json" in out
     assert "leaderboards/exp1.md: 2 runs; written" in out
     text = Path("leaderboards/exp1.md").read_text(encoding="utf-8")
     assert "| 1 | unet | hertz | single | no | 2 |" in text
-    assert cli("board", "--check")[0] == 0
-    assert "exp1.md: 2 runs; unchanged" in cli("board")[1]
+    assert cli("board", "check")[0] == 0
+    assert "exp1.md: 2 runs; unchanged" in cli("board", "write")[1]
 
 
 def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored_run):
-    cli("board", "--add", stored_run())
+    cli("board", "add", stored_run())
     Path("leaderboards/exp1.md").write_text("better numbers")
-    code, _, err = cli("board", "--check")
+    code, _, err = cli("board", "check")
     assert code == 1
     assert err == (
-        "leaderboards/exp1.md is not what the committed records give; run `tactibench board` "
-        "and commit it.\n"
+        "leaderboards/exp1.md is not what the committed records give; run "
+        "`tactibench board write` and commit it.\n"
     )
     assert Path("leaderboards/exp1.md").read_text() == "better numbers"
-    cli("board")
+    cli("board", "write")
     Path("leaderboards/exp2.md").unlink()
-    assert "leaderboards/exp2.md is not" in cli("board", "--check")[2]
+    assert "leaderboards/exp2.md is not" in cli("board", "check")[2]
 
 
 def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
     stored_run(seed=0, name="exp1-old", created="2026-01-01T00:00:00+00:00")
     stored_run(seed=0, name="exp1-new", created="2026-01-02T00:00:00+00:00", error=0.01)
     stored_run(seed=1, name="exp1-quick", partial=True)
-    code, out, _ = cli("board", "--add", "exp1-*")
+    code, out, _ = cli("board", "add", "exp1-*")
     assert code == 0
     assert "in place of exp1-old.json, the same row and seed" in out
     files = sorted(path.name for path in Path("leaderboards/submissions/exp1").iterdir())
@@ -50,12 +50,13 @@ def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
 def test_runs_with_fewer_presses_are_counted_apart(cli, stored_run):
     stored_run()
     stored_run(seed=1, limits={"presses": 250}, data={"train": 250})
-    out = cli("board", "--add", "*")[1]
+    out = cli("board", "add", "*")[1]
     assert "leaderboards/exp1.md: 2 runs, 1 of them for the learning curve; written" in out
 
 
 def test_the_same_figures_as_json(cli, stored_run):
-    cli("board", "--add", stored_run(error=0.05), "--json", "rows.json")
+    cli("board", "add", stored_run(error=0.05))
+    cli("board", "export", "--json", "rows.json")
     rows = json.loads(Path("rows.json").read_text())
     (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
     assert (mae["value"], mae["unit"], mae["model"]) == (0.05, "mm", "unet")
@@ -64,12 +65,13 @@ def test_the_same_figures_as_json(cli, stored_run):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--add", "exp1-part"], "is a partial run"),
-        (["--add", "nothing-*"], "holds no complete run called like 'nothing-*'"),
-        (["--add", "exp1-par*"], "but 1 partial ones"),
-        (["--add", "exp1-pard"], "did you mean 'exp1-part'"),
-        (["--check", "--add", "exp1-part"], "leave one of the two out"),
-        (["--board", "nowhere"], "there is no board in nowhere"),
+        (["add", "exp1-part"], "is a partial run"),
+        (["add", "nothing-*"], "holds no complete run called like 'nothing-*'"),
+        (["add", "exp1-par*"], "but 1 partial ones"),
+        (["add", "exp1-pard"], "did you mean 'exp1-part'"),
+        (["--add", "exp1-part"], "run `tactibench board add exp1-part`"),
+        (["export"], "name a file with --json, --csv or --latex"),
+        (["write", "--board", "nowhere"], "there is no board in nowhere"),
     ],
 )
 def test_mistakes(refused, stored_run, options, words):
@@ -79,16 +81,17 @@ def test_mistakes(refused, stored_run, options, words):
 
 
 def test_two_records_of_one_seed_are_refused(cli, refused, stored_run):
-    cli("board", "--add", stored_run())
+    cli("board", "add", stored_run())
     (path,) = Path("leaderboards/submissions/exp1").glob("*.json")
     record = {**json.loads(path.read_text()), "name": "exp1-twin"}
     path.with_name("exp1-twin.json").write_text(json.dumps(record))
-    assert "are both seed 0 of unet + hertz (single); keep one" in refused("board")
+    assert "are both seed 0 of unet + hertz (single); keep one" in refused("board", "write")
 
 
 def test_the_same_figures_as_csv_and_latex(cli, stored_run):
     name = stored_run(model="a_b", error=0.05)
-    assert cli("board", "--add", name, "--csv", "rows.csv", "--latex", "table.tex")[0] == 0
+    assert cli("board", "add", name)[0] == 0
+    assert cli("board", "export", "--csv", "rows.csv", "--latex", "table.tex")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     (mae,) = [row for row in rows if row["metric"] == "mae_mm"]

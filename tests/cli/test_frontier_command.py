@@ -1,4 +1,4 @@
-"""``tactibench frontier`` and ``tactibench curve`` read what is committed."""
+"""``tactibench plot frontier`` and ``tactibench plot curve`` read what is committed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def board(tmp_path, fabricate):
 
 
 def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):
-    code, out, err = cli("frontier", "exp1", "--out", "f.png", "--json", "f.json")
+    code, out, err = cli("plot", "frontier", "exp1", "--out", "f.png", "--json", "f.json")
     assert (code, err) == (0, "")
     lines = {line.split("  ")[0]: line for line in out.split("\n")}
     assert "dominated by unet, width=8 + hertz" in lines["unet, width=16 + hertz"]
@@ -46,13 +46,13 @@ def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):
 
 
 def test_a_sensor_or_machine_can_be_asked_for(cli, board):
-    out = cli("frontier", "exp1", "--sensor", "tactip-127, instance=1")[1]
+    out = cli("plot", "frontier", "exp1", "--sensor", "tactip-127, instance=1")[1]
     assert "instance=1: a perturbed individual" in out
-    assert "cnn" in cli("frontier", "exp1", "--machine", "ba9876543210")[1]
+    assert "cnn" in cli("plot", "frontier", "exp1", "--machine", "ba9876543210")[1]
 
 
 def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board):
-    code, out, _ = cli("curve", "exp1", "--out", "c.png", "--json", "c.json")
+    code, out, _ = cli("plot", "curve", "exp1", "--out", "c.png", "--json", "c.json")
     assert code == 0
     assert "0.2000 [0.1800, 0.2200]" in out
     assert "cnn" not in out
@@ -64,15 +64,15 @@ def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["frontier", "exp9"], "unknown protocol 'exp9'; did you mean"),
-        (["frontier", "exp2"], "there is no complete run of exp2"),
-        (["frontier", "exp1", "--machine", "x"], "no run was timed on a machine 'x'"),
-        (["frontier", "exp1", "--sensor", "tactip-128"], "did you mean 'tactip-127"),
-        (["frontier", "exp1", "--out", "f.pdf"], "f.pdf is no PNG file; call it f.png"),
-        (["frontier", "exp1", "--out", "no/f.png"], "the folder no is not there"),
-        (["frontier", "exp1", "--board", "no"], "there is no board in no"),
-        (["curve", "exp2"], "there is no complete run of exp2"),
-        (["curve", "exp1", "--sensor", "tactip-127, instance=1"], "run exp1 --presses N"),
+        (["plot", "frontier", "exp9"], "unknown protocol 'exp9'; did you mean"),
+        (["plot", "frontier", "exp2"], "there is no complete run of exp2"),
+        (["plot", "frontier", "exp1", "--machine", "x"], "no run was timed on a machine 'x'"),
+        (["plot", "frontier", "exp1", "--sensor", "tactip-128"], "did you mean 'tactip-127"),
+        (["plot", "frontier", "exp1", "--out", "f.pdf"], "f.pdf is no PNG file; call it f.png"),
+        (["plot", "frontier", "exp1", "--out", "no/f.png"], "the folder no is not there"),
+        (["plot", "frontier", "exp1", "--board", "no"], "there is no board in no"),
+        (["plot", "curve", "exp2"], "there is no complete run of exp2"),
+        (["plot", "curve", "exp1", "--sensor", "tactip-127, instance=1"], "run exp1 --presses N"),
     ],
 )
 def test_mistakes(refused, board, arguments, words):

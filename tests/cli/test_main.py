@@ -15,7 +15,7 @@ import pytest
 from surroundings import surroundings
 
 import tactibench
-from tactibench.cli.main import VERBS
+from tactibench.cli.main import RETIRED, VERBS
 
 HEAVY = (
     "numpy",
@@ -187,3 +187,8 @@ def test_an_interrupt_during_training_is_one_sentence_and_leaves_a_resumable_run
     assert not list((folder / "cache" / "weights").glob("*/"))
     again = ran(*UNET, *SMALL, "--dry-run", **surroundings)
     assert "from where it stopped" in again.stdout
+
+
+@pytest.mark.parametrize("verb", RETIRED)
+def test_a_verb_of_version_1_answers_with_the_new_one(refused: Any, verb: str) -> None:
+    assert f"is now `tactibench {RETIRED[verb]}`" in refused(verb, "--help")

@@ -56,7 +56,7 @@ def test_random_weights_are_timed_and_said_to_be(short: Any, cli: Any, tmp_path:
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        (("unet",), "tactibench models train unet"),
+        (("unet",), "tactibench run exp1 --model unet --train-only"),
         (("unet", "--train", "--untrained"), "exclude each other"),
         (("mean", "--untrained"), "no random weights"),
         (("unte",), "did you mean 'unet'?"),

@@ -12,27 +12,27 @@ SECRET = "c0ffee" * 8
 
 def test_submit_writes_two_files_and_no_page(cli, stored_run):
     name = stored_run()
-    code, out, _ = cli("submit", name)
+    code, out, _ = cli("board", "submit", name)
     assert code == 0
     files = sorted(path.name for path in Path("leaderboards").rglob("*") if path.is_file())
     assert files == [f"{name}.json", f"{name}.npz"]
-    assert f"`tactibench verify leaderboards/submissions/exp1/{name}.json`" in out
-    assert "in place of" in cli("submit", stored_run(name="exp1-newer"))[1]
+    assert f"`tactibench board verify leaderboards/submissions/exp1/{name}.json`" in out
+    assert "in place of" in cli("board", "submit", stored_run(name="exp1-newer"))[1]
 
 
 def test_submit_refuses_in_a_sentence_and_writes_nothing(refused, stored_run):
     stored_run(partial=True, name="exp1-part")
-    assert "is a partial run" in refused("submit", "exp1-part")
-    assert "did you mean 'exp1-part'" in refused("submit", "exp1-parts")
-    assert "there is no board in nowhere" in refused("submit", "exp1-part", "--board", "nowhere")
+    assert "is a partial run" in refused("board", "submit", "exp1-part")
+    assert "did you mean 'exp1-part'" in refused("board", "submit", "exp1-parts")
+    assert "there is no board in nowhere" in refused("board", "submit", "exp1-part", "--board", "nowhere")
     assert list(Path("leaderboards").iterdir()) == []
 
 
 def test_verify_says_what_is_wrong_with_every_file(cli, stored_run):
     name = stored_run()
-    cli("submit", name)
+    cli("board", "submit", name)
     place = Path("leaderboards/submissions/exp1")
-    code, out, _ = cli("verify", place / f"{name}.json", place / "none.json", "--json", "v.json")
+    code, out, _ = cli("board", "verify", place / f"{name}.json", place / "none.json", "--json", "v.json")
     assert code == 1
     assert f"REFUSED {name}.json: " in out
     assert "the signature says" in out
@@ -43,34 +43,34 @@ def test_verify_says_what_is_wrong_with_every_file(cli, stored_run):
 
 def test_verify_needs_a_folder_that_is_there(refused):
     assert "the data folder nowhere does not exist" in refused(
-        "verify", "x.json", "--data", "nowhere"
+        "board", "verify", "x.json", "--data", "nowhere"
     )
 
 
 def test_a_hash_is_published_once(cli, stored_run, monkeypatch):
     monkeypatch.setenv(VARIABLE, SECRET)
-    code, out, _ = cli("hidden", "commit", "exp1")
+    code, out, _ = cli("board", "hidden", "exp1")
     assert code == 0
     text = Path("leaderboards/hidden/exp1.toml").read_text()
     assert SECRET not in text + out
-    assert "holds the hash of this seed already" in cli("hidden", "commit", "exp1")[1]
+    assert "holds the hash of this seed already" in cli("board", "hidden", "exp1")[1]
     monkeypatch.setenv(VARIABLE, SECRET[::-1])
-    assert "holds the hash of another seed" in cli("hidden", "commit", "exp1")[2]
+    assert "holds the hash of another seed" in cli("board", "hidden", "exp1")[2]
     assert Path("leaderboards/hidden/exp1.toml").read_text() == text
 
 
 def test_hidden_mistakes(refused, stored_run, monkeypatch):
     monkeypatch.delenv(VARIABLE, raising=False)
-    assert f"{VARIABLE}, which is not set" in refused("hidden", "commit", "exp1")
+    assert f"{VARIABLE}, which is not set" in refused("board", "hidden", "exp1")
     assert f"{VARIABLE}, which is not set" in refused(
         "run", "exp1", "--model", "mean", "--hidden-seed"
     )
     monkeypatch.setenv(VARIABLE, "1234")
-    sentence = refused("hidden", "commit", "exp1")
+    sentence = refused("board", "hidden", "exp1")
     assert "has 4 characters and could be found by trying" in sentence
     assert "1234" not in sentence
     monkeypatch.setenv(VARIABLE, SECRET)
-    assert "takes recorded presses, which no seed draws" in refused("hidden", "commit", "surface")
+    assert "takes recorded presses, which no seed draws" in refused("board", "hidden", "surface")
     assert "no hash of a hidden seed was published for protocol 'exp1'" in refused(
         "run", "exp1", "--model", "mean", "--hidden-seed"
     )

@@ -28,7 +28,7 @@ def cli(tmp_path, monkeypatch, capsys):
 
 
 def test_one_file_is_written(cli, made_store, tmp_path):
-    code, out, err = cli("report", "--runs", made_store, "--protocol", "exp2")
+    code, out, err = cli("report", "--store", made_store, "--protocol", "exp2")
     assert (code, err) == (0, "")
     assert out.startswith("Made from 2 runs stored in ")
     assert "report.html: 2." in out
@@ -43,7 +43,7 @@ def test_one_file_is_written(cli, made_store, tmp_path):
         (("--out", "none/page.html"), "the folder none is not there"),
         (("--protocol", "exp22"), "unknown protocol 'exp22'; did you mean 'exp2'"),
         (("--from", "runs"), "there is no run store in runs"),
-        (("--runs", "rums"), "there is no run store in rums"),
+        (("--store", "rums"), "there is no run store in rums"),
         (("--from", "both"), "there is no run store in runs"),
         (("--from", "board"), "there is no board in leaderboards"),
         (("--from", "all"), "'auto', 'runs', 'board', 'both'"),
@@ -60,7 +60,7 @@ def test_mistakes_get_a_sentence_and_nothing_is_written(cli, tmp_path, arguments
 
 def test_a_missing_library_is_named(cli, made_store, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly", None)
-    code, _, err = cli("report", "--runs", made_store)
+    code, _, err = cli("report", "--store", made_store)
     assert code == 2
     assert "needs plotly, which is not installed; run `pip install 'tactibench[report]'`" in err
 

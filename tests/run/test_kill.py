@@ -18,7 +18,7 @@ TACTIBENCH = (sys.executable, "-c", "from tactibench.cli.main import run; run()"
 
 def start(folder: Path, *more: str) -> subprocess.Popen[bytes]:
     environment = {**os.environ, "TACTIBENCH_CACHE": str(folder / "cache"), "OMP_NUM_THREADS": "1"}
-    command = [*TACTIBENCH, "run", "exp1", "--quick", "--out", str(folder / "runs"), *more]
+    command = [*TACTIBENCH, "run", "exp1", "--quick", "--store", str(folder / "runs"), *more]
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
@@ -82,7 +82,7 @@ def test_a_generation_killed_chunk_by_chunk_ends_the_same(tmp_path: Path) -> Non
 
     def begin(folder: Path) -> subprocess.Popen[bytes]:
         environment = {**os.environ, "TACTIBENCH_CACHE": str(folder / "cache")}
-        command = [*TACTIBENCH, "run", "exp1", "--limit", "5", "--out", str(folder / "runs")]
+        command = [*TACTIBENCH, "run", "exp1", "--limit", "5", "--store", str(folder / "runs")]
         return subprocess.Popen([*command, *options], env=environment, stdout=subprocess.DEVNULL)
 
     assert begin(tmp_path / "a").wait() == 0

@@ -101,14 +101,14 @@ def _board(folder: Path) -> Any:
     return _files(folder / "leaderboards"), _files(folder / "runs")
 
 
-TRAIN = ("models", "train", "tiny", "--protocol", "exp1")
+TRAIN = ("run", "exp1", "--model", "tiny", "--train-only")
 STAGES = (
     Stage("generate", ("data", "generate", "exp1", "--count", "8", "--out", "set"), (), _data_set),
     Stage("train", TRAIN, (), _weights),
     Stage("predict", RUN, (TRAIN,), _runs),
     Stage("replace", (*RUN, "--fresh"), (RUN,), _runs),
     Stage("score", ("score", "RUN", "--json", "scored.json"), (RUN,), _scored),
-    Stage("board", ("board", "--add", "exp1-*"), (RUN,), _board),
+    Stage("board", ("board", "add", "exp1-*"), (RUN,), _board),
 )
 
 

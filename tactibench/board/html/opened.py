@@ -21,7 +21,7 @@ from tactibench.records.identity import canonical
 from tactibench.records.store import StoredRun
 
 TOLERANCE_MM = 1e-6
-"""By which errors may differ that are computed again, as in ``tactibench verify``."""
+"""By which errors may differ that are computed again, as in ``tactibench board verify``."""
 
 Record = Mapping[str, Any]
 

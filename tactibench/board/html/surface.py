@@ -22,7 +22,7 @@ MODELS = 2
 LACKING = (
     "No heatmap in relief: heatmaps are kept with stored runs, not with committed records. Run a "
     "model that has them, such as `tactibench run {} --model unet`, and make the report with "
-    "`--runs runs`."
+    "`--store runs`."
 )
 
 

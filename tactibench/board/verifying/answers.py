@@ -53,7 +53,7 @@ def check_answers(
         if array.dtype.kind != letter or array.shape[1:] != shape or array.ndim != 1 + len(shape):
             raise UserError(
                 f"{where}: array {name!r} has type {array.dtype} and shape {array.shape}, which "
-                "is not how answers are stored; submit the run with `tactibench submit`."
+                "is not how answers are stored; submit the run with `tactibench board submit`."
             )
     first = "given" if kind == "plate" else "count"
     rows = len(answers[first])
@@ -82,7 +82,7 @@ def _failures(answers: Arrays, frames: int, where: str) -> None:
         if array.dtype.kind != letter or array.ndim != 1 or len(array) != len(found["failed"]):
             raise UserError(
                 f"{where}: array {name!r} is missing or not how failures are stored; submit the "
-                "run with `tactibench submit`."
+                "run with `tactibench board submit`."
             )
     rows = found["failed"]
     good = (

@@ -89,7 +89,7 @@ def verify(
     if not place.is_file():
         raise UserError(
             f"{place} is missing: without its predictions a record cannot be scored again; "
-            "`tactibench submit` writes both."
+            "`tactibench board submit` writes both."
         )
     answers, ranked = split_ranked(read_answers_file(place))
     if arrays_hash(answers) != record["identity"]["predictions_hash"]:

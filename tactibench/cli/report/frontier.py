@@ -1,4 +1,4 @@
-"""The table of ``tactibench frontier``."""
+"""The table of ``tactibench plot frontier``."""
 
 from __future__ import annotations
 

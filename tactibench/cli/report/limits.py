@@ -1,4 +1,4 @@
-"""The table of ``tactibench limit``."""
+"""The table of ``tactibench plot limit``."""
 
 from __future__ import annotations
 

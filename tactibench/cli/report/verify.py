@@ -1,4 +1,4 @@
-"""What ``tactibench verify`` says of a submission that was not refused."""
+"""What ``tactibench board verify`` says of a submission that was not refused."""
 
 from __future__ import annotations
 

@@ -1,0 +1,71 @@
+"""``tactibench list runs|weights|published``, and ``run --train-only`` that leaves weights."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+TRAIN = ("run", "exp1", "--model", "mean", "--presses", "40", "--train-only")
+
+
+def test_trained_weights_are_listed_and_found_again(cli):
+    code, out, _ = cli(*TRAIN, "--json", "t.json")
+    assert code == 0
+    assert out.startswith("mean (single), seed 0: trained 0 epochs on 40 presses in ")
+    assert json.loads(Path("t.json").read_text())["reused"] is False
+    assert not Path("runs").exists(), "nothing was tested"
+    assert "found in the cache" in cli(*TRAIN)[1]
+    other = (TRAIN[0], "exp2", *TRAIN[2:])
+    assert "found in the cache" in cli(*other)[1], "the experiments share their weights"
+    line = next(line for line in cli("list", "weights")[1].split("\n") if line.startswith("mean"))
+    assert line.split()[:6] == ["mean", "none", "single", "40", "0", "cpu"]
+    (row,) = json.loads(cli("list", "weights", "--json")[1])
+    assert row["bytes"] > 0
+    assert (row["model"], row["presses"], row["epochs"]) == ("mean", 40, 0)
+
+
+def test_an_empty_cache_says_so(cli):
+    code, out, _ = cli("list", "weights")
+    assert (code, out.startswith("no trained weights in ")) == (0, True)
+
+
+def test_a_damaged_manifest_is_passed_over(cli, tmp_path):
+    folder = tmp_path / "cache" / "weights" / "abc"
+    folder.mkdir(parents=True)
+    for text in ("{", "[]", "{}"):
+        (folder / "manifest.json").write_text(text)
+        assert cli("list", "weights")[1].startswith("no trained weights in ")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["exp1", "--model", "nobody"], "unknown model 'nobody'"),
+        (["exp1", "--model", "cnn", "--regime", "multiple"], "use --regime single"),
+        (["exp1", "--model", "mean", "--presses", "3600"], "must be less than the 3,600 presses"),
+        (["exp9", "--model", "mean"], "unknown protocol 'exp9'"),
+        (["exp1", "--model", "mean", "--param", "model.width=3"], "has no parameter 'width'"),
+    ],
+)
+def test_mistakes_of_a_training(refused, options, words):
+    assert words in refused("run", "--train-only", *options)
+
+
+def test_runs_of_a_store_are_listed(cli, stored_run):
+    assert cli("list", "runs")[1].startswith("no runs in runs")
+    name = stored_run()
+    assert name in cli("list", "runs")[1]
+    (row,) = json.loads(cli("list", "runs", "--json")[1])
+    assert (row["name"], row["protocol"], row["partial"]) == (name, "exp1", False)
+
+
+def test_published_tables_are_listed_with_what_they_were_measured_on(cli):
+    code, out, _ = cli("list", "published")
+    assert code == 0
+    assert "measured on: hardware TacTip, RTX 5070 Ti" in out
+    rows = json.loads(cli("list", "published", "--json")[1])
+    (row,) = [r for r in rows if "coverage" in r["metrics"]]
+    assert (row["table"], row["comparable"]) == ("tac-vgnn", "yes")
+    assert list(row["metrics"]["coverage"].values()) == [0.968]
