@@ -149,7 +149,7 @@ def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -
     if not (train or plan.weights.cached):
         raise UserError(
             f"there are no trained weights of {plan.parts.model.label()} in the cache for this "
-            f"request; make them with `tactibench run exp1 --model {name} --train-only` and the same "
-            "options, or add --train, or time random weights with --untrained."
+            f"request; make them with `tactibench run exp1 --model {name} --train-only` and the "
+            "same options, or add --train, or time random weights with --untrained."
         )
     return trained_model(plan, reporter)[0]

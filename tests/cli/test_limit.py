@@ -14,7 +14,8 @@ SMALL = ("--range", "1.6", "--step", "1.6", "--depth", "2")
 
 def test_the_table_the_map_and_the_file(cli: Any, tmp_path: Path) -> None:
     code, out, err = cli(
-        "plot", "limit",
+        "plot",
+        "limit",
         *SMALL,
         "--scene",
         "dual",
@@ -47,7 +48,9 @@ def test_the_table_the_map_and_the_file(cli: Any, tmp_path: Path) -> None:
 
 
 def middle(cli: Any, tmp_path: Path, *options: str) -> dict[str, float]:
-    code, _, err = cli("plot", "limit", "--range", "0", "--depth", "2", "--json", "one.json", *options)
+    code, _, err = cli(
+        "plot", "limit", "--range", "0", "--depth", "2", "--json", "one.json", *options
+    )
     assert (code, err) == (0, "")
     found = json.loads((tmp_path / "one.json").read_text(encoding="utf-8"))
     return {quantity: layer[0][0][0] for quantity, layer in found["maps_mm"].items()}
@@ -70,7 +73,8 @@ def test_nuisances_and_parameters_change_the_bound(cli: Any, tmp_path: Path) -> 
 
 def test_presses_outside_are_empty_cells_and_a_sentence(cli: Any, tmp_path: Path) -> None:
     code, out, err = cli(
-        "plot", "limit",
+        "plot",
+        "limit",
         "--range",
         "20",
         "--step",

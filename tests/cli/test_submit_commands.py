@@ -24,7 +24,9 @@ def test_submit_refuses_in_a_sentence_and_writes_nothing(refused, stored_run):
     stored_run(partial=True, name="exp1-part")
     assert "is a partial run" in refused("board", "submit", "exp1-part")
     assert "did you mean 'exp1-part'" in refused("board", "submit", "exp1-parts")
-    assert "there is no board in nowhere" in refused("board", "submit", "exp1-part", "--board", "nowhere")
+    assert "there is no board in nowhere" in refused(
+        "board", "submit", "exp1-part", "--board", "nowhere"
+    )
     assert list(Path("leaderboards").iterdir()) == []
 
 
@@ -32,7 +34,9 @@ def test_verify_says_what_is_wrong_with_every_file(cli, stored_run):
     name = stored_run()
     cli("board", "submit", name)
     place = Path("leaderboards/submissions/exp1")
-    code, out, _ = cli("board", "verify", place / f"{name}.json", place / "none.json", "--json", "v.json")
+    code, out, _ = cli(
+        "board", "verify", place / f"{name}.json", place / "none.json", "--json", "v.json"
+    )
     assert code == 1
     assert f"REFUSED {name}.json: " in out
     assert "the signature says" in out
