@@ -127,9 +127,7 @@ def main() -> None:
         found = {name: model_rows(name, asked.frames, asked.compile) for name in asked.models}
         models = [one for one in found.values() if one is not None]
         for name in (name for name, one in found.items() if one is None):
-            print(
-                f"{name}: no weights in the cache; tactibench run exp1 --model {name} --train-only\n"
-            )
+            print(f"{name}: no weights in the cache; `run exp1 --model {name} --train-only`\n")
     heads = (
         "model",
         "numbers",
