@@ -131,10 +131,10 @@ def test_a_committed_record_needs_no_seal(first: tuple[Path, dict[str, Any]]) ->
 
 
 def test_a_damaged_run_is_named_when_runs_are_added_to_a_board(copied: Path) -> None:
-    from tactibench.cli.board import _chosen
+    from tactibench.cli.board import _complete_runs
 
     store = copied / "runs"
     (name,) = run_names(store)
     (store / name / RECORD).write_text("{")
     with pytest.raises(UserError, match=name):
-        _chosen(store, ("exp1-*",))
+        _complete_runs(store, ("exp1-*",))
