@@ -30,7 +30,7 @@ import cv2
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets.v1 import Dataset, Draft, Header, Writer, open_dataset
+from tactibench.datasets import Dataset, Draft, Header, Writer, open_dataset
 from tactibench.png import encode_png
 
 BATCH = 64

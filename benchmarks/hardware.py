@@ -30,7 +30,7 @@ import numpy as np
 from hardware_kills import run_kills
 
 from tactibench import UserError
-from tactibench.datasets.v1 import open_dataset, placing
+from tactibench.datasets import image_files, open_dataset
 from tactibench_tactip.collecting.collect import collect
 from tactibench_tactip.collecting.plan import plan_of
 from tactibench_tactip.emulators import Fault
@@ -269,11 +269,11 @@ class _Disk:
 
 @contextmanager
 def _disk(kind: str) -> Iterator[_Disk]:
-    disk = _Disk(placing.write_new)
+    disk = _Disk(image_files.write_unsynced)
     if kind != DISK_FULL:
         yield disk
         return
-    with mock.patch.object(placing, "write_new", disk):
+    with mock.patch.object(image_files, "write_unsynced", disk):
         yield disk
 
 

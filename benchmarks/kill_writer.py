@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets.v1 import Draft, Header, Writer, open_dataset, verify
+from tactibench.datasets import Draft, Header, Writer, open_dataset, verify
 from tactibench.png import encode_png
 
 SHAPE = (48, 64)

@@ -20,7 +20,7 @@ PLUGINS = sorted(path for path in (ROOT / "plugins").iterdir() if (path / "__ini
 PLUGIN_NAMES = {path.name for path in PLUGINS}
 PUBLIC_MODULES = (
     "tactibench.datasets.importing",
-    "tactibench.datasets.v1",
+    "tactibench.datasets",
     "tactibench.geometry",
     "tactibench.lab",
     "tactibench.markers",

@@ -75,7 +75,7 @@ def parts_of(recording: Recording, split: str) -> dict[str, str]:
             "to divide as the protocol says."
         )
     assert recording.dataset is not None  # noqa: S101 - it has splits
-    part_of = found[split].part_of()
+    part_of = found[split].subset_of()
     ids = [recording.dataset.samples[row].id for row in recording.rows]
     return {
         name: part_of[number]

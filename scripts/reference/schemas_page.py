@@ -10,9 +10,9 @@ from pydantic import TypeAdapter
 
 from reference.keys import Keys
 from reference.text import anchor, cell, code, grid
-from tactibench.datasets.v1.header import Header
-from tactibench.datasets.v1.rows import Row
-from tactibench.datasets.v1.splits import Split
+from tactibench.datasets.rows import Row
+from tactibench.datasets.schema import Header
+from tactibench.datasets.splits import Split
 from tactibench.protocols.schema import Protocol
 from tactibench.records.record import Record
 

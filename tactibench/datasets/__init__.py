@@ -1,1 +1,8 @@
-"""Frames on disk: generated once, verified when opened, keyed by all that determines them."""
+"""Data sets on the disk: written so that they survive a crash, read, imported and exported.
+
+The names are listed in ``__init__.pyi`` and imported when they are used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

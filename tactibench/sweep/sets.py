@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
+from tactibench.datasets import Draft, Header
 from tactibench.datasets.generating.asked import Asked
 from tactibench.datasets.generating.press import Advance, Shard, Source, drafts, generate
 from tactibench.datasets.generating.press import is_complete as is_written
 from tactibench.datasets.generating.stretches import Pressing
-from tactibench.datasets.v1 import Draft, Header
-from tactibench.datasets.v1.images import png_of
+from tactibench.datasets.image_files import png_bytes
 from tactibench.errors import UserError
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.identity import digest
@@ -91,7 +91,7 @@ def _pressed(asked: Asked, identity: str, header: Header, shard: Shard) -> list[
             f"a worker's sensor {source.identity['name']!r} is not the one of this machine; "
             "install the same tactibench, numpy and plugins on both."
         )
-    png: Callable[[Draft], bytes] = lambda d: png_of(d.image, header, f"press {d.id}")  # noqa: E731
+    png: Callable[[Draft], bytes] = lambda d: png_bytes(d.image, header, f"press {d.id}")  # noqa: E731
     return [replace(draft, image=png(draft)) for draft in drafts(source, shard)]
 
 

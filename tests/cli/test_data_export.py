@@ -13,8 +13,7 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.cli.data.export import FORMATS
-from tactibench.datasets import exporting
-from tactibench.datasets.v1 import Header, Writer
+from tactibench.datasets import Header, Writer, exporting
 
 
 @pytest.fixture

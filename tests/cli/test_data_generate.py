@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.datasets.v1 import open_dataset, verify
+from tactibench.datasets import open_dataset, verify
 from tactibench.protocols.loader import protocol_files
 
 SMALL = ("--param", "sensor.size=32")

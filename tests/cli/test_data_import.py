@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench.cli.main import call
-from tactibench.datasets.v1 import open_dataset
+from tactibench.datasets import open_dataset
 
 COUNT = 60
 

@@ -10,7 +10,7 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.cli.main import call
-from tactibench.datasets.v1 import Header, Writer
+from tactibench.datasets import Header, Writer
 
 
 def frame(shift):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench.datasets.v1 import Draft, Header, Writer
+from tactibench.datasets import Draft, Header, Writer
 
 
 @pytest.fixture

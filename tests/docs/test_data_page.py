@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from documented import blocks
 
-from tactibench.datasets.v1 import Draft, Header, Writer
+from tactibench.datasets import Draft, Header, Writer
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "data.md"
 

@@ -11,7 +11,7 @@ import pytest
 from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets.v1 import open_dataset, verify
+from tactibench.datasets import open_dataset, verify
 from tactibench.lab import Press
 from tactibench_tactip.camera.driver import Camera
 from tactibench_tactip.collecting import collect as collecting
@@ -300,21 +300,21 @@ def test_a_flickering_light_is_refused(lab: Lab) -> None:
 def test_a_full_disk_ends_the_session_and_the_next_goes_on(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactibench.datasets.v1 import placing
+    from tactibench.datasets import image_files
 
-    real, calls = placing.write_new, iter(range(100))
+    real, calls = image_files.write_unsynced, iter(range(100))
 
     def full(path: Path, data: bytes) -> None:
         if next(calls) == 2:
             raise OSError(28, "No space left on device")
         real(path, data)
 
-    monkeypatch.setattr(placing, "write_new", full)
+    monkeypatch.setattr(image_files, "write_unsynced", full)
     with pytest.raises(OSError, match="No space"):
         lab.collect()
     clear = -lab.settings.envelope.clearance_mm
     assert lab.robot.tool()[2] <= clear + TRUE_Z0 + 0.1
-    monkeypatch.setattr(placing, "write_new", real)
+    monkeypatch.setattr(image_files, "write_unsynced", real)
     assert lab.collect().left == 0
     assert sorted(lab.ids()) == [0, 1, 2, 3]
 

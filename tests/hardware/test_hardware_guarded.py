@@ -11,7 +11,7 @@ import pytest
 from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets.v1 import open_dataset
+from tactibench.datasets import open_dataset
 from tactibench.lab import Press
 from tactibench_tactip.collecting import collect as collecting
 from tactibench_tactip.collecting import dry_run as dry_runs

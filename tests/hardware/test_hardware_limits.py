@@ -10,7 +10,7 @@ from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.cli.main import call
-from tactibench.datasets.v1 import open_dataset
+from tactibench.datasets import open_dataset
 from tactibench.lab import Press
 from tactibench_tactip.calibration import calibrate
 from tactibench_tactip.camera.driver import Camera

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.datasets import Header, Writer, open_dataset
 from tactibench.datasets.importing import ImportOptions, import_folder
-from tactibench.datasets.v1 import Header, Writer, open_dataset
-from tactibench.datasets.v1.splits import split_of, write_split
+from tactibench.datasets.splits import Split, write_split
 
 
 def image(index):
@@ -53,7 +53,7 @@ def test_scenes_are_taken_as_they_are(data_set, open_recording):
 
 def test_a_split_says_who_trains_validates_and_tests(data_set, open_recording):
     folder = data_set([*SINGLE, *SINGLE])
-    split = split_of(train=[0, 1], validation=[2, 3], test=[6, 7])
+    split = Split.of(train=[0, 1], validation=[2, 3], test=[6, 7])
     write_split(folder, "by-hand", split, open_dataset(folder).samples)
     names = list(open_recording(folder).scenes())
     assert open_recording(folder).parts() == {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from tactibench.records.files import (
     write_arrays,
     write_json,
 )
-from tactibench.records.locks import locked
 
 
 @pytest.mark.parametrize("before", [None, b"old"])
@@ -137,25 +135,6 @@ def test_the_hash_sees_names_types_shapes_and_values() -> None:
     assert len({arrays_hash(v) for v in variants}) == len(variants)
     assert arrays_hash({"a": base, "b": base}) == arrays_hash({"b": base, "a": base})
     assert arrays_hash({"a": base[::2]}) == arrays_hash({"a": base[::2].copy()})
-
-
-def test_a_lock_lets_one_in_at_a_time(tmp_path: Path) -> None:
-    inside, most = 0, 0
-
-    def work() -> None:
-        nonlocal inside, most
-        for _ in range(50):
-            with locked(tmp_path / "deep" / "lock"):
-                inside += 1
-                most = max(most, inside)
-                inside -= 1
-
-    workers = [threading.Thread(target=work) for _ in range(4)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
-    assert (inside, most) == (0, 1)
 
 
 @pytest.mark.parametrize("word", ["NaN", "Infinity", "-Infinity", "1e999", "-1e400"])

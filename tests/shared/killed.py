@@ -56,7 +56,7 @@ def _files(folder: Path) -> dict[str, str]:
 
 def _data_set(folder: Path) -> Any:
     """Of every sample all but when it was taken; the files, verified."""
-    from tactibench.datasets.v1 import open_dataset, verify
+    from tactibench.datasets import open_dataset, verify
 
     data = open_dataset(folder / "set")
     samples = [(s.id, s.sha256, s.scene) for s in data.samples]

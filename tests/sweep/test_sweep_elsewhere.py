@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from folder_files import CLOCKED, files
 
-from tactibench.datasets.v1 import verify
+from tactibench.datasets import verify
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 pytestmark = pytest.mark.slow

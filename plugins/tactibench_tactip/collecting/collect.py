@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from tactibench import UserError
-from tactibench.datasets.v1 import Writer, is_dataset, open_dataset
+from tactibench.datasets import Writer, is_dataset, open_dataset
 from tactibench_tactip.camera.driver import Camera
 from tactibench_tactip.collecting import plan as plans
 from tactibench_tactip.collecting.collector import Collector, Mount, Report

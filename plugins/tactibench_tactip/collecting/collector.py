@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from tactibench import Indenter, UserError
-from tactibench.datasets.v1 import Writer
+from tactibench.datasets import Writer
 from tactibench.lab import Press
 from tactibench_tactip.collecting import plan as plans
 from tactibench_tactip.collecting.plan import Plan, eased, fits

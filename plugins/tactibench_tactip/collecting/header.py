@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from tactibench import UserError, __version__
-from tactibench.datasets.v1 import FRAMES, Header
+from tactibench.datasets import FRAMES, Header
 from tactibench_tactip.camera.driver import Camera
 from tactibench_tactip.camera.gate import Reference
 from tactibench_tactip.collecting.plan import Plan

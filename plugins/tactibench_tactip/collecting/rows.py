@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from tactibench import Scene
-from tactibench.datasets.v1 import Draft
+from tactibench.datasets import Draft
 from tactibench.lab import Press
 from tactibench_tactip.camera.source import Image
 from tactibench_tactip.settings import Pose6

@@ -38,7 +38,7 @@ def command(
     import numpy as np
 
     from tactibench import UserError
-    from tactibench.datasets.v1 import open_dataset
+    from tactibench.datasets import open_dataset
     from tactibench_tactip.collecting.plan import check_scenes, eased, fits
     from tactibench_tactip.lab_press import one_press
     from tactibench_tactip.station import Station

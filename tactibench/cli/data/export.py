@@ -39,8 +39,8 @@ def export(
     TARGET must be new or empty: nothing is overwritten, and an interrupted export leaves nothing.
     """
     from tactibench.cli.output import Terminal
+    from tactibench.datasets import open_dataset
     from tactibench.datasets.exporting import export as write
-    from tactibench.datasets.v1 import open_dataset
     from tactibench.records.files import write_json
 
     dataset = open_dataset(folder)

@@ -46,10 +46,10 @@ def generate(
     tactibench data generate --plan presses.jsonl --out data/grid
     """
     from tactibench.cli.output import Terminal
+    from tactibench.datasets import is_dataset
     from tactibench.datasets.generating.asked import Asked
     from tactibench.datasets.generating.press import generate as write
     from tactibench.datasets.generating.press import is_complete
-    from tactibench.datasets.v1 import is_dataset
 
     pressing, source = Asked(protocol, plan, sensor, params, count, seed).found()
     terminal = Terminal()
@@ -65,7 +65,7 @@ def generate(
 
 
 def _say_begun(terminal: Terminal, out: Path, total: int) -> None:
-    from tactibench.datasets.v1 import open_dataset
+    from tactibench.datasets import open_dataset
 
     begun = open_dataset(out)
     for sentence in begun.repaired:

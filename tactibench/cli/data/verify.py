@@ -22,8 +22,8 @@ def verify(ctx: click.Context, folder: Path, json_file: Path | None) -> None:
     Nothing is changed. Exit code 1 when something is not as it was written.
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets.v1 import count_samples
-    from tactibench.datasets.v1 import verify as check
+    from tactibench.datasets import count_samples
+    from tactibench.datasets import verify as check
     from tactibench.records.files import write_json
 
     terminal = Terminal()

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.contacts import Indenter
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting.bristol_columns import NAME, columns_of, limits, row_of
 from tactibench.datasets.exporting.chosen import Chosen
 from tactibench.datasets.exporting.frames import file_of, rest_file
-from tactibench.datasets.v1 import Dataset, Sample
-from tactibench.datasets.v1.splits import PARTS
+from tactibench.datasets.splits import SUBSETS
 from tactibench.records.files import write_json
 
 IMAGES = "sensor_images"
@@ -114,7 +114,7 @@ def _write_splits(dataset: Dataset, folder: Path, names: dict[int, str]) -> None
             folder / "splits.json",
             {
                 split: {
-                    part: [names[i] for i in getattr(ids, part) if i in names] for part in PARTS
+                    part: [names[i] for i in getattr(ids, part) if i in names] for part in SUBSETS
                 }
                 for split, ids in dataset.splits.items()
             },

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from tactibench.datasets.v1 import Sample
+from tactibench.datasets import Sample
 
 NAME, OBJECT, PRESS, SESSION = "sensor_image", "object_label", "press", "session"
 POSE = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")

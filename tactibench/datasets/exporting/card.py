@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting.chosen import Chosen
 from tactibench.datasets.exporting.licence import hub_keys, named, sentence
 from tactibench.datasets.exporting.words import (
@@ -19,8 +20,7 @@ from tactibench.datasets.exporting.words import (
     title,
     units_line,
 )
-from tactibench.datasets.v1 import Dataset, Sample
-from tactibench.datasets.v1.splits import PARTS
+from tactibench.datasets.splits import SUBSETS
 
 _LONGEST = 120
 """Characters of a fact that are still short."""
@@ -105,7 +105,7 @@ def _splits(dataset: Dataset) -> list[str]:
         return ["There is no split. Samples of one press are alike: divide by `press`."]
     said = []
     for name, split in dataset.splits.items():
-        counts = ", ".join(f"{part} {counted(len(getattr(split, part)), 'id')}" for part in PARTS)
+        counts = ", ".join(f"{part} {counted(len(getattr(split, part)), 'id')}" for part in SUBSETS)
         said.append(f"- `{name}`: {counts}")
     return ["No press lies in two parts of a split.", "\n".join(said)]
 

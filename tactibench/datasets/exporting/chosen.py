@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactibench.datasets.v1 import Dataset, Sample
-from tactibench.datasets.v1.splits import PARTS
+from tactibench.datasets import Dataset, Sample
+from tactibench.datasets.splits import SUBSETS
 from tactibench.errors import UserError, did_you_mean
 
 WHOLE = "train"
@@ -43,9 +43,11 @@ def choose(dataset: Dataset, split: str | None) -> Chosen:
         raise UserError(f"{dataset.folder} holds no good sample, so there is nothing to export.")
     part_of = dict.fromkeys((s.id for s in good), WHOLE if split is None else UNASSIGNED)
     if split is not None:
-        for part in PARTS:
+        for part in SUBSETS:
             part_of |= dict.fromkeys(getattr(dataset.splits[split], part), part)
-    parts = {part: tuple(s for s in good if part_of[s.id] == part) for part in (*PARTS, UNASSIGNED)}
+    parts = {
+        part: tuple(s for s in good if part_of[s.id] == part) for part in (*SUBSETS, UNASSIGNED)
+    }
     return Chosen(
         {part: samples for part, samples in parts.items() if samples},
         split,

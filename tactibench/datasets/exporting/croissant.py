@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote
 
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting.croissant_context import CONTEXT
 from tactibench.datasets.exporting.licence import address, named
 from tactibench.datasets.exporting.words import description, title
-from tactibench.datasets.v1 import Dataset, Sample
-from tactibench.datasets.v1.layout import IMAGES, JOURNAL
+from tactibench.datasets.schema import IMAGES, JOURNAL
 
 CONFORMS = "http://mlcommons.org/croissant/1.0"
 _JOURNAL, _IMAGES, _RECORDS = "journal", "images", "samples"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from tactibench.datasets import Dataset
 from tactibench.datasets.exporting.bristol import write_bristol
 from tactibench.datasets.exporting.card import card
 from tactibench.datasets.exporting.chosen import Chosen, choose, only_split
@@ -16,8 +17,7 @@ from tactibench.datasets.exporting.loading import files_of, native_files
 from tactibench.datasets.exporting.parquet import write_parquet
 from tactibench.datasets.exporting.place import new_folder, write_new
 from tactibench.datasets.exporting.webdataset import write_webdataset
-from tactibench.datasets.v1 import Dataset
-from tactibench.datasets.v1.layout import HEADER
+from tactibench.datasets.schema import HEADER
 from tactibench.errors import UserError, did_you_mean
 
 CARD, CROISSANT = "README.md", "croissant.json"

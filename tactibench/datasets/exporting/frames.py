@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
-from tactibench.datasets.v1 import Dataset, Sample
+from tactibench.datasets import Dataset, Sample
 from tactibench.errors import UserError
 from tactibench.png import encode_png, read_file
 

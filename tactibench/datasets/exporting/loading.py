@@ -29,7 +29,7 @@ def files_of(format_: str, parts: Collection[str]) -> Files:
 _NATIVE = """\
 ```python
 from pathlib import Path
-from tactibench.datasets.v1 import open_dataset
+from tactibench.datasets import open_dataset
 
 data = open_dataset(Path("FOLDER"))
 images = data.images(data.samples)  # (N, H, W) uint8, mapped from the disk

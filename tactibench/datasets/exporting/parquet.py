@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting.chosen import Chosen
 from tactibench.datasets.exporting.cut import SHARD_BYTES, cut
 from tactibench.datasets.exporting.frames import file_of, size_of
-from tactibench.datasets.v1 import Dataset, Sample
-from tactibench.datasets.v1.rows import row_text
+from tactibench.datasets.rows import write_row
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _table(dataset: Dataset, samples: Iterable[Sample], schema: pa.Schema) -> pa
 
     rows = []
     for sample in samples:
-        row = json.loads(row_text(sample, dataset.header.dome_radius_mm))
+        row = json.loads(write_row(sample, dataset.header.dome_radius_mm))
         image = {"bytes": file_of(dataset, sample), "path": Path(row.pop("file_name")).name}
         extra = {}
         if "extra" in row:

@@ -10,11 +10,11 @@ import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
+from tactibench.datasets import Dataset
 from tactibench.datasets.exporting.chosen import Chosen
 from tactibench.datasets.exporting.cut import SHARD_BYTES, cut
 from tactibench.datasets.exporting.frames import file_of, size_of
-from tactibench.datasets.v1 import Dataset
-from tactibench.datasets.v1.rows import row_text
+from tactibench.datasets.rows import write_row
 
 _BLOCK = 512
 """A tar file is written in blocks, a header before every file."""
@@ -36,7 +36,7 @@ def write_webdataset(
                 for sample in samples[shard.start : shard.stop]:
                     key = Path(sample.file_name).stem
                     _add(tar, f"{key}.png", file_of(dataset, sample))
-                    _add(tar, f"{key}.json", row_text(sample, dataset.header.dome_radius_mm))
+                    _add(tar, f"{key}.json", write_row(sample, dataset.header.dome_radius_mm))
                     advance(1)
 
 

@@ -8,8 +8,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting.licence import named, sentence
-from tactibench.datasets.v1 import Dataset, Sample
 
 
 def one_line(text: str) -> str:

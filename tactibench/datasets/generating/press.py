@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Frame
+from tactibench.datasets import Draft, Header, Writer, is_dataset
 from tactibench.datasets.generating.stretches import Press, Pressing
-from tactibench.datasets.v1 import Draft, Header, Writer, is_dataset
-from tactibench.datasets.v1.header import read_header
-from tactibench.datasets.v1.plan import plan_hash, plan_text
+from tactibench.datasets.rows import plan_hash, plan_lines
+from tactibench.datasets.schema import read_header
 from tactibench.frames.cache import CHUNK
 from tactibench.geometry import DOME_RADIUS_MM, HasShape
 from tactibench.plugins.interfaces import Sensor, SensorContext
@@ -84,7 +84,7 @@ def is_complete(folder: Path, source: Source, pressing: Pressing) -> bool:
     header = read_header(folder)
     same = digest([header.sensor, header.source]) == digest(
         [source.identity, source.asked]
-    ) and header.plan_sha256 == plan_hash(plan_text(pressing.rows()))
+    ) and header.plan_sha256 == plan_hash(plan_lines(pressing.rows()))
     return header.status == "closed" and same
 
 

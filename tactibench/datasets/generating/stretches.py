@@ -11,10 +11,9 @@ from typing import Any
 from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError
 
 from tactibench.contacts import Scene
-from tactibench.datasets.v1.mistakes import first_mistake
-from tactibench.datasets.v1.plan import read_plan
-from tactibench.datasets.v1.scenes import SceneKeys, scene_keys
+from tactibench.datasets.rows import SceneKeys, read_plan, scene_keys
 from tactibench.errors import UserError
+from tactibench.protocols.mistakes import first_mistake
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,6 @@ class _Row(SceneKeys):
 
 
 _FILE = TypeAdapter(_Row)
-_KEYS = (*SceneKeys.__dataclass_fields__, "id", "press", "draw")
 
 
 def from_file(path: Path, seed: int, count: int | None) -> Pressing:
@@ -75,7 +73,7 @@ def from_file(path: Path, seed: int, count: int | None) -> Pressing:
         try:
             planned = _FILE.validate_json(json.dumps(row))
         except ValidationError as error:
-            raise UserError(f"{where}: {first_mistake(error, _KEYS)}") from None
+            raise UserError(f"{where}: {first_mistake(error, _Row)}") from None
         scene = planned.scene(where)
         if scene is None:
             raise UserError(f"{where}: the key 'indenter' is missing; add it.")

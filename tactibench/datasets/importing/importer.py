@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import tactibench
+from tactibench.datasets import Dataset, Draft, Header, Writer, open_dataset
 from tactibench.datasets.exporting.place import new_folder
 from tactibench.datasets.importing.opening import V1, open_recording
 from tactibench.datasets.importing.options import ImportOptions
 from tactibench.datasets.importing.recording import Image, Recording
 from tactibench.datasets.importing.stored import SOURCE_NAME
-from tactibench.datasets.v1 import Dataset, Draft, Header, Writer, open_dataset
 from tactibench.errors import UserError
 from tactibench.png import decode_png, read_file
 

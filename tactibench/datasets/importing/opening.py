@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tactibench.datasets import is_dataset
 from tactibench.datasets.importing.assemble import assemble
 from tactibench.datasets.importing.bristol import TARGETS, read_bristol, targets_of
 from tactibench.datasets.importing.huggingface import read_huggingface, tables_of
@@ -11,7 +12,6 @@ from tactibench.datasets.importing.options import ImportOptions
 from tactibench.datasets.importing.plain import read_plain
 from tactibench.datasets.importing.recording import Recording
 from tactibench.datasets.importing.stored import read_stored
-from tactibench.datasets.v1 import is_dataset
 from tactibench.errors import UserError, did_you_mean
 
 BRISTOL, HUGGINGFACE, PLAIN, V1 = "bristol", "huggingface", "csv", "v1"

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Scene
-from tactibench.datasets.v1 import Dataset
+from tactibench.datasets import Dataset
 from tactibench.png import ImageKind, decode_png, read_file
 
 FloatArray = npt.NDArray[np.float64]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tactibench.datasets import Sample, open_dataset
 from tactibench.datasets.importing.recording import FloatArray, Recording
-from tactibench.datasets.v1 import Sample, open_dataset
-from tactibench.datasets.v1.layout import IMAGES, JOURNAL
+from tactibench.datasets.schema import IMAGES, JOURNAL
 from tactibench.errors import UserError
 from tactibench.png import ImageKind
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets.v1 import Dataset, Draft, Header, Sample, Writer, open_dataset
+from tactibench.datasets import Dataset, Draft, Header, Sample, Writer, open_dataset
 
 ODD_NAMES = ("pose_1", "pose_x", "pose_Rz", "sensor_image", "press", "scene_x", "Kraft in µN, ø")
 

@@ -16,10 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene
+from tactibench.datasets import Dataset, Header, Sample, Writer, open_dataset
 from tactibench.datasets.exporting import export
 from tactibench.datasets.exporting.bristol_columns import POSE, columns_of
 from tactibench.datasets.importing import ImportOptions, import_folder
-from tactibench.datasets.v1 import Dataset, Header, Sample, Writer, open_dataset
 from tactibench.geometry import true_contacts
 
 Make = Callable[..., Dataset]

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tactibench.datasets import Dataset
 from tactibench.datasets.exporting import export
 from tactibench.datasets.exporting.licence import address, hub_keys, named, sentence
-from tactibench.datasets.v1 import Dataset
 
 Make = Callable[..., Dataset]
 

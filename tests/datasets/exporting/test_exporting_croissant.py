@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import UserError
+from tactibench.datasets import Dataset, Header, Writer, open_dataset
 from tactibench.datasets.exporting import export
-from tactibench.datasets.v1 import Dataset, Header, Writer, open_dataset
 
 Make = Callable[..., Dataset]
 

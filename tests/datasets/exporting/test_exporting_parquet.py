@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Scene, UserError
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting import export
 from tactibench.datasets.exporting.chosen import choose
 from tactibench.datasets.exporting.parquet import write_parquet
-from tactibench.datasets.v1 import Dataset, Sample
 
 Make = Callable[..., Dataset]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
+from tactibench.datasets import Dataset, is_dataset, open_dataset, verify
 from tactibench.datasets.exporting import FORMATS, export
 from tactibench.datasets.exporting.place import new_folder
-from tactibench.datasets.v1 import Dataset, is_dataset, open_dataset, verify
-from tactibench.datasets.v1.splits import write_split
+from tactibench.datasets.splits import write_split
 
 Make = Callable[..., Dataset]
 FOLDERS = ("bristol", "webdataset")

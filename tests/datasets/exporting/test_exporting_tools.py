@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
+from tactibench.datasets import Dataset, Header, Writer, open_dataset
 from tactibench.datasets.exporting import export
-from tactibench.datasets.v1 import Dataset, Header, Writer, open_dataset
-from tactibench.datasets.v1.splits import write_split
+from tactibench.datasets.splits import write_split
 
 Make = Callable[..., Dataset]
 Run = Callable[..., Any]

@@ -15,11 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Scene
+from tactibench.datasets import Dataset, Sample
 from tactibench.datasets.exporting import export
 from tactibench.datasets.exporting.chosen import choose
 from tactibench.datasets.exporting.cut import cut
 from tactibench.datasets.exporting.webdataset import write_webdataset
-from tactibench.datasets.v1 import Dataset, Sample
 
 Make = Callable[..., Dataset]
 

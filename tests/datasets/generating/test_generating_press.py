@@ -10,11 +10,11 @@ import pytest
 from folder_files import CLOCKED, files
 
 from tactibench import Frame, Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.datasets import open_dataset, verify
 from tactibench.datasets.generating import press as pressing
 from tactibench.datasets.generating.press import Source, generate, is_complete, source_of
 from tactibench.datasets.generating.protocol import from_protocol
 from tactibench.datasets.generating.stretches import Press, Pressing, Stretch, from_file
-from tactibench.datasets.v1 import open_dataset, verify
 from tactibench.frames import cache as generated
 from tactibench.frames.cache import FrameRequest, open_frames
 from tactibench.plugins.specs import SensorSpec
@@ -208,7 +208,7 @@ def test_a_plan_file_says_what_plan_jsonl_says(tmp_path: Path, small: Pressing) 
         ('{"id": 1}', "line 2: a pose needs the key 'indenter'"),
         ('{"id": 1, "indenter": "single", "x_mm": 0, "y_mm": 0}', "line 2: the key 'depth_mm'"),
         ('{"id": 1, "indenter": "a", "x_mm": 0, "y": 0, "depth_mm": 1}', "line 2: unknown key 'y'"),
-        ('{"id": 1, "indenter": "a", "x_mm": "0"}', "line 2: x_mm is '0'"),
+        ('{"id": 1, "indenter": "a", "x_mm": "0"}', "line 2: key 'x_mm' is '0'"),
         ('{"id": 1, "indenter": "a", "x_mm": NaN}', "row 2 of .*plan.jsonl cannot be written"),
     ],
 )

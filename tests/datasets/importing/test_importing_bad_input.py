@@ -12,8 +12,8 @@ import pytest
 from png_bytes import png
 
 from tactibench import UserError
+from tactibench.datasets import Writer, open_dataset, verify
 from tactibench.datasets.importing import ImportOptions, find_format, import_folder, open_recording
-from tactibench.datasets.v1 import Writer, open_dataset, verify
 
 
 @pytest.fixture

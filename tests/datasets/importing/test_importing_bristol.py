@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene
+from tactibench.datasets import open_dataset, verify
 from tactibench.datasets.importing import (
     ImportOptions,
     find_format,
@@ -14,7 +15,6 @@ from tactibench.datasets.importing import (
     open_recording,
     read_options,
 )
-from tactibench.datasets.v1 import open_dataset, verify
 
 PLATE = ("indenter=plate", "offset_mm=5", "pivot_mm=20")
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets.v1 import Draft, Header, Writer
+from tactibench.datasets import Draft, Header, Writer
 
 SHAPE = (9, 7)
 

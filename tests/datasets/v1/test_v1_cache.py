@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import Frame, Pose, UserError, gray_frames
-from tactibench.datasets.v1 import Writer, open_dataset, verify
+from tactibench.datasets import Writer, open_dataset, verify
 
 
 def test_it_holds_what_the_files_hold(closed_set: Path) -> None:
@@ -43,7 +43,7 @@ def test_colours_become_grey(tmp_path: Path, image: Any, header: Any) -> None:
 def test_files_are_decoded_once(closed_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     dataset = open_dataset(closed_set)
     wanted = dataset.images(dataset.samples)
-    monkeypatch.setattr("tactibench.datasets.v1.dataset.read_image", None)
+    monkeypatch.setattr("tactibench.datasets.dataset.read_image", None)
     assert np.array_equal(dataset.images(dataset.samples), wanted)
     again = open_dataset(closed_set)
     assert np.array_equal(again.images(again.samples), wanted)

@@ -13,7 +13,7 @@ import pytest
 from png_bytes import png
 
 from tactibench import UserError
-from tactibench.datasets.v1 import Writer, open_dataset, verify
+from tactibench.datasets import Writer, open_dataset, verify
 
 NAME = "images/000000/000002.png"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.datasets.v1 import open_dataset, verify
+from tactibench.datasets import open_dataset, verify
 
 SCRIPT = Path(__file__).parents[3] / "benchmarks" / "kill_writer.py"
 

@@ -9,7 +9,7 @@ import pytest
 from folder_files import files
 
 from tactibench import UserError
-from tactibench.datasets.v1 import Writer, open_dataset, verify
+from tactibench.datasets import Writer, open_dataset, verify
 
 
 def test_orphans_go_to_the_trash_and_unfinished_files_go(open_set: Path) -> None:

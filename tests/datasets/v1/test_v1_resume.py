@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets.v1 import Draft, Header, Writer, is_dataset, open_dataset, verify
-from tactibench.datasets.v1.journal import Journal
+from tactibench.datasets import Draft, Header, Writer, is_dataset, open_dataset, verify
+from tactibench.datasets.journal import Journal
 
 PLAN = [{"id": number, "depth_mm": 0.5 * number} for number in range(5)]
 
@@ -228,8 +228,8 @@ def test_the_order_of_writing(
 
 def test_a_header_that_could_not_be_read_again_is_refused(tmp_path: Path) -> None:
     for keys, says in (
-        ({"image": (0, 7)}, "image.0 is 0"),
-        ({"channels": 2}, "channels is 2"),
+        ({"image": (0, 7)}, "key 'image.1' is 0"),
+        ({"channels": 2}, "key 'channels' is 2"),
         ({"dome_radius_mm": -1.0}, "dome_radius_mm is -1.0"),
         ({"sensor": {"gain": float("nan")}}, "cannot be written"),
         ({"source": {"a": {1}}}, "cannot be written"),
@@ -245,8 +245,8 @@ def test_a_header_that_could_not_be_read_again_is_refused(tmp_path: Path) -> Non
     [
         ('"schema_version": 1', '"schema_version": 2', "schema_version 2, this tactibench reads 1"),
         ('"image"', '"picture"', "unknown key 'picture'"),
-        ('"channels": 1', '"channels": "1"', "channels is '1'"),
-        ('"status": "closed"', '"status": "done"', "status is 'done'"),
+        ('"channels": 1', '"channels": "1"', "key 'channels' is '1'"),
+        ('"status": "closed"', '"status": "done"', "key 'status' is 'done'"),
         ('"dome_radius_mm": 20.0', '"dome_radius_mm": 0.0', "dome_radius_mm is 0.0"),
         ("{", "[", "not valid JSON"),
     ],

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets.v1 import Draft, Header, Writer, open_dataset, verify
+from tactibench.datasets import Draft, Header, Writer, open_dataset, verify
 from tactibench.geometry import true_contacts
 
 floats = st.floats(allow_nan=False, allow_infinity=False, width=64)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets.v1 import Split, Writer, open_dataset, verify
+from tactibench.datasets import Split, Writer, open_dataset, verify
 
 
 def test_a_split_comes_back(open_set: Path, header: Any) -> None:

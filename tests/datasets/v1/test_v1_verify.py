@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.datasets.v1 import count_samples, open_dataset, verify
+from tactibench.datasets import count_samples, open_dataset, verify
 
 
 def flip(path: Path, at: int = -20) -> None:

@@ -8,59 +8,79 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from tactibench.datasets.v1.cache import is_intact
-from tactibench.datasets.v1.content import event_of, journal_hash
-from tactibench.datasets.v1.dataset import reference_of
-from tactibench.datasets.v1.header import Header, read_header
-from tactibench.datasets.v1.images import read_image
-from tactibench.datasets.v1.journal import Lines, read_lines
-from tactibench.datasets.v1.layout import CACHE, EVENTS, JOURNAL, PLAN, REFERENCE, is_reference
-from tactibench.datasets.v1.plan import read_plan
-from tactibench.datasets.v1.repair import sample_images, unfinished
-from tactibench.datasets.v1.rows import check_contacts, read_row
-from tactibench.datasets.v1.sample import Sample
-from tactibench.datasets.v1.splits import check_split, read_split, split_files
+from tactibench.datasets.image_cache import is_intact
+from tactibench.datasets.image_files import read_image
+from tactibench.datasets.journal import Lines, read_event, read_lines, reference_file
+from tactibench.datasets.repair import sample_images, temporary_files
+from tactibench.datasets.rows import check_contacts, read_plan, read_row
+from tactibench.datasets.schema import (
+    CACHE,
+    EVENTS,
+    JOURNAL,
+    PLAN,
+    REFERENCE,
+    Header,
+    Sample,
+    is_reference_name,
+    read_header,
+)
+from tactibench.datasets.splits import check_split, read_split, split_files
 from tactibench.errors import UserError
 
 _THREADS = os.cpu_count() or 1
-_AHEAD = 16 * _THREADS
+_PREFETCH = 16 * _THREADS
+"""Images that are read ahead: enough to keep all threads busy, few enough for any memory."""
+
+NumberedSample = tuple[int, Sample]
+"""Line of the journal and its sample."""
 
 
 def count_samples(folder: Path) -> int:
-    """Lines of the journal, which may be damaged. Raises UserError when there is no data set."""
+    """Return the number of lines in the journal, which may be damaged.
+
+    Raises:
+        UserError: The folder holds no data set.
+    """
     read_header(folder)
     return len(read_lines(folder / JOURNAL).whole)
 
 
 def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list[str]:
-    """Sentences on everything that is not as it was written; empty when all is intact.
+    """Read, hash and decode every image, and check journals, plan, splits and derived arrays.
 
-    Every image is read, hashed and decoded; nothing is changed. ``advance`` is told of finished
-    samples. Raises UserError when the folder is no data set.
+    Args:
+        folder: The data set's folder, in which nothing is changed.
+        advance: Called with the number of samples that were finished.
+
+    Returns:
+        One sentence for each thing that is not as it was written; none for an intact data set.
+
+    Raises:
+        UserError: The folder holds no data set.
     """
     header = read_header(folder)
     journal, events = read_lines(folder / JOURNAL), read_lines(folder / EVENTS)
-    samples, findings = _samples(folder, header, journal)
-    findings += _references(folder, header, events)
-    findings += _images(folder, header, samples, advance)
-    findings += _arrays(folder)
-    findings += _lost(folder, [sample for _, sample in samples])
-    findings += _plan(folder, header)
-    findings += _splits(folder, [sample for _, sample in samples])
-    findings += _closed(folder, header, journal, [sample for _, sample in samples])
+    numbered, findings = _check_rows(folder, header, journal)
+    samples = [sample for _, sample in numbered]
+    findings += _check_references(folder, header, events)
+    findings += _check_images(folder, header, numbered, advance)
+    findings += _check_arrays(folder)
+    findings += _check_leftovers(folder, samples)
+    findings += _check_plan(folder, header)
+    findings += _check_splits(folder, samples)
+    findings += _check_closed(folder, header, journal, samples)
     return findings
 
 
-Numbered = tuple[int, Sample]
-"""Line of the journal and its sample."""
-
-
-def _samples(folder: Path, header: Header, journal: Lines) -> tuple[list[Numbered], list[str]]:
-    samples: list[Numbered] = []
+def _check_rows(
+    folder: Path, header: Header, journal: Lines
+) -> tuple[list[NumberedSample], list[str]]:
+    path = folder / JOURNAL
+    samples: list[NumberedSample] = []
     findings = []
     first: dict[int, int] = {}
     for number, line in enumerate(journal.whole, start=1):
-        where = f"{folder / JOURNAL} line {number}"
+        where = f"{path} line {number}"
         try:
             sample = read_row(line, where)
         except UserError as error:
@@ -68,8 +88,8 @@ def _samples(folder: Path, header: Header, journal: Lines) -> tuple[list[Numbere
             continue
         if first.setdefault(sample.id, number) != number:
             findings.append(
-                f"{folder / JOURNAL} lines {first[sample.id]} and {number} are both of id "
-                f"{sample.id}; remove one of them."
+                f"{path} lines {first[sample.id]} and {number} are both of id {sample.id}; "
+                "remove one of them."
             )
             continue
         samples.append((number, sample))
@@ -79,20 +99,20 @@ def _samples(folder: Path, header: Header, journal: Lines) -> tuple[list[Numbere
             findings.append(str(error))
     if journal.torn and header.status == "open":
         findings.append(
-            f"{folder / JOURNAL} ends in an unfinished line of {len(journal.torn)} bytes; opening "
-            "the data set cuts it off."
+            f"{path} ends in an unfinished line of {len(journal.torn)} bytes; opening the data set "
+            "cuts it off."
         )
     return samples, findings
 
 
-def _references(folder: Path, header: Header, events: Lines) -> Iterator[str]:
+def _check_references(folder: Path, header: Header, events: Lines) -> Iterator[str]:
     named = set()
     for number, line in enumerate(events.whole, start=1):
         where = f"{folder / EVENTS} line {number}"
         try:
-            event = event_of(line, where)
+            event = read_event(line, where)
             if event.get("kind") == "reference":
-                name, sha256 = reference_of(event, where)
+                name, sha256 = reference_file(event, where)
                 named.add(name)
                 read_image(folder, name, sha256, header, where)
         except UserError as error:
@@ -101,14 +121,17 @@ def _references(folder: Path, header: Header, events: Lines) -> Iterator[str]:
         yield f"{folder / EVENTS} ends in an unfinished line; opening the data set cuts it off."
     for path in sorted((folder / REFERENCE).glob("*.png")):
         name = f"{REFERENCE}/{path.name}"
-        if is_reference(name) and name not in named:
+        if is_reference_name(name) and name not in named:
             yield f"{path} is named by no line of {EVENTS}; remove it."
 
 
-def _images(
-    folder: Path, header: Header, samples: Sequence[Numbered], advance: Callable[[int], None]
+def _check_images(
+    folder: Path,
+    header: Header,
+    samples: Sequence[NumberedSample],
+    advance: Callable[[int], None],
 ) -> Iterator[str]:
-    """Findings on images, in the order of the journal."""
+    """Give findings on images, in the order of the journal."""
 
     def check(number: int, sample: Sample) -> str:
         try:
@@ -122,7 +145,7 @@ def _images(
     with ThreadPoolExecutor(_THREADS) as pool:
         for number, sample in samples:
             waiting.append(pool.submit(check, number, sample))
-            while len(waiting) >= _AHEAD:
+            while len(waiting) >= _PREFETCH:
                 yield from filter(None, [waiting.popleft().result()])
                 advance(1)
         while waiting:
@@ -130,28 +153,28 @@ def _images(
             advance(1)
 
 
-def _arrays(folder: Path) -> Iterator[str]:
+def _check_arrays(folder: Path) -> Iterator[str]:
     for path in sorted((folder / CACHE).glob("*.npy")):
         if not is_intact(path):
             yield f"{path} is damaged; delete it, it is made again from the images."
 
 
-def _lost(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
+def _check_leftovers(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
     named = {sample.file_name for sample in samples}
     for name in sorted(set(sample_images(folder)) - named):
         yield f"{folder / name} is named by no line of {JOURNAL}; opening the data set moves it."
-    for path in sorted(unfinished(folder)):
+    for path in sorted(temporary_files(folder)):
         yield f"{path} is the rest of an interrupted writer; opening the data set removes it."
 
 
-def _plan(folder: Path, header: Header) -> Iterator[str]:
+def _check_plan(folder: Path, header: Header) -> Iterator[str]:
     try:
         read_plan(folder / PLAN, header.plan_sha256)
     except UserError as error:
         yield str(error)
 
 
-def _splits(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
+def _check_splits(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
     for path in split_files(folder).values():
         try:
             check_split(read_split(path), samples, str(path))
@@ -159,12 +182,12 @@ def _splits(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
             yield str(error)
 
 
-def _closed(
+def _check_closed(
     folder: Path, header: Header, journal: Lines, samples: Sequence[Sample]
 ) -> Iterator[str]:
     if header.status != "closed":
         return
-    if journal.torn or journal_hash(journal) != header.journal_sha256:
+    if journal.torn or journal.sha256 != header.journal_sha256:
         yield (
             f"{folder / JOURNAL} is not what it was when the data set was closed (checksum); "
             "restore it from a copy."

@@ -1,0 +1,11 @@
+from .dataset import Dataset as Dataset
+from .dataset import open_dataset as open_dataset
+from .schema import FRAMES as FRAMES
+from .schema import Draft as Draft
+from .schema import Header as Header
+from .schema import Sample as Sample
+from .schema import is_dataset as is_dataset
+from .splits import Split as Split
+from .verification import count_samples as count_samples
+from .verification import verify as verify
+from .writer import Writer as Writer

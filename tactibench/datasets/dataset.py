@@ -1,0 +1,156 @@
+"""Reading a data set."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from tactibench.contacts import Contacts
+from tactibench.datasets.image_cache import ImageCache
+from tactibench.datasets.image_files import Image, read_image
+from tactibench.datasets.journal import Content, Event, read_content, reference_file
+from tactibench.datasets.repair import needs_repair, repair
+from tactibench.datasets.rows import read_plan
+from tactibench.datasets.schema import EVENTS, JOURNAL, LOCK, PLAN, Header, Sample, contacts_of
+from tactibench.datasets.splits import Split, check_split, read_split, split_files
+from tactibench.errors import UserError
+from tactibench.records.locks import WriterLock
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """A data set on the disk.
+
+    Attributes:
+        folder: The data set's folder.
+        content: Header, samples and events as they were read.
+        repaired: One sentence for each thing that opening repaired.
+    """
+
+    folder: Path
+    content: Content = field(repr=False)
+    repaired: tuple[str, ...] = ()
+
+    @property
+    def header(self) -> Header:
+        """Facts that hold for every sample."""
+        return self.content.header
+
+    @property
+    def samples(self) -> tuple[Sample, ...]:
+        """Samples in the order they were written, bad ones included."""
+        return self.content.samples
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Events in the order they were noted."""
+        return self.content.events
+
+    @property
+    def sha256(self) -> str:
+        """Identity of labels and images: the hash of the journal, which holds every image's."""
+        return self.content.journal.sha256
+
+    @cached_property
+    def rest(self) -> Image | None:
+        """Image of the undeformed sensor, (H, W) or (H, W, 3); None if it was not recorded."""
+        for number, event in enumerate(self.events, start=1):
+            if event.get("kind") == "reference":
+                where = f"{self.folder / EVENTS} line {number}"
+                name, sha256 = reference_file(event, where)
+                image = read_image(self.folder, name, sha256, self.header, where)
+                image.setflags(write=False)
+                return image
+        return None
+
+    @cached_property
+    def splits(self) -> Mapping[str, Split]:
+        """Name -> split. Raises UserError for one that leaks or is damaged."""
+        splits = {}
+        for name, path in split_files(self.folder).items():
+            splits[name] = read_split(path)
+            check_split(splits[name], self.samples, str(path))
+        return splits
+
+    def plan(self) -> tuple[Mapping[str, Any], ...]:
+        """Return the rows of plan.jsonl.
+
+        Raises:
+            UserError: The plan was changed.
+        """
+        return read_plan(self.folder / PLAN, self.header.plan_sha256)
+
+    def contacts(self, sample: Sample) -> Contacts | None:
+        """Return the contacts of a sample on the header's dome; None where one is unknown."""
+        return contacts_of(sample.scene, self.header.dome_radius_mm)
+
+    def image(self, sample: Sample) -> Image:
+        """Return the image of a sample, (H, W) or RGB (H, W, 3) uint8.
+
+        Raises:
+            UserError: The file is not what was written; the sentence names file and line.
+        """
+        where = f"{JOURNAL} line {self._row[sample.id] + 1}"
+        return read_image(self.folder, sample.file_name, sample.sha256, self.header, where)
+
+    def images(self, samples: Sequence[Sample], size: int | None = None) -> Image:
+        """Return gray images of samples, (N, H, W) uint8.
+
+        They come from a memory map, which the first call makes of all images.
+
+        Args:
+            samples: Samples of this data set, in any order.
+            size: Height and width of the images; None keeps their own.
+
+        Raises:
+            UserError: An image's file is not what was written.
+        """
+        height, width = (size, size) if size else self.header.image
+        shape = (len(self.samples), height, width)
+        cache = self._caches.setdefault(
+            shape,
+            ImageCache(self.folder, self.sha256, shape, lambda row: self.image(self.samples[row])),
+        )
+        return cache.take([self._row[sample.id] for sample in samples])
+
+    @cached_property
+    def _caches(self) -> dict[tuple[int, int, int], ImageCache]:
+        return {}
+
+    @cached_property
+    def _row(self) -> dict[int, int]:
+        return {sample.id: row for row, sample in enumerate(self.samples)}
+
+
+def open_dataset(folder: Path, repair: bool = True) -> Dataset:
+    """Open a data set for reading.
+
+    Args:
+        folder: The data set's folder.
+        repair: Whether to repair what an interrupted writer left. It is left alone while a writer
+            is at work, or where the folder cannot be written. Acknowledged samples never change.
+
+    Raises:
+        UserError: The folder holds no data set, or a damaged one.
+    """
+    content = read_content(folder)
+    torn = content.header.status == "open" and needs_repair(folder, content)
+    repaired = _repair(folder) if repair and torn and os.access(folder, os.W_OK) else None
+    return repaired or Dataset(folder, content)
+
+
+def _repair(folder: Path) -> Dataset | None:
+    """Return the repaired data set; None where others write it or the lock cannot be made."""
+    try:
+        lock = WriterLock(folder / LOCK)
+    except (UserError, OSError):
+        return None
+    try:
+        content = read_content(folder)
+        return Dataset(folder, content, repair(folder, content))
+    finally:
+        lock.release()

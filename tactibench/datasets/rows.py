@@ -1,0 +1,333 @@
+"""Lines of metadata.jsonl and plan.jsonl: samples and scenes as JSON, and back.
+
+Every key always has the same type, and what is not known is left out. Readers that take the type
+of a column from its first values (Hugging Face image folders, Arrow) then agree on it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
+
+from tactibench.contacts import Indenter, Pose, Scene
+from tactibench.datasets.schema import Sample, Status, contacts_of, image_name
+from tactibench.errors import UserError
+from tactibench.protocols.mistakes import first_mistake
+
+_POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneKeys:
+    """The keys of a scene: indenter and pose.
+
+    A plate has no indenter_radius_mm. A sample without a scene has none of the keys.
+    """
+
+    indenter: str | None = None
+    indenter_radius_mm: float | None = None
+    indenter_offsets_mm: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),)
+    x_mm: float | None = None
+    y_mm: float | None = None
+    yaw_deg: float | None = None
+    tilt_deg: float | None = None
+    depth_mm: float | None = None
+
+    def scene(self, where: str) -> Scene | None:
+        """Return the scene, None where there is no indenter.
+
+        Args:
+            where: File and line, the beginning of an error's sentence.
+
+        Raises:
+            UserError: A key of the scene is missing, or such an indenter cannot exist.
+        """
+        values = {key: getattr(self, key) for key in _POSE}
+        if self.indenter is None:
+            if any(value is not None for value in values.values()):
+                raise UserError(f"{where}: a pose needs the key 'indenter'; add it.")
+            return None
+        missing = [key for key, value in values.items() if value is None]
+        if missing:
+            raise UserError(f"{where}: the key {missing[0]!r} is missing; add it.")
+        radius = math.inf if self.indenter_radius_mm is None else self.indenter_radius_mm
+        try:
+            indenter = Indenter(radius, self.indenter_offsets_mm, self.indenter)
+        except ValueError as error:
+            raise UserError(f"{where}: {error}; fix it.") from None
+        return Scene(indenter, Pose(*values.values()))
+
+
+def scene_keys(scene: Scene) -> dict[str, Any]:
+    """Return the keys of ``SceneKeys`` as JSON values; every number is a float."""
+    indenter, pose = scene.indenter, scene.pose
+    return {
+        "indenter": indenter.name,
+        **({} if indenter.is_plate else {"indenter_radius_mm": float(indenter.radius)}),
+        "indenter_offsets_mm": [[float(v) for v in offset] for offset in indenter.offsets],
+        "x_mm": float(pose.x),
+        "y_mm": float(pose.y),
+        "yaw_deg": float(pose.yaw),
+        "tilt_deg": float(pose.tilt),
+        "depth_mm": float(pose.depth),
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(SceneKeys):
+    """A line of metadata.jsonl: the image's file, the scene with the pose reached, the contacts.
+
+    The contacts follow from the scene and the dome's radius; they are left out without either.
+    """
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    file_name: str
+    id: NonNegativeInt
+    status: Status
+    sha256: str
+    press: str
+    session: str = ""
+    attempt: PositiveInt = 1
+    t_frame_ns: int | None = None
+    n_contacts: NonNegativeInt | None = None
+    contacts_xy_mm: tuple[tuple[float, float], ...] = ()
+    contacts_depth_mm: tuple[float, ...] = ()
+    labels: dict[str, float] = field(default_factory=dict)
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+_ROW_FILE = TypeAdapter(Row)
+
+
+def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
+    """Return the line of a sample, its line break included.
+
+    Raises:
+        UserError: A value is no JSON or not finite.
+    """
+    row: dict[str, Any] = {
+        "file_name": sample.file_name,
+        "id": sample.id,
+        "status": sample.status,
+        "sha256": sample.sha256,
+        "press": sample.press,
+        "session": sample.session,
+        "attempt": sample.attempt,
+    }
+    if sample.t_frame_ns is not None:
+        row["t_frame_ns"] = int(sample.t_frame_ns)
+    if sample.scene is not None:
+        row |= scene_keys(sample.scene)
+    contacts = contacts_of(sample.scene, dome_radius_mm)
+    if contacts is not None:
+        row["n_contacts"] = len(contacts)
+        row["contacts_xy_mm"] = contacts.xy.tolist()
+        row["contacts_depth_mm"] = contacts.depth.tolist()
+    if sample.labels:
+        row["labels"] = {str(name): float(value) for name, value in sample.labels.items()}
+    if sample.extra:
+        row["extra"] = dict(sample.extra)
+    return json_line(row, f"sample {sample.id}")
+
+
+def read_row(line: bytes, where: str) -> Sample:
+    """Return the sample of a line.
+
+    Args:
+        line: One line of metadata.jsonl.
+        where: File and line number, the beginning of an error's sentence.
+
+    Raises:
+        UserError: The line is damaged.
+    """
+    row = _parse(line, where)
+    if row.file_name != image_name(row.id):
+        raise UserError(
+            f"{where}: file_name is {row.file_name!r}, but the image of id {row.id} is "
+            f"{image_name(row.id)}; restore the line."
+        )
+    return Sample(
+        row.id,
+        row.file_name,
+        row.sha256,
+        row.status,
+        row.scene(where),
+        row.labels,
+        row.press,
+        row.session,
+        row.attempt,
+        row.t_frame_ns,
+        row.extra,
+    )
+
+
+def check_contacts(line: bytes, where: str, dome_radius_mm: float | None) -> None:
+    """Check that the contacts of a line are those of its scene.
+
+    Raises:
+        UserError: They are not.
+    """
+    row = _parse(line, where)
+    contacts = contacts_of(row.scene(where), dome_radius_mm)
+    written = [*(value for xy in row.contacts_xy_mm for value in xy), *row.contacts_depth_mm]
+    expected: list[float] = []
+    if contacts is not None:
+        expected = [*contacts.xy.ravel().tolist(), *contacts.depth.tolist()]
+    # Contacts are computed, and the sine of another machine differs in its last digits.
+    close = len(written) == len(expected) and all(
+        math.isclose(a, b, rel_tol=0, abs_tol=1e-6) for a, b in zip(written, expected, strict=True)
+    )
+    if row.n_contacts != (None if contacts is None else len(contacts)) or not close:
+        raise UserError(
+            f"{where}: the contacts are not those of the indenter at this pose; restore the line."
+        )
+
+
+def _parse(line: bytes, where: str) -> Row:
+    try:
+        return _ROW_FILE.validate_json(line)
+    except ValidationError as error:
+        raise UserError(f"{where}: {first_mistake(error, Row)}") from None
+
+
+def json_line(value: dict[str, Any], what: str) -> bytes:
+    """Return a line of JSON, its line break included.
+
+    Args:
+        value: The object to write.
+        what: Name of the object, the beginning of an error's sentence.
+
+    Raises:
+        UserError: A value is no JSON or not finite.
+    """
+    try:
+        text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+        return text.encode() + b"\n"
+    except (TypeError, ValueError, RecursionError) as error:
+        raise UserError(
+            f"{what} cannot be written: {error}; allowed are text, finite numbers, and lists and "
+            "objects of them."
+        ) from None
+
+
+def parse_object(line: bytes) -> dict[str, Any] | None:
+    """Return the JSON object of a line; None where the line is no whole object."""
+    try:
+        value = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def plan_lines(rows: Iterable[Mapping[str, Any]], plan: str = "the plan") -> bytes:
+    """Return the lines of plan.jsonl.
+
+    Args:
+        rows: Objects with an ``id`` and whatever else the recorder needs.
+        plan: Name of the plan for errors.
+
+    Raises:
+        UserError: A value is no JSON, or an id is missing or repeated.
+    """
+    lines: list[bytes] = []
+    ids: set[int] = set()
+    for number, row in enumerate(rows, start=1):
+        if type(row.get("id")) is not int or row["id"] in ids:
+            raise UserError(
+                f"row {number} of {plan} has the id {row.get('id')!r}; every row needs a whole "
+                "number of its own."
+            )
+        ids.add(row["id"])
+        lines.append(json_line(dict(row), f"row {number} of {plan}"))
+    return b"".join(lines)
+
+
+def plan_hash(lines: bytes) -> str:
+    """Return the sha256 of a plan's lines; "" without a plan."""
+    return hashlib.sha256(lines).hexdigest() if lines else ""
+
+
+def read_plan(path: Path, sha256: str | None = None) -> tuple[dict[str, Any], ...]:
+    """Return the rows of a plan; a missing file has none.
+
+    Args:
+        path: The plan's file.
+        sha256: Hash that the file must have; None accepts any.
+
+    Raises:
+        UserError: The file was changed, or a line is no JSON object with an id of its own.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        data = b""
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+    if sha256 is not None and plan_hash(data) != sha256:
+        raise UserError(f"{path} is not the plan that the data set was begun with; restore it.")
+    rows = []
+    for number, line in enumerate(data.splitlines(), start=1):
+        row = parse_object(line)
+        if row is None:
+            raise UserError(f"{path} line {number} is no JSON object; fix it.")
+        rows.append(row)
+    plan_lines(rows, str(path))
+    return tuple(rows)
+
+
+JsonType = str | dict[str, "JsonType"] | list["JsonType"] | None
+"""Name of a type, the types of an object's keys, the type of a list's values; None: only null."""
+
+
+def json_type(value: Any) -> JsonType:
+    """Return the type of a JSON value.
+
+    Raises:
+        UserError: A list mixes types, or the value is no JSON.
+    """
+    if value is None:
+        return None
+    for scalar in (bool, int, float, str):  # a bool is an int, so it comes first
+        if isinstance(value, scalar):
+            return scalar.__name__
+    if isinstance(value, Mapping):
+        return {str(key): json_type(item) for key, item in value.items()}
+    if isinstance(value, Sequence):
+        kind: JsonType = None
+        for item in value:
+            kind = merge_types(kind, json_type(item), "a list")
+        return [kind]
+    raise UserError(f"{value!r} is no JSON value; write text, numbers, lists and objects.")
+
+
+def merge_types(before: JsonType, now: JsonType, where: str) -> JsonType:
+    """Return the type that fits both; null fits every type, and keys may be left out.
+
+    Raises:
+        UserError: A key changes its type, which would break readers of the journal.
+    """
+    if before is None or now is None or before == now:
+        return now if before is None else before
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = {**before, **now}
+        return {key: merge_types(before.get(key), now.get(key), f"{where}.{key}") for key in keys}
+    if isinstance(before, list) and isinstance(now, list):
+        return [merge_types(before[0], now[0], where)]
+    raise UserError(
+        f"{where} holds {_type_name(now)} after {_type_name(before)}; a key has one type in all "
+        "samples (write 1.0 rather than 1 where others are 0.5)."
+    )
+
+
+def _type_name(kind: JsonType) -> str:
+    if isinstance(kind, dict):
+        return "an object"
+    return "a list" if isinstance(kind, list) else str(kind)

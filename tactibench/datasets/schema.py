@@ -1,0 +1,307 @@
+"""Files, header and samples of a data set, format v1.
+
+dataset.json       the header: what holds for every sample; status open or closed
+plan.jsonl         what is to be recorded, where that is known beforehand
+metadata.jsonl     the journal: one line for every finished sample (a Hugging Face image folder)
+images/000000/     PNG files, 1000 in a folder; images/reference/: the undeformed sensor
+events.jsonl       reference frames, stops, warnings
+splits/NAME.json   ids of training, validation and test samples
+.cache/  .trash/   derived arrays, and what repairs moved aside
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import uuid
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
+
+from tactibench.contacts import Contacts, Scene
+from tactibench.errors import UserError
+from tactibench.geometry import true_contacts
+from tactibench.protocols.mistakes import first_mistake
+from tactibench.records.files import write_json
+
+HEADER = "dataset.json"
+PLAN = "plan.jsonl"
+JOURNAL = "metadata.jsonl"
+EVENTS = "events.jsonl"
+IMAGES = "images"
+REFERENCE = f"{IMAGES}/reference"
+SPLITS = "splits"
+CACHE = ".cache"
+TRASH = ".trash"
+LOCK = ".lock"
+
+PER_FOLDER = 1000
+"""Images in one folder: file managers and network shares slow down with more."""
+
+SCHEMA_VERSION = 1
+UNITS = {"length": "mm", "angle": "deg", "force": "N"}
+AXES = "sxyz"
+"""Angles are extrinsic rotations about x, y, z."""
+FRAMES = {
+    "sensor": "right-handed, origin at the undeformed apex, x right and y down in the image, "
+    "z out of the dome",
+}
+
+Status = Literal["ok", "bad"]
+
+_FLAT = "flat"
+_REFERENCE_NAME = re.compile(rf"{REFERENCE}/(rest|\d{{6,}})\.png")
+_IMAGE_NAME = re.compile(rf"{IMAGES}/\d{{6,}}/(\d{{6,}})\.png")
+# These keys belong to one copy of a data set; they need not be equal when writing continues.
+_OWN_KEYS = ("uuid", "status", "counts", "journal_sha256")
+
+
+@dataclass(frozen=True)
+class Header:
+    """The facts that hold for every sample of a data set.
+
+    Attributes:
+        sensor: Name, parameters and versions of the sensor.
+        image: Height and width of every image, pixels.
+        channels: 1 for gray, 3 for RGB.
+        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
+        source: The importer, its options and the sha256 of what was read.
+        counts: Numbers of samples and presses, written when the data set is closed.
+        journal_sha256: Hash of the journal, written when the data set is closed.
+    """
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=True)
+
+    name: str
+    sensor: Mapping[str, Any]
+    image: tuple[PositiveInt, PositiveInt]
+    channels: Literal[1, 3] = 1
+    dome_radius_mm: float | None = None
+    units: Mapping[str, str] = field(default_factory=lambda: dict(UNITS))
+    axes: str = AXES
+    frames: Mapping[str, str] = field(default_factory=lambda: dict(FRAMES))
+    licence: str = ""
+    source: Mapping[str, Any] = field(default_factory=dict)
+    plan_sha256: str = ""
+    status: Literal["open", "closed"] = "open"
+    uuid: str = field(default_factory=lambda: str(uuid.uuid4()))
+    counts: Mapping[str, NonNegativeInt] = field(default_factory=dict)
+    journal_sha256: str = ""
+    schema_version: Literal[1] = 1
+
+    def closed(self, counts: Mapping[str, int], journal_sha256: str) -> Header:
+        """Return the header of the finished data set."""
+        return replace(self, status="closed", counts=dict(counts), journal_sha256=journal_sha256)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A finished sample: an image on the disk and what is known about it.
+
+    Attributes:
+        id: Number of the sample, unique in the data set, 0 or more.
+        file_name: The image's file, relative to the data set's folder.
+        sha256: Hash of the image's file.
+        scene: What was pressed, with the pose that was reached; None where only labels are known.
+        labels: Labels as they were recorded, by their original names, mm and deg.
+        press: Name that the samples of one press share. It is the unit of intervals and splits.
+        attempt: 1 for the first attempt at this sample.
+        t_frame_ns: Time of the frame on a clock that never steps back.
+        extra: Anything else that was recorded, as JSON values.
+    """
+
+    id: int
+    file_name: str
+    sha256: str
+    status: Status = "ok"
+    scene: Scene | None = None
+    labels: Mapping[str, float] = field(default_factory=dict)
+    press: str = ""
+    session: str = ""
+    attempt: int = 1
+    t_frame_ns: int | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A sample that is to be written; see ``Sample`` for what the fields mean.
+
+    Attributes:
+        image: (H, W) gray or (H, W, 3) RGB uint8, or the bytes of such a PNG file, which are
+            written as they are.
+        press: Name of the press; an empty one becomes the id as text.
+    """
+
+    image: npt.NDArray[np.uint8] | bytes
+    id: int
+    scene: Scene | None = None
+    labels: Mapping[str, float] = field(default_factory=dict)
+    press: str = ""
+    session: str = ""
+    t_frame_ns: int | None = None
+    extra: Mapping[str, Any] = field(default_factory=dict)
+    status: Status = "ok"
+    attempt: int = 1
+
+    def sample(self, sha256: str) -> Sample:
+        """Return the finished sample.
+
+        Args:
+            sha256: Hash of the image's file.
+        """
+        return Sample(
+            int(self.id),
+            image_name(self.id),
+            sha256,
+            self.status,
+            self.scene,
+            {str(name): float(value) for name, value in self.labels.items()},
+            self.press or str(self.id),
+            self.session,
+            self.attempt,
+            self.t_frame_ns,
+            dict(self.extra),
+        )
+
+
+def image_name(number: int) -> str:
+    """Return the name of a sample's image by its id: ``images/000000/000123.png``."""
+    return f"{IMAGES}/{number // PER_FOLDER:06d}/{number:06d}.png"
+
+
+def is_image_name(name: str) -> bool:
+    """Return whether this is the name of some sample's image."""
+    match = _IMAGE_NAME.fullmatch(name)
+    return match is not None and image_name(int(match[1])) == name
+
+
+def is_reference_name(name: str) -> bool:
+    """Return whether this is the name of a frame of the undeformed sensor."""
+    return _REFERENCE_NAME.fullmatch(name) is not None
+
+
+def is_dataset(folder: Path) -> bool:
+    """Return whether a folder holds a data set of this format or of a later version of it."""
+    return (folder / HEADER).is_file()
+
+
+def contacts_of(scene: Scene | None, dome_radius_mm: float | None) -> Contacts | None:
+    """Return the contacts of a scene; None where the scene, the dome or a point is unknown."""
+    if scene is None or dome_radius_mm is None:
+        return None
+    try:
+        return true_contacts(scene, dome_radius_mm)
+    except UserError:  # a plate on a flat pad touches everywhere
+        return None
+
+
+_HEADER_FILE = TypeAdapter(Header)
+
+
+def read_header(folder: Path) -> Header:
+    """Read the header of a data set.
+
+    Raises:
+        UserError: The folder holds no data set, or a key of the header is wrong.
+    """
+    path = folder / HEADER
+    try:
+        value = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        raise UserError(f"{folder} is no data set: it holds no {HEADER}.") from None
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{path} is not valid JSON: {error}; restore it.") from None
+    if not isinstance(value, dict):
+        raise UserError(f"{path} holds no JSON object; restore it.")
+    version = value.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise UserError(
+            f"{path} has schema_version {version!r}, this tactibench reads {SCHEMA_VERSION}; "
+            "take the tactibench that wrote it, or a newer one."
+        )
+    if value.get("dome_radius_mm") == _FLAT:
+        value["dome_radius_mm"] = math.inf
+    try:
+        # Strict validation takes a JSON list for a tuple, but not a Python one.
+        header = _HEADER_FILE.validate_json(json.dumps(value))
+    except ValidationError as error:
+        raise UserError(f"{path}: {first_mistake(error, Header)}") from None
+    _check_radius(header, str(path))
+    return header
+
+
+def write_header(folder: Path, header: Header) -> None:
+    """Write dataset.json.
+
+    Raises:
+        UserError: The header could not be read again.
+    """
+    _check_radius(header, "the header of the data set")
+    value = asdict(header)
+    if header.dome_radius_mm is not None and math.isinf(header.dome_radius_mm):
+        value["dome_radius_mm"] = _FLAT  # infinity has no meaning in JSON
+    try:
+        _HEADER_FILE.validate_json(json.dumps({**value, "dome_radius_mm": None}, allow_nan=False))
+    except ValidationError as error:
+        mistake = first_mistake(error, Header)
+        raise UserError(f"the header of the data set: {mistake}") from None
+    except (TypeError, ValueError) as error:
+        raise UserError(f"the header of the data set cannot be written: {error}.") from None
+    write_json(folder / HEADER, value)
+
+
+def resume_header(folder: Path, expected: Header) -> Header:
+    """Return the header on the disk, so that writing can continue.
+
+    Raises:
+        UserError: The data set is closed, or another setting than the expected one is on the disk.
+    """
+    header = read_header(folder)
+    if header.status == "closed":
+        raise UserError(
+            f"{folder} is closed: it holds {header.counts.get('samples', 0):,} samples and takes "
+            "no more; name another folder."
+        )
+    for key in (f.name for f in fields(Header) if f.name not in _OWN_KEYS):
+        difference = _difference(key, _json_value(header, key), _json_value(expected, key))
+        if difference:
+            raise UserError(
+                f"{folder} was begun with {difference}; go on with the same settings, or name "
+                "another folder."
+            )
+    return header
+
+
+def _check_radius(header: Header, where: str) -> None:
+    radius = header.dome_radius_mm
+    if radius is not None and not radius > 0:
+        raise UserError(f"{where}: dome_radius_mm is {radius}; it must be positive or {_FLAT!r}.")
+
+
+def _json_value(header: Header, key: str) -> Any:
+    """Return a value as it comes back from the disk: tuples as lists, keys as text."""
+    return json.loads(json.dumps(getattr(header, key)))
+
+
+def _difference(key: str, before: Any, now: Any) -> str:
+    """Name the first key, however deep, that is not what it was; "" if there is none."""
+    if before == now:
+        return ""
+    if isinstance(before, dict) and isinstance(now, dict):
+        texts = (_difference(f"{key}.{k}", before.get(k), now.get(k)) for k in {**before, **now})
+        return next(filter(None, texts))
+    return f"{key} {_shorten(before)}, now it is {_shorten(now)}"
+
+
+def _shorten(value: Any, most: int = 60) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= most else f"{text[:most]}..."

@@ -1,0 +1,329 @@
+"""Writing a data set so that what was acknowledged survives a crash.
+
+A sample is acknowledged when ``add`` returns. Until then: image to a temporary name, fsync, rename,
+fsync of the folder, line to the journal, fsync. ``add_many`` acknowledges several samples together
+and waits for the disk as often as for one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from tactibench.contacts import Scene
+from tactibench.datasets.image_files import Image, ImageWriter, png_bytes
+from tactibench.datasets.journal import Event, Journal, read_content, read_lines
+from tactibench.datasets.repair import repair
+from tactibench.datasets.rows import (
+    JsonType,
+    json_line,
+    json_type,
+    merge_types,
+    plan_hash,
+    plan_lines,
+    read_plan,
+    write_row,
+)
+from tactibench.datasets.schema import (
+    EVENTS,
+    JOURNAL,
+    LOCK,
+    PLAN,
+    REFERENCE,
+    Draft,
+    Header,
+    Sample,
+    Status,
+    image_name,
+    is_dataset,
+    resume_header,
+    write_header,
+)
+from tactibench.datasets.splits import Split, write_split
+from tactibench.datasets.storage import make_folder, sync_all, sync_folder
+from tactibench.errors import UserError
+from tactibench.records.files import atomic
+from tactibench.records.locks import WriterLock
+
+PlanRow = Mapping[str, Any]
+"""``id`` and whatever else the recorder needs to press the sample."""
+
+
+class Writer:
+    """Writes a new data set, or continues an open one.
+
+    Leaving the ``with`` block closes the data set; an exception leaves it open.
+
+    Args:
+        folder: The data set's folder; it is made if it is missing.
+        header: Facts that hold for every sample.
+        plan: What is to be recorded, each row with an ``id``. The data set stays open until every
+            id of the plan is there.
+        fsync: False waits for the disk once, in ``close``, and acknowledges nothing before; for
+            data that can be made again.
+
+    Raises:
+        UserError: The folder holds something else, another plan or other settings, or another
+            writer is at work.
+    """
+
+    def __init__(
+        self, folder: Path, header: Header, plan: Iterable[PlanRow] = (), *, fsync: bool = True
+    ) -> None:
+        make_folder(folder)
+        self.folder = folder
+        self._lock = WriterLock(folder / LOCK)
+        try:
+            self._begin(header, list(plan))
+            self._journal = Journal(folder / JOURNAL, fsync=fsync)
+            self._event_journal = Journal(folder / EVENTS, fsync=fsync)
+            sync_folder(folder)
+        except BaseException:
+            self._lock.release()
+            raise
+        self._fsync = fsync
+        self._extra_type: JsonType = None
+        for sample in self._samples.values():
+            self._extra_type = merge_types(self._extra_type, json_type(sample.extra), "extra")
+        self._images = ImageWriter(folder, fsync=fsync)
+        self._is_open = True
+
+    def _begin(self, header: Header, rows: Sequence[PlanRow]) -> None:
+        """Write header and plan of a new data set, or check and repair the one that is there."""
+        lines = plan_lines(rows)
+        self._plan_ids = frozenset(row["id"] for row in rows)
+        self._header = replace(header, plan_sha256=plan_hash(lines))
+        self._samples: dict[int, Sample] = {}
+        self._events: list[Event] = []
+        self._repaired: tuple[str, ...] = ()
+        if is_dataset(self.folder):
+            self._header = resume_header(self.folder, self._header)
+            read_plan(self.folder / PLAN, self._header.plan_sha256)
+            content = read_content(self.folder)
+            self._samples = {sample.id: sample for sample in content.samples}
+            self._events = list(content.events)
+            self._repaired = repair(self.folder, content)
+            return
+        others = [
+            path.name
+            for path in self.folder.iterdir()
+            if not path.name.startswith(".") and path.name != PLAN
+        ]
+        if others:
+            raise UserError(
+                f"{self.folder} is not empty ({min(others)} is there) and holds no data set; name "
+                "a new folder."
+            )
+        if lines:
+            with atomic(self.folder / PLAN) as stream:
+                stream.write(lines)
+        write_header(self.folder, self._header)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+        else:
+            self.leave_open()
+
+    @property
+    def header(self) -> Header:
+        """Facts that hold for every sample."""
+        return self._header
+
+    @property
+    def done(self) -> frozenset[int]:
+        """Ids of the samples that are there."""
+        return frozenset(self._samples)
+
+    @property
+    def samples(self) -> tuple[Sample, ...]:
+        """Samples in the order they were written."""
+        return tuple(self._samples.values())
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Events in the order they were noted."""
+        return tuple(self._events)
+
+    @property
+    def repaired(self) -> tuple[str, ...]:
+        """One sentence for each thing that an interrupted writer left and that was repaired."""
+        return self._repaired
+
+    def add(
+        self,
+        image: Image | bytes,
+        *,
+        id: int,  # noqa: A002 - the name of the key in the journal
+        scene: Scene | None = None,
+        labels: Mapping[str, float] | None = None,
+        press: str = "",
+        session: str = "",
+        t_frame_ns: int | None = None,
+        extra: Mapping[str, Any] | None = None,
+        status: Status = "ok",
+        attempt: int = 1,
+    ) -> Sample:
+        """Write one sample; when this returns, the disk has it. The arguments are those of Draft.
+
+        Raises:
+            UserError: The id is there already, or the sample is not like the others; nothing was
+                written.
+            OSError: The disk refused.
+        """
+        draft = Draft(
+            image, id, scene, labels or {}, press, session, t_frame_ns, extra or {}, status, attempt
+        )
+        return self.add_many([draft])[0]
+
+    def add_many(self, drafts: Sequence[Draft]) -> tuple[Sample, ...]:
+        """Write samples that are acknowledged together.
+
+        It does what ``add`` of each would do, several times faster on a slow disk.
+        """
+        self._check_open()
+        self._check_ids(drafts)
+        extra = self._extra_type
+        for draft in drafts:
+            extra = merge_types(extra, json_type(draft.extra), f"sample {draft.id}: extra")
+        files = [
+            png_bytes(draft.image, self.header, f"the image of sample {draft.id}")
+            for draft in drafts
+        ]
+        samples = [
+            draft.sample(hashlib.sha256(data).hexdigest())
+            for draft, data in zip(drafts, files, strict=True)
+        ]
+        lines = [write_row(sample, self.header.dome_radius_mm) for sample in samples]
+        self._write_images([image_name(draft.id) for draft in drafts], files, self._journal, lines)
+        self._extra_type = extra
+        self._samples.update((sample.id, sample) for sample in samples)
+        return tuple(samples)
+
+    def reference(self, image: Image | bytes) -> None:
+        """Write a frame of the undeformed sensor.
+
+        The first one is the data set's rest frame. The same image again changes nothing; another
+        image is written beside it.
+        """
+        self._check_open()
+        data = png_bytes(image, self.header, "the reference frame")
+        sha256 = hashlib.sha256(data).hexdigest()
+        before = [event for event in self._events if event.get("kind") == "reference"]
+        if before and before[-1].get("sha256") == sha256:
+            return
+        name = f"{REFERENCE}/{f'{len(before):06d}' if before else 'rest'}.png"
+        event = _event("reference", file_name=name, sha256=sha256)
+        line = json_line(event, "event 'reference'")
+        self._write_images([name], [data], self._event_journal, [line])
+        self._events.append(event)
+
+    def event(self, kind: str, **facts: Any) -> None:
+        """Note what happened: a stop, a recovery, a warning.
+
+        Raises:
+            UserError: A fact is no JSON.
+        """
+        self._check_open()
+        event = _event(kind, **facts)
+        self._event_journal.append([json_line(event, f"event {kind!r}")])
+        self._events.append(event)
+
+    def split(
+        self,
+        name: str,
+        train: Sequence[int] = (),
+        validation: Sequence[int] = (),
+        test: Sequence[int] = (),
+    ) -> None:
+        """Write splits/NAME.json.
+
+        Raises:
+            UserError: Two subsets share a press.
+        """
+        self._check_open()
+        write_split(self.folder, name, Split.of(train, validation, test), self.samples)
+
+    def close(self) -> None:
+        """Close the data set, so that nothing can be added any more.
+
+        It stays open while ids of its plan are missing. A second call does nothing.
+        """
+        if not self._is_open:
+            return
+        if not self._fsync:
+            sync_all()
+            self._journal.sync()
+            self._event_journal.sync()
+        if self._plan_ids <= self.done:
+            samples = self.samples
+            counts = {
+                "samples": len(samples),
+                "ok": sum(sample.status == "ok" for sample in samples),
+                "presses": len({sample.press for sample in samples}),
+            }
+            journal = read_lines(self.folder / JOURNAL)
+            self._header = self._header.closed(counts, journal.sha256)
+            write_header(self.folder, self._header)
+            sync_folder(self.folder)
+        self.leave_open()
+
+    def leave_open(self) -> None:
+        """End writing for now; another writer may continue."""
+        if self._is_open:
+            self._is_open = False
+            self._images.close()
+            self._journal.close()
+            self._event_journal.close()
+            self._lock.release()
+
+    def _write_images(
+        self, names: Sequence[str], files: Sequence[bytes], journal: Journal, lines: Sequence[bytes]
+    ) -> None:
+        """Write images, then the lines that name them: a line never names a missing image."""
+        try:
+            self._images.write(names, files)
+        except BaseException:
+            self._images.discard(names)
+            raise
+        try:
+            self._images.rename(names)
+            journal.append(lines)
+        except BaseException:
+            self.leave_open()  # what is half written is repaired when the folder is opened again
+            raise
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise UserError(f"the writer of {self.folder} is closed; open another one.")
+
+    def _check_ids(self, drafts: Sequence[Draft]) -> None:
+        new: set[int] = set()
+        for draft in drafts:
+            number: object = draft.id
+            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 0:
+                raise UserError(f"a sample's id is {number!r}; it must be a whole number from 0.")
+            if number in self._samples or number in new:
+                raise UserError(f"{self.folder} has a sample {number} already; an id stands once.")
+            if self._plan_ids and number not in self._plan_ids:
+                raise UserError(f"{self.folder} has no id {number} in its plan.")
+            new.add(int(number))
+
+
+def _event(kind: str, **facts: Any) -> dict[str, Any]:
+    return {"kind": kind, "time": datetime.now(UTC).isoformat(timespec="milliseconds"), **facts}
