@@ -106,8 +106,9 @@ def main() -> None:
     entries = {PLAIN: with_true_maps(plain(model), maps)}
     entries |= {one.name: with_true_maps(one.stages, maps) for one in found.usable}
     amx = "amx_bf16" in facts["cpu_flags"]
+    weights = model.parameter_count()
     print(
-        f"U-Net of width {options.width}, {model.parameters:,} weights; {facts['cpu']}, AMX: "
+        f"U-Net of width {options.width}, {weights:,} weights; {facts['cpu']}, AMX: "
         f"{'yes' if amx else 'no'}, torch {facts['torch']}"
     )
     for name, reason in found.skipped.items():

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     )
     from tactibench.errors import UserError
     from tactibench.images import gray_frames
-    from tactibench.plugins.hookspecs import hookimpl
-    from tactibench.plugins.interfaces import (
+    from tactibench.plugins.base import (
         Encoder,
         FitReport,
         Model,
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
         Sensor,
         SensorContext,
     )
+    from tactibench.plugins.hookspecs import hookimpl
     from tactibench.plugins.named import open_sensor
     from tactibench.plugins.parameters import training_parameters
     from tactibench.plugins.specs import (
@@ -48,22 +48,22 @@ _HOME = {
     "Answer": "contacts",
     "CommandSpec": "plugins.specs",
     "Contacts": "contacts",
-    "Encoder": "plugins.interfaces",
+    "Encoder": "plugins.base",
     "EncoderSpec": "plugins.specs",
-    "FitReport": "plugins.interfaces",
+    "FitReport": "plugins.base",
     "Frame": "contacts",
     "Grid": "contacts",
     "Indenter": "contacts",
-    "Model": "plugins.interfaces",
-    "ModelContext": "plugins.interfaces",
+    "Model": "plugins.base",
+    "ModelContext": "plugins.base",
     "ModelSpec": "plugins.specs",
     "Parameter": "plugins.specs",
     "PlatePose": "contacts",
     "Pose": "contacts",
-    "Progress": "plugins.interfaces",
+    "Progress": "plugins.base",
     "Scene": "contacts",
-    "Sensor": "plugins.interfaces",
-    "SensorContext": "plugins.interfaces",
+    "Sensor": "plugins.base",
+    "SensorContext": "plugins.base",
     "SensorSpec": "plugins.specs",
     "UserError": "errors",
     "gray_frames": "images",

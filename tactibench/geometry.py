@@ -8,7 +8,6 @@ flat pad is a dome of infinite radius: every tip touches on its own axis, at its
 from __future__ import annotations
 
 import math
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,18 +15,6 @@ from tactibench.contacts import Contacts, FloatArray, PlatePose, Scene
 from tactibench.errors import UserError
 
 DOME_RADIUS_MM = 20.0
-
-
-@runtime_checkable
-class HasShape(Protocol):
-    """Optional: a sensor that is not pressed on a dome of the protocol's radius.
-
-    dome_radius_mm: of the touched surface, inf for a flat one. deepest_mm: how deep a tip may be
-    pressed, inf where nothing but the protocol limits it.
-    """
-
-    dome_radius_mm: float
-    deepest_mm: float
 
 
 def tip_positions(scene: Scene) -> FloatArray:

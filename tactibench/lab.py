@@ -13,7 +13,8 @@ from tactibench.records.files import write_json
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
-    from tactibench.plugins.interfaces import Model
+    from tactibench.plugins.base import Model
+    from tactibench.protocols.pressable import SensorShape
 
 __all__ = [
     "Press",
@@ -35,12 +36,12 @@ def first_mistake(error: ValidationError, schema: type[BaseModel]) -> str:
 
 
 def presses_of(
-    what: str, sensor: object, *, count: int | None = None, seed: int | None = None
+    what: str, sensor: SensorShape, *, count: int | None = None, seed: int | None = None
 ) -> Pressing:
     """All presses of a protocol, by name or file, or of a plan.jsonl.
 
-    sensor: on whose surface; one without ``HasShape`` leaves the protocol's. count: at most, of
-    every set. seed: other presses than the protocol's. Raises UserError.
+    sensor: on whose surface. count: at most, of every set. seed: other presses than the
+    protocol's. Raises UserError.
     """
     from tactibench.datasets.generating.protocol import from_protocol
     from tactibench.datasets.generating.stretches import from_file

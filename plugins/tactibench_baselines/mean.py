@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tactibench import Answer, Contacts, FitReport, Frame, ModelContext, PlatePose, Progress
+from tactibench import Answer, Contacts, FitReport, Frame, Model, ModelContext, PlatePose, Progress
 from tactibench_baselines.answers import pack, read, unpack, write
 
 
-class MeanModel:
+class MeanModel(Model):
     """Answers every frame alike.
 
     "contacts": one contact at the mean x, y and depth of all contacts of the training frames (no

@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Answer, FitReport, Frame, ModelContext, Progress, UserError, gray_frames
+from tactibench import (
+    Answer,
+    FitReport,
+    Frame,
+    Model,
+    ModelContext,
+    Progress,
+    UserError,
+    gray_frames,
+)
 from tactibench_baselines.answers import pack, read, unpack, write
 
 Features = npt.NDArray[np.float32]
@@ -20,7 +29,7 @@ _BLOCK = 256  # frames compared at once: 256 x 4,000 distances are 4 MB
 _CANDIDATES = 8  # compared once more in float64, so that the batch size cannot change an answer
 
 
-class NearestModel:
+class NearestModel(Model):
     """Answers the truth of the training frame at the smallest squared distance.
 
     Frames are compared as gray images of ``size`` x ``size`` pixels, less the rest frame where all

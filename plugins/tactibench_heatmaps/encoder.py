@@ -5,29 +5,25 @@ An encoder gives ``encode_batch`` and ``_decode``, the reading of maps that were
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Contacts, Grid, UserError
+from tactibench import Contacts, Encoder, Grid, UserError
 
 MapStack = npt.NDArray[np.float32]
 LARGEST = 1e6
 """A heat is about 1 at most. What is a million times that can overflow where it is read."""
 
 
-class MapEncoder(ABC):
+class MapEncoder(Encoder):
     """Contacts <-> C = ``channels`` maps on the H x W cells of a grid.
 
     separation: contacts farther apart, mm, are told apart. tolerance: largest error of a round
     trip, mm.
     """
-
-    channels: int
-    separation: float
-    tolerance: float
 
     def encode(self, contacts: Contacts, grid: Grid) -> MapStack:
         """Return (C, H, W) float32 maps. Raises UserError for contacts that they cannot show."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from tactibench import Answer, FitReport, Frame, ModelContext, Progress, UserError
+from tactibench import Answer, FitReport, Frame, Model, ModelContext, Progress, UserError
 from tactibench.training import (
     ANSWER_WIDTH,
     Normalisation,
@@ -40,7 +40,7 @@ _UNLIKE = 0.003
 """As in ``model``: where other sensors are read, frames are learned through views, with noise."""
 
 
-class Kernel:
+class Kernel(Model):
     """Kernel ridge regression with reweighting towards the median; no contact where the pins
     hardly moved.
 
@@ -178,9 +178,8 @@ class Kernel:
         shared = {"transfers": True} if self.context.transfers else {}
         return {"answer": self.context.answer, **shared}
 
-    @property
-    def parameters(self) -> int:
-        """Numbers that a training leaves: places of the frames, their weights, the components."""
+    def parameter_count(self) -> int:
+        """Return how many numbers a training leaves: places, their weights, the components."""
         kept = (self._places, self._alpha, self._components.mean, self._components.basis)
         return sum(array.size for array in kept)
 

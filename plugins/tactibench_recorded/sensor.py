@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cached_property
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Frame, Pose, Scene, SensorContext, UserError
+from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
 from tactibench.datasets.importing import ImportOptions, Recording
 from tactibench_recorded.scenes import Pressed, kinds_of, pressed
 
@@ -24,7 +22,7 @@ OFFSET_MM, PIVOT_MM = 5.0, 0.0
 """What labels are read by where nothing is said."""
 
 
-class RecordedSensor:
+class RecordedSensor(Sensor):
     """The presses of a folder: Bristol, CSV, Hugging Face image folder, or v1 data set.
 
     Scenes that the folder knows (v1 data sets, tables with x_mm, y_mm and depth_mm) are taken as
@@ -62,18 +60,7 @@ class RecordedSensor:
         self._row = {scene: number for number, scene in enumerate(self._pressed.scenes)}
         radius = self._recording.dome_radius_mm
         if radius is not None and self._recording.dataset is not None:
-            self.dome_radius_mm, self.deepest_mm = radius, math.inf
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing stays open between two presses."""
+            self.dome_radius_mm = radius
 
     def scenes(self) -> dict[str, Scene]:
         """Frame name -> scene, in the order of the table; no two scenes are equal."""
@@ -83,7 +70,7 @@ class RecordedSensor:
         """Frame name -> press; frames of one press share it."""
         return dict(zip(self._pressed.names, self._pressed.presses, strict=True))
 
-    def parts(self) -> Mapping[str, str]:
+    def split(self) -> Mapping[str, str]:
         """Frame name -> part of the split; {} without one."""
         return self._pressed.parts
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,25 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from scipy.ndimage import map_coordinates
 
-from tactibench import Frame, Grid, Pose, Scene
+from tactibench import Grid, Pose, Scene, UserError
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.render import Renderer
+from tactibench_sim.rendered import RenderedSensor
 from tactibench_sim.sensor import SimulatedTacTip
 
 Array = npt.NDArray[np.float64]
-
-
-class DrawnSensor(Protocol):
-    """What is asked of a sensor here: frames, where its markers are, and the skin."""
-
-    renderer: Renderer
-
-    def press(self, scene: Scene) -> Frame: ...
-
-    def points(self, scenes: Sequence[Scene]) -> Array: ...
-
-    def surface(self, scene: Scene, grid: Grid) -> Array: ...
-
 
 COLOURS = "cividis"
 REST = "#56B4E9"
@@ -48,7 +34,7 @@ LINES = 8
 EXAGGERATIONS = (1, 2, 5, 10, 20, 50, 100)
 
 
-def draw(path: Path, sensor: DrawnSensor, scene: Scene, title: str, detail: str) -> None:
+def draw(path: Path, sensor: RenderedSensor, scene: Scene, title: str, detail: str) -> None:
     """Write a PNG of three panels. Raises UserError for a scene the sensor cannot press."""
     frame = sensor.press(scene).image
     before = marker_pixels(sensor, Scene(scene.indenter, Pose()))
@@ -85,7 +71,7 @@ def _window(size: int, *markers: Array) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def marker_pixels(sensor: DrawnSensor, scene: Scene) -> Array:
+def marker_pixels(sensor: RenderedSensor, scene: Scene) -> Array:
     """(P, 3) pixel x, y and radius of every marker, px."""
     out: Array = np.stack(sensor.renderer.project(sensor.points([scene])), axis=-1)[0]
     return out
@@ -145,7 +131,7 @@ def _spacing(points: Array) -> float:
     return float(np.median(gaps.min(axis=1)))
 
 
-def _skin(axes: Any, bar: Any, sensor: DrawnSensor, scene: Scene) -> None:
+def _skin(axes: Any, bar: Any, sensor: RenderedSensor, scene: Scene) -> None:
     """The cap of the dome, moved along its normal, true to scale; colour: how far."""
     x, y, z, inward = skin_cap(sensor, scene)
     scale = Normalize(min(float(inward.min()), 0.0), max(float(inward.max()), 1e-6))
@@ -207,7 +193,7 @@ def _daylight(x: Array, y: Array, z: Array) -> Array:
 
 
 def skin_cap(
-    sensor: DrawnSensor, scene: Scene, rings: int = 56, sectors: int = 144
+    sensor: RenderedSensor, scene: Scene, rings: int = 56, sectors: int = 144
 ) -> tuple[Array, Array, Array, Array]:
     """x, y, z mm of the deformed outer skin on a polar mesh, z = 0 at the undeformed apex.
 
@@ -220,7 +206,10 @@ def skin_cap(
     )
     at = radius[..., None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     cells = grid.cells(at)
-    inward = map_coordinates(sensor.surface(scene, grid), cells, order=3, mode="nearest")
+    surface = sensor.surface(scene, grid)
+    if surface is None:
+        raise UserError("the sensor does not know its skin, which the picture shows; take another.")
+    inward = map_coordinates(surface, cells, order=3, mode="nearest")
     if not isinstance(sensor, SimulatedTacTip):
         return at[..., 0], at[..., 1], -inward, inward
     height = np.sqrt(DOME_RADIUS_MM**2 - radius**2)

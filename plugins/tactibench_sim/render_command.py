@@ -53,8 +53,10 @@ def render(scene: str, out: Path, name: str, params: tuple[str, ...], seed: int)
 
     from tactibench import SensorContext
     from tactibench_sim.picture import draw
+    from tactibench_sim.rendered import RenderedSensor
 
     sensor = specs[name].load()(SensorContext(np.random.SeedSequence(seed)), **settings)
+    assert isinstance(sensor, RenderedSensor), "all simulated sensors are"  # noqa: S101
     changed = ", ".join(f"{key} {value}" for key, value in _given(params).items())
     draw(out, sensor, asked, scene, ", ".join(filter(None, (f"simulated sensor {name}", changed))))
     click.echo(f"picture: {out}")

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Frame, Pose, Scene, SensorContext, UserError
+from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
 from tactibench_sim.ahead import cores, in_order
 from tactibench_sim.noise import streams
 from tactibench_sim.render import Renderer
@@ -34,7 +33,7 @@ class _Batch:
     error: UserError | None = None
 
 
-class RenderedSensor(ABC):
+class RenderedSensor(Sensor):
     """A sensor that knows where its markers are.
 
     A subclass says in ``points`` where. Frames depend on the scene, the parameters and, for their
@@ -63,14 +62,6 @@ class RenderedSensor(ABC):
     def __enter__(self) -> Self:
         self._count = 0
         return self
-
-    def __exit__(  # noqa: B027  (not abstract: a subclass has nothing to close either)
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing is held open."""
 
     def rest(self) -> Frame:
         """The undeformed sensor, without noise."""

@@ -102,7 +102,7 @@ class SimulatedTacTip(RenderedSensor):
         """(K, 3) Cramer-Rao standard deviations of x, y, depth of every true contact, mm."""
         return deviations(self.covariance(scene))
 
-    def account(self, scenes: Sequence[Scene]) -> dict[str, int]:
+    def scene_counts(self, scenes: Sequence[Scene]) -> dict[str, int]:
         """Scenes by the tier that tier ``auto`` takes for them; empty for the other tiers."""
         if not isinstance(self.mechanics, AutoMechanics) or not scenes:
             return {}

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import torch
 from scipy.optimize import linear_sum_assignment
 
-from tactibench import Answer, Contacts, FitReport, Frame, ModelContext, Progress, UserError
+from tactibench import Answer, Contacts, FitReport, Frame, Model, ModelContext, Progress, UserError
 from tactibench.superposition import (
     Eye,
     Field,
@@ -52,7 +52,7 @@ class _Learned:
         return self.law.shift(equivalents) + self.remainder.shift(equivalents)
 
 
-class Superpose:
+class Superpose(Model):
     """Several contacts from fields that were learned from single presses.
 
     The displacement of all pins is a smooth function of one contact's x, y and depth (``Field``).
@@ -172,8 +172,7 @@ class Superpose:
 
     timed_as = "float64, as it predicts"
 
-    @property
-    def parameters(self) -> int:
+    def parameter_count(self) -> int:
         """Numbers that were learned."""
         learned = self._ready()
         law = learned.law.pair.size + learned.law.crowd.size

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from tactibench import Frame, Pose, Scene, SensorContext, UserError, __version__
+from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError, __version__
 from tactibench_tactip.collecting.plan import check_scenes, eased, fits, words
 from tactibench_tactip.configuration import read_settings
 from tactibench_tactip.failures import DeviceError
@@ -19,7 +18,7 @@ from tactibench_tactip.station import Station
 from tactibench_tactip.touch.search import find_touch
 
 
-class TacTip:
+class TacTip(Sensor):
     """Camera and robot are opened on entry; first touch is found before the first press and again
     as the configuration says. A frame's pose is the one that was reached.
 
@@ -43,11 +42,11 @@ class TacTip:
         return read_settings(Path(self._config))
 
     @property
-    def dome_radius_mm(self) -> float:
+    def dome_radius_mm(self) -> float:  # type: ignore[override]
         return self.settings.sensor.dome_radius_mm
 
     @property
-    def deepest_mm(self) -> float:
+    def deepest_mm(self) -> float:  # type: ignore[override]
         return self.settings.sensor.deepest_mm
 
     def __enter__(self) -> Self:
@@ -85,10 +84,6 @@ class TacTip:
         assert rest is not None, "looked at before the first press"  # noqa: S101
         judged = pressed.judged
         return Frame(judged.image, judged.t_ns * 1e-9, pressed.scene.pose, rest.image)
-
-    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        """In order, one after the other."""
-        yield from map(self.press, scenes)
 
     def describe(self) -> dict[str, Any]:
         """What the configuration says of sensor, camera and frames."""

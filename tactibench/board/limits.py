@@ -11,7 +11,7 @@ import numpy as np
 from tactibench.contacts import FloatArray, Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import tip_positions
-from tactibench.plugins.interfaces import KnowsCovariance
+from tactibench.plugins.base import Sensor
 
 AXES = ("x", "y", "depth")
 SEPARATION = "separation"
@@ -50,9 +50,7 @@ class LimitMaps:
     refusal: str = ""
 
 
-def map_limits(
-    sensor: KnowsCovariance, request: LimitRequest, advance: Callable[[int], None]
-) -> LimitMaps:
+def map_limits(sensor: Sensor, request: LimitRequest, advance: Callable[[int], None]) -> LimitMaps:
     """Ask the sensor for the bound of every press. Raises UserError when it refuses them all."""
     grid = request.grid
     x, y = grid.axes()
@@ -73,13 +71,15 @@ def map_limits(
     return LimitMaps(request, values, refusals[0] if refusals else "")
 
 
-def limits_of(sensor: KnowsCovariance, scene: Scene, nuisances: Sequence[str]) -> list[float]:
+def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[float]:
     """x, y, depth of the worst contact, mm, and the separation's where the indenter has two tips.
 
     All inf when a tip does not touch: nothing in the frame is about it.
     """
     tips = len(scene.indenter.offsets)
     covariance = sensor.covariance(scene, nuisances)
+    if covariance is None:
+        raise UserError("the sensor does not know what limits its frames; take a simulated one.")
     if len(covariance) < 3 * tips:
         return [np.inf] * (3 + (tips == 2))
     worst = np.sqrt(np.diag(covariance)).reshape(tips, 3).max(axis=0)

@@ -204,7 +204,7 @@ def _protocols() -> Iterator[Finding]:
 def _folder(data: Path, host: PluginHost) -> Iterator[Finding]:
     import numpy as np
 
-    from tactibench.plugins.interfaces import SensorContext
+    from tactibench.plugins.base import SensorContext
 
     try:
         sensor = host.sensors["recorded"].load()(SensorContext(np.random.SeedSequence(0), data))

@@ -12,7 +12,7 @@ from tactibench.cli.options import json_option
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
-    from tactibench.plugins.interfaces import KnowsCovariance
+    from tactibench.plugins.base import Sensor
     from tactibench.plugins.specs import SensorSpec, Value
 
 MOST_CELLS = 101
@@ -128,11 +128,10 @@ def limit(
         terminal.say(f"picture: {out}")
     if json_file is not None:
         sensor_keys = {"name": spec.name, "origin": spec.origin, "parameters": dict(values)}
-        described: Any = sensor
         write_json(
             json_file,
             {
-                "sensor": {**sensor_keys, "description": described.describe()},
+                "sensor": {**sensor_keys, "description": sensor.describe()},
                 **_json(request),
                 "metrics": rows_of(maps),
                 "maps_mm": _cells(maps),
@@ -156,16 +155,16 @@ def _settings(spec: SensorSpec, params: tuple[str, ...]) -> dict[str, Value]:
     return spec.settings(given.get("sensor", {}))
 
 
-def _sensor(spec: SensorSpec, values: dict[str, Value]) -> KnowsCovariance:
+def _sensor(spec: SensorSpec, values: dict[str, Value]) -> Sensor:
     """Build the sensor. Raises UserError for one that knows no bound."""
     import numpy as np
 
-    from tactibench.plugins.interfaces import KnowsCovariance, SensorContext
+    from tactibench.contacts import Indenter, Pose, Scene
+    from tactibench.plugins.base import SensorContext
 
-    build = spec.load()
-    if not spec.needs_data and hasattr(build, "covariance"):
-        sensor = build(SensorContext(np.random.SeedSequence(0)), **values)
-        if isinstance(sensor, KnowsCovariance):
+    if not spec.needs_data:
+        sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **values)
+        if sensor.covariance(Scene(Indenter.single(), Pose(depth=1.0))) is not None:
             return sensor
     raise UserError(
         f"sensor {spec.name!r} does not know what limits its frames; take a simulated sensor, "
@@ -173,7 +172,7 @@ def _sensor(spec: SensorSpec, values: dict[str, Value]) -> KnowsCovariance:
     )
 
 
-def _known(sensor: KnowsCovariance, text: str) -> tuple[str, ...]:
+def _known(sensor: Sensor, text: str) -> tuple[str, ...]:
     names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if names == ("all",):
         return tuple(sensor.nuisances)

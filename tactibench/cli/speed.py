@@ -137,13 +137,12 @@ def speed(
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
     """The model with the weights that were asked for. Raises UserError where there are none."""
-    from tactibench.plugins.interfaces import ConfiguredModel
     from tactibench.run.train import trained_model
 
     name = plan.parts.model.name
     if untrained:
         model = plan.parts.build_model(plan.context())
-        if not isinstance(model, ConfiguredModel):
+        if not model.configurations:
             raise UserError(f"model {name!r} has no random weights to time; take --train instead.")
         return model
     if not (train or plan.weights.cached):

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from tactibench.contacts import Frame, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
-from tactibench.plugins.interfaces import Sensor, SensorContext
+from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.records.files import (
     arrays_hash,
     atomic,

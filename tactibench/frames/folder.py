@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from tactibench.contacts import Frame, Scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, Wanted
-from tactibench.geometry import HasShape
-from tactibench.plugins.interfaces import HasParts, HasPresses, HasScenes, Sensor
+from tactibench.plugins.base import Sensor
 from tactibench.records.identity import digest
 
 
@@ -27,13 +26,11 @@ class Folder:
     """Of every frame, the part of the recording's own split, "" for none; None: it has no split."""
 
     @classmethod
-    def of(cls, sensor: Sensor, identity: dict[str, Any]) -> Folder:
+    def of(cls, sensor: Sensor, scenes: Mapping[str, Scene], identity: dict[str, Any]) -> Folder:
         """The frames of a sensor with scenes; where it says nothing, each is a press of its own."""
-        assert isinstance(sensor, HasScenes)  # noqa: S101 - the caller looked
-        scenes = sensor.scenes()
-        known = sensor.presses() if isinstance(sensor, HasPresses) else {}
+        known = sensor.presses()
         presses = tuple(known.get(name, name) for name in scenes)
-        own = sensor.parts() if isinstance(sensor, HasParts) else {}
+        own = sensor.split()
         parts = tuple(own.get(name, "") for name in scenes) if own else None
         return cls(sensor, identity, tuple(scenes), tuple(scenes.values()), presses, parts)
 
@@ -58,8 +55,7 @@ class Folder:
         chosen = tuple(self.names[row] for row in rows)
         scenes = tuple(self.scenes[row] for row in rows)
         key = digest({"sensor": self.identity, "frames": chosen})
-        shape = self.sensor if isinstance(self.sensor, HasShape) else None
-        radius = None if shape is None else shape.dome_radius_mm
+        radius = self.sensor.dome_radius_mm
 
         def read(advance: Advance) -> Presses:
             frames: list[Frame] = []

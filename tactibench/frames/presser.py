@@ -13,7 +13,7 @@ import numpy as np
 from tactibench.contacts import Scene
 from tactibench.frames.cache import FrameRequest, folder_of, is_cached, open_frames
 from tactibench.frames.source import Wanted, sensor_identity
-from tactibench.plugins.interfaces import Sensor, SensorContext
+from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.draws import Drawn, draw_scenes
 from tactibench.protocols.pressable import pressable

@@ -21,7 +21,7 @@ from tactibench.frames.source import (
     sensor_identity,
     spread,
 )
-from tactibench.plugins.interfaces import HasScenes, SensorContext
+from tactibench.plugins.base import SensorContext
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import RECORDED, Protocol
@@ -33,12 +33,13 @@ from tactibench.run.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Sensors) -> FramePlan:
     """Look the presses of a folder up and divide them. Raises UserError."""
     sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0), request.data))
-    if not isinstance(sensor, HasScenes):
+    scenes = sensor.scenes()
+    if scenes is None:
         raise UserError(
             f"sensor {parts.sensor.name!r} does not say which presses it has, which protocol "
             f"{protocol.keys.id!r} needs; use --sensor recorded."
         )
-    folder = Folder.of(sensor, sensor_identity(parts.sensor, sensor.describe()))
+    folder = Folder.of(sensor, scenes, sensor_identity(parts.sensor, sensor.describe()))
     if protocol.keys.recorded is None:
         return _matched_frames(request, protocol.keys, parts, folder)
     folder = plates_of(request.data, protocol.keys, folder)

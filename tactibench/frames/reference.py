@@ -8,7 +8,6 @@ from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.frames.presser import Presser
 from tactibench.frames.source import Wanted, scored_limit, spread
-from tactibench.plugins.interfaces import HasPresses, HasScenes
 from tactibench.protocols.draws import TIPS, fits
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.run.request import RunRequest
@@ -24,12 +23,12 @@ def reference_frames(request: RunRequest, tester: Presser) -> tuple[tuple[Wanted
     no catch trials. Raises UserError where no scene is left, or the sensor has none.
     """
     keys, sensor = tester.pressed, tester.sensor
-    if not isinstance(sensor, HasScenes):
+    scenes = sensor.scenes()
+    if scenes is None:
         raise UserError(
             f"sensor {tester.part.name!r} stands for reference scenes, but does not say which; "
             "mend the plugin."
         )
-    scenes = sensor.scenes()
     alike = {
         draw.name: [name for name, scene in scenes.items() if _asked(draw, scene)]
         for draw in _drawn(keys)
@@ -46,7 +45,7 @@ def reference_frames(request: RunRequest, tester: Presser) -> tuple[tuple[Wanted
             f"has the tips that protocol {keys.id!r} tests, inside its workspace; take another "
             "protocol, or leave --test reference out."
         )
-    press = sensor.presses() if isinstance(sensor, HasPresses) else {name: name for name in scenes}
+    press = {name: name for name in scenes} | dict(sensor.presses())
     kept = spread(fitting, scored_limit(request))
     wanted = []
     for draw in dict.fromkeys(draw for draw, _ in kept):

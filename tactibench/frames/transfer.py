@@ -21,7 +21,7 @@ from tactibench.frames.source import (
     sensor_identity,
     spread,
 )
-from tactibench.plugins.interfaces import Calibrated, HasScenes, Sensor, SensorContext
+from tactibench.plugins.base import SensorContext
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.plates import draw_plates, draw_shots
@@ -101,14 +101,15 @@ def transfer_frames(
 def _folder(keys: Protocol, sensor: Part[SensorSpec], path: Path | None) -> Folder:
     """The plate presses of a recording. Raises UserError."""
     context = SensorContext(np.random.SeedSequence(0), path, indentation=True)
-    opened: Sensor = sensor.spec.load()(context, **sensor.values)
-    if not isinstance(opened, HasScenes):
+    opened = sensor.spec.load()(context, **sensor.values)
+    scenes = opened.scenes()
+    if scenes is None:
         raise UserError(
             f"sensor {sensor.name!r} does not say which presses it has, which protocol "
             f"{keys.id!r} needs; use --sensor recorded."
         )
     identity = sensor_identity(sensor, opened.describe())
-    return plates_of(path, keys, Folder.of(opened, identity))
+    return plates_of(path, keys, Folder.of(opened, scenes, identity))
 
 
 def _pressed(
@@ -133,7 +134,5 @@ def _pressed(
 
 def _calibrated(presser: Presser, target: Folder) -> frozenset[str]:
     """Names of the target's frames to which the simulated sensor was fitted."""
-    if not isinstance(presser.sensor, Calibrated):
-        return frozenset()
-    digest = target.identity["describe"].get("sha256")
+    digest = target.identity["describe"].get("sha256", "")
     return frozenset(presser.sensor.calibrated_on().get(digest, ())) & frozenset(target.names)

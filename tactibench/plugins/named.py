@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import Sensor, SensorContext
 
 
 def open_sensor(
@@ -25,5 +25,4 @@ def open_sensor(
     known = {parameter.name for parameter in spec.parameters}
     wanted = {key: value for key, value in (preferred or {}).items() if key in known}
     values = spec.settings({**wanted, **given})  # before anything heavy is imported
-    sensor: Sensor = spec.load()(context, **values)
-    return sensor
+    return spec.load()(context, **values)

@@ -7,14 +7,18 @@ A spec that cannot be right raises ValueError when it is made, so its author see
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tactibench.errors import UserError, did_you_mean
 
+if TYPE_CHECKING:
+    from tactibench.plugins.base import Encoder, Model, Sensor
+
+T = TypeVar("T")
 Value = bool | int | float | str
 
 KINDS = ("model", "sensor", "encoder")
@@ -96,10 +100,6 @@ class _Spec:
         if len(set(names)) < len(names):
             raise ValueError(f"{self.name!r} has two parameters of the same name")
 
-    def load(self) -> Any:
-        """Import and return the class behind this spec. Raises UserError when that fails."""
-        return _imported(self.name, self.target)
-
     def settings(self, given: Mapping[str, str]) -> dict[str, Value]:
         """All parameters with their values: the given texts read, the others at their defaults.
 
@@ -133,6 +133,12 @@ class ModelSpec(_Spec):
     encoders: tuple[str, ...] = ("heat",)
     default_encoder: str = ""
 
+    def load(self) -> Callable[..., Model]:
+        """Import and return the class. Raises UserError when it cannot be used."""
+        from tactibench.plugins.base import Model
+
+        return _subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
+
     def __post_init__(self) -> None:
         super().__post_init__()
         answers: object = self.answers
@@ -154,7 +160,7 @@ class SensorSpec(_Spec):
     """A sensor: scenes -> frames. origin: "simulated" or "real"; needs_data: takes ``--data``.
 
     reference_of: name of the sensor whose reference scenes this one is: a sensor that has scenes
-    (see ``HasScenes``) and to be tested on alone (``--test reference``). scenes: what they are
+    (see ``Sensor.scenes``) and to be tested on alone (``--test reference``). scenes: what they are
     called, such as "finite-element scenes". It takes those parameters of the other that it has.
     """
 
@@ -162,6 +168,12 @@ class SensorSpec(_Spec):
     needs_data: bool = False
     reference_of: str = ""
     scenes: str = ""
+
+    def load(self) -> Callable[..., Sensor]:
+        """Import and return the class. Raises UserError when it cannot be used."""
+        from tactibench.plugins.base import Sensor
+
+        return _subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -184,6 +196,12 @@ class EncoderSpec(_Spec):
     kind: str = "heat"
     max_contacts: int | None = None
     shows_surface: bool = False
+
+    def load(self) -> Callable[..., Encoder]:
+        """Import and return the class. Raises UserError when it cannot be used."""
+        from tactibench.plugins.base import Encoder
+
+        return _subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -235,6 +253,21 @@ def _imported(name: str, target: str) -> Any:
             f"{name!r} cannot be used, because {target} does not load ({in_one_line(error)}); "
             "mend or reinstall its plugin."
         ) from error
+
+
+def _subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
+    """Return the class of a target. Raises UserError where it cannot stand for the base class."""
+    loaded = _imported(name, target)
+    if not (isinstance(loaded, type) and issubclass(loaded, base)):
+        kind, own = base.__name__, target.partition(":")[2]
+        raise UserError(
+            f"{name!r} was written for an older tactibench, because {target} does not inherit from "
+            f"tactibench.{kind}; import {kind} from tactibench and write `class {own}({kind}):`."
+        )
+    missing = sorted(getattr(loaded, "__abstractmethods__", ()))
+    if missing:
+        raise UserError(f"{name!r} cannot be used, because {target} lacks {', '.join(missing)}.")
+    return loaded
 
 
 def in_one_line(error: BaseException) -> str:

@@ -7,13 +7,13 @@ the answers can be asked of any machine, also of one that only emulates it.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tactibench.contacts import Frame
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import ConfiguredModel, Model
-from tactibench.run.configurations import COMPILED, model_stages, timed_as
+from tactibench.plugins.base import Model
+from tactibench.run.configurations import COMPILED
 from tactibench.run.latency import Stage
 
 if TYPE_CHECKING:
@@ -46,11 +46,11 @@ def ways(
 
     found: dict[str, tuple[str, Make]] = {}
     skipped: dict[str, str] = {}
-    if isinstance(model, ConfiguredModel):
-        configured: Mapping[str, str] = model.configurations
+    if model.configurations:
+        configured = model.configurations
         found = {name: (words, _configured(model, name)) for name, words in configured.items()}
     else:
-        found[OWN] = (timed_as(model), lambda _: model_stages(model))
+        found[OWN] = (model.timed_as, lambda _: model.stages())
     if isinstance(model, LearnedModel):
         for name, words in TYPES.items():
             typed = _typed(model, name)
@@ -65,7 +65,7 @@ def ways(
     return found, skipped
 
 
-def _configured(model: ConfiguredModel, name: str) -> Make:
+def _configured(model: Model, name: str) -> Make:
     return lambda frames: model.configured(name, frames)
 
 

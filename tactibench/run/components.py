@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from tactibench.errors import UserError
+from tactibench.plugins.base import Encoder, Model, ModelContext, Sensor, SensorContext
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue, PluginHost
-from tactibench.plugins.interfaces import Encoder, Model, ModelContext, Sensor, SensorContext
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import code_hash, code_mentions
@@ -68,7 +68,7 @@ class Sensors:
     tested: Part[SensorSpec] | None = None
 
     def build_sensor(self, context: SensorContext) -> Sensor:
-        return _opened(self.sensor, context)
+        return self.sensor.spec.load()(context, **self.sensor.values)
 
     @property
     def test_sensor(self) -> Part[SensorSpec]:
@@ -76,7 +76,7 @@ class Sensors:
         return self.tested or self.sensor
 
     def build_test_sensor(self, context: SensorContext) -> Sensor:
-        return _opened(self.test_sensor, context)
+        return self.test_sensor.spec.load()(context, **self.test_sensor.values)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,12 +89,10 @@ class Parts(Sensors):
     def build_encoder(self) -> Encoder | None:
         if self.encoder is None:
             return None
-        encoder: Encoder = self.encoder.spec.load()(**self.encoder.values)
-        return encoder
+        return self.encoder.spec.load()(**self.encoder.values)
 
     def build_model(self, context: ModelContext) -> Model:
-        model: Model = self.model.spec.load()(context, **self.model.values)
-        return model
+        return self.model.spec.load()(context, **self.model.values)
 
     @property
     def shows_surface(self) -> bool:
@@ -162,11 +160,6 @@ def sensors_of(record: Mapping[str, Any], host: PluginHost) -> Sensors:
     stated = record["sensor"]
     values = {name: str(value) for name, value in stated["parameters"].items()}
     return Sensors(sensor=_part(host.sensors, stated["name"], values), regime=record["regime"])
-
-
-def _opened(part: Part[SensorSpec], context: SensorContext) -> Sensor:
-    sensor: Sensor = part.spec.load()(context, **part.values)
-    return sensor
 
 
 def _part(catalogue: Catalogue[SpecT], name: str, given: Mapping[str, str]) -> Part[SpecT]:

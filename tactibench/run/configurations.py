@@ -10,7 +10,7 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import ConfiguredModel, Model, StagedModel
+from tactibench.plugins.base import Model
 from tactibench.run.difference import Difference, compare
 from tactibench.run.latency import LatencySample, Stage
 
@@ -39,18 +39,6 @@ class Configurations:
         return {one.name: one.stages for one in self.usable}
 
 
-def model_stages(model: Model) -> list[Stage]:
-    """The phases a model declares, or all of it as one phase."""
-    if isinstance(model, StagedModel):
-        return list(model.stages())
-    return [("predict", model.predict)]
-
-
-def timed_as(model: Model) -> str:
-    """What its own stages compute with, in words."""
-    return str(getattr(model, "timed_as", "as the model predicts"))
-
-
 def answers_of(stages: Sequence[Stage], frames: Sequence[Frame]) -> list[Answer | None]:
     """Answers at batch 1, frame by frame."""
     found: list[Answer | None] = []
@@ -76,11 +64,10 @@ def configurations(
     A model that has no choice is timed as it is. compiled: try torch.compile, too. Raises UserError
     when none works.
     """
-    if not isinstance(model, ConfiguredModel):
-        stages = model_stages(model)
-        words = timed_as(model)
-        gap = compare(answers_of(stages, frames), scored, truth)
-        return Configurations((Configuration("default", words, stages, gap),), {})
+    if not model.configurations:
+        own = list(model.stages())
+        gap = compare(answers_of(own, frames), scored, truth)
+        return Configurations((Configuration("default", model.timed_as, own, gap),), {})
     usable, skipped = [], {}
     for name, words in model.configurations.items():
         if name == COMPILED and not compiled:

@@ -6,10 +6,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from tactibench.contacts import Frame
-from tactibench.plugins.interfaces import KnowsCost
+from tactibench.plugins.base import Model
 
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 _RESET_PEAK = "5"
@@ -36,14 +35,9 @@ def peak_memory() -> Iterator[PeakMemory]:
     found.mb = _peak_mb()
 
 
-def cost(model: Any, frame: Frame) -> dict[str, int | None]:
-    """ "parameters" and "flops_per_frame" of a model; None for what it does not know."""
-    parameters = getattr(model, "parameters", None)
-    known = isinstance(parameters, int) and not isinstance(parameters, bool)
-    return {
-        "parameters": parameters if known else None,
-        "flops_per_frame": model.flops(frame) if isinstance(model, KnowsCost) else None,
-    }
+def cost(model: Model, frame: Frame) -> dict[str, int | None]:
+    """Return "parameters" and "flops_per_frame" of a model; None for what it does not know."""
+    return {"parameters": model.parameter_count(), "flops_per_frame": model.flops(frame)}
 
 
 def _peak_mb() -> float | None:

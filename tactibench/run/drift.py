@@ -12,7 +12,7 @@ import numpy as np
 from tactibench.contacts import Answer, Frame, PlatePose
 from tactibench.errors import UserError
 from tactibench.frames.source import spread
-from tactibench.plugins.interfaces import Model
+from tactibench.plugins.base import Model
 from tactibench.run.arithmetic import Make, ways
 from tactibench.run.configurations import COMPILED
 from tactibench.run.difference import Difference, compare, mean_error_mm

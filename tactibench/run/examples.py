@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.frames.source import spread
-from tactibench.plugins.interfaces import Model, ShowsFeatures
+from tactibench.plugins.base import Model
 from tactibench.records.store import Arrays
 from tactibench.run.predict import blinded
 
@@ -39,10 +39,12 @@ def example_arrays(
         "index": np.array(rows, dtype=np.int64),
         "images": np.stack([frames[row].image for row in rows]),
     }
-    if model is not None and isinstance(model, ShowsFeatures):
+    if model is not None:
         row = max(rows, key=lambda row: (_contacts(truth[row]), -row))
-        arrays["features_row"] = np.array(row, dtype=np.int64)
-        arrays |= packed_features(model.features(blinded(frames[row])))
+        features = model.features(blinded(frames[row]))
+        if features:
+            arrays["features_row"] = np.array(row, dtype=np.int64)
+            arrays |= packed_features(features)
     return arrays
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from tactibench.contacts import Answer, Frame
 from tactibench.frames.ground_truth import true_bounds, true_surfaces
 from tactibench.frames.presses import Presses
-from tactibench.plugins.interfaces import KeepsAccount, Model, SensorContext
+from tactibench.plugins.base import Model, SensorContext
 from tactibench.protocols.loader import check_metrics
 from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.run.examples import example_arrays
@@ -200,13 +200,12 @@ def _account(plan: RunPlan) -> dict[str, dict[str, int]]:
     # Families of hard cases change the sensor: the tester cannot speak for all their scenes.
     tested = () if plan.protocol.keys.families else frames.test
     found = {
-        role: one.account([scene for wanted in sets for scene in wanted.scenes])
+        role: dict(one.scene_counts([scene for wanted in sets for scene in wanted.scenes]))
         for role, sets, one in (
             ("fit", frames.fit, sensor),
             ("validation", frames.validation, sensor),
             ("test", tested, tester),
         )
-        if isinstance(one, KeepsAccount)
     }
     return {role: counts for role, counts in found.items() if counts}
 

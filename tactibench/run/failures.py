@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame
-from tactibench.plugins.interfaces import Model
+from tactibench.plugins.base import Model
 from tactibench.run.predict import NotFiniteError, predict_all
 
 Arrays = dict[str, npt.NDArray[Any]]

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Frame
-from tactibench.plugins.interfaces import Adapts, Model
+from tactibench.plugins.base import Model
 from tactibench.run.plan import RunPlan
 from tactibench.run.train import Reporter, open_frames
 from tactibench.run.truth import true_answers
@@ -51,11 +51,10 @@ class Shots:
 
     def chosen(self, model: Model) -> list[dict[str, Any]]:
         """What the model says it chose for each number of labelled frames."""
-        if not isinstance(model, Adapts):
+        if not self.frames:
             return []
         found = [{"shots": count, **self._shown(model, count)} for count in self.counts]
-        if self.counts:
-            self._shown(model, 0)
+        self._shown(model, 0)
         return found
 
     def each(self, model: Model, ask: Callable[[], Asked]) -> Asked:
@@ -63,7 +62,7 @@ class Shots:
 
         Heatmaps are those without labelled frames.
         """
-        if not isinstance(model, Adapts) or not self.counts:
+        if not self.frames:
             return ask()
         found: list[Answer | None] = []
         heat: npt.NDArray[np.float16] | None = None
@@ -91,8 +90,8 @@ class Shots:
             }
         }
 
-    def _shown(self, model: Adapts, count: int) -> dict[str, Any]:
-        return dict(model.adapt(list(self.frames[:count]), list(self.truth[:count])))
+    def _shown(self, model: Model, count: int) -> dict[str, Any]:
+        return dict(model.adapt(list(self.frames[:count]), list(self.truth[:count])) or {})
 
 
 def open_shots(plan: RunPlan, model: Model, reporter: Reporter) -> Shots:
@@ -101,7 +100,7 @@ def open_shots(plan: RunPlan, model: Model, reporter: Reporter) -> Shots:
     keys, wanted = plan.protocol.keys, plan.frames.shots
     if keys.transfer is None or wanted is None:
         return Shots()
-    if not isinstance(model, Adapts):
+    if model.adapt([], []) is None:
         return Shots((0,))
     presses = open_frames(wanted, reporter)
     return Shots(keys.transfer.shots, presses.frames, true_answers(keys, [presses]))

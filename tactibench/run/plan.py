@@ -10,8 +10,8 @@ from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.frames.source import FramePlan, Wanted, plan_frames
+from tactibench.plugins.base import ModelContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import ModelContext
 from tactibench.protocols.hidden_seed import HiddenSeed, committed_seed
 from tactibench.protocols.loader import LoadedProtocol, load_protocol
 from tactibench.records.identity import code_hash, digest, installed_versions

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import MapsModel, Model
+from tactibench.plugins.base import Model
 
 HeatMaps = npt.NDArray[np.float16]
 
@@ -34,21 +34,21 @@ def predict_all(
     Raises UserError when the model answers something else than it declared.
     """
     answers: list[Answer | None] = []
-    with_maps = isinstance(model, MapsModel) and answer == "contacts"
-    heat = np.empty((len(frames), *shape), dtype=np.float16) if with_maps else None
-    for row, frame in enumerate(frames):
+    heat: list[HeatMaps] = []
+    for frame in frames:
         seen = [blinded(frame)]
-        if isinstance(model, MapsModel) and heat is not None:
-            maps = np.asarray(model.maps(seen))
-            heat[row] = _checked_maps(maps, shape)[0, 0]
-            found = model.read_maps(maps)
-        else:
+        maps = model.maps(seen) if answer == "contacts" else None
+        if maps is None:
             found = model.predict(seen)
+        else:
+            maps = np.asarray(maps)
+            heat.append(_checked_maps(maps, shape)[0, 0].astype(np.float16))
+            found = model.read_maps(maps)
         if len(found) != 1:
             raise UserError(f"the model gave {len(found)} answers for one frame; it must give one.")
         answers.append(_checked(found[0], answer, max_contacts))
         advance(1)
-    return answers, heat
+    return answers, np.stack(heat) if heat else None
 
 
 def blinded(frame: Frame) -> Frame:

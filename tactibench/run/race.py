@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
-from tactibench.plugins.interfaces import Model
+from tactibench.plugins.base import Model
 from tactibench.run.configurations import (
     Configuration,
     Configurations,
@@ -100,9 +100,9 @@ def run_race(
     return Race(found, best, tuple(rows))
 
 
-def steps(model: Any, batches: Sequence[int] = BATCHES) -> int:
+def steps(model: Model, batches: Sequence[int] = BATCHES) -> int:
     """How many steps ``run_race`` tells of at most, for a progress bar."""
-    return len(getattr(model, "configurations", ())) + 2 + len(batches)
+    return len(model.configurations) + 2 + len(batches)
 
 
 def metric_rows(race: Race) -> list[dict[str, Any]]:

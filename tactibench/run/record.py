@@ -33,8 +33,8 @@ def make_record(
     """JSON values for ``write_run``.
 
     predicted: as packed. data: hashes of the test frames. account: by role, how the sensor made
-    its scenes (see ``KeepsAccount``). presses: how many the test frames are of. shots: what of the
-    tested sensor was shown beforehand, where that is another one.
+    its scenes (see ``Sensor.scene_counts``). presses: how many the test frames are of. shots: what
+    of the tested sensor was shown beforehand, where that is another one.
     """
     protocol, request, parts = plan.protocol, plan.request, plan.parts
     environment = environment_facts()

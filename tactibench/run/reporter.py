@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from tactibench.plugins.interfaces import Progress
+from tactibench.plugins.base import Progress
 
 
 class SilentProgress:

@@ -10,13 +10,11 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.frames.source import spread
-from tactibench.plugins.interfaces import ConfiguredModel, Model
+from tactibench.plugins.base import Model
 from tactibench.run.configurations import (
     answers_of,
     configurations,
     fastest,
-    model_stages,
-    timed_as,
 )
 from tactibench.run.cost import cost, peak_memory
 from tactibench.run.device import machine
@@ -98,7 +96,7 @@ def measure_speed(
             raw[f"offline_{batch}_frames_ms"] = np.asarray(sample.raw_ms)
     gap = compare(answers_of(stages, seen), scored, true)
     timed = {
-        "configuration": words or timed_as(model),
+        "configuration": words or model.timed_as,
         **gap.as_row(),
         "raced": raced,
     }
@@ -113,8 +111,8 @@ def _chosen(
     budget_s: float,
 ) -> tuple[str, Sequence[Stage], list[dict[str, Any]]]:
     """The stages to time, what they are in words, and how all ways did on one thread."""
-    if truth is None or not isinstance(model, ConfiguredModel):
-        return "", model_stages(model), []
+    if truth is None or not model.configurations:
+        return "", model.stages(), []
     rows = spread(range(len(frames)), RACE_FRAMES)
     few = [frames[row] for row in rows]
     with torch_threads(1):

@@ -9,7 +9,7 @@ from typing import Protocol
 from tactibench.contacts import Answer, Frame
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Wanted
-from tactibench.plugins.interfaces import Model, Progress
+from tactibench.plugins.base import Model, Progress
 from tactibench.run.plan import RunPlan
 from tactibench.run.truth import true_answers
 from tactibench.run.weights import Examples, Trained, trained_weights

@@ -13,7 +13,7 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import FitReport, Model, Progress
+from tactibench.plugins.base import FitReport, Model, Progress
 from tactibench.protocols.schema import Protocol
 from tactibench.records.files import file_hash, read_json, write_json
 from tactibench.records.identity import (

@@ -10,8 +10,8 @@ import numpy as np
 from tactibench.contacts import Answer, Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import plate_pose, true_contacts
+from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import Sensor, SensorContext
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.pressable import pressable
@@ -74,7 +74,7 @@ class Presser:
                 f"sensor {spec.name!r} presses only the scenes that it has, but the checks of a "
                 f"model draw their own; take another, such as {keys.defaults.sensor!r}."
             )
-        sensor: Sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
+        sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
         return cls(pressable(keys, sensor), spec.name, sensor)
 
     def singles(self, count: int) -> Examples:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from torch import nn
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import FitReport, ModelContext, Progress
+from tactibench.plugins.base import FitReport, Model, ModelContext, Progress
 from tactibench.training.deploy import CONFIGURATIONS, Unavailable, deployed
 from tactibench.training.examples import Examples
 from tactibench.training.fold import fold_batch_norm
@@ -33,7 +33,7 @@ _BATCH = 32
 """Frames that pass the network at once in ``predict``."""
 
 
-class LearnedModel(ABC):
+class LearnedModel(Model):
     """A model that is one network: a subclass says what goes in, what comes out and the loss.
 
     context, recipe: as handed to the model. architecture: JSON values that determine the shape of
@@ -43,6 +43,7 @@ class LearnedModel(ABC):
 
     name: ClassVar[str]
     """The name the model is declared by."""
+    configurations = CONFIGURATIONS
 
     def __init__(
         self,
@@ -55,6 +56,8 @@ class LearnedModel(ABC):
         self.recipe = recipe
         self.architecture = architecture
         self.mixing = mixing
+        precision = resolve_precision("auto", context.device)
+        self.timed_as = f"{precision}, batch 1, normalisation folded, channels_last"
         self._network: nn.Module | None = None
         self._folded: dict[str, nn.Module] = {}
 
@@ -99,17 +102,17 @@ class LearnedModel(ABC):
         """Frames without a contact to learn from besides those given."""
         return []
 
-    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: B027
+    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         """Learn what inputs and targets need (scales, a rest layout) before the training."""
 
-    def start(self, network: Any, training: Examples) -> None:  # noqa: B027
+    def start(self, network: Any, training: Examples) -> None:
         """Set what is known of the network's state before the first step."""
 
     def extra(self) -> dict[str, Any]:
         """JSON values of ``prepare`` that are kept beside the weights."""
         return {}
 
-    def use_extra(self, extra: dict[str, Any]) -> None:  # noqa: B027
+    def use_extra(self, extra: dict[str, Any]) -> None:
         """Take back what ``extra`` gave."""
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
@@ -184,12 +187,6 @@ class LearnedModel(ABC):
         batches = (self.inputs(frames[start : start + _BATCH]) for start in starts)
         return np.concatenate([self._forward(batch, "float32") for batch in batches])
 
-    @property
-    def timed_as(self) -> str:
-        """The configuration of ``stages``."""
-        precision = resolve_precision("auto", self.context.device)
-        return f"{precision}, batch 1, normalisation folded, channels_last"
-
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """Phases of the fast configuration: bf16 where the device computes it natively."""
         precision = resolve_precision("auto", self.context.device)
@@ -199,11 +196,6 @@ class LearnedModel(ABC):
             ("forward", lambda inputs: self._forward(inputs, precision)),
             ("decode", self.answers),
         ]
-
-    @property
-    def configurations(self) -> dict[str, str]:
-        """Ways to compute the answers, name -> words; those of ``deploy``."""
-        return dict(CONFIGURATIONS)
 
     def configured(
         self, name: str, frames: Sequence[Frame]
@@ -252,9 +244,8 @@ class LearnedModel(ABC):
             return self._use(self._built(seed=0))
         return self._network
 
-    @property
-    def parameters(self) -> int:
-        """Number of trained weights."""
+    def parameter_count(self) -> int:
+        """Return the number of trained weights."""
         return count_parameters(self.network)
 
     def flops(self, frame: Frame) -> int | None:

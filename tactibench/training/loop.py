@@ -19,7 +19,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import FitReport, Progress
+from tactibench.plugins.base import FitReport, Progress
 from tactibench.training.average import averaged
 from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 from tactibench.training.examples import Examples

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 
 from tactibench.contacts import Answer, Contacts, Frame
-from tactibench.plugins.interfaces import FitReport, ModelContext, Progress
+from tactibench.plugins.base import FitReport, ModelContext, Progress
 from tactibench.superposition import Eye
 from tactibench.training.calibration import held_back, scale_std, std_factors
 from tactibench.training.learned import LearnedModel

@@ -11,7 +11,7 @@ import numpy as np
 from tactibench.contacts import Answer, Contacts, Grid, PlatePose
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM, plate_from_contacts
-from tactibench.plugins.interfaces import Encoder
+from tactibench.plugins.base import Encoder
 
 _SHALLOWEST_MM = 0.5
 """A plate's depth label may start anywhere (a robot's z); its smallest is drawn at this depth."""
@@ -52,13 +52,10 @@ class PlateScale:
 
 
 def heatmaps(encoder: Encoder, truth: Sequence[Contacts], grid: Grid) -> np.ndarray:
-    """(N, C, H, W) float16 maps, encoded in one call where the encoder can."""
+    """(N, C, H, W) float16 maps, encoded in one call."""
     if not truth:
         return np.empty((0, encoder.channels, *grid.shape), dtype=np.float16)
-    batch = getattr(encoder, "encode_batch", None)
-    if batch is not None:
-        return np.asarray(batch(truth, grid)).astype(np.float16)
-    return np.stack([encoder.encode(contacts, grid).astype(np.float16) for contacts in truth])
+    return np.asarray(encoder.encode_batch(truth, grid)).astype(np.float16)
 
 
 def touched(answer: Answer | None) -> np.ndarray:

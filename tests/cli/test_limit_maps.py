@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stubs import StubSensor
 
 from tactibench.board.limits import (
     LimitRequest,
@@ -23,12 +24,11 @@ from tactibench.cli.report.limits import micrometres, print_limits
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
-from tactibench.plugins.interfaces import KnowsBound, KnowsCovariance
 
 GRID = Grid.centred(5, 2.0)
 
 
-class Formula:
+class Formula(StubSensor):
     """sd of x 1 um + 1 um a mm of |x|, of y 2 um, of depth 3 um; x > 3 mm is refused."""
 
     nuisances = ("light",)
@@ -47,16 +47,6 @@ class Formula:
 
 def asked(indenter: Indenter, depths: tuple[float, ...] = (2.0,), **more: Any) -> LimitRequest:
     return LimitRequest(indenter, GRID, depths, **more)
-
-
-def test_the_protocols_are_told_apart() -> None:
-    class OnlyBound:
-        def bound(self, scene: Scene) -> None: ...
-
-    assert isinstance(Formula(), KnowsCovariance)
-    assert isinstance(Formula(), KnowsBound)
-    assert isinstance(OnlyBound(), KnowsBound)
-    assert not isinstance(OnlyBound(), KnowsCovariance)
 
 
 def test_a_map_holds_every_press_and_leaves_refused_cells_empty() -> None:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from tactibench import Contacts, Indenter, Pose, Scene, UserError
 from tactibench.geometry import (
-    HasShape,
     normal_penetration,
     plate_contact_xy,
     plate_from_contacts,
@@ -70,12 +69,3 @@ def test_a_plate_has_no_point_of_contact_on_a_flat_pad():
             ask(scene, math.inf)
     with pytest.raises(UserError, match="touches a flat pad everywhere"):
         plate_from_contacts(Contacts.truth([[1.0, 0.0]], [1.0]), math.inf)
-
-
-def test_a_sensor_says_its_shape_by_two_attributes():
-    class Flat:
-        dome_radius_mm = math.inf
-        deepest_mm = 3.0
-
-    assert isinstance(Flat(), HasShape)
-    assert not isinstance(object(), HasShape)

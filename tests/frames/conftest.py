@@ -5,7 +5,7 @@ The sensor's frames are noise of its seed and the press's number.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tactibench import Frame, Grid, Indenter, Pose, Scene, SensorContext
+from tactibench import Frame, Grid, Indenter, Pose, Scene, Sensor, SensorContext
 from tactibench.frames import cache as generated
 from tactibench.frames.cache import FrameRequest
 
@@ -31,7 +31,7 @@ class Counter:
 
 
 @dataclass
-class NoiseSensor:
+class NoiseSensor(Sensor):
     context: SensorContext
     counter: Counter
     offset: float = 0.0
@@ -40,9 +40,6 @@ class NoiseSensor:
     def __enter__(self) -> NoiseSensor:
         self.done = 0
         return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
     def rest(self) -> Frame:
         return Frame(np.zeros(SHAPE, np.uint8), 0.0, Pose())
@@ -57,9 +54,6 @@ class NoiseSensor:
         self.counter.presses += 1
         pose = replace(scene.pose, x=scene.pose.x + self.offset)
         return Frame(image, float(self.done), pose)
-
-    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        return map(self.press, scenes)
 
     def describe(self) -> dict[str, Any]:
         return {"offset": self.offset}

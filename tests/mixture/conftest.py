@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from silent import Epochs
+from stubs import StubEncoder
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose
 from tactibench.training import read_mixture
@@ -16,7 +17,7 @@ GRID = Grid.centred(64, 0.4)
 MM = 0.4  # a pixel
 
 
-class CellEncoder:
+class CellEncoder(StubEncoder):
     """Reads the 7 maps of a mixture."""
 
     channels, separation, tolerance = 7, 2.0, 1e-5

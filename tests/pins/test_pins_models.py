@@ -175,7 +175,7 @@ def test_without_a_rest_image_the_least_pressed_frame_stands_in(
 def test_times_and_costs_are_known(taught, make_presses, name):
     model, report = taught[name]
     frames, _ = make_presses(8, 16)
-    assert model.parameters > 100
+    assert model.parameter_count() > 100
     assert model.flops(frames[0]) > 1000
     answers = model.predict(frames)
     speed = measure_speed(model, frames, answers, 5, 0.05)

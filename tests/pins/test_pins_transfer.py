@@ -8,7 +8,6 @@ from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import lattice
-from tactibench.plugins.interfaces import Adapts
 from tactibench.run.reporter import SilentProgress
 from tactibench_pins.correction import RIDGES, Correction
 from tactibench_pins.kernel import Kernel
@@ -72,7 +71,6 @@ def test_another_layout_is_read_without_a_label(taught, kind):
 @both
 def test_labelled_frames_correct_and_none_take_the_correction_back(taught, kind):
     model = taught[kind]
-    assert isinstance(model, Adapts)
     frames, truth = presses(OTHER, 60, 5, offset=1.5)
     before = [answer.depth for answer in model.predict(frames)]
     notes = model.adapt(*presses(OTHER, 30, 6, offset=1.5))

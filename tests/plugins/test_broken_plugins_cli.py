@@ -34,9 +34,10 @@ def tactibench_commands():
 """
 MODULE = """
 import click
+from stubs import StubModel
 print("heavy module imported")
 
-class Model: ...
+class Model(StubModel): ...
 
 @click.command()
 def verb():

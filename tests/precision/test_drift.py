@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stubs import StubModel
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 from tactibench.cli.main import call
@@ -22,7 +23,7 @@ FRAMES = [Frame(np.full((2, 2), k, np.uint8), 0.0, Pose()) for k in range(8)]
 TRUTH = [Contacts.truth([[float(k), 0.5]], [2.0]) for k in range(8)]
 
 
-class Shifted:
+class Shifted(StubModel):
     """Exact in float32; each way shifts x, and "bad" gives one output that is no number."""
 
     configurations = {"float32": "as it is", "shifted": "by 0.01 mm", "bad": "NaN", "absent": "-"}  # noqa: RUF012
@@ -143,9 +144,7 @@ class Own(LearnedModel):
     name, native = "own", True
     answers = build = inputs = loss = targets = None  # type: ignore[assignment]
 
-    @property
-    def configurations(self) -> dict[str, str]:
-        return {"bf16": "its own bf16"}
+    configurations = {"bf16": "its own bf16"}  # noqa: RUF012
 
     def configured(self, name: str, frames: Any) -> list[tuple[str, Any]]:
         if not self.native:

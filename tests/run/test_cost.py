@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from stubs import StubModel
 
 from tactibench import Frame, Pose
 from tactibench.run import cost as module
@@ -49,19 +50,14 @@ def test_without_the_kernels_files_the_peak_of_the_life_is_taken(tmp_path, monke
 
 
 def test_what_a_model_knows_of_itself():
-    class Nothing: ...
-
-    class Weights:
-        parameters = 12
+    class Weights(StubModel):
+        def parameter_count(self):
+            return 12
 
     class Both(Weights):
         def flops(self, frame):
             return 2 * frame.image.size
 
-    class Odd:
-        parameters = "many"
-
-    assert cost(Nothing(), FRAME) == {"parameters": None, "flops_per_frame": None}
+    assert cost(StubModel(), FRAME) == {"parameters": None, "flops_per_frame": None}
     assert cost(Weights(), FRAME) == {"parameters": 12, "flops_per_frame": None}
     assert cost(Both(), FRAME) == {"parameters": 12, "flops_per_frame": 32}
-    assert cost(Odd(), FRAME)["parameters"] is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.run.examples import (
@@ -15,7 +16,7 @@ from tactibench.run.examples import (
 )
 
 
-class Shows:
+class Shows(StubModel):
     def __init__(self):
         self.seen = []
 
@@ -34,7 +35,7 @@ def contacts(count):
 
 
 def test_frames_are_spread_over_all():
-    arrays = example_arrays(frames(100), [contacts(1)] * 100, object())
+    arrays = example_arrays(frames(100), [contacts(1)] * 100, StubModel())
     assert len(arrays["index"]) == EXAMPLES
     assert (arrays["images"][:, 0, 0] == arrays["index"]).all()
     assert set(arrays) == {"index", "images"}

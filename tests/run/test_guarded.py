@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.board.verifying.answers import check_answers
@@ -17,7 +18,7 @@ FRAMES = [Frame(np.full((4, 4), k, np.uint8), 0.0, Pose()) for k in range(6)]
 SHAPE = (4, 4)
 
 
-class Fragile:
+class Fragile(StubModel):
     """Fails on frames 1 (raises), 2 (NaN), 3 (too many) and answers the others."""
 
     def predict(self, frames: Any) -> list[Any]:

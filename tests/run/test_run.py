@@ -236,10 +236,10 @@ def test_bounds_and_surfaces_are_read_from_the_cache(run: Run, tiny: Any, monkey
 def test_how_a_sensor_made_its_scenes_is_recorded(run: Run, tiny: Any, monkeypatch: Any) -> None:
     assert "account" not in run("exp1").record["sensor"]
 
-    def account(_: Any, scenes: Any) -> dict[str, int]:
+    def scene_counts(_: Any, scenes: Any) -> dict[str, int]:
         return {"quickly": len(scenes)}
 
-    monkeypatch.setattr(tiny.TinySensor, "account", account, raising=False)
+    monkeypatch.setattr(tiny.TinySensor, "scene_counts", scene_counts, raising=False)
     told = run("exp1", store="again").record["sensor"]["account"]
     assert told["test"] == {"quickly": 20}
     assert told["fit"] == {"quickly": 30}

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.run import race as race_module
@@ -23,7 +24,7 @@ BATCHES = speed_module.BATCHES
 TRUTH = [Contacts.truth([[0.0, 0.0]], [1.0 + value]) for value in range(10)]
 
 
-class Ways:
+class Ways(StubModel):
     """Reads depth from the gray level, 0.5 mm too deep; ``coarse`` rounds, ``many`` doubles."""
 
     configurations: ClassVar[dict[str, str]] = {
@@ -34,7 +35,9 @@ class Ways:
         "gone": "not here",
         "compiled": "compiled",
     }
-    parameters = 7
+
+    def parameter_count(self) -> int:
+        return 7
 
     def __init__(self) -> None:
         self.made: list[str] = []

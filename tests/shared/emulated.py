@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from tactibench import Frame, Pose, Scene, UserError
+from tactibench import Frame, Pose, Scene, Sensor, UserError
 from tactibench_tactip.emulators import Clock
 
 DEEPEST_MM = 8.0
@@ -31,22 +30,12 @@ class HandClock(Clock):
         return self.t
 
 
-class GraySensor:
+class GraySensor(Sensor):
     """Nine bright squares on black; how bright they are tells how deep the press is, 20 levels a
     mm. Deeper than 8 mm is refused."""
 
     def __init__(self) -> None:
         self.pressed = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...
 
     def rest(self) -> Frame:
         return Frame(self._image(0.0), 0.0, Pose())

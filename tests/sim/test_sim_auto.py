@@ -85,6 +85,6 @@ def test_a_sensor_tells_how_many_scenes_took_which_tier():
         Scene(Indenter.dual(7.0), Pose(depth=6.4)),
     ]
     context = SensorContext(np.random.SeedSequence(0))
-    told = TacTip127(context, tier="auto").account(scenes)
+    told = TacTip127(context, tier="auto").scene_counts(scenes)
     assert told == {"superpose": 1, "coupled": 2, "fem": 0, "tolerance_unmet": 1}
-    assert TacTip127(context, tier="coupled").account(scenes) == {}
+    assert TacTip127(context, tier="coupled").scene_counts(scenes) == {}

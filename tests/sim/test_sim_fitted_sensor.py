@@ -13,7 +13,6 @@ import pytest
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.datasets.importing.pivot import lean_of
 from tactibench.markers import Tracker
-from tactibench.plugins.interfaces import Calibrated
 from tactibench_sim.real.calibration import Calibration, shipped
 from tactibench_sim.real.sensor import Fitted127, Fitted331
 
@@ -118,7 +117,6 @@ def test_individuals_differ_in_the_field_and_share_the_rest_frame():
 
 def test_the_frames_it_was_fitted_to_are_told():
     sensor = made()
-    assert isinstance(sensor, Calibrated)
     ((recording, frames),) = sensor.calibrated_on().items()
     assert len(frames) == len(set(frames)) == 200
     assert recording == shipped().recording

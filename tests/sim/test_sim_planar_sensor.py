@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.geometry import HasShape, true_contacts
-from tactibench.plugins.interfaces import KnowsBound, KnowsSurface
+from tactibench.geometry import true_contacts
 from tactibench_sim import hooks, sealed
 from tactibench_sim.contact import Tips
 from tactibench_sim.planar import table as tables
@@ -106,13 +105,10 @@ def test_surface_is_the_depth_under_the_tip():
     assert surface.min() < -0.05
 
 
-def test_shape_and_protocols():
+def test_shape():
     one = sensor()
-    assert isinstance(one, HasShape)
     assert math.isinf(one.dome_radius_mm)
     assert one.deepest_mm == 3.0
-    assert isinstance(one, KnowsSurface)
-    assert isinstance(one, KnowsBound)
 
 
 def test_tips_are_those_of_the_core_on_a_flat_pad():

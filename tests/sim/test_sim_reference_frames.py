@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import tip_depths, tip_positions, true_contacts
-from tactibench.plugins.interfaces import HasPresses, HasScenes, KnowsBound, KnowsSurface
 from tactibench_sim import hooks, reference, validate_frames
 from tactibench_sim.reference_frames.hooks import tactibench_sensors
 from tactibench_sim.reference_frames.sensor import Reference127, Reference331, press_of, scene_of
@@ -34,8 +33,6 @@ def test_a_scene_brings_every_tip_where_the_run_had_it(one):
 
 def test_scenes_are_told_apart_and_belong_to_runs(sensor):
     scenes, presses = sensor.scenes(), sensor.presses()
-    assert isinstance(sensor, HasScenes)
-    assert isinstance(sensor, HasPresses)
     assert len(scenes) == len(set(scenes.values())) == len(SCENES)
     assert set(presses) == set(scenes)
     assert [presses[f"p7_eq at {d} mm"] for d in (1, 6)] == ["p7_eq", "p7_eq"]
@@ -66,8 +63,9 @@ def test_noise_follows_the_seed():
 
 
 def test_what_finite_elements_do_not_say_is_not_said(sensor):
-    assert not isinstance(sensor, KnowsBound)
-    assert not isinstance(sensor, KnowsSurface)
+    scene = scene_of(SCENES[0])
+    assert sensor.bound(scene) is None
+    assert sensor.surface(scene, Grid.centred(3, 1.0)) is None
 
 
 def test_a_scene_that_does_not_ship_is_refused(sensor):

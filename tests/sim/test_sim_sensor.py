@@ -10,7 +10,6 @@ import pytest
 
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError, gray_frames
 from tactibench.geometry import true_contacts
-from tactibench.plugins.interfaces import KnowsBound, KnowsCovariance, KnowsSurface
 from tactibench_sim import fem, hooks, sealed, table
 from tactibench_sim.rendered import BATCH, FRAMES_PER_SECOND
 from tactibench_sim.sensor import TacTip127, TacTip331
@@ -247,12 +246,6 @@ def test_surface_is_deepest_under_the_tip():
     assert surface.min() < 0  # the bulge
     wide = one.surface(Scene(Indenter.single(), pose), Grid.centred(64, 1.0))
     assert wide[0, 0] == 0
-
-
-def test_protocols_are_met():
-    assert isinstance(sensor(), KnowsSurface)
-    assert isinstance(sensor(), KnowsBound)
-    assert isinstance(sensor(), KnowsCovariance)
 
 
 def test_bound_is_one_row_a_contact():

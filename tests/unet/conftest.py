@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from silent import Epochs
 
-from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose
+from tactibench import Contacts, Encoder, Frame, Grid, ModelContext, PlatePose, Pose
 
 SIGMA_MM = 2.0
 
 
-class PeakEncoder:
+class PeakEncoder(Encoder):
     """Gaussians of the height depth / 6, read back at the highest cell. One contact at most."""
 
     channels, separation, tolerance = 1, 5.0, 0.3
@@ -28,9 +28,6 @@ class PeakEncoder:
         row, column = np.unravel_index(maps[0].argmax(), grid.shape)
         height = min(1.0, float(maps[0, row, column]))
         return Contacts([grid.xy(row, column)], [6 * height], [height])
-
-    def decode_batch(self, maps, grid):
-        return [self.decode(one, grid) for one in maps]
 
 
 def press(x, y, depth, size=64):

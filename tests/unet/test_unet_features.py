@@ -36,9 +36,6 @@ def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():
 
 
 def test_the_model_shows_them_of_a_frame(make_model, make_presses):
-    from tactibench.plugins.interfaces import ShowsFeatures
-
     model = make_model()
-    assert isinstance(model, ShowsFeatures)
     frame = make_presses(1, 0)[0][0]
     assert list(model.features(frame)) == list(LAYERS.values())

@@ -2,10 +2,10 @@
 
 import json
 
-from tactibench import Contacts, FitReport, UserError
+from tactibench import Contacts, FitReport, Model, UserError
 
 
-class Apex:
+class Apex(Model):
     def __init__(self, context, depth=3.0):
         self.depth = depth
 

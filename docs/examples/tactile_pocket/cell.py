@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from tactibench import Contacts
+from tactibench import Contacts, Encoder
 
 MAX_DEPTH_MM = 6.0
 
 
-class Cell:
+class Cell(Encoder):
     channels = 1
     separation = 1.0
     tolerance = 0.3
@@ -26,6 +26,3 @@ class Cell:
         best = np.argsort(-heat)
         xy = np.column_stack([x[columns], y[rows]])[best]
         return Contacts(xy, heat[best] * MAX_DEPTH_MM, heat[best])
-
-    def decode_batch(self, maps, grid):
-        return [self.decode(one, grid) for one in maps]

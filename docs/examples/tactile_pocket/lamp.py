@@ -2,21 +2,15 @@
 
 import numpy as np
 
-from tactibench import Frame, Pose, UserError
+from tactibench import Frame, Pose, Sensor, UserError
 from tactibench.geometry import tip_positions
 
 SIDE_PX, HALF_WIDTH_MM = 64, 10.0
 
 
-class Lamp:
+class Lamp(Sensor):
     def __init__(self, context):
         self.frames = 0
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, kind, error, trace):
-        pass
 
     def rest(self):
         return Frame(np.zeros((SIDE_PX, SIDE_PX), np.uint8), 0.0, Pose(), None)
@@ -31,9 +25,6 @@ class Lamp:
             image[np.hypot(x[None, :] - tip[0], x[:, None] - tip[1]) < 1.5] = 255
         self.frames += 1
         return Frame(image, self.frames / 30, scene.pose, self.rest().image)
-
-    def press_many(self, scenes):
-        return map(self.press, scenes)
 
     def describe(self):
         return {"sensor": "lamp", "version": 1}

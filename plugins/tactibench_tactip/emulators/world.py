@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Indenter, Sensor, SensorContext, open_sensor
-from tactibench.geometry import DOME_RADIUS_MM, HasShape
+from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_tactip.emulators.clock import Clock
 from tactibench_tactip.emulators.faults import Fault, Fired
 from tactibench_tactip.emulators.levels import Level
@@ -67,9 +67,8 @@ class World:
         self.clock = clock or Clock(time_scale)
         self.rig = rig or Rig()
         self.view = View(sensor)
-        self.dome_radius_mm = DOME_RADIUS_MM
-        if isinstance(sensor, HasShape):
-            self.dome_radius_mm = sensor.dome_radius_mm
+        radius = None if sensor is None else sensor.dome_radius_mm
+        self.dome_radius_mm = DOME_RADIUS_MM if radius is None else radius
         self._touch = Touch(self.rig, self.dome_radius_mm)
         self._route = Route(self._touch, matrix(self.rig.start))
         self._recorder = Recorder(self._route, envelope, press_depth_mm)

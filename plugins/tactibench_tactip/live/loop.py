@@ -74,8 +74,7 @@ def watch(
 
 def _answer(model: Model, frame: Frame) -> tuple[Any, npt.NDArray[Any] | None]:
     """As a run asks: maps once where the model can show them, then what they say."""
-    maps_of, read = getattr(model, "maps", None), getattr(model, "read_maps", None)
-    if maps_of is None or read is None:
+    maps = model.maps([frame])
+    if maps is None:
         return model.predict([frame])[0], None
-    maps = maps_of([frame])
-    return read(maps)[0], maps[0]
+    return model.read_maps(maps)[0], maps[0]

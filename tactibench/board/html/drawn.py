@@ -15,8 +15,8 @@ from tactibench.errors import UserError
 from tactibench.frames.drawn import frames_of_test, presser_of_test
 from tactibench.frames.presser import Presser
 from tactibench.geometry import true_contacts
+from tactibench.plugins.base import SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import SensorContext
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.files import read_arrays, write_arrays
 from tactibench.records.identity import code_hash, digest

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.contacts import Answer
+from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
 from tactibench.frames.drawn import frames_of_test, presser_of_test
 from tactibench.frames.presser import Presser
@@ -22,9 +22,9 @@ from tactibench.frames.recorded import recorded_frames
 from tactibench.frames.source import Wanted
 from tactibench.frames.transfer import Target, open_target
 from tactibench.geometry import true_contacts
+from tactibench.plugins.base import SensorContext
 from tactibench.plugins.discovery import installed
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import KnowsBound, SensorContext
 from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
@@ -188,8 +188,10 @@ def _bounds(tester: Presser, wanted: Sequence[Wanted]) -> Arrays:
     """Cramer-Rao standard deviations of every scene; empty where the sensor knows none."""
     seed = np.random.SeedSequence(tester.keys.data_seed)
     with tester.build(SensorContext(seed)) as sensor:
-        if not isinstance(sensor, KnowsBound):
-            return {}
-        return {
-            "bound": np.concatenate([sensor.bound(scene) for one in wanted for scene in one.scenes])
-        }
+        bounds: list[FloatArray] = []
+        for scene in (scene for one in wanted for scene in one.scenes):
+            bound = sensor.bound(scene)
+            if bound is None:
+                return {}
+            bounds.append(bound)
+    return {"bound": np.concatenate(bounds)}

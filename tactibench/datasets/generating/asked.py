@@ -12,8 +12,8 @@ from tactibench.datasets.generating.press import Source, source_of
 from tactibench.datasets.generating.protocol import from_protocol
 from tactibench.datasets.generating.stretches import Pressing, from_file
 from tactibench.errors import UserError
+from tactibench.plugins.base import SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.interfaces import SensorContext
 from tactibench.protocols.loader import LoadedProtocol, load_protocol
 from tactibench.run.request import read_parameters
 

@@ -17,8 +17,8 @@ from tactibench.datasets.generating.stretches import Press, Pressing
 from tactibench.datasets.rows import plan_hash, plan_lines
 from tactibench.datasets.schema import read_header
 from tactibench.frames.cache import CHUNK
-from tactibench.geometry import DOME_RADIUS_MM, HasShape
-from tactibench.plugins.interfaces import Sensor, SensorContext
+from tactibench.geometry import DOME_RADIUS_MM
+from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec, Value
 from tactibench.records.identity import code_hash, digest, installed_versions
 
@@ -73,7 +73,7 @@ def source_of(spec: SensorSpec, values: Mapping[str, Value]) -> Source:
         "describe": sensor.describe(),
         "versions": installed_versions("tactibench", "numpy"),
     }
-    radius = sensor.dome_radius_mm if isinstance(sensor, HasShape) else DOME_RADIUS_MM
+    radius = DOME_RADIUS_MM if sensor.dome_radius_mm is None else sensor.dome_radius_mm
     return Source(build, identity, radius)
 
 

@@ -9,7 +9,7 @@ from tactibench.datasets.generating.stretches import Press, Pressing, Stretch
 from tactibench.errors import UserError
 from tactibench.frames.drawn import FIT, TEST, VALIDATION, WHOLE
 from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.pressable import pressable
+from tactibench.protocols.pressable import SensorShape, pressable
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.protocols.split import split_presses
 
@@ -23,7 +23,7 @@ class _Part:
     seed: int
 
 
-def from_protocol(keys: Protocol, sensor: object, count: int | None) -> Pressing:
+def from_protocol(keys: Protocol, sensor: SensorShape, count: int | None) -> Pressing:
     """Every press of a protocol on a sensor's surface, at most ``count`` of each set.
 
     The frames are those of ``tactibench run``: presses, their order and their seeds are the same.

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactibench.contacts import Contacts
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import Encoder
+from tactibench.plugins.base import Encoder
 from tactibench.plugins.specs import in_one_line
 from tactibench.testing.encoder.subject import DEEP, EncoderSubject, errors, single, words
 from tactibench.testing.parameters import check_parameters
@@ -77,10 +77,8 @@ def pure(subject: EncoderSubject) -> None:
 
 
 def _same_batch(subject: EncoderSubject, lists: list[Contacts], maps: np.ndarray) -> None:
-    """An encoder may have encode_batch, which training then takes."""
-    batch = getattr(subject.encoder, "encode_batch", None)
-    if batch is None:
-        return
+    """Training encodes in batches."""
+    batch = subject.encoder.encode_batch
     require(np.array_equal(batch(lists, subject.grid), maps), "encode_batch differs from encode")
     none = np.asarray(batch([], subject.grid)).shape
     wanted = (0, subject.encoder.channels, *subject.grid.shape)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Contacts, Grid
-from tactibench.plugins.interfaces import Encoder
+from tactibench.plugins.base import Encoder
 from tactibench.plugins.specs import EncoderSpec, Value
 from tactibench.testing.property import NotApplicable, require
 

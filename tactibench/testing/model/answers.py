@@ -8,7 +8,6 @@ import numpy as np
 
 from tactibench.contacts import Contacts, Frame, Pose
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import MapsModel, StagedModel
 from tactibench.run.predict import blinded
 from tactibench.testing.model.subject import FIT, ModelSubject, checked, difference
 from tactibench.testing.property import NotApplicable, guarded, require
@@ -78,12 +77,13 @@ def truth_hidden(subject: ModelSubject) -> None:
 def maps(subject: ModelSubject) -> None:
     """The shown maps are (N, C, H, W) of the grid and finite, and read_maps gives the answers."""
     model = subject.trained()
-    if not isinstance(model, MapsModel):
-        raise NotApplicable("the model shows no maps")
     if subject.asked != "contacts":
         raise NotApplicable("a run asks for maps of contacts only")
     frames = subject.seen.frames
-    shown = np.asarray(model.maps(list(frames)))
+    given = model.maps(list(frames))
+    if given is None:
+        raise NotApplicable("the model shows no maps")
+    shown = np.asarray(given)
     wanted = (len(frames), *subject.presser.keys.grid.grid().shape)
     require(
         shown.ndim == 4 and (len(shown), *shown.shape[2:]) == wanted,
@@ -98,8 +98,6 @@ def maps(subject: ModelSubject) -> None:
 def stages(subject: ModelSubject) -> None:
     """The timed stages, one after the other, give one allowed answer for every frame."""
     model = subject.trained()
-    if not isinstance(model, StagedModel):
-        raise NotApplicable("the model has no stages")
     for frames in (subject.seen.frames[:1], subject.seen.frames[:BATCH]):
         value: object = list(frames)
         for name, stage in model.stages():

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
 from tactibench.errors import UserError
-from tactibench.plugins.interfaces import Encoder, FitReport, Model, ModelContext
+from tactibench.plugins.base import Encoder, FitReport, Model, ModelContext
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, Value, in_one_line
 from tactibench.run.reporter import SilentProgress
 from tactibench.testing.pressed import Examples, Presser, changes, writable
@@ -62,10 +62,7 @@ class ModelSubject:
 
     def build(self, values: Mapping[str, Value] | None = None) -> Model:
         """A new, untrained model. values: of all parameters; None: those of the subject."""
-        model: Model = self.spec.load()(
-            self.context(), **(self.values if values is None else values)
-        )
-        return model
+        return self.spec.load()(self.context(), **(self.values if values is None else values))
 
     @cached_property
     def examples(self) -> Examples:
@@ -146,8 +143,7 @@ class ModelSubject:
         if self.encoder is None:
             return None
         spec, values = self.encoder
-        encoder: Encoder = spec.load()(**values)
-        return encoder
+        return spec.load()(**values)
 
 
 def checked(

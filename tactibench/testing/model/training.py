@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tactibench.plugins.interfaces import FitReport
+from tactibench.plugins.base import FitReport
 from tactibench.testing.model.subject import ModelSubject, difference
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.pressed import Examples, changes, writable

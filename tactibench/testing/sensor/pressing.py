@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
-from tactibench.plugins.interfaces import HasScenes, KnowsBound, KnowsSurface
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.property import Failed, NotApplicable, guarded, refused, require
 from tactibench.testing.sensor.subject import SensorSubject, change, tip
@@ -125,11 +125,12 @@ def scenes(subject: SensorSubject) -> None:
 def surface(subject: SensorSubject) -> None:
     """A known surface is (H, W) of the grid, finite, and deepest within 2 mm of the contact."""
     sensor = subject.described
-    if not isinstance(sensor, KnowsSurface):
-        raise NotApplicable("it knows no surface")
     subject.must_press_anything()
     grid = subject.keys.grid.grid()
-    found = np.asarray(sensor.surface(tip(3.0, -2.0, 2.0), grid))
+    surface = sensor.surface(tip(3.0, -2.0, 2.0), grid)
+    if surface is None:
+        raise NotApplicable("it knows no surface")
+    found = np.asarray(surface)
     require(found.shape == grid.shape, f"shape {found.shape}, expected {grid.shape}")
     require(np.isfinite(found).all(), "it is not finite")
     row, column = np.unravel_index(int(found.argmax()), found.shape)
@@ -142,21 +143,23 @@ def surface(subject: SensorSubject) -> None:
 def bound(subject: SensorSubject) -> None:
     """A known bound is (K, 3) and positive for the K true contacts of a scene."""
     sensor = subject.described
-    if not isinstance(sensor, KnowsBound):
-        raise NotApplicable("it knows no bound")
     subject.must_press_anything()
     radius = subject.keys.workspace.dome_radius_mm
     for scene in (tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0))):
-        found = np.asarray(sensor.bound(scene))
+        known = sensor.bound(scene)
+        if known is None:
+            raise NotApplicable("it knows no bound")
+        found = np.asarray(known)
         wanted = (len(true_contacts(scene, radius)), 3)
         require(found.shape == wanted, f"shape {found.shape}, expected {wanted}")
         require((found > 0).all(), f"{found.tolist()} mm; a bound is positive")
 
 
-def _scenes(subject: SensorSubject) -> dict[str, Scene]:
-    if not isinstance(subject.described, HasScenes):
+def _scenes(subject: SensorSubject) -> Mapping[str, Scene]:
+    own = subject.described.scenes()
+    if own is None:
         raise NotApplicable("it presses any scene")
-    return subject.described.scenes()
+    return own
 
 
 def _equal(first: list[Frame], second: list[Frame], what: str) -> None:

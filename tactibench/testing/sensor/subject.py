@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.frames.source import spread
-from tactibench.plugins.interfaces import HasScenes, Sensor, SensorContext
+from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec, Value
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
@@ -39,8 +39,7 @@ class SensorSubject:
     def build(self, values: Mapping[str, Value] | None = None, seed: int = 0) -> Sensor:
         """A sensor that nobody has opened. values: of all parameters; None: the subject's."""
         context = SensorContext(np.random.SeedSequence(seed), self.data)
-        sensor: Sensor = self.spec.load()(context, **(self.values if values is None else values))
-        return sensor
+        return self.spec.load()(context, **(self.values if values is None else values))
 
     @cached_property
     def described(self) -> Sensor:
@@ -50,7 +49,7 @@ class SensorSubject:
     @property
     def own_scenes(self) -> bool:
         """Whether it can press only what it has."""
-        return isinstance(self.described, HasScenes)
+        return self.described.scenes() is not None
 
     @cached_property
     def keys(self) -> Protocol:
@@ -60,9 +59,9 @@ class SensorSubject:
     @cached_property
     def scenes(self) -> tuple[Scene, ...]:
         """A few presses: of the protocol, or of those that it has."""
-        sensor = self.described
-        if isinstance(sensor, HasScenes):
-            return spread(list(sensor.scenes().values()), COUNT)
+        own = self.described.scenes()
+        if own is not None:
+            return spread(list(own.values()), COUNT)
         return draw_scenes(self.keys, self.keys.draws[0].name).scenes[:COUNT]
 
     def pressed(self, *scenes: Scene, seed: int = 0) -> list[Frame]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from folder_files import CLOCKED, files
+from stubs import StubSensor
 
 from tactibench import Frame, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.datasets import open_dataset, verify
@@ -25,7 +26,7 @@ SHAPE = (6, 5)
 CHUNK = 7
 
 
-class Noise:
+class Noise(StubSensor):
     """Frames are noise of the seed and the press's number; reaches 0.25 mm further than asked."""
 
     fail_at: int | None = None
@@ -37,9 +38,6 @@ class Noise:
     def __enter__(self) -> Noise:
         self._rng = np.random.default_rng(self._seed)
         return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
     def _image(self) -> np.ndarray:
         return self._rng.integers(0, 256, SHAPE, dtype=np.uint8)
@@ -165,7 +163,7 @@ def shrunk(name: str) -> Protocol:
 @pytest.mark.parametrize("count", [None, 2])
 def test_all_that_a_protocol_needs_is_pressed(name: str, count: int | None) -> None:
     keys = shrunk(name)
-    asked = from_protocol(keys, object(), count)
+    asked = from_protocol(keys, StubSensor(), count)
     every = list(asked)
     assert [press.id for press in every] == list(range(len(every)))
     assert len({press.name for press in every}) == len(every)
@@ -185,7 +183,7 @@ def test_all_that_a_protocol_needs_is_pressed(name: str, count: int | None) -> N
 
 def test_a_protocol_without_draws_is_refused() -> None:
     with pytest.raises(UserError, match="'surface' takes the presses of a recorded folder"):
-        from_protocol(load_protocol("surface").keys, object(), None)
+        from_protocol(load_protocol("surface").keys, StubSensor(), None)
 
 
 def test_a_plan_file_says_what_plan_jsonl_says(tmp_path: Path, small: Pressing) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,13 +11,16 @@ import numpy as np
 
 from tactibench import (
     Contacts,
+    Encoder,
     FitReport,
     Frame,
     Grid,
     Indenter,
+    Model,
     ModelContext,
     Pose,
     Scene,
+    Sensor,
     SensorContext,
 )
 from tactibench.geometry import true_contacts
@@ -25,7 +28,7 @@ from tactibench.geometry import true_contacts
 SCALE = 18.0  # grey levels a millimetre
 
 
-class TinySensor:
+class TinySensor(Sensor):
     """(3, 4) frames: how many tips touch, then x, y and depth of up to three."""
 
     pressed: ClassVar[int] = 0
@@ -33,12 +36,6 @@ class TinySensor:
     def __init__(self, context: SensorContext, offset: float = 0.0) -> None:
         self.offset = offset
         self.rng = np.random.default_rng(context.seed)
-
-    def __enter__(self) -> TinySensor:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
     def rest(self) -> Frame:
         return Frame(np.zeros((3, 4), np.uint8), 0.0, Pose())
@@ -52,9 +49,6 @@ class TinySensor:
         noise = self.rng.uniform(-0.5, 0.5, values.shape)
         image[: len(truth), :3] = np.rint(128 + SCALE * values + self.offset + noise)
         return Frame(image, 0.0, scene.pose)
-
-    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
-        return map(self.press, scenes)
 
     def describe(self) -> dict[str, Any]:
         return {"offset": self.offset}
@@ -87,7 +81,7 @@ class TinyReference(TinySensor):
         return {name: name.partition(" ")[0] for name in self.scenes()}
 
 
-class TinyModel:
+class TinyModel(Model):
     """Learns the mean offset of depth. Class variables tell the tests what happened."""
 
     fits: ClassVar[list[int]] = []
@@ -163,8 +157,14 @@ class TinyModel:
         self.offset = json.loads((directory / "offset.json").read_text())
 
 
-class TinyEncoder:
+class TinyEncoder(Encoder):
     """Stands behind the encoders of the tests; the model reads frames and asks it nothing."""
 
     def __init__(self, blur: float = 2.0) -> None:
         self.blur = blur
+
+    def encode(self, contacts: Contacts, grid: Grid) -> np.ndarray:
+        raise NotImplementedError
+
+    def decode(self, maps: np.ndarray, grid: Grid) -> Contacts:
+        raise NotImplementedError

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from tactibench import Contacts, FitReport, Frame, ModelContext
+from tactibench import Contacts, FitReport, Frame, Model, ModelContext
 from tactibench.training import Examples, Recipe, Seeds, load_weights, save_weights, seeded, train
 from tiny_tactile.parts import SCALE
 
 
-class TrainedModel:
+class TrainedModel(Model):
     """Depth of the first tip is a learned linear function of its pixel."""
 
     def __init__(self, context: ModelContext, epochs: int = 6) -> None:
