@@ -1,4 +1,4 @@
-"""docs/reference/hooks.md: every hook, what it declares, what stands behind it, an example."""
+"""docs/reference/hooks.md: every hook, its spec, the base class behind it, an example."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from tactibench.plugins import hookspecs, specs
 from tactibench.plugins.host import HOOKS
 
 EXAMPLE = "docs/examples/tactile_pocket"
-INTERFACES = {"ModelSpec": "Model", "SensorSpec": "Sensor", "EncoderSpec": "Encoder"}
-"""What the class behind a spec's target must look like."""
-OPTIONAL = "Optional:"
+BASE_CLASSES = {"ModelSpec": "Model", "SensorSpec": "Sensor", "EncoderSpec": "Encoder"}
+"""Spec -> the class from which the class behind its target inherits."""
 
 
 def lines(root: Path) -> list[str]:
@@ -28,7 +27,7 @@ def lines(root: Path) -> list[str]:
     for hook in HOOKS:
         made += _hook(root, hook, written, shown)
     made += ["## Parameters", "", *prose(specs.Parameter.__doc__), *_fields(specs.Parameter)]
-    return [*made, *_interfaces(Module.read(root / "tactibench" / "plugins" / "interfaces.py"))]
+    return [*made, *_base_classes(Module.read(root / "tactibench" / "plugins" / "base.py"))]
 
 
 def _opening() -> Iterator[str]:
@@ -61,12 +60,9 @@ def _hook(root: Path, hook: str, written: Module, shown: Module) -> Iterator[str
     assert isinstance(node, ast.FunctionDef)  # noqa: S101
     yield from [f"## {hook}", "", *fenced(signature(node)), *prose(ast.get_docstring(node)), ""]
     yield from [f"### {spec.__name__}", "", *prose(spec.__doc__), *_fields(spec)]
-    if spec.__name__ in INTERFACES:
-        interface = INTERFACES[spec.__name__]
-        yield from [
-            f"The class behind `target` looks like [`{interface}`](#{anchor(interface)}).",
-            "",
-        ]
+    if spec.__name__ in BASE_CLASSES:
+        base = BASE_CLASSES[spec.__name__]
+        yield from [f"The class behind `target` inherits from [`{base}`](#{anchor(base)}).", ""]
     yield from ["Example, the declaration and what stands behind it:", ""]
     source = shown.source(hook)
     yield from fenced(source)
@@ -93,24 +89,36 @@ def _fields(spec: type[Any]) -> list[str]:
     return grid(["field", "type", "default"], rows)
 
 
-def _interfaces(module: Module) -> Iterator[str]:
-    yield from ["## Interfaces", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
-    classes = {name: n for name, n in module.nodes.items() if isinstance(n, ast.ClassDef)}
-    firsts = {name: (ast.get_docstring(n) or "").splitlines()[0] for name, n in classes.items()}
-    optional = [name for name, first in firsts.items() if first.startswith(OPTIONAL)]
-    yield "What a model or a sensor may offer besides:"
+def _base_classes(module: Module) -> Iterator[str]:
+    yield from ["## Base classes", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
+    classes = {name: node for name, node in module.nodes.items() if isinstance(node, ast.ClassDef)}
+    bases = [base for base in BASE_CLASSES.values() if base in classes]
+    yield "Methods that a plugin may write:"
     yield from grid(
-        ["optional interface", "what"],
+        ["class", "method", "meaning", "default"],
         [
-            [f"[`{name}`](#{anchor(name)})", cell(_first_sentence(classes[name]))]
-            for name in optional
+            [f"[`{base}`](#{anchor(base)})", code(method.name), *map(cell, _meaning(method))]
+            for base in bases
+            for method in _optional_methods(classes[base])
         ],
     )
-    for name in [*(n for n in classes if n not in optional), *optional]:
+    for name in [*bases, *(name for name in classes if name not in bases)]:
         node = classes[name]
         yield from [f"### {name}", "", *prose(ast.get_docstring(node)), "", *fenced(outline(node))]
 
 
-def _first_sentence(node: ast.ClassDef) -> str:
-    said = " ".join((ast.get_docstring(node) or "").partition("\n\n")[0].split())
-    return said.removeprefix(OPTIONAL).strip().partition(". ")[0].rstrip(".")
+def _optional_methods(node: ast.ClassDef) -> Iterator[ast.FunctionDef]:
+    for item in node.body:
+        if isinstance(item, ast.FunctionDef):
+            decorators = [ast.unparse(decorator) for decorator in item.decorator_list]
+            if "abstractmethod" not in decorators:
+                yield item
+
+
+def _meaning(method: ast.FunctionDef) -> tuple[str, str]:
+    """Return the first sentence and the default of a method. Raises UserError without them."""
+    docstring = " ".join((ast.get_docstring(method) or "").split())
+    meaning, _, default = docstring.partition("Default: ")
+    if not default:
+        raise UserError(f"the optional method {method.name} does not state its default; add it.")
+    return meaning.partition(". ")[0].rstrip(". "), default.rstrip(".")

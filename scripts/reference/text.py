@@ -8,6 +8,8 @@ from inspect import cleandoc
 
 from tactibench.board.markdown import Head, table
 
+SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:")
+
 
 def prose(docstring: str | None) -> list[str]:
     """Lines of a docstring as Markdown: ``code`` in single backticks, examples fenced."""
@@ -20,9 +22,23 @@ def prose(docstring: str | None) -> list[str]:
             lines += ["```console" if typed else "```text", *kept, "```", ""]
         elif text and all(line.startswith("    ") for line in text):
             lines += ["```text", *(line[4:] for line in text), "```", ""]
+        elif text and text[0] in SECTIONS:
+            lines += [text[0], "", *_items(text[1:]), ""]
         else:
             lines += [*(plain(line) for line in text), ""]
     return lines[:-1]
+
+
+def _items(text: Sequence[str]) -> list[str]:
+    """Return the entries of a section such as ``Args:`` as a list."""
+    items: list[str] = []
+    for line in text:
+        if line.startswith("     "):
+            items[-1] += f" {line.strip()}"
+        else:
+            items.append(line.strip())
+    named = (item.partition(": ") for item in items)
+    return [f"- `{name}`: {plain(meaning)}" for name, _, meaning in named]
 
 
 def plain(text: str) -> str:

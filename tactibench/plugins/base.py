@@ -176,7 +176,7 @@ class Model(ABC):
         return None
 
     def read_maps(self, maps: Maps) -> Sequence[Answer | None]:
-        """Return the answers that (N, C, H, W) maps stand for. Default: there are no maps."""
+        """Return the answers that (N, C, H, W) maps stand for. Default: not needed without maps."""
         raise NotImplementedError(f"{type(self).__name__} gives maps, but cannot read them")
 
     def adapt(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stubs import StubSensor
 
 from tactibench import Grid, SensorContext
 from tactibench.frames.cache import FrameRequest, open_frames
@@ -64,5 +65,5 @@ def test_a_damaged_file_is_computed_again(
 
 def test_nobody_knows(request_of: RequestOf, tmp_path: Path) -> None:
     presses = open_frames(request_of(), tmp_path)
-    assert true_surfaces(object(), presses, GRID) is None  # type: ignore[arg-type]
-    assert true_bounds(object(), presses) is None  # type: ignore[arg-type]
+    assert true_surfaces(StubSensor(), presses, GRID) is None
+    assert true_bounds(StubSensor(), presses) is None

@@ -29,15 +29,25 @@ def tactibench_models():
     return [ModelSpec("hollow", "dist_outsider_heavy:NoSuchModel", "a target that is not there")]
 
 @hookimpl
+def tactibench_encoders():
+    return [EncoderSpec("older", "dist_outsider_heavy:Older", "a class of version 1")]
+
+@hookimpl
 def tactibench_commands():
     return [CommandSpec("hollow-verb", "dist_outsider_heavy:Model", "a class for a command")]
 """
 MODULE = """
 import click
-from stubs import StubModel
+import tactibench
 print("heavy module imported")
 
-class Model(StubModel): ...
+class Model(tactibench.Model):
+    def fit(self, frames, truth, *, validation, rng, progress): ...
+    def predict(self, frames): ...
+    def save(self, directory): ...
+    def load(self, directory): ...
+
+class Older: ...
 
 @click.command()
 def verb():
@@ -79,11 +89,12 @@ def test_doctor_names_every_broken_plugin_and_why(tactibench: Any, broken: None)
         "'twin' (dist-twin 1.2): its command 'run' is a built-in verb",
         "'hollow' (dist-hollow 1.2): model 'hollow' cannot be used, because dist_outsider_heavy:No",
         "'hollow' (dist-hollow 1.2): dist_outsider_heavy:Model is no click command",
+        "'hollow' (dist-hollow 1.2): encoder 'older' was written for an older tactibench, because",
         "'twin' (dist-twin 1.2): command 'run' cannot be used",
     ]:
         assert sum(words in line for line in complaints) == 1, (words, complaints)
     assert lines[-1] == f"{len(complaints)} problems found"
-    assert len(complaints) == 11
+    assert len(complaints) == 12
     healthy = [line for line in lines if line.startswith("plugin ")]
     own = list(Path(__file__).resolve().parents[2].glob("plugins/**/hooks.py"))
     fine = ["(tactibench " in line and line.endswith(": ok") for line in healthy]

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stubs import StubSensor
 
 from tactibench import Parameter, SensorContext, SensorSpec, UserError, open_sensor
 from tactibench.plugins import named
 
 
-class Made:
+class Made(StubSensor):
     def __init__(self, context: SensorContext, **values: Any) -> None:
         self.context, self.values = context, values
 

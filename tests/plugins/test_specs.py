@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stubs import StubEncoder
 
 from tactibench import (
     CommandSpec,
@@ -112,7 +113,28 @@ def test_a_list_of_parameters_becomes_a_tuple() -> None:
 
 
 def test_load_imports_the_target() -> None:
-    assert EncoderSpec("e", "collections:OrderedDict", "").load().__name__ == "OrderedDict"
+    assert CommandSpec("e", "collections:OrderedDict", "").load().__name__ == "OrderedDict"
+    assert EncoderSpec("e", "stubs:StubEncoder", "").load() is StubEncoder
+
+
+@pytest.mark.parametrize(
+    ("target", "sentence"),
+    [
+        (
+            "stubs:StubSensor",
+            "'m' was written for an older tactibench, because stubs:StubSensor",
+        ),
+        ("math:sqrt", "import Model from tactibench and write `class sqrt"),
+        (
+            "tactibench:Model",
+            "'m' cannot be used, because tactibench:Model lacks fit, load",
+        ),
+    ],
+)
+def test_a_class_that_is_no_model_is_named_with_what_to_do(target: str, sentence: str) -> None:
+    with pytest.raises(UserError) as caught:
+        ModelSpec("m", target, "").load()
+    assert sentence in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,8 @@ def test_a_split_says_who_trains_validates_and_tests(data_set, open_recording):
     split = Split.of(train=[0, 1], validation=[2, 3], test=[6, 7])
     write_split(folder, "by-hand", split, open_dataset(folder).samples)
     names = list(open_recording(folder).scenes())
-    assert open_recording(folder).parts() == {}
-    chosen = open_recording(folder, split="by-hand").parts()
+    assert open_recording(folder).split() == {}
+    chosen = open_recording(folder, split="by-hand").split()
     parts = ["train", "train", "validation", "validation", None, None, "test", "test"]
     assert [chosen.get(name) for name in names] == parts
 

@@ -87,7 +87,7 @@ def test_every_way_is_compared_and_what_fails_is_said() -> None:
 
 
 def test_a_model_without_a_choice_is_timed_as_it_is() -> None:
-    class Plain:
+    class Plain(StubModel):
         predict = Ways.predict
         _answer = Ways._answer
 

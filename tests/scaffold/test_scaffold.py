@@ -39,7 +39,7 @@ def test_every_file_is_whole(kind: str) -> None:
         if name.endswith(".py"):
             ast.parse(text)
             assert max(map(len, text.splitlines())) <= 100
-    assert "class TwoWords:" in files[f"tactibench_two_words/{kind}.py"]
+    assert f"class TwoWords({kind.title()}):" in files[f"tactibench_two_words/{kind}.py"]
     project = tomllib.loads(files["pyproject.toml"])["project"]
     assert project["name"] == "tactibench-two-words"
     assert project["entry-points"]["tactibench"] == {"two_words": "tactibench_two_words.hooks"}
