@@ -84,9 +84,9 @@ def _tell(finding: Finding) -> None:
 
 def _kinds(name: str, host: PluginHost) -> list[str]:
     """The kinds that have something of that name. Raises UserError for none."""
-    found = [one.kind for one in host.parts if name in one.specs or name in one.clashes]
+    found = [one.kind for one in host.catalogues if name in one]
     if not found:
-        known = {spec.name for catalogue in host.parts for spec in catalogue}
+        known = {spec.name for catalogue in host.catalogues for spec in catalogue}
         broken = "; `tactibench doctor` names plugins that do not load" if host.problems else ""
         raise UserError(
             f"no model, sensor or encoder is called {name!r}{broken}; {did_you_mean(name, known)}"

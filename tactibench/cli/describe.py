@@ -21,10 +21,10 @@ def describe(name: str) -> None:
 
     host = PluginHost()
     files = protocol_files()
-    known = [*files, *(spec.name for catalogue in host.parts for spec in catalogue)]
+    known = [*files, *(spec.name for catalogue in host.catalogues for spec in catalogue)]
     shown = 0
-    for catalogue in host.parts:
-        if name in catalogue.specs or name in catalogue.clashes:
+    for catalogue in host.catalogues:
+        if name in catalogue:
             _show_spec(catalogue.kind, catalogue[name], catalogue.origins[name])
             shown += 1
     if name in files or name.endswith(".toml"):
@@ -47,14 +47,14 @@ def _show_spec(kind: str, spec: Any, origin: Any) -> None:
         ("needs_data", "--data"),
     ):
         if hasattr(spec, field):
-            click.echo(f"  {label:<9} {_words(field, spec)}")
+            click.echo(f"  {label:<9} {_describe_field(field, spec)}")
     for p in spec.parameters:
         allowed = f" ({', '.join(map(str, p.choices))})" if p.choices else _range(p)
         click.echo(f"  --param {kind}.{p.name}={p.default}{allowed}")
         click.echo(f"            {p.help}")
 
 
-def _words(field: str, spec: Any) -> str:
+def _describe_field(field: str, spec: Any) -> str:
     value = getattr(spec, field)
     if field == "max_contacts":
         return "any number" if value is None else f"at most {value}"

@@ -178,7 +178,7 @@ def _plugins(host: PluginHost) -> Iterator[Finding]:
 
 
 def _targets(host: PluginHost) -> Iterator[Finding]:
-    for catalogue in (*host.parts, host.commands):
+    for catalogue in (*host.catalogues, host.commands):
         for spec in catalogue:
             try:
                 loaded = spec.load()

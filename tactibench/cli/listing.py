@@ -72,7 +72,7 @@ def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
             {"name": name, "summary": title, "version": str(version)}
             for name, (version, title) in protocol_titles().items()
         ]
-    catalogue = next(catalogue for catalogue in host.parts if f"{catalogue.kind}s" == kind)
+    catalogue = host.catalogue(kind.removesuffix("s"))
     return [
         {
             "name": spec.name,

@@ -1,4 +1,4 @@
-"""Which plugins are installed, read from the metadata of the distributions on the path."""
+"""Search for installed plugins in the metadata of the distributions on the path."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True)
 class Origin:
-    """Which distribution a plugin came from."""
+    """The distribution that a plugin came from."""
 
     plugin: str
     distribution: str
@@ -23,18 +23,18 @@ class Origin:
 
 
 def installed() -> list[tuple[EntryPoint, Origin]]:
-    """Entry points of the group ``tactibench`` with where they are from, as the path has them.
+    """Return the entry points of the group ``tactibench``, in the order of the path.
 
     Of distributions with the same name the first on the path counts, as it does for imports.
     ``importlib.metadata.entry_points`` parses the entry points and the metadata of every installed
     distribution, so one damaged stranger breaks it and all of them cost time; here a file that
     does not mention the group is only searched.
     """
-    found: list[tuple[EntryPoint, Origin]] = []
+    points: list[tuple[EntryPoint, Origin]] = []
     seen: set[str] = set()
     for distribution in distributions():
-        points = _points(distribution)
-        if not points:
+        own = _entry_points(distribution)
+        if not own:
             continue
         name, version = _name_and_version(distribution)
         key = name.lower().replace("_", "-")
@@ -42,17 +42,13 @@ def installed() -> list[tuple[EntryPoint, Origin]]:
             continue
         if name != UNKNOWN:
             seen.add(key)
-        found.extend((point, Origin(point.name, name, version)) for point in points)
-    return found
+        points.extend((point, Origin(point.name, name, version)) for point in own)
+    return points
 
 
-def _points(distribution: Distribution) -> list[EntryPoint]:
-    try:
-        text = distribution.read_text("entry_points.txt") or ""
-    except (OSError, UnicodeDecodeError):
-        return []
+def _entry_points(distribution: Distribution) -> list[EntryPoint]:
     points, section = [], ""
-    for line in map(str.strip, text.splitlines()):
+    for line in map(str.strip, _read_text(distribution, "entry_points.txt").splitlines()):
         if line.startswith("["):
             section = line.strip("[] ")
         elif section == GROUP and line and line[0] not in "#;":
@@ -62,15 +58,20 @@ def _points(distribution: Distribution) -> list[EntryPoint]:
 
 
 def _name_and_version(distribution: Distribution) -> tuple[str, str]:
-    """From the head of METADATA (or PKG-INFO); its mail parser alone would take 10 ms."""
-    try:
-        text = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
-    except (OSError, UnicodeDecodeError):
-        text = ""
+    """Read the head of METADATA (or PKG-INFO); its mail parser alone would take 10 ms."""
     fields: dict[str, str] = {}
+    text = _read_text(distribution, "METADATA") or _read_text(distribution, "PKG-INFO")
     for line in text.splitlines():
         if not line:  # the description follows
             break
         key, _, value = line.partition(":")
         fields.setdefault(key, value.strip())
     return fields.get("Name") or UNKNOWN, fields.get("Version") or "?"
+
+
+def _read_text(distribution: Distribution, name: str) -> str:
+    """Return a metadata file, "" where it is missing or damaged."""
+    try:
+        return distribution.read_text(name) or ""
+    except (OSError, UnicodeDecodeError):
+        return ""

@@ -6,23 +6,26 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import pluggy
 
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
 from tactibench.plugins import hookspecs
 from tactibench.plugins.discovery import Origin, installed
-from tactibench.plugins.specs import CommandSpec, EncoderSpec, ModelSpec, SensorSpec, in_one_line
+from tactibench.plugins.specs import CommandSpec, EncoderSpec, ModelSpec, SensorSpec
 
-S = TypeVar("S", ModelSpec, SensorSpec, EncoderSpec, CommandSpec)
+if TYPE_CHECKING:
+    from tactibench.plugins.base import Sensor, SensorContext
+
+SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec, CommandSpec)
 
 HOOKS = tuple(name for name in vars(hookspecs) if name.startswith(f"{hookspecs.GROUP}_"))
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Something a plugin did wrong, and in which step: load, validate, declare or duplicate."""
+    """A mistake of a plugin, in the step "load", "validate", "declare" or "duplicate"."""
 
     origin: Origin
     step: str
@@ -30,18 +33,29 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Catalogue(Generic[S]):
-    """Declared specs of one kind, sorted by name, each with the plugin it came from."""
+class Catalogue(Generic[SpecT]):
+    """Declared specs of one kind, sorted by name, each with the plugin it came from.
+
+    Attributes:
+        kind: "model", "sensor", "encoder" or "command".
+        specs: Name -> spec; names that two plugins offer are left out.
+        origins: Name -> plugin, for the names in ``specs``.
+        clashes: Name -> the plugins that all offer it.
+    """
 
     kind: str
-    specs: Mapping[str, S]
+    specs: Mapping[str, SpecT]
     origins: Mapping[str, Origin]
     clashes: Mapping[str, tuple[Origin, ...]]
 
-    def __iter__(self) -> Iterator[S]:
+    def __iter__(self) -> Iterator[SpecT]:
         return iter(self.specs.values())
 
-    def __getitem__(self, name: str) -> S:
+    def __contains__(self, name: object) -> bool:
+        """Return whether any plugin offers the name, be it more than one."""
+        return name in self.specs or name in self.clashes
+
+    def __getitem__(self, name: str) -> SpecT:
         """Return the spec. Raises UserError with the close match for an unknown name."""
         if name in self.clashes:
             owners = " and ".join(str(origin) for origin in self.clashes[name])
@@ -56,49 +70,51 @@ class Catalogue(Generic[S]):
 class PluginHost:
     """Loads the entry points of group ``tactibench`` one by one under a guard.
 
-    Whatever a plugin raises becomes a Problem, SystemExit and other bare BaseExceptions included
-    (bindings to other languages raise such); only KeyboardInterrupt, which is the user's, passes.
+    Whatever a plugin raises becomes a `Problem`, see ``call_plugin``.
     """
 
     def __init__(self, points: Iterable[tuple[EntryPoint, Origin]] | None = None) -> None:
+        """Load plugins.
+
+        Args:
+            points: Entry points and the distributions they are from; None: all installed.
+        """
         self._manager = pluggy.PluginManager(hookspecs.GROUP)
         self._manager.add_hookspecs(hookspecs)
         self._origins: dict[str, Origin] = {}
         self._problems: list[Problem] = []
-        found = installed() if points is None else points
-        for point, origin in sorted(found, key=lambda pair: (pair[1].plugin, pair[1].distribution)):
+        all_points = installed() if points is None else points
+        for point, origin in sorted(
+            all_points, key=lambda pair: (pair[1].plugin, pair[1].distribution)
+        ):
             self._load(point, origin)
 
     def _load(self, point: EntryPoint, origin: Origin) -> None:
-        if origin.plugin in self._origins:
-            owner = self._origins[origin.plugin]
-            self._note(origin, "duplicate", f"plugin {owner} has this name already; rename one")
+        name = origin.plugin
+        if name in self._origins:
+            message = f"plugin {self._origins[name]} has this name already; rename one"
+            self._report(origin, "duplicate", message)
             return
         try:
-            plugin = point.load()
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # noqa: BLE001 - reported, see the class
-            self._note(origin, "load", in_one_line(error))
+            plugin = call_plugin(point.load)
+        except PluginError as error:
+            self._report(origin, "load", str(error))
             return
         try:
-            mistake = self._register(plugin, origin.plugin)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # noqa: BLE001 - likewise
-            mistake = in_one_line(error)
+            mistake = call_plugin(lambda: self._register(plugin, name))
+        except PluginError as error:
+            mistake = str(error)
         if mistake is None:
-            self._origins[origin.plugin] = origin
+            self._origins[name] = origin
             return
-        if self._manager.has_plugin(origin.plugin):
-            self._manager.unregister(name=origin.plugin)
-        self._note(origin, "validate", mistake)
+        if self._manager.has_plugin(name):
+            self._manager.unregister(name=name)
+        self._report(origin, "validate", mistake)
 
     def _register(self, plugin: object, name: str) -> str | None:
         """Register a plugin and return what is wrong with its hooks, if anything."""
         self._manager.register(plugin, name=name)
-        callers = self._manager.get_hookcallers(plugin) or []
-        hooks = [caller.name for caller in callers]
+        hooks = [caller.name for caller in self._manager.get_hookcallers(plugin) or []]
         for hook in hooks:
             if hook not in HOOKS:
                 return f"there is no hook {hook!r}; {did_you_mean(hook, HOOKS)}"
@@ -108,71 +124,85 @@ class PluginHost:
             return f"{unmarked[0]} is not marked with @hookimpl"
         return None if hooks else f"it has none of the hooks {', '.join(HOOKS)}"
 
-    def _note(self, origin: Origin, step: str, message: str) -> None:
+    def _report(self, origin: Origin, step: str, message: str) -> None:
         self._problems.append(Problem(origin, step, message))
 
-    def _declared(self, kind: str, hook: str, expected: type[S]) -> Catalogue[S]:
+    def _collect(self, kind: str, hook: str, spec_type: type[SpecT]) -> Catalogue[SpecT]:
+        """Call a hook of every plugin; a name that is offered twice belongs to nobody."""
         caller: pluggy.HookCaller = getattr(self._manager.hook, hook)
-        owners: dict[str, list[tuple[Origin, S]]] = {}
+        offers: dict[str, list[tuple[Origin, SpecT]]] = {}
         for implementation in caller.get_hookimpls():
             origin = self._origins[implementation.plugin_name]
-            for spec in self._asked(origin, implementation, hook, expected):
-                owners.setdefault(spec.name, []).append((origin, spec))
-        specs, origins, clashes = {}, {}, {}
-        for name, claims in sorted(owners.items()):
-            if len(claims) == 1:
-                origins[name], specs[name] = claims[0]
+            for spec in self._call_hook(origin, implementation, hook, spec_type):
+                offers.setdefault(spec.name, []).append((origin, spec))
+        specs: dict[str, SpecT] = {}
+        origins: dict[str, Origin] = {}
+        clashes: dict[str, tuple[Origin, ...]] = {}
+        for name, owners in sorted(offers.items()):
+            if len(owners) == 1:
+                origins[name], specs[name] = owners[0]
                 continue
-            clashes[name] = tuple(origin for origin, _ in claims)
+            clashes[name] = tuple(origin for origin, _ in owners)
             for origin in dict.fromkeys(clashes[name]):
                 others = [str(o) for o in dict.fromkeys(clashes[name]) if o != origin]
                 by = f"also by {' and '.join(others)}" if others else "twice"
-                self._note(origin, "duplicate", f"{kind} {name!r} is offered {by}")
+                self._report(origin, "duplicate", f"{kind} {name!r} is offered {by}")
         return Catalogue(kind, specs, origins, clashes)
 
-    def _asked(
-        self, origin: Origin, implementation: pluggy.HookImpl, hook: str, expected: type[S]
-    ) -> list[S]:
-        """What one plugin declares. A hook that fails half way declares nothing."""
-        wanted = expected.__name__
+    def _call_hook(
+        self,
+        origin: Origin,
+        implementation: pluggy.HookImpl,
+        hook: str,
+        spec_type: type[SpecT],
+    ) -> list[SpecT]:
+        """Return the specs that one plugin declares; a hook that fails half way declares none."""
+        expected = spec_type.__name__
         try:
-            answer = implementation.function()
-            if isinstance(answer, str) or not isinstance(answer, Iterable):
-                found = type(answer).__name__
-                self._note(origin, "declare", f"{hook} gave {found}, not a list of {wanted}")
+            returned = call_plugin(implementation.function)
+            if isinstance(returned, str) or not isinstance(returned, Iterable):
+                kind = type(returned).__name__
+                self._report(origin, "declare", f"{hook} gave {kind}, not a list of {expected}")
                 return []
-            declared = list(answer)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # noqa: BLE001 - reported, see the class
-            self._note(origin, "declare", f"{hook} raised {in_one_line(error)}")
+            # a generator runs the plugin's code here
+            declared: list[object] = call_plugin(lambda: list(returned))
+        except PluginError as error:
+            self._report(origin, "declare", f"{hook} raised {error}")
             return []
-        wrong = {type(spec).__name__: None for spec in declared if not isinstance(spec, expected)}
+        wrong = {type(spec).__name__: None for spec in declared if not isinstance(spec, spec_type)}
         if wrong:
-            message = f"{hook} gave {' and '.join(wrong)} where {wanted} is expected"
-            self._note(origin, "declare", message)
-        return [spec for spec in declared if isinstance(spec, expected)]
+            message = f"{hook} gave {' and '.join(wrong)} where {expected} is expected"
+            self._report(origin, "declare", message)
+        return [spec for spec in declared if isinstance(spec, spec_type)]
 
     @cached_property
     def models(self) -> Catalogue[ModelSpec]:
-        return self._declared("model", "tactibench_models", ModelSpec)
+        """Models of all plugins."""
+        return self._collect("model", "tactibench_models", ModelSpec)
 
     @cached_property
     def sensors(self) -> Catalogue[SensorSpec]:
-        return self._declared("sensor", "tactibench_sensors", SensorSpec)
+        """Sensors of all plugins."""
+        return self._collect("sensor", "tactibench_sensors", SensorSpec)
 
     @cached_property
     def encoders(self) -> Catalogue[EncoderSpec]:
-        return self._declared("encoder", "tactibench_encoders", EncoderSpec)
+        """Encoders of all plugins."""
+        return self._collect("encoder", "tactibench_encoders", EncoderSpec)
 
     @cached_property
     def commands(self) -> Catalogue[CommandSpec]:
-        return self._declared("command", "tactibench_commands", CommandSpec)
+        """Command-line verbs of all plugins."""
+        return self._collect("command", "tactibench_commands", CommandSpec)
 
     @property
-    def parts(self) -> tuple[Catalogue[Any], ...]:
-        """What a run is made of: models, sensors, encoders."""
+    def catalogues(self) -> tuple[Catalogue[Any], ...]:
+        """Models, sensors and encoders: the kinds that a run is made of."""
         return self.models, self.sensors, self.encoders
+
+    def catalogue(self, kind: str) -> Catalogue[Any]:
+        """Return the catalogue of a kind: "model", "sensor" or "encoder"."""
+        return next(catalogue for catalogue in self.catalogues if catalogue.kind == kind)
 
     @property
     def plugins(self) -> tuple[Origin, ...]:
@@ -181,6 +211,31 @@ class PluginHost:
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """Everything that went wrong, after asking every plugin for all it declares."""
-        _ = self.models, self.sensors, self.encoders, self.commands
+        """Everything that went wrong, after calling all hooks of all plugins."""
+        _ = *self.catalogues, self.commands
         return tuple(self._problems)
+
+
+def open_sensor(
+    name: str,
+    context: SensorContext,
+    given: Mapping[str, str],
+    *,
+    preferred: Mapping[str, str] | None = None,
+) -> Sensor:
+    """Build a sensor by name: how one plugin reaches another's. It is not entered yet.
+
+    Args:
+        name: Name of a sensor of any installed plugin.
+        context: Seed and data folder.
+        given: Parameters as on the command line.
+        preferred: Parameters that are used where the sensor has them and ``given`` leaves them out.
+
+    Raises:
+        UserError: For an unknown name or parameter, or a value that is not allowed.
+    """
+    spec = PluginHost().sensors[name]
+    known = {parameter.name for parameter in spec.parameters}
+    texts = {key: value for key, value in (preferred or {}).items() if key in known}
+    values = spec.settings({**texts, **given})  # before anything heavy is imported
+    return spec.load()(context, **values)

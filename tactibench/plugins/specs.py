@@ -1,4 +1,4 @@
-"""What a plugin declares: light, frozen descriptions that import nothing heavy.
+"""Specs: the light, frozen descriptions by which a plugin declares what it has.
 
 ``target`` names the class behind a spec as ``"package.module:Class"``; it is imported on use.
 A spec that cannot be right raises ValueError when it is made, so its author sees it at once.
@@ -13,7 +13,7 @@ from importlib import import_module
 from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
 
 if TYPE_CHECKING:
     from tactibench.plugins.base import Encoder, Model, Sensor
@@ -32,8 +32,15 @@ _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 class Parameter:
     """A number or word that a user may set with ``--param KIND.NAME=VALUE``.
 
-    The default's type is the parameter's type. low and high are inclusive bounds.
-    decode_only: of an encoder, changes reading of maps but not the maps a model is trained on.
+    Attributes:
+        name: Name of the keyword argument with which the class is built.
+        default: Its type is the parameter's type.
+        help: Explanation in a few words, with the unit.
+        choices: The only allowed values, where there are any.
+        low: Smallest allowed number.
+        high: Largest allowed number.
+        decode_only: For encoders: changes how maps are read, but not the maps that a model is
+            trained on, so that trained weights stay valid.
     """
 
     name: str
@@ -88,6 +95,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class _Spec:
+    """The fields that models, sensors and encoders have in common."""
+
     name: str
     target: str
     summary: str
@@ -101,9 +110,10 @@ class _Spec:
             raise ValueError(f"{self.name!r} has two parameters of the same name")
 
     def settings(self, given: Mapping[str, str]) -> dict[str, Value]:
-        """All parameters with their values: the given texts read, the others at their defaults.
+        """Return the values of all parameters: those given as text, the others at their defaults.
 
-        Raises UserError for an unknown parameter or a value that is not allowed.
+        Raises:
+            UserError: For an unknown parameter or a value that is not allowed.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name in given:
@@ -121,10 +131,17 @@ class _Spec:
 class ModelSpec(_Spec):
     """A model: frames -> contacts or plate poses.
 
-    answers: what it returns, of "contacts" and "plate". max_contacts: per frame, None for any
-    number. uses_encoder: whether it is trained through an encoder. encoders: the kinds of encoder
-    it can be trained through. default_encoder: the one it takes when none is asked for; "": the
-    protocol's.
+    Attributes:
+        name: Name by which users call it.
+        target: ``"package.module:Class"``, a subclass of ``tactibench.Model``.
+        summary: One line for ``tactibench list``.
+        parameters: Parameters that a user may set.
+        answers: Kinds of answer that it can be trained for, of "contacts" and "plate".
+        max_contacts: Most contacts in a frame; None: any number.
+        uses_encoder: Whether it is trained through an encoder.
+        encoders: Kinds of encoder that it can be trained through.
+        default_encoder: Name of the encoder that it takes when the user names none; "": the
+            protocol's.
     """
 
     answers: tuple[str, ...] = ("contacts",)
@@ -137,7 +154,7 @@ class ModelSpec(_Spec):
         """Import and return the class. Raises UserError when it cannot be used."""
         from tactibench.plugins.base import Model
 
-        return _subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
+        return _import_subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -157,11 +174,19 @@ class ModelSpec(_Spec):
 
 @dataclass(frozen=True)
 class SensorSpec(_Spec):
-    """A sensor: scenes -> frames. origin: "simulated" or "real"; needs_data: takes ``--data``.
+    """A sensor: scenes -> frames.
 
-    reference_of: name of the sensor whose reference scenes this one is: a sensor that has scenes
-    (see ``Sensor.scenes``) and to be tested on alone (``--test reference``). scenes: what they are
-    called, such as "finite-element scenes". It takes those parameters of the other that it has.
+    Attributes:
+        name: Name by which users call it.
+        target: ``"package.module:Class"``, a subclass of ``tactibench.Sensor``.
+        summary: One line for ``tactibench list``.
+        parameters: Parameters that a user may set.
+        origin: "simulated" or "real".
+        needs_data: Whether it reads the folder given with ``--data``.
+        reference_of: Name of the sensor for which this one holds reference scenes (see
+            ``Sensor.scenes``). Models are tested on them (``--test reference``), never trained. It
+            is set as the other sensor is, as far as it has the same parameters.
+        scenes: Words for the reference scenes, such as "finite-element scenes".
     """
 
     origin: str = "simulated"
@@ -173,7 +198,7 @@ class SensorSpec(_Spec):
         """Import and return the class. Raises UserError when it cannot be used."""
         from tactibench.plugins.base import Sensor
 
-        return _subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
+        return _import_subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -185,12 +210,19 @@ class SensorSpec(_Spec):
 
 @dataclass(frozen=True)
 class EncoderSpec(_Spec):
-    """An encoder: contacts <-> what a network draws.
+    """An encoder: contacts <-> maps that a network draws.
 
-    kind: "heat" for maps whose cells can be learned one by one (sigmoid, cross-entropy);
-    "mixture" for contacts read from a mixture of distributions; a model names the kinds it can be
-    trained through. max_contacts: per frame, None for any number. shows_surface: whether the first
-    map is the depth of the skin in units of ``max_depth``, so that it can be scored as a surface.
+    Attributes:
+        name: Name by which users call it.
+        target: ``"package.module:Class"``, a subclass of ``tactibench.Encoder``.
+        summary: One line for ``tactibench list``.
+        parameters: Parameters that a user may set.
+        kind: "heat" for maps whose cells can be learned one by one (sigmoid, cross-entropy);
+            "mixture" for contacts read from a mixture of distributions. A model names the kinds
+            that it can be trained through.
+        max_contacts: Most contacts in a frame; None: any number.
+        shows_surface: Whether the first map is the depth of the skin in units of ``max_depth``, so
+            that it can be scored as a surface.
     """
 
     kind: str = "heat"
@@ -201,7 +233,7 @@ class EncoderSpec(_Spec):
         """Import and return the class. Raises UserError when it cannot be used."""
         from tactibench.plugins.base import Encoder
 
-        return _subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
+        return _import_subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -223,7 +255,31 @@ class CommandSpec:
 
     def load(self) -> Any:
         """Import and return the click command. Raises UserError when that fails."""
-        return _imported(self.name, self.target)
+        return _import_target(self.name, self.target)
+
+
+def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
+    """Return the parameters that every model trained by ``tactibench.training`` has.
+
+    Args:
+        mixing: Whether the model can learn from frames with several contacts that are made from
+            single presses.
+    """
+    epochs = Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000)
+    precision = Parameter(
+        "precision",
+        "recipe",
+        "training arithmetic, recipe: as the recipe has it",
+        choices=("recipe", "auto", "float32", "bf16"),
+    )
+    mixed_frames = Parameter(
+        "mixing",
+        0.0,
+        "extra multi-contact frames made from single presses, share of the presses",
+        low=0,
+        high=10,
+    )
+    return (epochs, precision, mixed_frames) if mixing else (epochs, precision)
 
 
 def _is_name(value: object) -> bool:
@@ -242,22 +298,20 @@ def _check_names(name: object, target: object) -> None:
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")
 
 
-def _imported(name: str, target: str) -> Any:
+def _import_target(name: str, target: str) -> Any:
     module, _, attribute = target.partition(":")
     try:
-        return getattr(import_module(module), attribute)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
+        return call_plugin(lambda: getattr(import_module(module), attribute))
+    except PluginError as error:
         raise UserError(
-            f"{name!r} cannot be used, because {target} does not load ({in_one_line(error)}); "
-            "mend or reinstall its plugin."
-        ) from error
+            f"{name!r} cannot be used, because {target} does not load ({error}); "
+            "repair or reinstall its plugin."
+        ) from error.__cause__
 
 
-def _subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
+def _import_subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
     """Return the class of a target. Raises UserError where it cannot stand for the base class."""
-    loaded = _imported(name, target)
+    loaded = _import_target(name, target)
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
         kind, own = base.__name__, target.partition(":")[2]
         raise UserError(
@@ -268,10 +322,3 @@ def _subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
     if missing:
         raise UserError(f"{name!r} cannot be used, because {target} lacks {', '.join(missing)}.")
     return loaded
-
-
-def in_one_line(error: BaseException) -> str:
-    """Type and whole message of an exception, without line breaks, at most 300 characters."""
-    text = " ".join(str(error).split())
-    short = text if len(text) <= 300 else f"{text[:299]}…"
-    return f"{type(error).__name__}: {short}" if short else type(error).__name__

@@ -81,7 +81,7 @@ def _mistake(name: str) -> str:
 
 def _owner(names: Names, host: PluginHost) -> str:
     """Who has the name already, or ""."""
-    catalogue = next(found for found in host.parts if found.kind == names.kind)
+    catalogue = host.catalogue(names.kind)
     for spec in catalogue:
         if spec.name.lower() == names.name:
             return f"the {names.kind} of plugin {catalogue.origins[spec.name]}"

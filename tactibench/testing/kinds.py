@@ -146,5 +146,5 @@ def check(
 
 
 def _title(kind: str, name: str, host: PluginHost) -> str:
-    catalogue = next(found for found in host.parts if found.kind == kind)
+    catalogue = host.catalogue(kind)
     return f"{kind} {name} of plugin {catalogue.origins[name]}"

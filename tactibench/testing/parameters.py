@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from math import ceil, floor
 from typing import Any
 
-from tactibench.errors import UserError
-from tactibench.plugins.specs import Parameter, Value, in_one_line
+from tactibench.errors import UserError, describe_exception
+from tactibench.plugins.specs import Parameter, Value
 from tactibench.testing.property import Failed, refused
 
 Build = Callable[[Mapping[str, Value]], Any]
@@ -35,8 +35,8 @@ def _builds(build: Build, values: Mapping[str, Value], what: str) -> None:
         return
     except Exception as error:
         raise Failed(
-            f"{what} is allowed, but building with it raised {in_one_line(error)}; narrow its "
-            "bounds or refuse it with a UserError"
+            f"{what} is allowed, but building with it raised {describe_exception(error)}; narrow "
+            "its bounds or refuse it with a UserError"
         ) from error
 
 

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from tactibench.errors import UserError
-from tactibench.plugins.specs import in_one_line
+from tactibench.errors import UserError, describe_exception
 
 
 class Failed(AssertionError):  # noqa: N818 - reads as what came of it
@@ -52,7 +51,7 @@ def refused(what: str) -> Iterator[None]:
         require(str(error).strip(), f"{what} was refused without a word")
         return
     except Exception as error:
-        raise Failed(f"{what} raised {in_one_line(error)} instead of a UserError") from error
+        raise Failed(f"{what} raised {describe_exception(error)} instead of a UserError") from error
     raise Failed(f"{what} was taken without a word")
 
 
@@ -64,4 +63,4 @@ def guarded(what: str) -> Iterator[None]:
     except (Failed, NotApplicable):
         raise
     except Exception as error:
-        raise Failed(f"{what} raised {in_one_line(error)}") from error
+        raise Failed(f"{what} raised {describe_exception(error)}") from error

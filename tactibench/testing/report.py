@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tactibench.errors import UserError, did_you_mean
-from tactibench.plugins.specs import in_one_line
+from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.testing.property import Failed, NotApplicable, Property
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
@@ -97,7 +96,7 @@ def _outcome(one: Property, subject: Any) -> tuple[str, str]:
     except Failed as found:
         return FAILED, str(found)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's, and it is reported
-        return FAILED, f"raised {in_one_line(error)}"
+        return FAILED, f"raised {describe_exception(error)}"
     return PASSED, ""
 
 

@@ -20,7 +20,7 @@ def test_list_names_everything_that_is_installed(cli: Any, host: PluginHost) -> 
     code, out, err = cli("list")
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    for catalogue in host.parts:
+    for catalogue in host.catalogues:
         assert f"{catalogue.kind}s:" in lines
         for spec in catalogue:
             assert any(line.split(maxsplit=1) == [spec.name, spec.summary] for line in lines)
@@ -42,7 +42,7 @@ def test_list_of_one_kind(cli: Any, kind: str) -> None:
 
 
 def test_describe_shows_every_spec_with_its_parameters(cli: Any, host: PluginHost) -> None:
-    for catalogue in host.parts:
+    for catalogue in host.catalogues:
         for spec in catalogue:
             code, out, err = cli("describe", spec.name)
             assert (code, err) == (0, "")

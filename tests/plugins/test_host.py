@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from stubs import StubSensor
 
-from tactibench import UserError
+from tactibench import Parameter, SensorContext, SensorSpec, UserError, open_sensor
 from tactibench.plugins import hookspecs
+from tactibench.plugins import host as host_module
 from tactibench.plugins.discovery import Origin, installed
 from tactibench.plugins.host import HOOKS, PluginHost
 
@@ -228,3 +233,45 @@ def test_comments_and_other_groups_in_entry_points(install: Any) -> None:
     assert [(p.name, p.value, p.group) for p in points] == [
         ("good", "dist_good_hooks", "tactibench")
     ]
+
+
+class Made(StubSensor):
+    def __init__(self, context: SensorContext, **values: Any) -> None:
+        self.context, self.values = context, values
+
+
+@pytest.fixture
+def context(monkeypatch: pytest.MonkeyPatch) -> SensorContext:
+    module = ModuleType("made_sensors")
+    module.Made = Made  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "made_sensors", module)
+    spec = SensorSpec(
+        "made",
+        "made_sensors:Made",
+        "a sensor",
+        (Parameter("noise", True, "on or off"), Parameter("size", 8, "px")),
+    )
+    sensors = PluginHost([]).sensors
+    catalogue = type(sensors)("sensor", {"made": spec}, {}, {})
+    monkeypatch.setattr(
+        host_module, "PluginHost", lambda: type("Host", (), {"sensors": catalogue})()
+    )
+    return SensorContext(np.random.SeedSequence(0))
+
+
+def test_given_parameters_go_before_preferred_ones_and_both_before_defaults(
+    context: SensorContext,
+) -> None:
+    preferred = {"noise": "false", "unknown": "1"}
+    made: Any = open_sensor("made", context, {}, preferred=preferred)
+    assert made.values == {"noise": False, "size": 8}
+    made = open_sensor("made", context, {"noise": "true", "size": "9"}, preferred=preferred)
+    assert made.values == {"noise": True, "size": 9}
+    assert made.context is context
+
+
+def test_unknown_names_and_parameters_are_refused(context: SensorContext) -> None:
+    with pytest.raises(UserError, match="unknown sensor 'mad'"):
+        open_sensor("mad", context, {})
+    with pytest.raises(UserError, match="no parameter 'sise'"):
+        open_sensor("made", context, {"sise": "9"})

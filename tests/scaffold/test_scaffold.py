@@ -55,7 +55,7 @@ def test_the_host_takes_what_is_written(
     point = EntryPoint("it", f"tactibench_hosted_{kind}.hooks", "tactibench")
     host = PluginHost([(point, Origin("it", "dist", "1"))])
     assert host.problems == ()
-    (catalogue,) = [one for one in host.parts if one.kind == kind]
+    catalogue = host.catalogue(kind)
     (spec,) = catalogue
     assert spec.name == f"hosted_{kind}"
     assert spec.load().__name__ == f"Hosted{kind.capitalize()}"

@@ -81,12 +81,17 @@ def host(made: dict[str, Any]) -> Callable[..., Any]:
             replace(p, default=48) if p.name == "size" else p for p in specs["sensor"].parameters
         ]
         default = replace(specs["sensor"], name="tactip-127", parameters=tuple(small))
-        parts = {
+        catalogues = {
             "models": catalogue("model", specs["model"]),
             "sensors": catalogue("sensor", specs["sensor"], default),
             "encoders": catalogue("encoder", specs["encoder"]),
         }
-        return SimpleNamespace(**parts, parts=tuple(parts.values()), problems=())
+        return SimpleNamespace(
+            **catalogues,
+            catalogues=tuple(catalogues.values()),
+            catalogue=lambda kind: catalogues[f"{kind}s"],
+            problems=(),
+        )
 
     return with_one
 

@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from tactibench.contacts import Contacts
-from tactibench.errors import UserError
+from tactibench.errors import UserError, describe_exception
 from tactibench.plugins.base import Encoder
-from tactibench.plugins.specs import in_one_line
 from tactibench.testing.encoder.subject import DEEP, EncoderSubject, errors, single, words
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.property import Failed, NotApplicable, guarded, refused, require
@@ -143,7 +142,7 @@ def shape(subject: EncoderSubject) -> None:
         except (ValueError, UserError):
             continue
         except Exception as error:
-            raise Failed(f"maps of shape {wrong} raised {in_one_line(error)}") from error
+            raise Failed(f"maps of shape {wrong} raised {describe_exception(error)}") from error
         raise Failed(f"maps of shape {wrong} were read as {len(found)} contacts")
 
 

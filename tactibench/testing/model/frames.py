@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Frame
-from tactibench.errors import UserError
+from tactibench.errors import UserError, describe_exception
 from tactibench.images import resized
-from tactibench.plugins.specs import in_one_line
 from tactibench.testing.model.subject import ModelSubject, difference
 from tactibench.testing.property import Failed, refused, require
 
@@ -79,4 +78,4 @@ def _answered_or_refused(
     except Failed:
         raise
     except Exception as error:
-        raise Failed(f"{what} raised {in_one_line(error)} instead of a UserError") from error
+        raise Failed(f"{what} raised {describe_exception(error)} instead of a UserError") from error

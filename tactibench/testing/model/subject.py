@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
-from tactibench.errors import UserError
+from tactibench.errors import UserError, describe_exception
 from tactibench.plugins.base import Encoder, FitReport, Model, ModelContext
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, Value, in_one_line
+from tactibench.plugins.specs import EncoderSpec, ModelSpec, Value
 from tactibench.run.reporter import SilentProgress
 from tactibench.testing.pressed import Examples, Presser, changes, writable
 from tactibench.testing.property import Failed, NotApplicable, require
@@ -100,7 +100,7 @@ class ModelSubject:
             model = self.build()
             return model, self.fit(model)
         except Exception as error:  # noqa: BLE001 - `fit` reports it, the others point there
-            return in_one_line(error)
+            return describe_exception(error)
 
     def report(self) -> FitReport:
         """What training told. Raises Failed when it did not end."""
