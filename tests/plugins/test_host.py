@@ -253,9 +253,8 @@ def context(monkeypatch: pytest.MonkeyPatch) -> SensorContext:
     )
     sensors = PluginHost([]).sensors
     catalogue = type(sensors)("sensor", {"made": spec}, {}, {})
-    monkeypatch.setattr(
-        host_module, "PluginHost", lambda: type("Host", (), {"sensors": catalogue})()
-    )
+    host = SimpleNamespace(sensors=catalogue)
+    monkeypatch.setattr(host_module, "PluginHost", lambda: host)
     return SensorContext(np.random.SeedSequence(0))
 
 
