@@ -124,10 +124,10 @@ def show(title: str, runs: Sequence[StoredRun], rows: Sequence[Row]) -> Means:
     means: Means = {}
     for metric, group in rows:
         values = [
-            row["value"]
+            row.value
             for stored in runs
-            for row in stored.record["metrics"]
-            if (row["metric"], row["group"]) == (metric, group)
+            for row in stored.record.metrics
+            if (row.metric, row.group) == (metric, group)
         ]
         known = [value for value in values if value is not None]
         mean = float(np.mean(known)) if known and len(known) == len(runs) else None

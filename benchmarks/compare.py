@@ -24,7 +24,7 @@ from tactibench.contacts import Contacts
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.answers import pack_contacts
 from tactibench.records.files import arrays_hash
-from tactibench.records.record import SCHEMA
+from tactibench.records.record import SCHEMA, Record
 from tactibench.records.store import PARTS, open_run, write_run
 from tactibench.run.score import score_arrays
 
@@ -72,7 +72,7 @@ def stored(store: Path, name: str, presses: int, noise: float, rng: np.random.Ge
         "data": {"test": presses},
         "signature": "",
     }
-    write_run(store, record, made)
+    write_run(store, Record.model_validate(record), made)
 
 
 def seconds(arguments: list[str]) -> tuple[float, float]:

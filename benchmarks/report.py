@@ -18,7 +18,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from tactibench.board.submissions import FOLDER, compact, read_submissions, text
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.files import arrays_hash, write_arrays
+from tactibench.records.record import Record
 from tactibench.records.store import Arrays, write_run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,13 +35,13 @@ PROTOCOLS = ("exp1", "exp2", "exp3")
 LIMIT_S, LIMIT_MB, LIMIT_OPEN_S = 10.0, 5.0, 2.0
 
 
-def sources(cache: Path) -> Iterator[tuple[dict[str, Any], Arrays, Arrays]]:
+def sources(cache: Path) -> Iterator[tuple[Record, Arrays, Arrays]]:
     """Committed records with their answers and the truth, drawn again."""
     board, host = ROOT / "leaderboards", PluginHost()
     for name in PROTOCOLS:
         drawer = Drawer(load_protocol(name), host, cache)
         for record in read_submissions(board, name):
-            path = answers_file(board / FOLDER / name / f"{record['name']}.json")
+            path = answers_file(board / FOLDER / name / f"{record.name}.json")
             drawn = drawer.drawn(record)
             if path.is_file() and not isinstance(drawn, str):
                 yield record, split_ranked(read_answers_file(path))[0], drawn.truth
@@ -53,9 +53,9 @@ def make(folder: Path, count: int, rng: np.random.Generator) -> None:
     for k in range(count):
         record, predicted, truth = known[k % len(known)]
         predicted = {**predicted, "xy": predicted["xy"] + rng.uniform(-1e-3, 1e-3, 2)}
-        name = f"{record['name']}-{k}"
-        identity = {**record["identity"], "predictions_hash": arrays_hash(predicted)}
-        seed = record["seed"] + 10 * (k // len(known))
+        name = f"{record.name}-{k}"
+        identity = {"predictions_hash": arrays_hash(predicted)}
+        seed = record.seed + 10 * (k // len(known))
         images = rng.integers(0, 255, (24, 128, 128), dtype=np.uint8)
         parts: dict[str, Arrays] = {
             "truth": truth,
@@ -64,10 +64,16 @@ def make(folder: Path, count: int, rng: np.random.Generator) -> None:
             "maps": {},
             "examples": {"index": np.arange(24), "images": images},
         }
-        made = {**record, "name": name, "seed": seed, "identity": identity}
+        made = record.model_copy(
+            update={
+                "name": name,
+                "seed": seed,
+                "identity": record.identity.model_copy(update=identity),
+            }
+        )
         run = write_run(folder / "runs", made, parts)
-        place = folder / "leaderboards" / FOLDER / record["protocol"]["id"] / f"{name}.json"
-        keys = load_protocol(record["protocol"]["id"]).keys
+        place = folder / "leaderboards" / FOLDER / record.protocol.id / f"{name}.json"
+        keys = load_protocol(record.protocol.id).keys
         write_arrays(answers_file(place), {**predicted, **ranked_errors(keys, truth, predicted)})
         place.write_text(text_of(compact(run.record)), encoding="utf-8")
 

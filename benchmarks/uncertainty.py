@@ -34,6 +34,7 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.pressable import pressable
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.identity import digest
+from tactibench.records.record import Record
 from tactibench.records.store import StoredRun, open_run
 
 AXES = ("x", "y", "z")
@@ -90,17 +91,17 @@ class Table:
 
 def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene], Any]:
     """The presses of a run, drawn again, and its sensor. Raises UserError for other presses."""
-    keys = load_protocol(stored.record["protocol"]["id"]).keys
-    spec = PluginHost().sensors[stored.record["sensor"]["name"]]
+    keys = load_protocol(stored.record.protocol.id).keys
+    spec = PluginHost().sensors[stored.record.sensor.name]
     if spec.needs_data:
         raise UserError(f"{stored.folder.name} has recorded frames, of which nobody knows a bound.")
-    given = {name: str(value) for name, value in stored.record["sensor"]["parameters"].items()}
+    given = {name: str(value) for name, value in stored.record.sensor.parameters.items()}
     sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings(given))
     pressed = pressable(keys, sensor)
     names = [str(name).rpartition("-") for name in stored.arrays("truth")["press"]]
     draws = {name: draw_scenes(pressed, name).scenes for name in {draw for draw, _, _ in names}}
     scenes = [draws[draw][int(row)] for draw, _, row in names]
-    if digest(sensor.describe()) != digest(stored.record["identity"]["sensor"]["describe"]):
+    if digest(sensor.describe()) != digest(stored.record.identity.sensor["describe"]):
         print("note: the sensor is not quite the one of the run")
     again = [true_contacts(scene, pressed.workspace.dome_radius_mm) for scene in scenes]
     if not all(_same(one, true) for one, true in zip(again, truth, strict=True)):
@@ -147,7 +148,7 @@ def tables(stored: StoredRun) -> dict[int, Table]:
     found = unpack_contacts(stored.arrays("predictions"))
     scenes, sensor = scenes_of(stored, truth)
     bound = bounds(sensor, scenes, truth)
-    gate = load_protocol(stored.record["protocol"]["id"]).keys.test.gate_mm
+    gate = load_protocol(stored.record.protocol.id).keys.test.gate_mm
     out = {}
     for count in sorted({len(true) for true in truth} - {0}):
         rows = [row for row, true in enumerate(truth) if len(true) == count]
@@ -314,10 +315,10 @@ def _word(met: bool) -> str:
     return "PASS  " if met else "FAIL  "
 
 
-def _but_seed(record: dict[str, Any]) -> str:
+def _but_seed(record: Record) -> str:
     """What runs that differ in their seed alone have in common."""
-    identity = {k: v for k, v in record["identity"].items() if k not in SEEDED}
-    return digest([record["model"], record["regime"], identity])
+    identity = {k: v for k, v in record.identity.json_values().items() if k not in SEEDED}
+    return digest([record.model.identity, record.regime, identity])
 
 
 def main() -> int:
@@ -330,12 +331,12 @@ def main() -> int:
         stored = open_run(asked.out, name)
         record = stored.record
         print(f"\n{stored.folder.name}", flush=True)
-        title = " ".join((record["protocol"]["id"], record["model"]["name"], record["regime"]))
+        title = f"{record.protocol.id} {record.model.name} {record.regime}"
         for count, table in tables(stored).items():
             print(f"{title}, {NAMES.get(count, count)}")
             found = figures(table)
             show(found)
-            key = (_but_seed(record), title, record["regime"], count)
+            key = (_but_seed(record), title, record.regime, count)
             groups.setdefault(key, []).append(found)
     print(f"\nmeans over seeds; bins of fewer than {FEWEST} pairs are shown and not judged")
     met: dict[str, bool] = {}

@@ -128,7 +128,7 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
 
 def _timed_as(row: Row) -> set[tuple[str, str]]:
     """Arithmetic and machine of the times of all seeds."""
-    return {(str(record["timed"].get("configuration")), machine(record)) for record in row.records}
+    return {(str(record.timed.configuration), machine(record)) for record in row.records}
 
 
 def _plain_log(axes: Axes, rows: Sequence[Row]) -> None:
@@ -170,7 +170,7 @@ def error_table(rows: Iterable[Row]) -> list[str]:
         ]
         cells.append(
             [
-                f"`{row.first['model']['name']}`",
+                f"`{row.first.model.name}`",
                 row.regime,
                 str(len(row.records)),
                 *(_shown(name, v) for name, v in zip(TABLE, shown, strict=True)),
@@ -184,8 +184,7 @@ def _shown(name: str, value: float | None) -> str:
 
 
 def _value(record: Any, metric: str) -> float:
-    (row,) = [r for r in record["metrics"] if (r["metric"], r["group"]) == (metric, "all")]
-    return float(row["value"])
+    return float(record.value(metric, "all"))
 
 
 def _p90(record: Any) -> float | None:

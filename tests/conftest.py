@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from tactibench.records.record import Record
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # processes that each take all cores stall each other
     for library in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -55,10 +58,11 @@ def fabricated(
     machine: str = "0123456789ab",
     metrics: tuple[tuple[str, str, float | None], ...] = (),
     **more: Any,
-) -> dict[str, Any]:
+) -> Record:
     """A valid record. error: of the metric that orders the board; settings, sensor: parameters
     that are not at their defaults."""
     from tactibench.protocols.loader import load_protocol
+    from tactibench.records.record import Record
 
     loaded = load_protocol(protocol)
     label = [_labelled(model, settings), _labelled("tactip-127", sensor)]
@@ -120,7 +124,7 @@ def fabricated(
         "signature": f"protocol:{protocol}@1|model:{label[0]}|regime:{regime}|"
         f"encoder:{encoder or 'none'}|sensor:{label[1]}|seed:{seed}|version:0",
     }
-    return {**record, **more}
+    return Record.model_validate({**record, **more})
 
 
 def hash_of(value: Any) -> str:
@@ -135,6 +139,6 @@ def _labelled(name: str, settings: Mapping[str, Any] | None) -> str:
 
 
 @pytest.fixture(scope="session")
-def fabricate() -> Callable[..., dict[str, Any]]:
+def fabricate() -> Callable[..., Record]:
     """See ``fabricated``."""
     return fabricated

@@ -9,7 +9,6 @@ from tactibench.board.labels import whole
 from tactibench.board.page import page
 from tactibench.board.published import load_published
 from tactibench.board.submissions import (
-    Record,
     all_press_errors,
     committed_protocols,
     read_submissions,
@@ -17,6 +16,7 @@ from tactibench.board.submissions import (
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.files import atomic
+from tactibench.records.record import Record
 from tactibench.shipped import shipped_folder
 
 

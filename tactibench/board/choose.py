@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from tactibench.board.boards import records_of
-from tactibench.board.labels import Record, trained_for
+from tactibench.board.labels import trained_for
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import slot
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.records.record import Record
 from tactibench.records.store import stored_runs
 
 
@@ -22,11 +23,11 @@ def gathered(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     """
     found: dict[str, Record] = {slot(record): record for record in records_of(board, protocol)}
     stored = [run.record for run in stored_runs(runs)] if runs is not None else []
-    for record in sorted(stored, key=lambda record: (record["created"], record["name"])):
-        if record["protocol"]["id"] == protocol and not record["partial"]:
+    for record in sorted(stored, key=lambda record: (record.created, record.name)):
+        if record.protocol.id == protocol and not record.partial:
             found[slot(record)] = record
     asked = read_protocol(protocol_files()[protocol]).hash
-    return trained_for(r for r in found.values() if r["protocol"]["hash"] == asked)
+    return trained_for(r for r in found.values() if r.protocol.hash == asked)
 
 
 def of_sensor(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:

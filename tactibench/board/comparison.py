@@ -103,23 +103,22 @@ def refuse_unlike(runs: Sequence[StoredRun]) -> None:
     """Raise UserError unless all runs answered the same frames, each of them once in the list."""
     first = runs[0].record
     for k, run in enumerate(runs):
-        name, record = run.record["name"], run.record
-        if name in [other.record["name"] for other in runs[:k]]:
+        name, record = run.record.name, run.record
+        if name in [other.record.name for other in runs[:k]]:
             raise UserError(f"run {name!r} is named twice; name two that differ.")
         asked, other = (
-            (r["protocol"]["id"], r["protocol"]["version"], r["protocol"]["hash"])
-            for r in (first, record)
+            (r.protocol.id, r.protocol.version, r.protocol.hash) for r in (first, record)
         )
         if asked != other:
             raise UserError(
-                f"{first['name']} answers {asked[0]}@{asked[1]} ({asked[2][:8]}), but {name} "
+                f"{first.name} answers {asked[0]}@{asked[1]} ({asked[2][:8]}), but {name} "
                 f"{other[0]}@{other[1]} ({other[2][:8]}); runs of one protocol and version can be "
                 "compared."
             )
         if canonical(section_key(first)) != canonical(section_key(record)):
             raise UserError(
-                f"{first['name']} ({measured_on(first)}, {first['data']['test']:,} test frames) "
-                f"and {name} ({measured_on(record)}, {record['data']['test']:,} test frames) were "
+                f"{first.name} ({measured_on(first)}, {first.data.test:,} test frames) "
+                f"and {name} ({measured_on(record)}, {record.data.test:,} test frames) were "
                 "not tested on the same frames; a paired comparison needs the same presses: test "
                 "both on one sensor with the same options."
             )
@@ -133,7 +132,7 @@ def _measure(run: StoredRun, distances: bool) -> _Measured:
         groups = _groups(trials, metric, distances)
         table = press_means(metric, trials, groups)
         means |= {(metric, group): table[:, k] for k, group in enumerate(groups)}
-    misses = {m["group"]: m["value"] for m in run.record["metrics"] if m["metric"] in MISSES}
+    misses = {m.group: m.value for m in run.record.metrics if m.metric in MISSES}
     return _Measured(means, misses, trials.level)
 
 
@@ -200,10 +199,10 @@ def names_of(runs: Sequence[StoredRun]) -> list[str]:
     labels = [label_of(run.record) for run in runs]
     if len(set(labels)) < len(labels):
         labels = [
-            f"{label}, seed {run.record['seed']}" for label, run in zip(labels, runs, strict=True)
+            f"{label}, seed {run.record.seed}" for label, run in zip(labels, runs, strict=True)
         ]
     if len(set(labels)) < len(labels):
-        return [run.record["name"] for run in runs]
+        return [run.record.name for run in runs]
     return labels
 
 
@@ -219,7 +218,7 @@ def rows_of(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[dict
     """Tidy rows: ``value`` is first minus second."""
     rows = []
     for one in found:
-        who = {"first": runs[one.first].record["name"], "second": runs[one.second].record["name"]}
+        who = {"first": runs[one.first].record.name, "second": runs[one.second].record.name}
         for row in one.rows:
             spec, d = find_metric(row.metric), row.difference
             rows.append(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterable, Sequence
 
-from tactibench.board.labels import Record
 from tactibench.board.markdown import Head, code, plain, table
 from tactibench.board.numbers import duration, number, scaled, significant
 from tactibench.board.rows import Row, latency, machine
 from tactibench.board.tables import IDENTITY, MISSING, deviation, identity
+from tactibench.records.record import Record
 
 LATENCY = (
     Head("p90, ms"),
@@ -78,40 +78,33 @@ def by_machine(row: Row) -> list[Row]:
 
 def parameters(record: Record) -> float | None:
     """Number of trained weights."""
-    return _efficiency(record, "parameters")
+    return record.efficiency.parameters
 
 
 def operations(record: Record) -> float | None:
     """Floating-point operations of one frame."""
-    return _efficiency(record, "flops_per_frame")
+    return record.efficiency.flops_per_frame
 
 
 def memory(record: Record) -> float | None:
     """Peak memory, MB."""
-    return _efficiency(record, "peak_memory_mb")
+    return record.efficiency.peak_memory_mb
 
 
 def training_seconds(record: Record) -> float | None:
     """Seconds that ``fit`` took, in this run or when the weights were made."""
-    seconds = record["training"].get("seconds")
-    return None if seconds is None else float(seconds)
+    return record.training.seconds
 
 
 def frames_per_second(record: Record) -> float | None:
     """Of the batch size and thread count that make the most of the machine."""
-    rates = [row["per_s"] for row in record["speed"] if row["phase"] == "total"]
+    rates = [row.per_s for row in record.speed if row.phase == "total"]
     return max(rates, default=None)
-
-
-def _efficiency(record: Record, name: str) -> float | None:
-    value = (record.get("efficiency") or {}).get(name)
-    return None if value is None else float(value)
 
 
 def difference(record: Record) -> float | None:
     """Median distance of the timed answers from the float32 ones, mm."""
-    value = record["timed"].get("difference_mm")
-    return None if value is None else float(value)
+    return record.timed.difference_mm
 
 
 def _latency_cells(row: Row) -> Iterable[str]:
@@ -123,7 +116,7 @@ def _latency_cells(row: Row) -> Iterable[str]:
     yield _mean(row.over(lambda r: latency(r, threads=None)), significant)
     yield _mean(row.over(frames_per_second), lambda value: f"{value:,.0f}")
     yield _mean(row.over(difference), lambda value: number(value, 4))
-    yield _words(row, lambda record: record["timed"].get("configuration"))
+    yield _words(row, lambda record: record.timed.configuration)
     yield code(machine(row.first))
 
 
@@ -135,7 +128,7 @@ def _cost_cells(row: Row) -> Iterable[str]:
     yield _mean(row.over(memory), lambda value: f"{value:,.0f}")
     yield _mean(seconds, duration)
     yield MISSING if sd is None else f"{sd:,.0f}"
-    yield _words(row, lambda record: record["training"].get("device"))
+    yield _words(row, lambda record: record.training.device)
     yield code(machine(row.first))
 
 
@@ -150,23 +143,22 @@ def _mean(values: Sequence[float], text: Callable[[float], str]) -> str:
 
 def _settled(row: Row) -> bool:
     return all(
-        speed["settled"]
+        speed.settled
         for record in row.records
-        for speed in record["speed"]
-        if (speed["scenario"], speed["threads"]) == ("single", 1)
+        for speed in record.speed
+        if (speed.scenario, speed.threads) == ("single", 1)
     )
 
 
 def _machine(record: Record) -> str:
-    found = record["environment"]
-    cores = found.get("cores_logical")
-    torch = found.get("torch")
+    facts = record.environment
+    cores, torch = facts.cores_logical, facts.torch
     parts = [
-        found.get("cpu"),
+        facts.cpu,
         f"{cores} logical cores" if cores else None,
-        ", ".join(found.get("cpu_flags") or ()),
-        *(found.get("gpu") or ()),
+        ", ".join(facts.cpu_flags),
+        *facts.gpu,
         f"torch {torch}" if torch else None,
-        found.get("os"),
+        facts.os,
     ]
     return plain("; ".join(part for part in parts if part))

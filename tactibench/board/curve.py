@@ -33,7 +33,7 @@ def curves(rows: Iterable[Row], error: RankingError) -> list[Curve]:
     """Curves of at least two steps, by label. rows: of one sensor, with and without ``presses``."""
     found: dict[str, list[Step]] = {}
     for row in rows:
-        count = int(row.first["data"]["train"])
+        count = row.first.data.train
         step = Step(count, row.metric(error.metric, error.group), len(row.records))
         found.setdefault(row.label, []).append(step)
     return [

@@ -99,7 +99,7 @@ def _rows(protocol: str, section: Section, row: Row) -> list[dict[str, Any]]:
         "seeds": list(row.seeds),
     }
     found = []
-    pairs = dict.fromkeys((m["metric"], m["group"]) for r in row.records for m in r["metrics"])
+    pairs = dict.fromkeys((m.metric, m.group) for r in row.records for m in r.metrics)
     for metric, group in pairs:
         pooled = row.metric(metric, group)
         if pooled is not None:

@@ -46,7 +46,7 @@ def latex_table(
         )
         for rank, row in zip(numbers, rows, strict=True)
     ]
-    signatures = [record["signature"] for row in rows for record in row.records]
+    signatures = [record.signature for row in rows for record in row.records]
     return "\n".join(
         [
             "% " + " ".join(title.split()),

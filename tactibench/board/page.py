@@ -12,10 +12,8 @@ from tactibench.board.curve import curve_lines, curves
 from tactibench.board.hard_cases import hard_case_lines
 from tactibench.board.labels import (
     TRIVIAL,
-    Record,
-    asked_of,
+    command_options,
     section_key,
-    tested_of,
     trained_on,
     whole,
 )
@@ -28,6 +26,7 @@ from tactibench.board.rows import Row, rows_of
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.tables import block_lines
 from tactibench.protocols.loader import LoadedProtocol
+from tactibench.records.record import Record
 
 READING = """\
 Each table holds one sensor: simulated and real never share a column. A row is a model with its
@@ -87,12 +86,12 @@ def _section(
     records: Iterable[Record],
     errors: Errors,
 ) -> list[str]:
-    stated = section.record["protocol"]
+    stated = section.record.protocol
     rows = ordered(name, section.rows)
     lines = [f"## {plain(section.title)}", ""]
-    if stated["hash"] != protocol.hash:
+    if stated.hash != protocol.hash:
         lines += [
-            f"Made with version {stated['version']} of the protocol (`{stated['hash'][:8]}`),"
+            f"Made with version {stated.version} of the protocol (`{stated.hash[:8]}`),"
             f" which is not the present one (`{protocol.hash[:8]}`).",
             "",
         ]
@@ -105,28 +104,29 @@ def _section(
     if name in RANKING:
         here = [r for r in records if section_key(r) == section_key(section.record)]
         lines += curve_lines(curves(rows_of(here), RANKING[name]), RANKING[name])
-    timed = any(record["speed"] for row in rows for record in row.records)
-    if timed and (tested_of(section.record) is None or trained_on(section.record)):
+    timed = any(record.speed for row in rows for record in row.records)
+    if timed and (section.record.test_sensor is None or trained_on(section.record)):
         lines += cost_lines(rows)  # elsewhere the same weights cost the same
     lines += _missing_trivial(name, rows)
     runs = [record for row in rows for record in row.records]
     lines += _code(runs)
-    signatures = (record["signature"] for record in runs)
+    signatures = (record.signature for record in runs)
     plural = "s" if len(runs) > 1 else ""
     return [*lines, *details(f"Signature{plural} of {len(runs)} run{plural}", signatures), ""]
 
 
 def _tested(record: Record) -> list[str]:
     """How many frames of how many presses, where they are not those of the protocol's draws."""
-    tested = tested_of(record)
-    if tested is None:
+    test = record.test_sensor
+    if test is None:
         return []
-    frames, presses = int(record["data"]["test"]), int(tested["presses"])
+    frames, presses = record.data.test, test.presses
     counted = f"{presses:,} presses"
     if frames != presses:
         counted = f"{frames:,} frames of {counted}"
     if trained := trained_on(record):
-        left = int(record["data"]["of_tested_sensor"]["left_out_calibrated"])
+        seen = record.data.of_tested_sensor
+        left = 0 if seen is None else seen.left_out_calibrated
         fitted = f" {left:,} frames to which the simulator was fitted test nothing." if left else ""
         return [
             f"Trained on {plain(trained)}, tested on {counted} of another sensor, of which a "
@@ -134,22 +134,20 @@ def _tested(record: Record) -> list[str]:
             f"of them a test press.{fitted}",
             "",
         ]
-    return [
-        f"Trained on the sensor itself and tested on {counted}: {code(asked_of(record)[1:])}.",
-        "",
-    ]
+    options = code(command_options(record)[1:])
+    return [f"Trained on the sensor itself and tested on {counted}: {options}.", ""]
 
 
 def _account(record: Record) -> list[str]:
     """How the sensor made the test scenes, where it made them in more than one way."""
-    counts = (record["sensor"].get("account") or {}).get("test") or {}
+    counts = record.sensor.scene_counts.get("test", {})
     made = ", ".join(f"{count:,} {plain(way)}" for way, count in sorted(counts.items()))
     return [f"Test scenes: {made}.", ""] if made else []
 
 
 def _code(runs: Sequence[Record]) -> list[str]:
     """The commits that the runs were made with, and whether files had been changed since."""
-    commits = Counter(str(record["identity"].get("commit", "unknown")) for record in runs)
+    commits = Counter(record.identity.commit for record in runs)
     made = []
     for commit, count in sorted(commits.items()):
         name, plus, _ = commit.partition("+")
@@ -160,11 +158,11 @@ def _code(runs: Sequence[Record]) -> list[str]:
 
 def _missing_trivial(name: str, rows: Sequence[Row]) -> list[str]:
     """A board without its trivial rows says how to make them."""
-    there = {row.first["model"]["name"] for row in rows}
+    there = {row.first.model.name for row in rows}
     absent = sorted(TRIVIAL - there)
     if trained_on(rows[0].first):  # the board does not know where the recordings lie
         return []
-    asked = "".join({asked_of(row.first) for row in rows})
+    asked = "".join({command_options(row.first) for row in rows})
     made = " and ".join(f"`tactibench run {name} --model {model}{asked}`" for model in absent)
     return [f"Trivial rows are missing: {made} on this sensor.", ""] if made else []
 
@@ -172,6 +170,6 @@ def _missing_trivial(name: str, rows: Sequence[Row]) -> list[str]:
 def _all_metrics(rows: Sequence[Row]) -> Block:
     """The table of a protocol that has no tables of its own."""
     names = dict.fromkeys(
-        metric["metric"] for row in rows for record in row.records for metric in record["metrics"]
+        metric.metric for row in rows for record in row.records for metric in record.metrics
     )
     return Block("Metrics", tuple(Column(name, "all", plain(name), 4) for name in names))

@@ -89,7 +89,7 @@ def _paired(one: PressErrors, other: PressErrors) -> bool:
 
 def _pooled(row: Row, errors: Errors) -> PressErrors | None:
     """Mean over seeds of every press that all seeds have; None where a seed has no answers."""
-    known = [errors.get(record["name"]) for record in row.records]
+    known = [errors.get(record.name) for record in row.records]
     seeds = [one for one in known if one is not None]
     if not seeds or len(seeds) < len(known):
         return None

@@ -12,19 +12,11 @@ import statistics
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
-from tactibench.board.labels import (
-    MIXING,
-    TRIVIAL,
-    Record,
-    label_of,
-    mixing_of,
-    part_of,
-    presses_of,
-    row_key,
-)
+from tactibench.board.labels import MIXING, TRIVIAL, label_of, mixing_of, row_key
 from tactibench.records.identity import canonical, digest
+from tactibench.records.record import Record
 
 
 @dataclass(frozen=True)
@@ -56,7 +48,7 @@ class Row:
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        return tuple(record["seed"] for record in self.records)
+        return tuple(record.seed for record in self.records)
 
     @property
     def label(self) -> str:
@@ -70,16 +62,16 @@ class Row:
     @property
     def model(self) -> str:
         """The model with its parameters, without mixing, which has a column of its own."""
-        return part_of(self.first, "model").text(without=MIXING) + self.mark
+        return self.first.model.text(without=MIXING) + self.mark
 
     @property
     def encoder(self) -> str:
-        encoder = part_of(self.first, "encoder")
-        return "" if encoder.name == "none" else encoder.text()
+        encoder = self.first.encoder
+        return "" if encoder is None else encoder.text()
 
     @property
     def regime(self) -> str:
-        return str(self.first["regime"])
+        return self.first.regime
 
     @property
     def mixing(self) -> str:
@@ -87,30 +79,29 @@ class Row:
 
     @property
     def presses(self) -> int | None:
-        return presses_of(self.first)
+        return self.first.limits.presses
 
     @property
     def trivial(self) -> bool:
-        return self.first["model"]["name"] in TRIVIAL
+        return self.first.model.name in TRIVIAL
 
     def metric(self, metric: str, group: str) -> Pooled | None:
         """The metric over all seeds; None where one seed has no value: the others would flatter."""
-        rows = [_found(record, metric, group) for record in self.records]
-        known = [row for row in rows if row is not None and row["value"] is not None]
-        if not known or len(known) < len(rows):
+        rows = [row for record in self.records if (row := record.metric(metric, group))]
+        values = [row.value for row in rows if row.value is not None]
+        if not values or len(values) < len(self.records):
             return None
-        marks = {mark for row in known if (mark := row.get("censored"))}
+        marks = {row.censored for row in rows if row.censored}
         if len(marks) > 1:
             return None
-        values = [row["value"] for row in known]
-        counts = [row["clusters"] for row in known]
+        counts = [row.clusters for row in rows]
         return Pooled(
             statistics.fmean(values),
-            _mean_or_none([row["low"] for row in known]),
-            _mean_or_none([row["high"] for row in known]),
+            _mean_or_none([row.low for row in rows]),
+            _mean_or_none([row.high for row in rows]),
             statistics.stdev(values) if len(values) > 1 and not marks else None,
             (min(counts), max(counts)),
-            known[0]["unit"],
+            rows[0].unit,
             next(iter(marks), None),
         )
 
@@ -124,7 +115,7 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(row_key(record)), []).append(record)
-    seeds = [tuple(sorted(found, key=lambda r: int(r["seed"]))) for found in groups.values()]
+    seeds = [tuple(sorted(found, key=lambda r: r.seed)) for found in groups.values()]
     labels = Counter(_shown(records[0]) for records in seeds)
     rows = [Row(records, _mark(records[0], labels)) for records in seeds]
     return sorted(rows, key=lambda row: (row.label, row.presses or 0))
@@ -135,31 +126,32 @@ def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:
 
 
 def _shown(record: Record) -> tuple[str, int | None]:
-    return label_of(record), presses_of(record)
+    return label_of(record), record.limits.presses
 
 
-def latency(record: Record, *, threads: int | None, statistic: str = "p90_ms") -> float | None:
+def latency(
+    record: Record,
+    *,
+    threads: int | None,
+    statistic: Literal["p50_ms", "p90_ms"] = "p90_ms",
+) -> float | None:
     """Milliseconds from one frame to its contacts; threads None: as many as the machine has.
 
     None where a run was not timed so.
     """
     totals = [
         row
-        for row in record["speed"]
-        if (row["scenario"], row["batch"], row["phase"]) == ("single", 1, "total")
+        for row in record.speed
+        if (row.scenario, row.batch, row.phase) == ("single", 1, "total")
     ]
-    wanted = max((row["threads"] for row in totals), default=0) if threads is None else threads
-    return next((float(row[statistic]) for row in totals if row["threads"] == wanted), None)
+    if threads is None:
+        threads = max((row.threads for row in totals), default=0)
+    return next((getattr(row, statistic) for row in totals if row.threads == threads), None)
 
 
 def machine(record: Record) -> str:
     """Fingerprint of the hardware that a record was timed on."""
-    return str(record["environment"].get("fingerprint", "unknown"))
-
-
-def _found(record: Record, metric: str, group: str) -> Any:
-    rows: Sequence[Any] = record["metrics"]
-    return next((r for r in rows if (r["metric"], r["group"]) == (metric, group)), None)
+    return record.environment.fingerprint
 
 
 def _mean_or_none(ends: Sequence[float | None]) -> float | None:

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.board.labels import TRIVIAL, label_of, measured_on, part_of
+from tactibench.board.labels import TRIVIAL, label_of, measured_on
 from tactibench.board.published import load_published
 from tactibench.contacts import Contacts, Grid
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts
+from tactibench.records.record import Record
 from tactibench.records.store import Arrays, StoredRun
 from tactibench.run.examples import unpacked_features
 from tactibench.shipped import shipped_folder
@@ -50,8 +51,8 @@ class _Opened:
 def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     """Draw the pictures of a run and return their files. Plate poses have none yet."""
     record = run.record
-    path = protocol_files().get(record["protocol"]["id"])
-    if path is None or read_protocol(path).hash != record["protocol"]["hash"]:
+    path = protocol_files().get(record.protocol.id)
+    if path is None or read_protocol(path).hash != record.protocol.hash:
         return []
     keys = read_protocol(path).keys
     if keys.answer != "contacts":
@@ -86,12 +87,12 @@ def _hard_cases(run: StoredRun, keys: Protocol, alike: Sequence[StoredRun]) -> P
     return path
 
 
-def label(record: dict[str, Any]) -> str:
+def label(record: Record) -> str:
     """How a run is called in a legend."""
     return label_of(record)
 
 
-def beside(record: dict[str, Any], others: Sequence[StoredRun]) -> list[StoredRun]:
+def beside(record: Record, others: Sequence[StoredRun]) -> list[StoredRun]:
     """Runs that a picture may show beside this one, one a label, the newest of each.
 
     In the order in which they are taken while there is room: no trivial rows, the fewest
@@ -99,14 +100,14 @@ def beside(record: dict[str, Any], others: Sequence[StoredRun]) -> list[StoredRu
     """
     found = {
         label(other.record): other
-        for other in sorted(others, key=lambda other: str(other.record["created"]))
+        for other in sorted(others, key=lambda other: other.record.created)
         if _comparable(other.record, record)
     }
 
     def last(other: StoredRun) -> tuple[bool, int, bool, str]:
-        model = part_of(other.record, "model")
-        apart = other.record["regime"] != record["regime"]
-        return model.name in TRIVIAL, len(model.settings), apart, label(other.record)
+        model = other.record.model
+        apart = other.record.regime != record.regime
+        return model.name in TRIVIAL, len(model.changed), apart, label(other.record)
 
     return sorted(found.values(), key=last)
 
@@ -117,13 +118,13 @@ def _open(run: StoredRun, keys: Protocol) -> _Opened:
     return _Opened(run, keys, truth, unpack_contacts(truth), answers, run.arrays("maps"))
 
 
-def _comparable(other: dict[str, Any], record: dict[str, Any]) -> bool:
+def _comparable(other: Record, record: Record) -> bool:
     """Whether two runs answered the same frames with different models or regimes."""
     same = ("test_frames", "protocol", "quick", "limit")
     return (
-        all(other["identity"].get(key) == record["identity"][key] for key in same)
-        and other["seed"] == record["seed"]
-        and other["limits"].get("presses") == record["limits"].get("presses")
+        all(getattr(other.identity, key) == getattr(record.identity, key) for key in same)
+        and other.seed == record.seed
+        and other.limits.presses == record.limits.presses
         and label(other) != label(record)
     )
 
@@ -234,7 +235,7 @@ def _distance(opened: _Opened, alike: Sequence[StoredRun]) -> Path:
     path = opened.run.folder / "distance.png"
     distance_errors(
         path,
-        [(label(run.record), run.record["metrics"]) for run in runs],
+        [(label(run.record), run.record.metrics) for run in runs],
         published=load_published(list(opened.keys.published.tables), shipped_folder("published")),
         measured_on=opened.measured_on,
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.records.files import parse_json
+from tactibench.records.record import Component, Record
 
 NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
 """Of a run, a model, an encoder, a sensor: it becomes part of file names and of pages."""
@@ -18,7 +19,7 @@ LARGEST = 2**20
 """Bytes of a record; the longest of those here has 25 kB."""
 
 
-def read_record(path: Path) -> dict[str, Any]:
+def read_untrusted(path: Path) -> dict[str, Any]:
     """The JSON object in a file of at most LARGEST bytes, every number finite. Raises UserError."""
     try:
         size = path.stat().st_size
@@ -39,10 +40,10 @@ def read_record(path: Path) -> dict[str, Any]:
     return value
 
 
-def refuse_names(record: Mapping[str, Any], where: str) -> None:
+def refuse_names(record: Record, where: str) -> None:
     """Raise UserError for a name with markup or a path in it, or text that is not printable.
 
-    The record is valid otherwise (see ``checked``).
+    The record is valid otherwise (see ``parse_record``).
     """
     for key, name in _names(record):
         if not NAME.fullmatch(name):
@@ -50,14 +51,14 @@ def refuse_names(record: Mapping[str, Any], where: str) -> None:
                 f"{where}: {key} is {name[:80]!r}; a name may hold letters, digits, '.', '_' and "
                 "'-' only, at most 160, so that it is neither markup nor a path."
             )
-    for key, text in _texts(record):
+    for key, text in _texts(record.json_values()):
         if len(text) > LONGEST or not text.isprintable():
             raise UserError(
                 f"{where}: {key} holds a text of {len(text):,} characters that is too long or not "
                 f"printable; a text has at most {LONGEST:,} and no control characters."
             )
-    for kind in ("model", "encoder", "sensor"):
-        for key, value in ((record[kind] or {}).get("parameters") or {}).items():
+    for kind, component in _components(record):
+        for key, value in component.parameters.items():
             if isinstance(value, str) and re.search(r"[/\\<>]", value):
                 raise UserError(
                     f"{where}: {kind}.{key} is {value[:80]!r}; a committed run must not depend on "
@@ -65,16 +66,22 @@ def refuse_names(record: Mapping[str, Any], where: str) -> None:
                 )
 
 
-def _names(record: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "name", record["name"]
-    yield "regime", record["regime"]
-    yield "protocol.id", record["protocol"]["id"]
-    for kind in ("model", "encoder", "sensor"):
-        if record[kind] is not None:
-            yield f"{kind}.name", record[kind]["name"]
-            yield from ((f"{kind}.parameters", name) for name in record[kind]["parameters"])
-    if tested := record["sensor"].get("tested"):
-        yield "sensor.tested.name", tested["name"]
+def _components(record: Record) -> Iterator[tuple[str, Component]]:
+    yield "model", record.model
+    yield "sensor", record.sensor
+    if record.encoder is not None:
+        yield "encoder", record.encoder
+
+
+def _names(record: Record) -> Iterator[tuple[str, str]]:
+    yield "name", record.name
+    yield "regime", record.regime
+    yield "protocol.id", record.protocol.id
+    for kind, component in _components(record):
+        yield f"{kind}.name", component.name
+        yield from ((f"{kind}.parameters", name) for name in component.parameters)
+    if record.test_sensor is not None:
+        yield "sensor.tested.name", record.test_sensor.name
 
 
 def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
-from tactibench.board.labels import Part, Record, part_of, section_key, tested_of, trained_on
+from tactibench.board.labels import section_key, trained_on
 from tactibench.board.rows import Row, rows_of
 from tactibench.records.identity import canonical, digest
+from tactibench.records.record import Record, SensorId
 
 NOMINAL, TESTED, OTHER, PERTURBED, FINITE_ELEMENTS = range(5)
 KINDS = {
@@ -26,8 +26,6 @@ that simulator alone."""
 class Section:
     """Rows that answered the same test frames."""
 
-    sensor: Part
-    origin: str
     rows: tuple[Row, ...]
     mark: str = ""
     """Of the test frames, where two sections would have one title."""
@@ -37,27 +35,35 @@ class Section:
         return self.rows[0].first
 
     @property
+    def sensor(self) -> SensorId:
+        return self.record.sensor
+
+    @property
+    def origin(self) -> str:
+        return self.sensor.origin
+
+    @property
     def kind(self) -> int:
         """NOMINAL, TESTED (on what it was not trained for), OTHER, PERTURBED, FINITE_ELEMENTS."""
-        if tested_of(self.record) is not None:
+        if self.record.test_sensor is not None:
             return TESTED
-        values: Mapping[str, Any] = self.record["sensor"]["parameters"]
+        values = self.sensor.parameters
         if values.get("tier") == "fem":
             return FINITE_ELEMENTS
         if values.get("instance", 0) != 0:
             return PERTURBED
-        return OTHER if self.sensor.settings else NOMINAL
+        return OTHER if self.sensor.changed else NOMINAL
 
     @property
     def title(self) -> str:
         """ "Simulated sensor tactip-127, instance=1: a perturbed individual"."""
-        tested = tested_of(self.record)
-        if tested is not None and (trained := trained_on(self.record)):
-            text = f"Real {tested['on']}, trained on {trained}"
+        test = self.record.test_sensor
+        if test is not None and (trained := trained_on(self.record)):
+            text = f"Real {test.description}, trained on {trained}"
             return text + (f" (test frames {self.mark})" if self.mark else "")
         text = f"{self.origin.capitalize()} sensor {self.sensor.text()}"
-        if tested:
-            text += f", tested on {tested['on']}"
+        if test is not None:
+            text += f", tested on {test.description}"
         if why := KINDS[self.kind]:
             text += f": {why}"
         return text + (f" (test frames {self.mark})" if self.mark else "")
@@ -68,15 +74,9 @@ def sections_of(records: Iterable[Record]) -> list[Section]:
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(section_key(record)), []).append(record)
-    made = [
-        Section(part_of(found[0], "sensor"), found[0]["sensor"]["origin"], tuple(rows_of(found)))
-        for found in groups.values()
-    ]
+    made = [Section(tuple(rows_of(group))) for group in groups.values()]
     titles = [section.title for section in made]
-    named = [
-        Section(s.sensor, s.origin, s.rows, _mark(s)) if titles.count(s.title) > 1 else s
-        for s in made
-    ]
+    named = [Section(s.rows, _mark(s)) if titles.count(s.title) > 1 else s for s in made]
     return sorted(named, key=lambda s: (s.origin != "simulated", s.kind, s.title))
 
 

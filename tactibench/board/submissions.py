@@ -27,11 +27,9 @@ from tactibench.errors import UserError
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.files import atomic, read_json, write_arrays
 from tactibench.records.identity import digest
-from tactibench.records.record import checked
-from tactibench.records.seal import unsealed
-from tactibench.records.store import StoredRun
+from tactibench.records.record import Record, parse_record
+from tactibench.records.store import CHECKSUM, StoredRun
 
-Record = dict[str, Any]
 FOLDER = "submissions"
 LISTS = ("metrics", "speed")
 """Lists of a record that are written one row a line, so that a diff can be read."""
@@ -46,13 +44,15 @@ class Added:
 
 
 def compact(record: Record) -> Record:
-    """The record as it is committed."""
-    identity = dict(unsealed(record)["identity"])
+    """Return the record as it is committed."""
+    values = record.json_values()
+    identity = values["identity"]
+    identity.pop(CHECKSUM, None)
     for name in ("sensor", "tested"):
         if isinstance(identity.get(name), dict):
             identity[name] = digest(identity[name])
-    training = {name: value for name, value in record["training"].items() if name != "history"}
-    return {**record, "identity": identity, "training": training}
+    values["training"].pop("history", None)
+    return Record.model_validate(values)
 
 
 def add(run: StoredRun, board: Path) -> Added:
@@ -65,8 +65,8 @@ def add(run: StoredRun, board: Path) -> Added:
     refuse_names(run.record, str(run.folder))
     predicted = run.arrays("predictions")  # raises where they were changed
     record = compact(run.record)
-    folder = board / FOLDER / record["protocol"]["id"]
-    path = folder / f"{record['name']}.json"
+    folder = board / FOLDER / record.protocol.id
+    path = folder / f"{record.name}.json"
     same = [
         other for other in _files(folder) if other != path and slot(_read(other)) == slot(record)
     ]
@@ -81,23 +81,23 @@ def add(run: StoredRun, board: Path) -> Added:
 
 def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
     """Errors to rank by; none for a protocol that is not the present one."""
-    stated = run.record["protocol"]
-    path = protocol_files().get(stated["id"])
+    stated = run.record.protocol
+    path = protocol_files().get(stated.id)
     protocol = None if path is None else read_protocol(path)
-    if protocol is None or protocol.hash != stated["hash"]:
+    if protocol is None or protocol.hash != stated.hash:
         return {}
     return ranked_errors(protocol.keys, run.arrays("truth"), predicted)
 
 
 def press_errors(board: Path, record: Record) -> PressErrors | None:
     """What a record is ranked by, press by press; None where no answers lie beside it."""
-    place = board / FOLDER / record["protocol"]["id"] / f"{record['name']}.json"
+    place = board / FOLDER / record.protocol.id / f"{record.name}.json"
     return read_press_errors(answers_file(place))
 
 
 def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
     """Of the records that have answers beside them, by name. Raises UserError for damaged ones."""
-    found = ((record["name"], press_errors(board, record)) for record in records)
+    found = ((record.name, press_errors(board, record)) for record in records)
     return {name: errors for name, errors in found if errors is not None}
 
 
@@ -119,14 +119,14 @@ def refuse_twins(records: Sequence[Record]) -> None:
         other = seen.setdefault(slot(record), record)
         if other is not record:
             raise UserError(
-                f"{other['name']} and {record['name']} are both seed {record['seed']} of "
+                f"{other.name} and {record.name} are both seed {record.seed} of "
                 f"{label_of(record)}; keep one of the two files."
             )
 
 
 def refuse_partial(record: Record, where: str) -> None:
     """Raise UserError for a run that was cut short."""
-    if record["partial"]:
+    if record.partial:
         raise UserError(
             f"{where} is a partial run (--quick or --limit) and has no place on a board; run the "
             "protocol whole."
@@ -135,13 +135,13 @@ def refuse_partial(record: Record, where: str) -> None:
 
 def slot(record: Record) -> str:
     """What there may be one record of: a row of a board and a training seed."""
-    return digest([row_key(record), record["seed"]])
+    return digest([row_key(record), record.seed])
 
 
 def text_of(record: Record) -> str:
     """JSON with a line for every key, and one for every metric and every time."""
     parts = []
-    for name, value in record.items():
+    for name, value in record.json_values().items():
         if name in LISTS:
             rows = ",\n".join(f"  {_json(row)}" for row in value)
             parts.append(f" {_json(name)}: [\n{rows}\n ]" if rows else f" {_json(name)}: []")
@@ -159,13 +159,12 @@ def _files(folder: Path) -> Iterable[Path]:
 
 
 def _read(path: Path) -> Record:
-    record: Record = read_json(path)
-    checked(record, str(path))
+    record = parse_record(read_json(path), str(path))
     refuse_partial(record, str(path))
-    if record["name"] != path.stem or record["protocol"]["id"] != path.parent.name:
+    if record.name != path.stem or record.protocol.id != path.parent.name:
         raise UserError(
-            f"{path} holds the record {record['name']!r} of protocol "
-            f"{record['protocol']['id']!r}; file and folder must be called so."
+            f"{path} holds the record {record.name!r} of protocol "
+            f"{record.protocol.id!r}; file and folder must be called so."
         )
     return record
 

@@ -293,10 +293,10 @@ def _complete_runs(store: Path, names: tuple[str, ...]) -> list[StoredRun]:
             continue
         # Opened one by one: a damaged run that was passed over would change a mean.
         fitting = [open_run(store, run) for run in run_names(store) if fnmatchcase(run, name)]
-        complete = [run for run in fitting if not run.record["partial"]]
+        complete = [run for run in fitting if not run.record.partial]
         if not complete:
             partial = f", but {len(fitting)} partial ones" if fitting else ""
             raise UserError(f"{store} holds no complete run called like {name!r}{partial}.")
         runs |= {run.folder: run for run in complete}
     # The oldest first, so that of one row and seed the newest stays.
-    return sorted(runs.values(), key=lambda run: (run.record["created"], run.folder.name))
+    return sorted(runs.values(), key=lambda run: (run.record.created, run.folder.name))

@@ -95,8 +95,8 @@ def _machine(found: Sequence[Frontier]) -> str:
     points = [point for one in found for point in one.points]
     if not points:
         return ""
-    facts = points[0].row.first["environment"]
-    return f", timed on {facts.get('cpu')} ({found[0].machine})"
+    facts = points[0].row.first.environment
+    return f", timed on {facts.cpu} ({found[0].machine})"
 
 
 def _json(found: Frontier, error: RankingError) -> list[dict[str, Any]]:

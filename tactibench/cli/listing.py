@@ -93,11 +93,11 @@ def _list_runs(store: Path, as_json: bool) -> None:
         rows.append(
             {
                 "name": run.folder.name,
-                "protocol": record["protocol"]["id"],
-                "model": record["model"]["name"],
-                "seed": record["seed"],
-                "created": record["created"],
-                "partial": record["partial"],
+                "protocol": record.protocol.id,
+                "model": record.model.name,
+                "seed": record.seed,
+                "created": record.created,
+                "partial": record.partial,
             }
         )
     heads = ("name", "protocol", "model", "seed", "created", "partial")

@@ -97,16 +97,18 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     from tactibench.protocols.loader import protocol_files, read_protocol
     from tactibench.shipped import shipped_folder
 
-    record = {**run.record, "path": str(run.folder / RECORD)}
+    record, path = run.record, str(run.folder / RECORD)
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
     files = protocol_files()
     tables: tuple[str, ...] = ()
     axes: tuple[Axis, ...] = ()
-    if record["protocol"]["id"] in files:
-        protocol = read_protocol(files[record["protocol"]["id"]])
+    if record.protocol.id in files:
+        protocol = read_protocol(files[record.protocol.id])
         tables = protocol.keys.published.tables
-        axes = protocol.keys.axes if protocol.hash == record["protocol"]["hash"] else ()
+        axes = protocol.keys.axes if protocol.hash == record.protocol.hash else ()
     published = load_published(list(tables), shipped_folder("published"))
-    print_record(terminal.out, record, published, [other.record for other in others], axes)
+    print_record(
+        terminal.out, record, published, [other.record for other in others], axes, path=path
+    )
     for picture in draw_pictures(run, others):
         terminal.say(f"picture: {picture}")

@@ -107,7 +107,7 @@ def run(
         finished = execute(plan, store, terminal, fresh=fresh)
     show_run(terminal, finished, store)
     if json_file is not None:
-        write_json(json_file, finished.record)
+        write_json(json_file, finished.record.json_values())
 
 
 def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:

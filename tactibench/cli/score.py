@@ -30,13 +30,11 @@ def score(ctx: click.Context, run_name: str, store: Path, json_file: Path | None
     run = open_run(store, run_name)
     record = rescored(run)
     show_run(terminal, StoredRun(run.folder, record), store)
-    changed = differences(run.record["metrics"], record["metrics"])
+    changed = differences(run.record.metrics, record.metrics)
     if json_file is not None:
-        write_json(json_file, record)
+        write_json(json_file, record.json_values())
     if changed:
         for line in changed[:20]:
             terminal.say(line)
         ctx.exit(1)
-    terminal.say(
-        f"scored again: all {len(record['metrics'])} rows are identical to the stored ones"
-    )
+    terminal.say(f"scored again: all {len(record.metrics)} rows are identical to the stored ones")

@@ -143,17 +143,13 @@ def _draw_cases(path: Path, runs: Path | None, axes: Sequence[Axis]) -> None:
     from tactibench.records.store import stored_runs
 
     stored = [] if runs is None else list(stored_runs(runs))
-    found = [
-        one
-        for one in stored
-        if one.record["protocol"]["id"] == PROTOCOL and not one.record["partial"]
-    ]
+    found = [one for one in stored if one.record.protocol.id == PROTOCOL and not one.record.partial]
     if not found:
         raise UserError(
             "--cases draws the frames that a run has stored; name a store with a complete run of "
             f"{PROTOCOL} with --runs."
         )
-    run = max(found, key=lambda one: str(one.record["created"]))
+    run = max(found, key=lambda one: str(one.record.created))
     examples, groups = run.arrays("examples"), run.arrays("truth")["group"]
     frames = {
         str(groups[row]): image

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
 from tactibench.errors import UserError
 from tactibench.metrics.registry import METRICS, find_metric
-from tactibench.metrics.rows import MetricRow
 from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.records.record import Metric
+from tactibench.stats.estimate import Estimate
 
 __all__ = ["METRICS", "score"]
 
 
 def score(
     names: Sequence[str], trials: Trials | PlateTrials, *, rng: np.random.Generator
-) -> list[MetricRow]:
+) -> list[Metric]:
     """Compute metrics in the order of their names, each with its groups in the table's order.
 
     Every metric gets its own random numbers from one draw of ``rng`` and its name, so an interval
@@ -31,10 +33,22 @@ def score(
     rows = []
     for spec in specs:
         own = np.random.default_rng([seed, zlib.crc32(spec.name.encode())])
-        rows += [
-            MetricRow.of(spec, group, estimate) for group, estimate in _rows(spec, trials, own)
-        ]
+        rows += [_metric(spec, group, estimate) for group, estimate in _rows(spec, trials, own)]
     return rows
+
+
+def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
+    """Name the estimate by its metric and group; ``censored`` is set only where it applies."""
+    values = {
+        "metric": spec.name,
+        "group": group,
+        **asdict(estimate),
+        "unit": spec.unit,
+        "better": spec.better,
+    }
+    if estimate.censored is None:
+        del values["censored"]
+    return Metric.model_validate(values)
 
 
 def _rows(spec: MetricSpec, trials: Trials | PlateTrials, rng: np.random.Generator) -> Rows:

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
 
 from tactibench.errors import UserError
 
@@ -13,12 +21,39 @@ SCHEMA = 1
 SHARES = ("missed", "resolved", "catch_resolved", "coverage")
 """Metrics that are shares of something and lie in 0..1."""
 
+Value = bool | int | float | str
+
 
 class _Strict(BaseModel):
+    """A part of a record whose keys are all known."""
+
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    def json_values(self) -> dict[str, Any]:
+        """Return the part as it stands in ``record.json``: the keys that were read or given."""
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+class _Open(BaseModel):
+    """A part of a record to which a version may add keys; those that are read are declared."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+    def __bool__(self) -> bool:
+        """Whether the record says anything here."""
+        return bool(self.model_fields_set)
+
+    def json_values(self) -> dict[str, Any]:
+        """Return the part as it stands in ``record.json``."""
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
 
 class Metric(_Strict):
+    """A metric of one group. value: None for n/a. n: values averaged. clusters: presses.
+
+    censored: the value is only a limit.
+    """
+
     metric: str
     group: str
     value: float | None
@@ -32,6 +67,8 @@ class Metric(_Strict):
 
 
 class SpeedRow(_Strict):
+    """Latency of one phase, ms a call."""
+
     scenario: str
     threads: int
     batch: int
@@ -45,99 +82,313 @@ class SpeedRow(_Strict):
 
 
 class ProtocolId(_Strict):
+    """The protocol of a run and the hash of its file."""
+
     id: str
     version: int
     hash: str
     title: str
 
+    @property
+    def label(self) -> str:
+        """Name with version, as "exp1@1"."""
+        return f"{self.id}@{self.version}"
 
-class PartId(_Strict):
-    name: str
-    parameters: dict[str, bool | int | float | str]
 
+class Component(_Strict):
+    """A model, encoder or sensor with the values of its parameters.
 
-class TestedId(PartId):
-    """What pressed the test scenes, where it was not the sensor. asked: with ``--test``.
-
-    on: in words, "finite-element scenes". presses: how many the test frames are of. trained_on: in
-    words, where the model was trained on another sensor: "real recording 331/model_surface2d".
+    settings: names of the parameters that are not at their defaults. A record keeps them, because
+    the defaults of a later version may be others.
     """
 
-    asked: list[str]
-    on: str
+    name: str
+    parameters: dict[str, Value]
+    settings: list[str] | None = None
+
+    _settings_of_signature: tuple[str, ...] = PrivateAttr(default=())
+
+    @property
+    def changed(self) -> dict[str, Value]:
+        """Parameters that are not at their defaults."""
+        names = self._settings_of_signature if self.settings is None else self.settings
+        return {name: self.parameters[name] for name in names if name in self.parameters}
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Name and all parameters, without what the defaults were."""
+        return {"name": self.name, "parameters": self.parameters}
+
+    @property
+    def label(self) -> str:
+        """Name with the parameters that are not at their defaults, as in a signature."""
+        pairs = ",".join(f"{name}={value}" for name, value in self.changed.items())
+        return f"{self.name}({pairs})" if pairs else self.name
+
+    def text(self, *, without: str = "") -> str:
+        """Return the same for a reader, as "unet, width=32". without: a parameter left out."""
+        changed = (f"{name}={value}" for name, value in self.changed.items() if name != without)
+        return ", ".join([self.name, *changed])
+
+
+class TestSensor(Component):
+    """The sensor that pressed the test scenes, where it was not the sensor of the training.
+
+    options: as given with ``--test``. description: in words, "finite-element scenes". presses: how
+    many the test frames are of. trained_on: in words, where the model was trained on another
+    sensor: "real recording 331/model_surface2d".
+    """
+
+    __test__ = False  # not a test case, whatever its name
+
+    options: list[str] = Field(alias="asked")
+    description: str = Field(alias="on")
     presses: NonNegativeInt
     trained_on: str | None = None
 
 
-class SensorId(PartId):
-    """account: by role, how many scenes the sensor made in which way, if in more than one."""
+class SensorId(Component):
+    """scene_counts: by role, how many scenes the sensor made in which way, if in several."""
 
     origin: Literal["simulated", "real"]
-    account: dict[str, dict[str, int]] = {}
-    tested: TestedId | None = None
+    scene_counts: dict[str, dict[str, int]] = Field(default={}, alias="account")
+    test_sensor: TestSensor | None = Field(default=None, alias="tested")
 
 
-class Identity(BaseModel):
-    """Hashes of what was made, beside all that it was made from. stored: of every array file."""
+class Limits(_Open):
+    """How a run was cut short. presses: how many a model was allowed to learn from."""
 
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+    quick: bool = False
+    limit: int | None = None
+    presses: int | None = None
 
+
+class Identity(_Open):
+    """Hashes of what was made, beside all that it was made from. stored: of every array file.
+
+    checksum: digest of the record without this key, where the record was stored with one.
+    """
+
+    protocol: str | None = None
+    weights: str | None = None
+    encoder: Any = None
+    sensor: Any = None
+    tested: Any = None
+    test_frames: list[str] = []
+    shots: str | None = None
+    released: list[Any] = []
+    seed: int | None = None
+    quick: bool | None = None
+    limit: int | None = None
+    presses: int | None = None
+    code: str | None = None
+    plugins: dict[str, Any] = {}
+    versions: dict[str, str] = {}
+    machine: str | None = None
+    commit: str = "unknown"
+    hidden: str | None = None
+    data: list[str] | None = None
     weights_hash: str
     predictions_hash: str
     stored: dict[str, str]
+    checksum: str | None = Field(default=None, alias="sealed")
+
+
+class Environment(_Open):
+    """The machine and the software of a run."""
+
+    cpu: str | None = None
+    cpu_flags: list[str] = []
+    cores_physical: int | None = None
+    cores_logical: int | None = None
+    memory_gib: int | float | None = None
+    gpu: list[str] = []
+    os: str | None = None
+    python: str | None = None
+    torch: str | None = None
+    fingerprint: str = "unknown"
+    threads: int = 1
+    versions: dict[str, str] = {}
+
+
+class Configuration(_Open):
+    """A way to compute, its latency on one thread, and how far its answers are from float32."""
+
+    configuration: str | None = None
+    p50_ms: float | None = None
+    difference_mm: float | None = None
+    error_change: float | None = None
+    frames: int = 0
+    frames_with_another_count: int = 0
+
+
+class Timed(Configuration):
+    """The configuration that was timed, and those that it was chosen from."""
+
+    raced: list[Configuration] = []
+
+
+class Efficiency(_Open):
+    """The size of a model and the work of one frame."""
+
+    parameters: int | None = None
+    flops_per_frame: int | float | None = None
+    peak_memory_mb: float | None = None
+    training_s: float | None = None
+
+
+class Training(_Open):
+    """A training. seconds: in this run, or when the weights were made."""
+
+    epochs: int | None = None
+    seconds: float | None = None
+    presses: int | None = None
+    device: str | None = None
+    reused: bool = False
+    history: list[Any] = []
+    notes: dict[str, Any] = {}
+
+
+class AdaptedSensor(_Open):
+    """What of the tested sensor a model saw before its test. described: its recording."""
+
+    unlabelled_frames: int = 0
+    labelled_frames: list[int] | None = None
+    left_out_calibrated: int = 0
+    described: dict[str, Any] = {}
+    adapted: list[dict[str, Any]] = []
+
+
+class Cause(_Open):
+    """A reason to fail. first: the group of the first frame."""
+
+    cause: str
+    frames: int
+    first: str
+
+
+class Failures(_Open):
+    """Frames on which a model failed."""
+
+    frames: int = 0
+    causes: list[Cause] = []
+
+
+class FrameCounts(_Open):
+    """Numbers of frames. rejected: by geometry, when presses were drawn."""
+
+    train: int = 0
+    validation: int = 0
+    test: int = 0
+    rejected: int = 0
+    published_frames: bool = False
+    of_tested_sensor: AdaptedSensor | None = None
+    failures: Failures | None = None
 
 
 class Record(_Strict):
-    """What ``record.json`` holds."""
+    """The contents of ``record.json``."""
 
     schema_: Literal[1] = Field(alias="schema")
     name: str
     created: str
     protocol: ProtocolId
-    model: PartId
+    model: Component
     regime: str
-    encoder: PartId | None
+    encoder: Component | None
     sensor: SensorId
     seed: int
     partial: bool
-    limits: dict[str, bool | int | None]
+    limits: Limits
     identity: Identity
-    environment: dict[str, Any]
+    environment: Environment
     metrics: list[Metric]
     speed: list[SpeedRow]
-    timed: dict[str, Any]
-    efficiency: dict[str, Any] = {}
-    training: dict[str, Any]
-    data: dict[str, Any]
+    timed: Timed
+    efficiency: Efficiency = Efficiency()
+    training: Training
+    data: FrameCounts
     signature: str
 
+    @model_validator(mode="after")
+    def _read_old_settings(self) -> Record:
+        """Records made before ``settings`` were a field name them in their signature alone."""
+        following = {"model": "regime", "encoder": "sensor", "sensor": "seed"}
+        for kind, after in following.items():
+            component = getattr(self, kind)
+            if component is not None and component.settings is None:
+                label = self.signature.partition(f"|{kind}:")[2].partition(f"|{after}:")[0]
+                pairs = label.partition("(")[2].removesuffix(")").split(",")
+                names = [pair.partition("=")[0] for pair in pairs]
+                component._settings_of_signature = tuple(names)
+        return self
+
+    @property
+    def test_sensor(self) -> TestSensor | None:
+        """The sensor that pressed the test scenes, where it was not the sensor itself."""
+        return self.sensor.test_sensor
+
+    def metric(self, metric: str, group: str) -> Metric | None:
+        """Return the row of a metric and group, None where there is none."""
+        return next((m for m in self.metrics if (m.metric, m.group) == (metric, group)), None)
+
     def value(self, metric: str, group: str) -> float | None:
-        """A metric's value, None when it is n/a or not there."""
-        return next((m.value for m in self.metrics if (m.metric, m.group) == (metric, group)), None)
+        """Return a metric's value, None when it is n/a or not there."""
+        row = self.metric(metric, group)
+        return None if row is None else row.value
 
 
-def checked(record: dict[str, Any], where: str) -> Record:
-    """Validate a record. Raises UserError for another schema, a wrong key or a broken invariant."""
-    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
-        found = record.get("schema") if isinstance(record, dict) else type(record).__name__
+def make_signature(record: Record) -> str:
+    """Return one line that makes the numbers of a record reproducible."""
+    test = record.test_sensor
+    presses = record.limits.presses
+    fields = {
+        "protocol": f"{record.protocol.label}+{record.protocol.hash[:8]}",
+        "model": record.model.label,
+        "regime": record.regime,
+        "encoder": record.encoder.label if record.encoder else "none",
+        "sensor": record.sensor.label,
+        "seed": record.seed,
+        **({} if presses is None else {"presses": presses}),
+        **({} if test is None else {"test": ",".join(test.options)}),
+        "weights": record.identity.weights_hash[:8],
+        "partial": "yes" if record.partial else "no",
+        "machine": record.environment.fingerprint,
+        "version": record.environment.versions.get("tactibench", "unknown"),
+    }
+    return "|".join(f"{name}:{value}" for name, value in fields.items())
+
+
+def parse_record(values: Any, where: str) -> Record:
+    """Validate a record.
+
+    Args:
+        values: the JSON object of a record file.
+        where: names the record in messages.
+
+    Raises:
+        UserError: another schema, a wrong key or a broken invariant.
+    """
+    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
+        stated = values.get("schema") if isinstance(values, dict) else type(values).__name__
         raise UserError(
-            f"{where} has record schema {found!r}, this tactibench reads schema {SCHEMA}; "
+            f"{where} has record schema {stated!r}, this tactibench reads schema {SCHEMA}; "
             "make the record again with this version."
         )
     try:
-        valid = Record.model_validate(record)
+        record = Record.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         raise UserError(f"{where} is no valid record: key {place!r}: {first['msg']}.") from None
-    broken = next(_broken(valid), None)
+    broken = next(_broken_invariants(record), None)
     if broken:
         raise UserError(f"{where} is no valid record: {broken}.")
-    return valid
+    return record
 
 
-def _broken(record: Record) -> Iterator[str]:
-    """Sentences about what cannot be true of correct measurements."""
+def _broken_invariants(record: Record) -> Iterator[str]:
+    """Yield sentences about what cannot be true of correct measurements."""
     slack = 1e-9
     if record.identity.stored.get("predictions") != record.identity.predictions_hash:
         yield "the stored predictions are not those of its identity"

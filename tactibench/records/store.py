@@ -13,11 +13,15 @@ import numpy.typing as npt
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.records.files import arrays_hash, read_arrays, read_json, write_arrays, write_json
+from tactibench.records.identity import digest
 from tactibench.records.locks import locked
-from tactibench.records.record import checked
-from tactibench.records.seal import refuse_changed, sealed
+from tactibench.records.record import Record, parse_record
 
 RECORD = "record.json"
+CHECKSUM = "sealed"
+"""Key of a record's identity: the digest of everything else in the record. It says that nothing
+changed by accident; who changes a record on purpose writes another, and is found out by
+``tactibench verify``."""
 BEFORE = ".before"
 """Ends the name of a run that is being replaced, until the new one has its place."""
 PARTS = ("truth", "predictions", "maps", "times", "examples")
@@ -32,27 +36,29 @@ class StoredRun:
     """A run on disk."""
 
     folder: Path
-    record: dict[str, Any]
+    record: Record
 
     def arrays(self, part: str) -> Arrays:
         """One of PARTS, verified. Raises UserError when it is missing, damaged or changed."""
         path = self.folder / f"{part}.npz"
         arrays = read_arrays(path)
-        if arrays_hash(arrays) != self.record["identity"]["stored"].get(part):
+        if arrays_hash(arrays) != self.record.identity.stored.get(part):
             raise UserError(f"{path} is not what its record was made from; run the protocol again.")
         return arrays
 
 
-def write_run(store: Path, record: dict[str, Any], parts: Mapping[str, Arrays]) -> StoredRun:
+def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> StoredRun:
     """Store a run whole: nothing is visible under its name before everything is written.
 
     A run that has the name already is replaced. Raises UserError when the record breaks an
     invariant.
     """
     stored = {name: arrays_hash(parts[name]) for name in PARTS}
-    record = sealed({**record, "identity": {**record["identity"], "stored": stored}})
-    checked(record, f"the record of {record['name']}")
-    folder = store / record["name"]
+    values = record.json_values()
+    values["identity"]["stored"] = stored
+    values = with_checksum(values)
+    record = parse_record(values, f"the record of {record.name}")
+    folder = store / record.name
     made, before = (_beside(folder, suffix) for suffix in (".made", BEFORE))
     with locked(_beside(folder, ".lock")):
         _put_back(before, folder)
@@ -61,7 +67,7 @@ def write_run(store: Path, record: dict[str, Any], parts: Mapping[str, Arrays]) 
         try:
             for name in PARTS:
                 write_arrays(made / f"{name}.npz", parts[name])
-            write_json(made / RECORD, record)
+            write_json(made / RECORD, values)
             if folder.exists():
                 folder.rename(before)
             made.rename(folder)
@@ -116,10 +122,28 @@ def _readable(folder: Path) -> StoredRun | None:
 
 
 def _opened(folder: Path) -> StoredRun:
-    record = read_json(folder / RECORD)
-    checked(record, str(folder / RECORD))
-    refuse_changed(record, str(folder / RECORD))
+    path = folder / RECORD
+    values = read_json(path)
+    record = parse_record(values, str(path))
+    refuse_changed(values, str(path))
     return StoredRun(folder, record)
+
+
+def with_checksum(values: dict[str, Any]) -> dict[str, Any]:
+    """Return a record with the digest of everything else in it."""
+    identity = {name: value for name, value in values["identity"].items() if name != CHECKSUM}
+    checksum = digest({**values, "identity": identity})
+    return {**values, "identity": {**identity, CHECKSUM: checksum}}
+
+
+def refuse_changed(values: dict[str, Any], where: str) -> None:
+    """Raise UserError for a record that is not what was written. Older ones have no checksum."""
+    stated = values["identity"].get(CHECKSUM)
+    if stated not in (None, with_checksum(values)["identity"][CHECKSUM]):
+        raise UserError(
+            f"{where} is not what was written: a value in it was changed; run the protocol again "
+            "with --fresh."
+        )
 
 
 def _beside(folder: Path, suffix: str) -> Path:

@@ -14,6 +14,7 @@ from tactibench.plugins.host import Catalogue, PluginHost
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import code_hash, code_mentions
+from tactibench.records.record import Component, Record
 from tactibench.run.request import QUICK_EPOCHS, RunRequest
 
 REFERENCE_FRAMES = "reference_frames"
@@ -49,11 +50,15 @@ class Part(Generic[SpecT]):
         """Whether the source of the package behind the spec names one of the modules."""
         return code_mentions(self.spec.target.partition(":")[0].partition(".")[0], modules)
 
+    def component(self) -> Component:
+        """Return the part as a record names it."""
+        defaults = {p.name: p.default for p in self.spec.parameters}
+        changed = [name for name, value in self.values.items() if value != defaults[name]]
+        return Component(name=self.name, parameters=dict(self.values), settings=changed)
+
     def label(self) -> str:
         """Name with the parameters that differ from their defaults."""
-        defaults = {p.name: p.default for p in self.spec.parameters}
-        other = [f"{k}={v}" for k, v in self.values.items() if v != defaults[k]]
-        return f"{self.name}({','.join(other)})" if other else self.name
+        return self.component().label
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,14 +157,14 @@ def resolve_parts(request: RunRequest, protocol: LoadedProtocol, host: PluginHos
     )
 
 
-def sensors_of(record: Mapping[str, Any], host: PluginHost) -> Sensors:
+def sensors_of(record: Record, host: PluginHost) -> Sensors:
     """What pressed the scenes of a record's run: the sensor that it names, as it was set.
 
     Raises UserError for one that is not installed, or has no such parameters.
     """
-    stated = record["sensor"]
-    values = {name: str(value) for name, value in stated["parameters"].items()}
-    return Sensors(sensor=_part(host.sensors, stated["name"], values), regime=record["regime"])
+    stated = record.sensor
+    values = {name: str(value) for name, value in stated.parameters.items()}
+    return Sensors(sensor=_part(host.sensors, stated.name, values), regime=record.regime)
 
 
 def _part(catalogue: Catalogue[SpecT], name: str, given: Mapping[str, str]) -> Part[SpecT]:

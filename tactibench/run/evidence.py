@@ -74,7 +74,9 @@ def evidence(asked: Asked, cache: Path, *, frames_only: bool = False) -> Evidenc
         **found,
         "weights": trained.hash,
         "answers": arrays_hash({**predicted, **maps}),
-        "metrics": digest(score_arrays(keys, truth, predicted, maps)),
+        "metrics": digest(
+            [row.json_values() for row in score_arrays(keys, truth, predicted, maps)]
+        ),
     }
 
 

@@ -6,10 +6,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tactibench import __version__
 from tactibench.records.files import arrays_hash
 from tactibench.records.identity import code_commit
-from tactibench.records.record import SCHEMA
+from tactibench.records.record import SCHEMA, Metric, Record, make_signature
 from tactibench.records.store import Arrays
 from tactibench.run.environment import environment_facts
 from tactibench.run.plan import RunPlan
@@ -22,15 +21,15 @@ def make_record(
     plan: RunPlan,
     trained: Trained,
     speed: Speed,
-    metrics: list[dict[str, Any]],
+    metrics: list[Metric],
     predicted: Arrays,
     *,
     data: list[str],
     account: dict[str, dict[str, int]],
     presses: int,
     shots: dict[str, Any],
-) -> dict[str, Any]:
-    """JSON values for ``write_run``.
+) -> Record:
+    """Return the record for ``write_run``.
 
     predicted: as packed. data: hashes of the test frames. account: by role, how the sensor made
     its scenes (see ``Sensor.scene_counts``). presses: how many the test frames are of. shots: what
@@ -40,7 +39,7 @@ def make_record(
     environment = environment_facts()
     report = trained.report
     encoder = parts.encoder
-    return {
+    values = {
         "schema": SCHEMA,
         "name": plan.name,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -50,15 +49,12 @@ def make_record(
             "hash": protocol.hash,
             "title": protocol.keys.title,
         },
-        "model": {"name": parts.model.name, "parameters": dict(parts.model.values)},
+        "model": parts.model.component().json_values(),
         "regime": parts.regime,
-        "encoder": None
-        if encoder is None
-        else {"name": encoder.name, "parameters": dict(encoder.values)},
+        "encoder": None if encoder is None else encoder.component().json_values(),
         "sensor": {
-            "name": parts.sensor.name,
+            **parts.sensor.component().json_values(),
             "origin": parts.sensor.spec.origin,
-            "parameters": dict(parts.sensor.values),
             **({"account": account} if account else {}),
             **tested_record(parts, request.tested, presses, request.data),
         },
@@ -75,9 +71,10 @@ def make_record(
             "data": data,
             "weights_hash": trained.hash,
             "predictions_hash": arrays_hash(predicted),
+            "stored": {},
         },
         "environment": environment,
-        "metrics": metrics,
+        "metrics": [row.json_values() for row in metrics],
         "speed": speed.rows,
         "timed": speed.timed,
         "efficiency": {**speed.efficiency, "training_s": report["seconds"]},
@@ -98,24 +95,8 @@ def make_record(
             "published_frames": plan.frames.published,
             **shots,
         },
-        "signature": signature(plan, trained, environment["fingerprint"]),
+        "signature": "",
     }
-
-
-def signature(plan: RunPlan, trained: Trained, machine: str) -> str:
-    """One line that makes the numbers above it reproducible."""
-    fields = {
-        "protocol": f"{plan.protocol.label}+{plan.protocol.hash[:8]}",
-        "model": plan.parts.model.label(),
-        "regime": plan.parts.regime,
-        "encoder": plan.parts.encoder.label() if plan.parts.encoder else "none",
-        "sensor": plan.parts.sensor.label(),
-        "seed": plan.request.seed,
-        **({"presses": plan.request.presses} if plan.request.presses is not None else {}),
-        **({"test": ",".join(plan.request.tested.texts)} if plan.request.tested else {}),
-        "weights": trained.hash[:8],
-        "partial": "yes" if plan.request.partial else "no",
-        "machine": machine,
-        "version": __version__,
-    }
-    return "|".join(f"{name}:{value}" for name, value in fields.items())
+    record = Record.model_validate(values)
+    record.signature = make_signature(record)
+    return record

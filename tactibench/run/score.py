@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
+from tactibench.records.record import Metric
 from tactibench.run.published_predictions import unpack_released
 
 if TYPE_CHECKING:
@@ -21,10 +22,8 @@ SCORING_STREAM = 1_000_000
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
-def score_arrays(
-    keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays
-) -> list[dict[str, Any]]:
-    """Rows of ``record["metrics"]``. truth also holds ``press`` and ``group`` of every frame,
+def score_arrays(keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays) -> list[Metric]:
+    """Rows of a record's metrics. truth also holds ``press`` and ``group`` of every frame,
     and the answers that others released to them."""
     from tactibench.metrics.released import NAMES as RELEASED
     from tactibench.metrics.score import score
@@ -35,7 +34,7 @@ def score_arrays(
     names = keys.metrics.names
     if isinstance(trials, PlateTrials) and trials.released:
         names = (*names, *(name for name in RELEASED if name not in names))
-    return [row.as_json() for row in score(names, trials, rng=np.random.default_rng(seed))]
+    return score(names, trials, rng=np.random.default_rng(seed))
 
 
 def trials_of(

@@ -10,12 +10,11 @@ from typing import Any, Literal
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.records.identity import digest
-from tactibench.records.seal import SEAL
-from tactibench.records.store import readable_run, stored_runs
+from tactibench.records.store import CHECKSUM, readable_run, stored_runs
 from tactibench.run.plan import RunPlan, make_plan
 from tactibench.run.request import RunRequest
 
-ADDED = ("commit", "data", "weights_hash", "predictions_hash", "stored", SEAL)
+ADDED = ("commit", "data", "weights_hash", "predictions_hash", "stored", CHECKSUM)
 """What a record's identity holds beside that of its plan."""
 
 State = Literal["done", "to do", "cannot"]
@@ -76,7 +75,10 @@ def stored_name(plan: RunPlan, place: Place, known: dict[str, str]) -> str | Non
 def _known(store: Path) -> Iterator[tuple[str, str]]:
     """Identity without the machine -> name, of every stored run."""
     for run in stored_runs(store):
-        yield digest(_without(run.record["identity"], (*ADDED, "machine"))), run.folder.name
+        yield (
+            digest(_without(run.record.identity.json_values(), (*ADDED, "machine"))),
+            run.folder.name,
+        )
 
 
 def _without(identity: dict[str, Any], keys: Iterable[str]) -> dict[str, Any]:

@@ -36,6 +36,6 @@ def _rows(one: Finished, store: Path) -> Iterator[dict[str, Any]]:
         failed = {"metric": "failed", "group": one.cell.label, "value": 1, "unit": ""}
         yield {**failed, "why": one.why, **axes}
     elif one.name:
-        for metric in open_run(store, one.name).record["metrics"]:
-            shown = {key: metric[key] for key in ("metric", "group", "value", "unit")}
+        for metric in open_run(store, one.name).record.metrics:
+            shown = metric.model_dump(include={"metric", "group", "value", "unit"})
             yield {**shown, "run": one.name, **axes}

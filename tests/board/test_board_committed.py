@@ -27,7 +27,7 @@ def test_answers_keep_their_hash_and_the_errors_are_those_of_presses(tmp_path, s
     path = add(run, tmp_path / "board").path
     arrays = read_answers_file(answers_file(path))
     answers = {name: a for name, a in arrays.items() if not name.startswith("ranked.")}
-    assert arrays_hash(answers) == run.record["identity"]["predictions_hash"]
+    assert arrays_hash(answers) == run.record.identity.predictions_hash
     found = press_errors(tmp_path / "board", run.record)
     assert found.press.tolist() == [f"singles-{k}" for k in (0, 1, 3, 4)]  # 2 was not answered
     assert found.error == pytest.approx([0.02] * 4)  # a third of 0.06: y and depth are exact
@@ -46,10 +46,9 @@ def test_a_replaced_record_takes_its_answers_along(tmp_path, stored) -> None:
     assert names == ["exp1-newer.json", "exp1-newer.npz"]
 
 
-def test_another_version_of_the_protocol_is_not_ranked(tmp_path, stored, fabricate) -> None:
-    old = {**fabricate()["protocol"], "hash": "ab"}
+def test_another_version_of_the_protocol_is_not_ranked(tmp_path, stored) -> None:
     run = stored()
-    run.record["protocol"] = old
+    run.record.protocol.hash = "ab"
     add(run, tmp_path / "board")
     assert press_errors(tmp_path / "board", run.record) is None
 
@@ -99,7 +98,7 @@ def test_a_name_that_no_file_may_have_is_refused_before_anything_is_written(
     tmp_path, stored
 ) -> None:
     run = stored()
-    run.record["name"] = "../../elsewhere"
+    run.record.name = "../../elsewhere"
     with pytest.raises(UserError, match="neither markup nor a path"):
         add(run, tmp_path / "board")
     assert not (tmp_path / "board").exists()

@@ -56,7 +56,7 @@ def test_the_ranges_are_the_envelope_of_the_seeds(fabricate):
 
 def test_a_missing_end_is_the_value_itself(fabricate):
     record = fabricate(error=0.04)
-    record["metrics"][0].update(low=None, high=None)
+    record.metrics[0].low = record.metrics[0].high = None
     (point,) = one([record]).points
     assert point.error == Range(0.04, 0.04, 0.04)
 

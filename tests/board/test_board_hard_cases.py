@@ -21,56 +21,47 @@ from tactibench.cli.report import print_record
 from tactibench.cli.report.hard_cases import doubling
 from tactibench.metrics.registry import METRICS
 from tactibench.protocols.loader import load_protocol
+from tactibench.records.record import Cause, Failures, Metric, Record
 
 PROTOCOL = load_protocol("stability")
 AXES = PROTOCOL.keys.axes
 
 
-def metric(name: str, group: str, value: float | None, **more: Any) -> dict[str, Any]:
+def metric(name: str, group: str, value: float | None, **more: Any) -> Metric:
     ends = (
         {"low": None, "high": None} if value is None else {"low": 0.9 * value, "high": 1.1 * value}
     )
     unit = {"missed": "share", "ospa_mm": "mm"}.get(name, "")
-    return {
-        "metric": name,
-        "group": group,
-        "value": value,
-        **ends,
-        "n": 50,
-        "clusters": 50,
-        "unit": unit,
-        "better": "lower",
-        **more,
-    }
+    values = {**ends, "n": 50, "clusters": 50, "unit": unit, "better": "lower", **more}
+    return Metric(metric=name, group=group, value=value, **values)
 
 
-def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any) -> dict[str, Any]:
+def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any) -> Record:
     """Errors that grow along every axis; families double at their first value, or never."""
     made = fabricate("stability", model, encoder=None, error=scale, speed=[], **more)
     for axis in AXES:
         groups = ((axis.reference,) if axis.reference else ()) + axis.groups
         for k, group in enumerate(groups):
-            made["metrics"] += [
+            made.metrics += [
                 metric("ospa_mm", group, scale * 0.1 * (k + 1)),
                 metric("missed", group, 0.05 * k),
                 metric("spurious", group, 0.0),
             ]
             if axis.reference and k:
-                made["metrics"].append(metric("error_ratio", group, float(k + 1)))
+                made.metrics.append(metric("error_ratio", group, float(k + 1)))
         if axis.ordered and axis.family == "deep":
-            made["metrics"].append(metric("doubles_at", "deep", 6.5, censored=">"))
+            made.metrics.append(metric("doubles_at", "deep", 6.5, censored=">"))
         elif axis.ordered:
-            made["metrics"].append(metric("doubles_at", axis.family, axis.values[0]))
-    made["metrics"] += [
+            made.metrics.append(metric("doubles_at", axis.family, axis.values[0]))
+    made.metrics += [
         metric("worst_ratio", "all", 6.0),
         metric("false_per_1000", "all", 3.0),
         metric("not_finite", "all", 0.0, low=None, high=None),
         metric("raised", "all", 2.0, low=None, high=None),
     ]
-    made["data"]["failures"] = {
-        "frames": 2,
-        "causes": [{"cause": "IndexError: [b]no", "first": "many:6", "frames": 2}],
-    }
+    made.data.failures = Failures(
+        frames=2, causes=[Cause(cause="IndexError: [b]no", first="many:6", frames=2)]
+    )
     return made
 
 
@@ -113,16 +104,15 @@ def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
     assert family.cases[0].easy
     assert family.worst is not None
     assert family.worst.value == 6
-    other["metrics"] = [m for m in other["metrics"] if m["metric"] != "doubles_at"]
+    other.metrics = [m for m in other.metrics if m.metric != "doubles_at"]
     (row,) = rows_of([one, other])
     assert all(f.doubles is None for f in graded(row, AXES))
     assert doubling_cell(None) == doubling(None) == "n/a"
 
 
-def printed(made: dict[str, Any]) -> str:
+def printed(made: Record) -> str:
     console = Console(width=120, record=True, file=io.StringIO())
-    made["environment"]["threads"] = 1
-    print_record(console, {**made, "path": "runs/x/record.json"}, [], [], AXES)
+    print_record(console, made, [], [], AXES, path="runs/x/record.json")
     return console.export_text()
 
 
@@ -148,11 +138,11 @@ def test_the_same_rows_give_the_same_picture(fabricate: Any, tmp_path: Path) -> 
 
 def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any, tmp_path: Path) -> None:
     made = record(fabricate)
-    for row in made["metrics"]:
-        if row["group"].startswith("blur"):
-            row.update(value=None, low=None, high=None)
-        if row["metric"] == "ospa_mm" and row["group"].startswith("deep"):
-            row.update(value=0.0, low=0.0, high=0.0)
+    for row in made.metrics:
+        if row.group.startswith("blur"):
+            row.value = row.low = row.high = None
+        if row.metric == "ospa_mm" and row.group.startswith("deep"):
+            row.value = row.low = row.high = 0.0
     some = [axis for axis in AXES if axis.family in {"blur", "deep"}]
     hard_cases(tmp_path / "a.png", [("model", graded(Row((made,)), some))])
     assert (tmp_path / "a.png").stat().st_size > 10_000

@@ -117,7 +117,7 @@ def test_signatures_stand_below_and_cost_is_split_by_machine(fabricate):
     ]
     (cost,) = tables(text)["Cost"]
     assert (cost[0]["weights"], cost[0]["training"]) == ("n/a", "4 min 0 s")
-    assert all(record["signature"] in text for record in records)
+    assert all(record.signature in text for record in records)
     assert "Signatures of 3 runs" in text
 
 
@@ -125,7 +125,7 @@ def test_efficiency_is_shown_where_it_was_measured(fabricate):
     efficiency = {"parameters": 1930000, "flops_per_frame": 2.1e9, "peak_memory_mb": 412.4}
     timed = {"configuration": "bf16, batch 1", "difference_mm": 0.00213}
     record = fabricate(efficiency=efficiency, timed=timed)
-    record["speed"][0]["settled"] = False
+    record.speed[0].settled = False
     found = tables(made([record]))
     (cost,), (latency,) = found["Cost"][0], found["Latency"][0]
     assert [cost[name] for name in ("weights", "operations", "memory, MB")] == [
@@ -140,8 +140,8 @@ def test_efficiency_is_shown_where_it_was_measured(fabricate):
 def test_the_commits_are_named_and_changed_code_is_said(fabricate):
     records = [fabricate(seed=seed) for seed in range(3)]
     for record in records[:2]:
-        record["identity"]["commit"] = "98fe4aa45a4d3fbda2e9"
-    records[2]["identity"]["commit"] = "98fe4aa45a4d3fbda2e9+dirty"
+        record.identity.commit = "98fe4aa45a4d3fbda2e9"
+    records[2].identity.commit = "98fe4aa45a4d3fbda2e9+dirty"
     said = "`98fe4aa45a` (2); `98fe4aa45a`, with uncommitted changes (1)."
     assert f"Runs by commit of tactibench: {said}" in made(records)
 
@@ -170,7 +170,7 @@ def test_the_share_of_resolved_pairs_stands_below_the_error_of_a_distance(fabric
 
 def test_another_version_of_the_protocol_says_so(fabricate):
     old = fabricate()
-    old["protocol"] = {**old["protocol"], "hash": "f" * 64}
+    old.protocol.hash = "f" * 64
     text = made([old, fabricate()])
     assert text.count("which is not the present one") == 1
 
@@ -178,7 +178,7 @@ def test_another_version_of_the_protocol_says_so(fabricate):
 def test_no_markup_of_a_record_reaches_the_page(fabricate):
     evil = "<img src=x onerror=alert(1)>|`*_[a](b)"
     record = fabricate(signature="x```\n<script>y", regime=evil)
-    record["environment"]["cpu"] = evil
+    record.environment.cpu = evil
     text = made([record])
     assert "<img" not in text.replace("\\<img", "")
     assert "```\n<script>" not in text
@@ -193,7 +193,7 @@ def test_records_of_an_unknown_protocol_are_refused(tmp_path, fabricate):
     record = compact(fabricate())
     folder = tmp_path / FOLDER / "exp9"
     folder.mkdir(parents=True)
-    (folder / f"{record['name']}.json").write_text(text_of(record))
+    (folder / f"{record.name}.json").write_text(text_of(record))
     with pytest.raises(UserError, match="'exp9'; did you mean 'exp"):
         pages(tmp_path)
     with pytest.raises(UserError, match="there is no board in"):
@@ -203,7 +203,7 @@ def test_records_of_an_unknown_protocol_are_refused(tmp_path, fabricate):
 def test_the_tidy_rows_hold_what_the_tables_show(tmp_path, fabricate):
     for seed, error in enumerate((0.04, 0.06)):
         record = compact(fabricate(error=error, seed=seed))
-        path = tmp_path / FOLDER / "exp1" / f"{record['name']}.json"
+        path = tmp_path / FOLDER / "exp1" / f"{record.name}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text_of(record))
     rows = {(row["metric"], row["group"]): row for row in tidy_rows(tmp_path)}

@@ -22,16 +22,14 @@ def records(fabricate, errors):
     for name, values in errors.items():
         record = fabricate(model=name, encoder=None)
         found = mean_interval(values, np.arange(len(values)))
-        row = next(m for m in record["metrics"] if m["metric"] == "mae_mm")
-        row |= {"value": found.value, "low": found.low, "high": found.high}
+        row = next(m for m in record.metrics if m.metric == "mae_mm")
+        row.value, row.low, row.high = found.value, found.low, found.high
         made.append(record)
     return made
 
 
 def kept(made, errors):
-    return {
-        record["name"]: PressErrors(PRESSES, errors[record["model"]["name"]]) for record in made
-    }
+    return {record.name: PressErrors(PRESSES, errors[record.model.name]) for record in made}
 
 
 @pytest.fixture
@@ -65,13 +63,13 @@ def test_seeds_are_averaged_press_by_press(fabricate, errors) -> None:
     one = fabricate(model="b", encoder=None)
     swing = np.where(np.arange(200) % 2, 1.0, -1.0)
     known = {
-        first["name"]: PressErrors(PRESSES, errors["a"] + swing),
-        second["name"]: PressErrors(PRESSES, errors["a"] - swing),
-        one["name"]: PressErrors(PRESSES, errors["a"]),
+        first.name: PressErrors(PRESSES, errors["a"] + swing),
+        second.name: PressErrors(PRESSES, errors["a"] - swing),
+        one.name: PressErrors(PRESSES, errors["a"]),
     }
     rows = rows_of([first, second, one])
     assert ranks("exp1", rows, known).by_row == (1, 1)
-    del known[second["name"]]
+    del known[second.name]
     assert ranks("exp1", rows, known).paired == 1
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from changed_record import changed_record
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.board.labels import label_of, mixing_of, part_of
+from tactibench.board.labels import label_of, mixing_of
 from tactibench.board.ranking import ordered
 from tactibench.board.rows import latency, rows_of
 from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
@@ -15,7 +16,7 @@ from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, secti
 
 def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
     record = fabricate(settings={"width": 32, "mixing": 0.5})
-    assert part_of(record, "model").settings == (("width", "32"), ("mixing", "0.5"))
+    assert record.model.changed == {"width": 32, "mixing": 0.5}
     assert mixing_of(record) == "0.5"
     assert label_of(record) == "unet, width=32 + hertz, mixing 0.5 (single)"
     assert label_of(fabricate(model="cnn", encoder=None)) == "cnn (single)"
@@ -49,7 +50,7 @@ def test_one_seed_without_a_value_makes_it_n_a(fabricate):
 
 def test_an_end_that_one_seed_does_not_know_is_open(fabricate):
     records = [fabricate(seed=0), fabricate(seed=1)]
-    records[1]["metrics"][0]["low"] = None
+    records[1].metrics[0].low = None
     pooled = rows_of(records)[0].metric("mae_mm", "mean")
     assert pooled.low is None
     assert pooled.high is not None
@@ -57,10 +58,10 @@ def test_an_end_that_one_seed_does_not_know_is_open(fabricate):
 
 def test_limits_stay_limits_and_opposite_ones_make_no_mean(fabricate):
     records = [fabricate(seed=k) for k in range(2)]
-    records[0]["metrics"][0]["censored"] = "<"
+    records[0].metrics[0].censored = "<"
     pooled = rows_of(records)[0].metric("mae_mm", "mean")
     assert (pooled.censored, pooled.sd) == ("<", None)
-    records[1]["metrics"][0]["censored"] = ">"
+    records[1].metrics[0].censored = ">"
     assert rows_of(records)[0].metric("mae_mm", "mean") is None
 
 
@@ -80,7 +81,7 @@ def test_other_configurations_are_other_rows(fabricate, other):
 
 def test_rows_whose_labels_hide_their_difference_are_marked(fabricate):
     hidden = fabricate()
-    hidden["model"] = {"name": "unet", "parameters": {"width": 16, "new": 1}}
+    hidden.model.parameters["new"] = 1
     labels = [row.label for row in rows_of([fabricate(), hidden])]
     assert len(set(labels)) == 2
     assert all(label.startswith("unet + hertz (single) #") for label in labels)
@@ -92,7 +93,7 @@ def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
         fabricate(sensor={"instance": 1}),
         fabricate(sensor={"tier": "fem"}),
         fabricate(origin="real"),
-        fabricate(identity={**fabricate()["identity"], "data": ["others"]}),
+        changed_record(fabricate(), {"identity.data": ["others"]}),
     ]
     sections = sections_of(records)
     assert [section.kind for section in sections] == [
@@ -118,7 +119,7 @@ def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
             fabricate(model="vgnn", error=None),
         ]
     )
-    assert [row.first["model"]["name"] for row in ordered("exp1", rows)] == [
+    assert [row.first.model.name for row in ordered("exp1", rows)] == [
         "cnn",
         "unet",
         "vgnn",
@@ -130,8 +131,8 @@ def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
 
 def test_latency_is_read_by_threads(fabricate):
     record = fabricate(p90_ms=4.0)
-    record["speed"][1]["p90_ms"] = 3.0
+    record.speed[1].p90_ms = 3.0
     assert latency(record, threads=1) == 4.0
     assert latency(record, threads=None) == 3.0
     assert latency(record, threads=7) is None
-    assert latency({**record, "speed": []}, threads=None) is None
+    assert latency(record.model_copy(update={"speed": []}), threads=None) is None

@@ -18,7 +18,6 @@ from tactibench.board.submissions import (
     slot,
     text_of,
 )
-from tactibench.records.record import checked
 from tactibench.records.store import write_run
 
 
@@ -41,13 +40,12 @@ def committed(board):
 def test_a_committed_record_is_valid_and_small(tmp_path, stored):
     run = stored()
     path = add(run, tmp_path / "board").path
-    assert path == tmp_path / "board" / FOLDER / "exp1" / f"{run.record['name']}.json"
+    assert path == tmp_path / "board" / FOLDER / "exp1" / f"{run.record.name}.json"
     (record,) = read_submissions(tmp_path / "board", "exp1")
-    checked(record, "it")
     assert record == compact(run.record)
-    assert "history" not in record["training"]
-    assert isinstance(record["identity"]["sensor"], str)
-    assert record["metrics"] == run.record["metrics"]
+    assert "history" not in record.training
+    assert isinstance(record.identity.sensor, str)
+    assert record.metrics == run.record.metrics
 
 
 def test_compacting_twice_changes_nothing(fabricate):
@@ -58,10 +56,11 @@ def test_compacting_twice_changes_nothing(fabricate):
 def test_the_text_is_json_with_a_line_a_metric(fabricate):
     record = compact(fabricate())
     text = text_of(record)
-    assert json.loads(text) == record
+    assert json.loads(text) == record.json_values()
     lines = text.split("\n")
-    assert sum(line.startswith('  {"metric"') for line in lines) == len(record["metrics"])
-    assert json.loads(text_of({"metrics": [], "x": 1})) == {"metrics": [], "x": 1}
+    assert sum(line.startswith('  {"metric"') for line in lines) == len(record.metrics)
+    record.metrics = []
+    assert json.loads(text_of(record)) == record.json_values()
 
 
 def test_a_newer_run_of_a_row_and_seed_takes_the_place_of_the_older(tmp_path, stored):
@@ -119,9 +118,9 @@ def test_seeds_rows_and_presses_have_slots_of_their_own(fabricate):
 )
 def test_a_file_that_is_no_committed_record_is_refused(tmp_path, fabricate, change, words):
     record = fabricate()
-    path = tmp_path / FOLDER / "exp1" / f"{record['name']}.json"
+    path = tmp_path / FOLDER / "exp1" / f"{record.name}.json"
     path.parent.mkdir(parents=True)
-    path.write_text(json.dumps({**record, **change}))
+    path.write_text(json.dumps({**record.json_values(), **change}))
     with pytest.raises(UserError, match=words):
         read_submissions(tmp_path, "exp1")
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from copy import deepcopy
 
 import pytest
+from changed_record import changed_record
 
 from tactibench.board.choose import gathered, of_sensor
 from tactibench.board.labels import measured_on, trained_for
@@ -13,7 +13,6 @@ from tactibench.board.page import page
 from tactibench.board.sections import NOMINAL, PERTURBED, TESTED, sections_of
 from tactibench.board.submissions import FOLDER, compact, slot, text_of
 from tactibench.protocols.loader import load_protocol
-from tactibench.records.record import checked
 
 REFERENCE = {
     "name": "tactip-127-fem",
@@ -34,12 +33,16 @@ OTHER = {
 @pytest.fixture
 def tested(fabricate):
     def made(on, test=1000, **more):
-        record = deepcopy(fabricate(**more))
-        record["sensor"]["tested"] = on
-        record["identity"]["data"] = [on["on"]]
-        record["data"]["test"] = test
-        record["name"] += f"-{on['name']}-{on['presses']}"
-        return record
+        record = fabricate(**more)
+        return changed_record(
+            record,
+            {
+                "sensor.tested": on,
+                "identity.data": [on["on"]],
+                "data.test": test,
+                "name": f"{record.name}-{on['name']}-{on['presses']}",
+            },
+        )
 
     return made
 
@@ -71,7 +74,7 @@ def test_they_follow_the_sensor_and_never_share_a_table(records):
 
 def test_they_differ_although_their_test_frames_were_not_recorded(fabricate, tested):
     one, two = fabricate(), tested(OTHER)
-    two["identity"]["data"] = one["identity"]["data"]
+    two.identity.data = one.identity.data
     assert len(sections_of([one, two])) == 2
     assert slot(one) != slot(two)
 
@@ -92,7 +95,7 @@ def test_curves_and_frontiers_leave_them_out(records, tmp_path):
     folder = tmp_path / FOLDER / "exp1"
     folder.mkdir(parents=True)
     for record in records:
-        (folder / f"{record['name']}.json").write_text(text_of(record), encoding="utf-8")
+        (folder / f"{record.name}.json").write_text(text_of(record), encoding="utf-8")
     found = gathered("exp1", tmp_path, None)
     assert len(found) == 2
     assert of_sensor(found, None, "exp1").kind == NOMINAL
@@ -101,9 +104,8 @@ def test_curves_and_frontiers_leave_them_out(records, tmp_path):
 
 def test_a_record_is_valid_and_committed_without_the_sensors_description(tested):
     record = tested(REFERENCE)
-    checked(record, "it")
-    record["identity"]["tested"] = {"describe": "long"}
-    assert len(compact(record)["identity"]["tested"]) == 64
+    record.identity.tested = {"describe": "long"}
+    assert len(compact(record).identity.tested) == 64
 
 
 def test_what_it_was_measured_on(fabricate, tested):
@@ -122,9 +124,9 @@ def moved(tested, source, target, **more):
         "presses": 1000,
         "trained_on": source,
     }
-    record = tested(on, **more)
-    record["data"]["of_tested_sensor"] = {"left_out_calibrated": 42}
-    return record
+    return changed_record(
+        tested(on, **more), {"data.of_tested_sensor": {"left_out_calibrated": 42}}
+    )
 
 
 def test_every_pair_of_sensors_has_a_table_and_says_what_was_simulated(tested):

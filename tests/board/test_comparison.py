@@ -115,7 +115,7 @@ def test_runs_that_cannot_be_compared(stored, fabricate) -> None:
     with pytest.raises(UserError, match="run 'exp1-a' is named twice"):
         compare_runs([a, a])
     other = stored("b", [0.1, 0.2])
-    other.record["protocol"] = {**other.record["protocol"], "version": 2, "hash": "feed" * 4}
+    other.record.protocol.version, other.record.protocol.hash = 2, "feed" * 4
     with pytest.raises(UserError, match=r"exp1-a answers exp1@1 .* but exp1-b exp1@2 \(feedfeed\)"):
         compare_runs([a, other])
     other = stored("c", [0.1, 0.2], sensor={"instance": 2})

@@ -26,6 +26,7 @@ from tactibench.board.figures.marks import extent, tip_outline
 from tactibench.board.figures.single import histogram_edge
 from tactibench.board.published import load_published
 from tactibench.contacts import Contacts, Grid
+from tactibench.records.record import Metric
 
 TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")
 GRID = Grid.centred(64, 0.4)
@@ -34,19 +35,19 @@ FOUND = Contacts(np.array([[0.2, 4.4], [-3.9, -2.1]]), np.array([3.8, 2.4]), np.
 IMAGE = np.zeros((128, 128), np.uint8)
 
 
-def rows(error: float | None) -> list[dict[str, Any]]:
+def rows(error: float | None) -> list[Metric]:
+    counts: dict[str, Any] = {"n": 9, "clusters": 9, "unit": "mm", "better": "lower"}
+    low, high = (None, None) if error is None else (error * 0.8, error * 1.3)
     shown = []
     for group in ("12.0", "6.5", "9.0", "all"):
-        shown += [
-            {
-                "metric": "distance_mae_mm",
-                "group": group,
-                "value": error,
-                "low": None if error is None else error * 0.8,
-                "high": None if error is None else error * 1.3,
-            },
-            {"metric": "resolved", "group": group, "value": 0.4, "low": 0.3, "high": None},
-        ]
+        for metric, *values in (
+            ("distance_mae_mm", error, low, high),
+            ("resolved", 0.4, 0.3, None),
+        ):
+            value, start, end = values
+            shown.append(
+                Metric(metric=metric, group=group, value=value, low=start, high=end, **counts)
+            )
     return shown
 
 

@@ -6,11 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from changed_record import changed_record
 
 from tactibench.board.run_pictures import beside
 from tactibench.records.store import StoredRun
 
-ASKED = {"test_frames": ["f"], "protocol": "exp3@1", "quick": False, "limit": None}
+ASKED = {
+    "identity.test_frames": ["f"],
+    "identity.protocol": "exp3@1",
+    "identity.quick": False,
+    "identity.limit": None,
+}
 
 
 @pytest.fixture
@@ -18,15 +24,14 @@ def make(fabricate):
     """Keywords of ``fabricate`` -> a run that answered the same frames."""
 
     def made(**more: Any) -> StoredRun:
-        record = fabricate("exp3", **more)
-        record["identity"].update(ASKED)
-        return StoredRun(Path(record["name"]), record)
+        record = changed_record(fabricate("exp3", **more), ASKED)
+        return StoredRun(Path(record.name), record)
 
     return made
 
 
 def models(runs):
-    return [run.record["model"]["name"] for run in runs]
+    return [run.record.model.name for run in runs]
 
 
 def test_trivial_models_come_last_and_plain_settings_first(make):
@@ -54,5 +59,5 @@ def test_other_seeds_presses_and_the_run_itself_are_left_out(make, other):
 
 def test_other_frames_are_left_out(make):
     other = make(model="cnn")
-    other.record["identity"]["test_frames"] = ["g"]
+    other.record.identity.test_frames = ["g"]
     assert beside(make().record, [other]) == []

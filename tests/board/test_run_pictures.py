@@ -30,7 +30,7 @@ def store(tmp_path_factory):
     ("protocol", "own"), [("exp1", "errors.png"), ("exp2", "distance.png"), ("exp3", "triple.png")]
 )
 def test_a_run_leaves_its_pictures(store, protocol, own):
-    runs = [run for run in stored_runs(store) if run.record["protocol"]["id"] == protocol]
+    runs = [run for run in stored_runs(store) if run.record.protocol.id == protocol]
     assert runs
     for run in runs:
         drawn = {path.name for path in run.folder.glob("*.png")}
@@ -40,7 +40,7 @@ def test_a_run_leaves_its_pictures(store, protocol, own):
 
 def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypatch):
     runs = list(stored_runs(store))
-    pairs = [run for run in runs if run.record["protocol"]["id"] == "exp2"]
+    pairs = [run for run in runs if run.record.protocol.id == "exp2"]
     seen: list[str] = []
 
     def record_series(_path, series, **_more):
@@ -54,5 +54,5 @@ def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypa
 
 def test_a_run_of_another_protocol_version_draws_nothing(store):
     run = next(stored_runs(store))
-    run.record["protocol"]["hash"] = "0" * 64
+    run.record.protocol.hash = "0" * 64
     assert draw_pictures(run, []) == []

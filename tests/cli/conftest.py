@@ -15,20 +15,21 @@ from rich.console import Console
 from stored_answers import answered_parts, with_hash
 
 from tactibench.cli.main import call
+from tactibench.records.record import Metric, Record
 from tactibench.records.store import write_run
 
 Result = tuple[int, str, str]
 
 
 @pytest.fixture
-def stored_run(tmp_path: Path, fabricate: Callable[..., dict[str, Any]]) -> Callable[..., str]:
+def stored_run(tmp_path: Path, fabricate: Callable[..., Record]) -> Callable[..., str]:
     """Keywords of ``fabricate`` -> the name of a run in ``runs``; a board's folder is there."""
     (tmp_path / "leaderboards").mkdir()
 
     def made(**more: Any) -> str:
         parts = answered_parts()
         record = with_hash(fabricate(**more), parts)
-        name: str = write_run(tmp_path / "runs", record, parts).record["name"]
+        name: str = write_run(tmp_path / "runs", record, parts).record.name
         return name
 
     return made
@@ -92,25 +93,25 @@ def metric_row(
     n: int = 1000,
     clusters: int = 1000,
     **more: Any,
-) -> dict[str, Any]:
+) -> Metric:
     low, high = (None, None) if value is None else (value - spread, value + spread)
     if UNITS.get(metric) == "share" and value is not None:
         low, high = max(0.0, value - spread), min(1.0, value + spread)
-    return {
-        "metric": metric,
-        "group": group,
-        "value": value,
-        "low": low,
-        "high": high,
-        "n": n,
-        "clusters": clusters,
-        "unit": UNITS.get(metric, "mm"),
-        "better": "lower",
+    return Metric(
+        metric=metric,
+        group=group,
+        value=value,
+        low=low,
+        high=high,
+        n=n,
+        clusters=clusters,
+        unit=UNITS.get(metric, "mm"),
+        better="lower",
         **more,
-    }
+    )
 
 
-def exp1_rows() -> list[dict[str, Any]]:
+def exp1_rows() -> list[Metric]:
     rows = [
         metric_row("r2", a, 0.99941 - k / 1e3, 0.0002)
         for k, a in enumerate(("x", "y", "z", "mean"))
@@ -131,7 +132,7 @@ def exp1_rows() -> list[dict[str, Any]]:
     ]
 
 
-def exp2_rows(resolved: float = 0.6) -> list[dict[str, Any]]:
+def exp2_rows(resolved: float = 0.6) -> list[Metric]:
     rows = []
     for k, d in enumerate(DISTANCES):
         share = min(1.0, resolved + k * 0.05) if resolved else 0.0
@@ -177,7 +178,7 @@ def exp2_rows(resolved: float = 0.6) -> list[dict[str, Any]]:
     return rows
 
 
-def exp3_rows() -> list[dict[str, Any]]:
+def exp3_rows() -> list[Metric]:
     rows = []
     for metric, v in (
         ("position_mean_mm", 0.408),
@@ -200,7 +201,7 @@ def exp3_rows() -> list[dict[str, Any]]:
     return rows
 
 
-def surface_rows() -> list[dict[str, Any]]:
+def surface_rows() -> list[Metric]:
     return [
         metric_row("depth_mae_mm", "all", 0.0561, 0.0021, 1210, 1210),
         metric_row("tilt_mae_deg", "all", 1.134, 0.05, 1210, 1210),
@@ -214,6 +215,7 @@ METRICS = {
     "exp3": exp3_rows,
     "surface": surface_rows,
 }
+RECORD_FILE = "experiments/of/a/long/name/tactile/runs/{}/record.json"
 TITLES = {
     "exp1": "single-point sensing",
     "exp2": "two-point discrimination",
@@ -222,7 +224,7 @@ TITLES = {
 }
 
 
-def made_record(protocol: str, **changes: Any) -> dict[str, Any]:
+def made_record(protocol: str, **changes: Any) -> Record:
     real = protocol == "surface"
     speed = [
         {
@@ -243,7 +245,8 @@ def made_record(protocol: str, **changes: Any) -> dict[str, Any]:
     made = {
         "schema": 1,
         "name": f"{protocol}-unet-single-1f00",
-        "regime": None if real else "single",
+        "created": "2026-01-01T00:00:00+00:00",
+        "regime": "recorded" if real else "single",
         "protocol": {
             "id": protocol,
             "version": 1,
@@ -260,7 +263,7 @@ def made_record(protocol: str, **changes: Any) -> dict[str, Any]:
         "seed": 0,
         "partial": False,
         "limits": {"quick": False, "limit": None},
-        "identity": {"data": "ab12"},
+        "identity": {"weights_hash": "", "predictions_hash": "", "stored": {}},
         "environment": {
             "cpu": "Intel(R) Xeon(R) Processor @ 2.10GHz",
             "threads": 2,
@@ -279,26 +282,24 @@ def made_record(protocol: str, **changes: Any) -> dict[str, Any]:
         },
         "signature": f"tactibench 0.1.0|{protocol}@1#0123456789ab|unet#77aa|hertz|tactip-127|"
         "seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
-        "path": f"experiments/of/a/long/name/tactile/runs/{protocol}-unet-single-1f00/record.json",
     }
-    made.update(changes)
-    return made
+    return Record.model_validate({**made, **changes})
 
 
 @pytest.fixture
-def row() -> Callable[..., dict[str, Any]]:
+def row() -> Callable[..., Metric]:
     """Metric, group, value, ... -> a metric of a record."""
     return metric_row
 
 
 @pytest.fixture
-def exp2() -> Callable[..., list[dict[str, Any]]]:
+def exp2() -> Callable[..., list[Metric]]:
     """The share of pairs that were resolved -> the metrics of exp2."""
     return exp2_rows
 
 
 @pytest.fixture
-def record() -> Callable[..., dict[str, Any]]:
+def record() -> Callable[..., Record]:
     """Protocol, keys to change -> a record."""
     return made_record
 
@@ -312,9 +313,9 @@ def render() -> Callable[..., str]:
     folder = Path(__file__).parents[2] / "leaderboards" / "published"
     tables = load_published(["tactiverse", "tac-vgnn"], folder)
 
-    def rendered(shown: dict[str, Any], width: int = 80, others: Any = ()) -> str:
+    def rendered(shown: Record, width: int = 80, others: Any = ()) -> str:
         console = Console(file=io.StringIO(), width=width, force_terminal=False)
-        print_record(console, shown, tables, others)
+        print_record(console, shown, tables, others, path=RECORD_FILE.format(shown.name))
         return console.file.getvalue()  # type: ignore[attr-defined]
 
     return rendered

@@ -70,7 +70,7 @@ UNET = ("run", "exp2", "--model", "unet")
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_options(refused: Any, arguments: list[str], words: list[str]) -> None:
+def command_options(refused: Any, arguments: list[str], words: list[str]) -> None:
     sentence = refused(*arguments)
     for word in words:
         assert word in sentence

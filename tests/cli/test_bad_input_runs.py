@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tactibench.cli.main import call
-from tactibench.records.seal import sealed
+from tactibench.records.store import with_checksum
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def stored(finished: Path, tmp_path: Path) -> Path:
 def rewrite(run: Path, **keys: Any) -> None:
     file = run / "record.json"
     record = json.loads(file.read_text(encoding="utf-8"))
-    file.write_text(json.dumps(sealed({**record, **keys})), encoding="utf-8")
+    file.write_text(json.dumps(with_checksum({**record, **keys})), encoding="utf-8")
 
 
 def test_a_whole_run_is_scored_the_same(cli: Any, stored: Path, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def board(tmp_path, fabricate):
         fabricate(settings={"width": 8}, error=0.2, limits={"presses": 250}, data={"train": 250}),
     ]
     for record in map(compact, [*whole, *others]):
-        (folder / f"{record['name']}.json").write_text(text_of(record))
+        (folder / f"{record.name}.json").write_text(text_of(record))
 
 
 def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from typing import Any
 
@@ -26,7 +25,10 @@ def test_nothing_is_cut_and_tables_keep_to_the_width(
     shown = record(protocol)
     text = render(shown, width, [record(protocol, name="other", regime="multiple")])
     assert "…" not in text
-    long = {shown["signature"], f"record: {shown['path']}"}
+    long = {
+        shown.signature,
+        f"record: experiments/of/a/long/name/tactile/runs/{shown.name}/record.json",
+    }
     assert long < set(text.splitlines())
     assert all(len(line) <= width for line in text.splitlines() if line not in long)
 
@@ -34,11 +36,11 @@ def test_nothing_is_cut_and_tables_keep_to_the_width(
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_every_metric_is_shown_with_its_interval(record: Any, render: Any, protocol: str) -> None:
     shown = record(protocol)
-    for k, one in enumerate(shown["metrics"]):  # so that no row can stand in for another
-        one.update(value=0.3017 + k / 100, low=0.2917 + k / 100, high=0.3117 + k / 100)
+    for k, one in enumerate(shown.metrics):  # so that no row can stand in for another
+        one.value, one.low, one.high = (start + k / 100 for start in (0.3017, 0.2917, 0.3117))
     text = " ".join(render(shown, 120).split())
-    for one in shown["metrics"]:
-        if one.get("censored"):
+    for one in shown.metrics:
+        if one.censored:
             continue
         options = {estimate(one, decimals) for decimals in range(5)}
         assert any(option in text for option in options), one
@@ -49,7 +51,7 @@ def test_a_terminal_that_is_too_narrow_loses_no_number(
     record: Any, render: Any, protocol: str
 ) -> None:
     def unbroken(width: int) -> set[str]:
-        shown = record(protocol, name="r", signature="s", path="p")
+        shown = record(protocol, name="r", signature="s")
         return numbers(render(shown, width))
 
     assert unbroken(50) == unbroken(80)
@@ -80,13 +82,13 @@ def test_published_values_have_the_digits_of_the_paper(record: Any, render: Any)
 def test_a_simulated_run_is_never_called_comparable(record: Any, render: Any) -> None:
     shown = record("surface")
     assert "Comparable: Frame for frame" in render(shown)
-    shown["sensor"]["origin"] = "simulated"
+    shown.sensor.origin = "simulated"
     assert "Not comparable (simulated here): Frame for frame" in render(shown)
 
 
 def test_other_test_frames_are_never_called_comparable(record: Any, render: Any) -> None:
     shown = record("surface")
-    shown["data"]["published_frames"] = False
+    shown.data.published_frames = False
     assert "Comparable: Frame for frame" not in render(shown)
     assert "not tested on the published test frames" in " ".join(render(shown).split())
 
@@ -128,8 +130,8 @@ def test_only_runs_of_the_same_question_stand_beside_and_partial_ones_are_marked
     record: Any, render: Any
 ) -> None:
     shown = record("exp2")
-    newer = copy.deepcopy(record("exp2", name="newer"))
-    newer["protocol"]["version"] = 2
+    newer = record("exp2", name="newer")
+    newer.protocol.version = 2
     cut = record("exp2", name="cut", partial=True, limits={"quick": True, "limit": None})
     text = render(shown, 120, [shown, newer, cut, record("exp1", name="else")])
     assert re.findall(r"stored as (\S+)", text) == ["cut;"]
@@ -144,9 +146,9 @@ def test_many_stored_runs_do_not_hide_the_run(record: Any, render: Any) -> None:
 
 def test_a_protocol_without_a_layout_is_listed_whole(record: Any, render: Any) -> None:
     shown = record("exp3")
-    shown["protocol"]["id"] = "mine"
+    shown.protocol.id = "mine"
     text = render(shown)
-    assert text.count("\n") > len(shown["metrics"])
+    assert text.count("\n") > len(shown.metrics)
     assert "published" not in text
 
 

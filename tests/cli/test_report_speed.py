@@ -17,24 +17,23 @@ def test_speed_names_phases_threads_and_the_difference_to_float32(record: Any, r
 
 
 def test_times_that_did_not_settle_and_missing_times_are_told(record: Any, render: Any) -> None:
-    shown = record("exp1")
-    shown["speed"][0]["settled"] = False
-    shown["timed"] = {
+    timed = {
         "configuration": "bfloat16",
         "difference_mm": None,
         "frames": 200,
         "frames_with_another_count": 3,
     }
+    shown = record("exp1", timed=timed)
+    shown.speed[0].settled = False
     text = " ".join(render(shown).split())
     assert "NOT SETTLED" in text
     assert "scored: n/a, and another number of contacts in 3 of 200 frames" in text
-    assert "p90: not timed" in render(record("exp1", speed=[], timed=None))
+    assert "p90: not timed" in render(record("exp1", speed=[], timed={}))
 
 
 def test_what_was_raced_and_what_the_model_costs_are_told(record: Any, render: Any) -> None:
-    shown = record("exp1")
     other = {"frames": 200, "frames_with_another_count": 0, "difference_mm": 0.0}
-    shown["timed"] = {
+    timed = {
         **other,
         "configuration": "frozen",
         "error_change": -0.0034,
@@ -43,13 +42,13 @@ def test_what_was_raced_and_what_the_model_costs_are_told(record: Any, render: A
             {**other, "configuration": "frozen", "p50_ms": 5.0, "error_change": 0.0},
         ],
     }
-    shown["efficiency"] = {
+    efficiency = {
         "parameters": 1944625,
         "flops_per_frame": 395575296,
         "peak_memory_mb": 412.4,
         "training_s": 301.2,
     }
-    text = " ".join(render(shown).split())
+    text = " ".join(render(record("exp1", timed=timed, efficiency=efficiency)).split())
     assert "timed: frozen; difference" in text
     assert "(mean error -0.3 %)" in text
     assert "chosen from, p50 on 1 thread: 6.00 ms folded; 5.00 ms frozen" in text
@@ -57,15 +56,16 @@ def test_what_was_raced_and_what_the_model_costs_are_told(record: Any, render: A
         "cost: 1,944,625 weights, 0.396 GFLOP a frame, "
         "peak memory of the process 412 MB, training 301 s"
     ) in text
-    shown["efficiency"] = dict.fromkeys(shown["efficiency"])
-    assert "cost: weights n/a, operations n/a, peak memory n/a" in " ".join(render(shown).split())
+    text = " ".join(render(record("exp1", efficiency=dict.fromkeys(efficiency))).split())
+    assert "cost: weights n/a, operations n/a, peak memory n/a" in text
 
 
 def test_batches_are_one_line_each_and_drift_names_its_scenario(record: Any, render: Any) -> None:
     shown = record("exp1")
-    single = shown["speed"][0]
-    batch = {**single, "scenario": "offline", "batch": 32, "threads": 2, "settled": False}
-    shown["speed"] += [batch, {**batch, "phase": "total", "per_s": 812.4}]
+    single = shown.speed[0]
+    offline = {"scenario": "offline", "batch": 32, "threads": 2, "settled": False}
+    batch = single.model_copy(update=offline)
+    shown.speed += [batch, batch.model_copy(update={"phase": "total", "per_s": 812.4})]
     text = render(shown)
     assert re.search(r"^offline +32 +2 +total .* 812 *$", text, re.M)
     assert len(re.findall(r"^offline ", text, re.M)) == 1

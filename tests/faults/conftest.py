@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tiny_lab import Lab, tiny_host
 
+from tactibench.records.record import Record
 from tactibench.records.store import StoredRun
 from tactibench.run import execute as running
 from tactibench.run.plan import RunPlan, make_plan
@@ -39,7 +39,7 @@ def run(
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Record]:
     """Cache, store and protocols of one undisturbed run, to be copied, and its record."""
     folder = tmp_path_factory.mktemp("first")
     protocol = Lab(folder / "lab").protocols / "exp1.toml"
@@ -53,7 +53,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
 
 
 @pytest.fixture
-def copied(first: tuple[Path, dict[str, Any]], tmp_path: Path) -> Path:
+def copied(first: tuple[Path, Record], tmp_path: Path) -> Path:
     """A copy of the undisturbed run's folder: that of this test."""
     for name in ("cache", "runs", "lab"):
         shutil.copytree(first[0] / name, tmp_path / name)

@@ -13,7 +13,7 @@ from same_run import in_common
 
 from tactibench import UserError
 from tactibench.board.submissions import compact
-from tactibench.records.record import checked
+from tactibench.records.record import Record, parse_record
 from tactibench.records.store import PARTS, RECORD, StoredRun, open_run, run_names
 
 CACHED = (
@@ -35,7 +35,7 @@ def place(path: Path, part: str) -> int:
 @pytest.mark.parametrize("pattern", CACHED)
 def test_a_damaged_cache_is_made_again(
     pattern: str,
-    first: tuple[Path, dict[str, Any]],
+    first: tuple[Path, Record],
     copied: Path,
     run: Callable[..., StoredRun],
     flip: Callable[[Path, int], None],
@@ -52,14 +52,14 @@ def test_a_damaged_cache_is_made_again(
             spoilt[file] = file.read_bytes()
         again = run(f"again-{part}").record
         assert in_common(again) == in_common(whole)
-        assert again["metrics"] == whole["metrics"]
+        assert again.metrics == whole.metrics
         assert spoilt
         for file, data in spoilt.items():  # a byte of the others may mean nothing
             assert file.read_bytes() != data or file.suffix not in (".npy", ".safetensors")
 
 
 def test_a_checkpoint_that_is_damaged_is_not_used(
-    first: tuple[Path, dict[str, Any]],
+    first: tuple[Path, Record],
     copied: Path,
     run: Callable[..., StoredRun],
     plan: Callable[..., Any],
@@ -70,7 +70,7 @@ def test_a_checkpoint_that_is_damaged_is_not_used(
         weights.checkpoints.mkdir(parents=True)
         (weights.checkpoints / "checkpoint.safetensors").write_bytes(data)
         again = run("again").record
-        assert again["identity"]["weights_hash"] == first[1]["identity"]["weights_hash"]
+        assert again.identity.weights_hash == first[1].identity.weights_hash
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -105,10 +105,10 @@ def test_every_damaged_byte_of_a_record_is_refused(
     for at in range(0, len(whole), 37):
         flip(file, at)
         try:
-            found = open_run(store, name).record  # the name of the seal itself, at most
+            found = open_run(store, name).record.json_values()
             assert {**found, "identity": 0} == {**before, "identity": 0}, at
             lost = {k for k, v in before["identity"].items() if found["identity"].get(k) != v}
-            assert lost <= {"sealed"}, at
+            assert lost <= {"sealed"}, at  # the key of the checksum itself
         except UserError as error:
             assert RECORD in str(error)  # noqa: PT017
         file.write_bytes(whole)
@@ -120,14 +120,14 @@ def test_a_record_from_before_seals_is_read(copied: Path) -> None:
     record = json.loads((store / name / RECORD).read_text())
     del record["identity"]["sealed"]
     (store / name / RECORD).write_text(json.dumps(record))
-    assert open_run(store, name).record == record
+    assert open_run(store, name).record.json_values() == record
 
 
-def test_a_committed_record_needs_no_seal(first: tuple[Path, dict[str, Any]]) -> None:
+def test_a_committed_record_needs_no_seal(first: tuple[Path, Record]) -> None:
     committed = compact(first[1])
-    assert "sealed" not in committed["identity"]
-    assert "sealed" in first[1]["identity"]
-    checked(committed, "it")
+    assert committed.identity.checksum is None
+    assert first[1].identity.checksum is not None
+    parse_record(committed.json_values(), "it")
 
 
 def test_a_damaged_run_is_named_when_runs_are_added_to_a_board(copied: Path) -> None:

@@ -18,6 +18,7 @@ from same_run import in_common
 
 from tactibench.cli.main import call
 from tactibench.records.files import write_arrays, write_json
+from tactibench.records.record import Record
 from tactibench.records.store import BEFORE, PARTS, StoredRun, open_run, run_names, write_run
 
 
@@ -47,7 +48,7 @@ def test_a_disk_that_is_full_leaves_nothing_half_done(small_disk: Path) -> None:
 
 
 def test_a_run_that_does_not_fit_leaves_the_one_before(
-    small_disk: Path, first: tuple[Path, dict[str, Any]]
+    small_disk: Path, first: tuple[Path, Record]
 ) -> None:
     (name,) = run_names(first[0] / "runs")
     run = open_run(first[0] / "runs", name)
@@ -94,7 +95,7 @@ def test_a_run_whose_replacement_was_stopped_is_put_back(copied: Path) -> None:
 
 
 def test_two_at_once_make_one_run(
-    first: tuple[Path, dict[str, Any]], run: Callable[..., StoredRun], tmp_path: Path
+    first: tuple[Path, Record], run: Callable[..., StoredRun], tmp_path: Path
 ) -> None:
     """Of one cache and one store; flock counts for threads that open the file as for processes."""
     found: list[dict[str, Any]] = []
@@ -107,11 +108,11 @@ def test_two_at_once_make_one_run(
     for record in found:
         assert in_common(record) == in_common(first[1])
     assert len(run_names(tmp_path / "runs")) == 1
-    assert open_run(tmp_path / "runs", found[0]["name"]).arrays("predictions")
+    assert open_run(tmp_path / "runs", found[0].name).arrays("predictions")
 
 
 def test_a_clock_that_goes_backwards_changes_no_result(
-    first: tuple[Path, dict[str, Any]],
+    first: tuple[Path, Record],
     run: Callable[..., StoredRun],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -120,8 +121,8 @@ def test_a_clock_that_goes_backwards_changes_no_result(
     monkeypatch.setattr(time, "time", lambda: began - 3600.0 * next(ticks))
     record = run().record
     assert in_common(record) == in_common(first[1])
-    assert record["metrics"] == first[1]["metrics"]
-    assert run(fresh=True).record["name"] == record["name"]
+    assert record.metrics == first[1].metrics
+    assert run(fresh=True).record.name == record.name
 
 
 SLOW = """

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from tactibench import Contacts, UserError
 from tactibench.metrics.hard_cases import ospa
-from tactibench.metrics.rows import MetricRow
 from tactibench.metrics.score import score
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
 from tactibench.protocols.axes import Axis, case, family_of
+from tactibench.records.record import Metric
 
 AXIS = Axis("shift", "camera", "px", "rising", 0.0, (1.0, 2.0), "plain:0")
 EMPTY = Axis("empty", "nothing", "", "unordered", None, (0.0,), "")
@@ -54,7 +54,7 @@ def trials(errors: dict[str, list[float]], **more: object) -> Trials:
     )
 
 
-def rows(made: Trials, *names: str) -> dict[tuple[str, str], MetricRow]:
+def rows(made: Trials, *names: str) -> dict[tuple[str, str], Metric]:
     found = score(names or NAMES, made, rng=np.random.default_rng(0))
     return {(row.metric, row.group): row for row in found}
 

@@ -167,7 +167,7 @@ def test_an_interval_does_not_depend_on_the_other_names(singles):
 
 
 def test_rows_become_json(two_point):
-    rows = [r.as_json() for r in score(list(EXP2), two_point, rng=rng())]
+    rows = [r.json_values() for r in score(list(EXP2), two_point, rng=rng())]
     assert json.loads(json.dumps(rows, allow_nan=False)) == rows
     keys = ["metric", "group", "value", "low", "high", "n", "clusters", "unit", "better"]
     assert list(rows[0]) == keys

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench.records.files import arrays_hash
+from tactibench.records.record import Record
 from tactibench.records.store import PARTS, Arrays
 
 
@@ -24,8 +25,8 @@ def parts() -> dict[str, Arrays]:
 
 
 @pytest.fixture
-def record(parts: dict[str, Arrays]) -> dict[str, Any]:
-    """A record ready for ``write_run``."""
+def values(parts: dict[str, Arrays]) -> dict[str, Any]:
+    """The JSON values of a record."""
     return {
         "schema": 1,
         "name": "exp1-mean-single-s0-01234567",
@@ -70,3 +71,9 @@ def record(parts: dict[str, Arrays]) -> dict[str, Any]:
         "data": {},
         "signature": "protocol:exp1@1",
     }
+
+
+@pytest.fixture
+def record(values: dict[str, Any]) -> Record:
+    """A record ready for ``write_run``."""
+    return Record.model_validate(values)

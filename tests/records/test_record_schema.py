@@ -8,37 +8,37 @@ from typing import Any
 import pytest
 
 from tactibench import UserError
-from tactibench.records.record import checked
+from tactibench.records.record import parse_record
 
 
-def test_a_good_record_is_read(record: dict[str, Any]) -> None:
-    valid = checked(json.loads(json.dumps(record)), "it")
+def test_a_good_record_is_read(values: dict[str, Any]) -> None:
+    valid = parse_record(json.loads(json.dumps(values)), "it")
     assert valid.value("mae_mm", "x") == 0.5
     assert valid.value("r2", "all") is None
     assert valid.value("nothing", "x") is None
 
 
 @pytest.mark.parametrize("schema", [0, 2, "1", None])
-def test_another_schema(record: dict[str, Any], schema: Any) -> None:
+def test_another_schema(values: dict[str, Any], schema: Any) -> None:
     with pytest.raises(UserError, match=r"here has record schema .*reads schema 1"):
-        checked({**record, "schema": schema}, "here")
+        parse_record({**values, "schema": schema}, "here")
 
 
 @pytest.mark.parametrize("value", [None, [], "text", 3])
 def test_no_record_at_all(value: Any) -> None:
     with pytest.raises(UserError, match="record schema"):
-        checked(value, "here")
+        parse_record(value, "here")
 
 
-def test_every_key_is_needed_and_no_other_allowed(record: dict[str, Any]) -> None:
-    for key in record:
+def test_every_key_is_needed_and_no_other_allowed(values: dict[str, Any]) -> None:
+    for key in values:
         if key == "schema":
             continue
-        without = {name: value for name, value in record.items() if name != key}
+        without = {name: value for name, value in values.items() if name != key}
         with pytest.raises(UserError, match=f"'{key}'"):
-            checked(without, "here")
+            parse_record(without, "here")
     with pytest.raises(UserError, match="'more'"):
-        checked({**record, "more": 1}, "here")
+        parse_record({**values, "more": 1}, "here")
 
 
 BROKEN: dict[str, tuple[str, Any, str]] = {
@@ -59,17 +59,17 @@ BROKEN: dict[str, tuple[str, Any, str]] = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_broken_invariants(record: dict[str, Any], name: str) -> None:
-    checked(record, "here")
+def test_broken_invariants(values: dict[str, Any], name: str) -> None:
+    parse_record(values, "here")
     where, value, said = BROKEN[name]
     if value is None:
-        value = {**record["metrics"][0], "low": 0.6, "high": None}
+        value = {**values["metrics"][0], "low": 0.6, "high": None}
     *path, last = [int(part) if part.isdigit() else part for part in where.split(".")]
-    table: Any = record
+    table: Any = values
     for part in path:
         table = table[part]
     table[last] = value
     with pytest.raises(UserError, match=said) as raised:
-        checked(record, "here")
+        parse_record(values, "here")
     assert str(raised.value).startswith("here is no valid record")
     assert "\n" not in str(raised.value)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import errno
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from tactibench import UserError
 from tactibench.records import store as module
+from tactibench.records.record import Record
 from tactibench.records.store import (
     BEFORE,
     PARTS,
@@ -26,29 +26,29 @@ Parts = dict[str, Arrays]
 
 
 def test_a_run_is_found_by_name_folder_and_file(
-    record: dict[str, Any], parts: Parts, tmp_path: Path
+    record: Record, parts: Parts, tmp_path: Path
 ) -> None:
     run = write_run(tmp_path, record, parts)
-    name = record["name"]
+    name = record.name
     for asked in (name, str(run.folder), str(run.folder / "record.json")):
         found = open_run(tmp_path, asked)
         assert found.record == run.record
         for part in PARTS:
             np.testing.assert_array_equal(found.arrays(part)["values"], parts[part]["values"])
     assert [one.folder.name for one in stored_runs(tmp_path)] == [name]
-    assert "truth" not in record["identity"]["stored"], "the caller's record is left alone"
+    assert "truth" not in record.identity.stored, "the caller's record is left alone"
 
 
-def test_names_that_are_not_there(record: dict[str, Any], parts: Parts, tmp_path: Path) -> None:
+def test_names_that_are_not_there(record: Record, parts: Parts, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="it holds no run yet"):
         open_run(tmp_path / "none", "exp1")
     write_run(tmp_path, record, parts)
-    with pytest.raises(UserError, match=f"did you mean '{record['name']}'"):
+    with pytest.raises(UserError, match=f"did you mean '{record.name}'"):
         open_run(tmp_path, "exp1-mean-single-s0")
 
 
 def test_a_half_written_run_is_invisible(
-    record: dict[str, Any], parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    record: Record, parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "full")
@@ -60,7 +60,7 @@ def test_a_half_written_run_is_invisible(
     assert all(path.suffix == ".lock" for path in tmp_path.iterdir())
     monkeypatch.undo()
     # what a kill leaves is not shown either, and does not stop the next
-    made = tmp_path / f".{record['name']}.made"
+    made = tmp_path / f".{record.name}.made"
     made.mkdir()
     (made / "truth.npz").write_bytes(b"half")
     (tmp_path / "empty").mkdir()
@@ -71,28 +71,26 @@ def test_a_half_written_run_is_invisible(
 
 
 def test_a_failed_replacement_keeps_the_run_before(
-    record: dict[str, Any], parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    record: Record, parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = write_run(tmp_path, record, parts)
     monkeypatch.setattr(module, "write_arrays", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        write_run(tmp_path, {**record, "seed": 9}, parts)
+        write_run(tmp_path, record.model_copy(update={"seed": 9}), parts)
     monkeypatch.undo()
-    assert open_run(tmp_path, record["name"]).record == first.record
-    write_run(tmp_path, {**record, "seed": 9}, parts)
-    assert open_run(tmp_path, record["name"]).record["seed"] == 9
+    assert open_run(tmp_path, record.name).record == first.record
+    write_run(tmp_path, record.model_copy(update={"seed": 9}), parts)
+    assert open_run(tmp_path, record.name).record.seed == 9
 
 
-def test_a_dishonest_record_is_not_written(
-    record: dict[str, Any], parts: Parts, tmp_path: Path
-) -> None:
+def test_a_dishonest_record_is_not_written(record: Record, parts: Parts, tmp_path: Path) -> None:
     other = {**parts, "predictions": {"values": np.zeros(2)}}
     with pytest.raises(UserError, match="stored predictions"):
         write_run(tmp_path, record, other)
     assert not list(tmp_path.iterdir())
 
 
-def test_changed_arrays_are_noticed(record: dict[str, Any], parts: Parts, tmp_path: Path) -> None:
+def test_changed_arrays_are_noticed(record: Record, parts: Parts, tmp_path: Path) -> None:
     run = write_run(tmp_path, record, parts)
     np.savez_compressed(run.folder / "predictions.npz", values=np.arange(4.0))
     with pytest.raises(UserError, match="not what its record was made from"):
@@ -107,20 +105,18 @@ def test_changed_arrays_are_noticed(record: dict[str, Any], parts: Parts, tmp_pa
 
 @pytest.mark.parametrize("content", ["", "{}", '{"schema": 2}', "[1]"])
 def test_an_unreadable_record_is_named_when_asked_for_and_skipped_in_lists(
-    record: dict[str, Any], parts: Parts, tmp_path: Path, content: str
+    record: Record, parts: Parts, tmp_path: Path, content: str
 ) -> None:
     write_run(tmp_path, record, parts)
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "record.json").write_text(content)
-    assert [run.folder.name for run in stored_runs(tmp_path)] == [record["name"]]
+    assert [run.folder.name for run in stored_runs(tmp_path)] == [record.name]
     with pytest.raises(UserError, match="broken"):
         open_run(tmp_path, "broken")
 
 
-def test_only_a_run_that_can_be_read_is_one(
-    record: dict[str, Any], parts: Parts, tmp_path: Path
-) -> None:
-    name = record["name"]
+def test_only_a_run_that_can_be_read_is_one(record: Record, parts: Parts, tmp_path: Path) -> None:
+    name = record.name
     assert readable_run(tmp_path, name) is None
     run = write_run(tmp_path, record, parts)
     found = readable_run(tmp_path, name)
@@ -134,10 +130,10 @@ def test_only_a_run_that_can_be_read_is_one(
 
 
 def test_a_run_in_the_working_folder_does_not_hide_the_store(
-    record: dict[str, Any], parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    record: Record, parts: Parts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_run(tmp_path / "store", record, parts)
-    here = tmp_path / record["name"]
+    here = tmp_path / record.name
     here.mkdir()
     (here / "record.json").write_text(json.dumps({"schema": 2}))
     monkeypatch.chdir(tmp_path)

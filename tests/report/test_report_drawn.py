@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from changed_record import changed_record
 
 from tactibench.board.html.drawn import Drawer, Drawn, pack_scenes, unpack_scenes
 from tactibench.board.html.material import gather
@@ -39,14 +40,14 @@ def record(board):
 def test_the_committed_errors_come_out_again(board, drawer, record, tmp_path):
     found = Opened(board, drawer, tmp_path).of(record)
     assert found is not None
-    assert len(found.trials) == record["data"]["test"]
+    assert len(found.trials) == record.data.test
     assert drawer.drawn(record) is drawer.drawn(record)
 
 
 def test_a_truth_that_gives_other_errors_is_not_used(board, drawer, record, tmp_path):
     errors = dict(board.errors)
-    stated = errors[record["name"]]
-    errors[record["name"]] = replace(stated, error=stated.error + 1e-3)
+    stated = errors[record.name]
+    errors[record.name] = replace(stated, error=stated.error + 1e-3)
     assert Opened(replace(board, errors=errors), drawer, tmp_path).of(record) is None
 
 
@@ -80,7 +81,8 @@ def test_frames_are_pressed_anew_and_alike(drawer, record):
 
 
 def test_what_cannot_be_drawn_says_why(drawer, record):
-    other = {**record, "sensor": {**record["sensor"], "name": "nobody", "parameters": {}}}
+    other = changed_record(record, {"sensor.name": "nobody", "sensor.parameters": {}})
     assert "not installed" in drawer.drawn(other)
-    tested = {**record, "sensor": {**record["sensor"], "tested": {"name": "x"}}}
+    on = {"name": "x", "parameters": {}, "asked": [], "on": "x", "presses": 1}
+    tested = changed_record(record, {"sensor.tested": on})
     assert "others than the protocol draws" in drawer.drawn(tested)

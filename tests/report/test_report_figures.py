@@ -84,8 +84,8 @@ def test_the_drawn_curve_is_the_most_likely_logistic_through_the_threshold():
 
 def test_a_censored_threshold_has_no_curve(fabricate):
     record = pairs(fabricate)
-    row = next(m for m in record["metrics"] if m["metric"] == "threshold_mm")
-    row["censored"] = "<"
+    row = next(m for m in record.metrics if m.metric == "threshold_mm")
+    row.censored = "<"
     assert fitted(record, np.array([7.0])) is None
     assert fitted(fabricate(), np.array([7.0])) is None
     (_, seen) = distance_panels(rows_of([record]), [], Looks(rows_of([record])), simulated=True)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 from tactibench import UserError
-from tactibench.board.labels import presses_of
-from tactibench.records.record import checked
 
 
 def test_only_the_presses_to_learn_from_are_fewer(planned):
@@ -32,19 +30,19 @@ def test_weights_and_runs_have_identities_of_their_own(planned):
 
 def test_the_record_says_so_and_is_whole(run, tiny):
     stored = run(presses=7)
-    record = checked(stored.record, "it")
+    record = stored.record
     assert tiny.TinyModel.fits == [7]
     assert record.partial is False
-    assert presses_of(stored.record) == 7
-    assert (record.training["presses"], record.data["train"]) == (7, 7)
+    assert record.limits.presses == 7
+    assert (record.training.presses, record.data.train) == (7, 7)
     assert "|seed:0|presses:7|" in record.signature
-    assert record.training["device"] == "cpu"
+    assert record.training.device == "cpu"
 
 
 def test_a_whole_run_has_no_presses_in_its_limits(run):
     record = run().record
-    assert presses_of(record) is None
-    assert "presses" not in record["signature"]
+    assert record.limits.presses is None
+    assert "presses" not in record.signature
 
 
 @pytest.mark.parametrize("count", [30, 31])

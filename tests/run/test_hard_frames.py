@@ -187,22 +187,22 @@ def test_a_run_counts_failures_names_them_and_scores_again(
     monkeypatch.setattr(tiny.TinyModel, "predict", fragile)
     stored = run(hard)
     record = stored.record
-    rows = {(row["metric"], row["group"]): row for row in record["metrics"]}
+    rows = {(row.metric, row.group): row for row in record.metrics}
     keys = read_protocol(Path(hard)).keys
-    assert rows["raised", "many"]["value"] == rows["raised", "all"]["value"]
-    assert rows["not_finite", "all"]["value"] == 0
+    assert rows["raised", "many"].value == rows["raised", "all"].value
+    assert rows["not_finite", "all"].value == 0
     failed = stored.arrays("predictions")
     groups = stored.arrays("truth")["group"]
     assert set(groups[failed["failed"]]) == {"many:3"}
-    assert record["data"]["failures"] == {
+    assert record.data.failures.json_values() == {
         "frames": 3,
         "causes": [{"cause": "IndexError: no room for three", "first": "many:3", "frames": 3}],
     }
-    assert record["speed"] == []
-    assert record["partial"] is False
+    assert record.speed == []
+    assert record.partial is False
     again = score_arrays(keys, stored.arrays("truth"), failed, stored.arrays("maps"))
-    assert differences(record["metrics"], again) == []
-    assert rows["ospa_mm", "noise:64"]["value"] > rows["ospa_mm", "plain:0"]["value"]
+    assert differences(record.metrics, again) == []
+    assert rows["ospa_mm", "noise:64"].value > rows["ospa_mm", "plain:0"].value
     images = stored.arrays("examples")
     assert len(images["index"]) == len(set(groups))  # one of every case
     before = arrays_hash(failed)

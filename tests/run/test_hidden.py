@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board.labels import asked_of, section_key
+from tactibench.board.labels import command_options, section_key
 from tactibench.protocols import hidden_seed as module
 from tactibench.protocols.hidden_seed import (
     VARIABLE,
@@ -20,7 +20,6 @@ from tactibench.protocols.hidden_seed import (
     given_seed,
 )
 from tactibench.protocols.loader import load_protocol
-from tactibench.records.record import checked
 from tactibench.records.store import StoredRun
 from tactibench.run.request import TestedOn
 
@@ -43,17 +42,16 @@ def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
     run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
 ) -> None:
     public, secret = run("exp1"), run("exp1", tested=HIDDEN)
-    one, other = (done.record["identity"] for done in (public, secret))
-    assert one["weights"] == other["weights"]
-    assert other["hidden"] == committed.commitment
+    one, other = (done.record.identity for done in (public, secret))
+    assert one.weights == other.weights
+    assert other.hidden == committed.commitment
     truth, hidden = public.arrays("truth")["xy"], secret.arrays("truth")["xy"]
     assert len(truth) == len(hidden) == 20
     assert not np.isin(hidden, truth).any()
-    checked(secret.record, "it")
-    assert asked_of(secret.record) == " --hidden-seed"
-    assert secret.record["sensor"]["tested"]["on"] == "hidden presses"
+    assert command_options(secret.record) == " --hidden-seed"
+    assert secret.record.sensor.test_sensor.description == "hidden presses"
     assert section_key(public.record) != section_key(secret.record)
-    assert "-on-hidden-" in secret.record["name"]
+    assert "-on-hidden-" in secret.record.name
 
 
 def test_the_seed_is_nowhere_on_the_disk(

@@ -39,9 +39,9 @@ def test_quick_is_small_and_partial(planned: Planned, run: Callable[..., StoredR
     assert plan.request.partial
     assert "quick" in plan.name
     record = run("exp2", quick=True).record
-    assert record["partial"] is True
-    assert record["limits"] == {"quick": True, "limit": None, "presses": None}
-    assert "partial:yes" in record["signature"]
+    assert record.partial is True
+    assert record.limits.json_values() == {"quick": True, "limit": None, "presses": None}
+    assert "partial:yes" in record.signature
 
 
 def test_quick_epochs_do_not_override_what_was_asked(planned: Planned) -> None:
@@ -65,7 +65,7 @@ def test_a_limit_is_spread_over_all_sets(
         kept = done.arrays("truth")
         assert set(kept["press"]) < whole, "a press keeps its name"
         assert len(set(kept["group"])) > 8
-        assert done.record["partial"] is True
+        assert done.record.partial is True
 
 
 def test_groups_are_the_true_distances(planned: Planned) -> None:
@@ -146,8 +146,8 @@ def test_only_maps_of_the_surface_are_scored_as_one(run: Callable[..., StoredRun
     """Every model of these tests shows maps; of "profiles" the first is no surface."""
     for encoder, counted in (("hertz", True), ("profiles", False)):
         done = run("exp1", "tiny-heat", encoder=encoder)
-        rows = [row for row in done.record["metrics"] if row["metric"] == "surface_rmse_mm"]
-        assert any(row["value"] is not None for row in rows) == counted
+        rows = [row for row in done.record.metrics if row.metric == "surface_rmse_mm"]
+        assert any(row.value is not None for row in rows) == counted
         assert ("surface" in done.arrays("maps")) == counted
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from tactibench import Pose, UserError
 from tactibench.records.answers import unpack_contacts
-from tactibench.records.record import checked
 from tactibench.records.store import StoredRun, open_run
 from tactibench.run import timing as speed
 from tactibench.run.rescore import differences, rescored
@@ -21,7 +20,7 @@ Run = Callable[..., StoredRun]
 
 
 def value(run: StoredRun, metric: str, group: str = "all") -> Any:
-    return checked(run.record, "it").value(metric, group)
+    return run.record.value(metric, group)
 
 
 @pytest.mark.parametrize("protocol", ["exp1", "exp2", "exp3"])
@@ -38,8 +37,8 @@ def test_a_run_ends_in_a_valid_record(
     for one, two in zip(unpack_contacts(truth), found, strict=True):
         np.testing.assert_allclose(one.xy, two.xy, atol=1 / 18 + 1e-9)
     assert value(done, "missed") == 0.0
-    assert done.record["data"]["train"] == 30
-    assert done.record["partial"] is False
+    assert done.record.data.train == 30
+    assert done.record.partial is False
 
 
 def test_metrics_are_what_the_stored_arrays_say(run: Run) -> None:
@@ -84,9 +83,9 @@ def test_test_frames_are_no_training_frames(planned: Any) -> None:
 def test_weights_are_trained_once_for_all_three(run: Run, tiny: Any, regime: str) -> None:
     runs = [run(name, regime=regime) for name in ("exp1", "exp2", "exp3")]
     assert tiny.TinyModel.fits == [30 if regime == "single" else 70]
-    assert len({one.record["identity"]["weights_hash"] for one in runs}) == 1
-    assert [one.record["training"]["reused"] for one in runs] == [False, True, True]
-    assert all(one.record["training"]["history"] for one in runs)
+    assert len({one.record.identity.weights_hash for one in runs}) == 1
+    assert [one.record.training.reused for one in runs] == [False, True, True]
+    assert all(one.record.training.history for one in runs)
 
 
 def test_training_keys_are_those_of_the_shipped_protocols_too(host: Any, tmp_path: Path) -> None:
@@ -133,11 +132,11 @@ def test_same_seed_same_predictions_in_another_cache(run: Run) -> None:
     one = run("exp2", cache="a", store="a")
     two = run("exp2", cache="b", store="b")
     for key in ("weights_hash", "predictions_hash", "data", "test_frames"):
-        assert one.record["identity"][key] == two.record["identity"][key]
-    assert one.record["metrics"] == two.record["metrics"]
+        assert getattr(one.record.identity, key) == getattr(two.record.identity, key)
+    assert one.record.metrics == two.record.metrics
     three = run("exp2", cache="a", store="c", seed=1)
-    assert three.record["identity"]["weights_hash"] != one.record["identity"]["weights_hash"]
-    assert three.record["identity"]["data"] == one.record["identity"]["data"]
+    assert three.record.identity.weights_hash != one.record.identity.weights_hash
+    assert three.record.identity.data == one.record.identity.data
 
 
 def test_an_interrupted_training_goes_on(run: Run, tiny: Any, planned: Any, tmp_path: Path) -> None:
@@ -153,8 +152,8 @@ def test_an_interrupted_training_goes_on(run: Run, tiny: Any, planned: Any, tmp_
     assert tiny.TinySensor.pressed == 20, "only the test presses were missing"
     assert not planned(cache="b").weights.begun, "checkpoints are removed"
     for key in ("weights_hash", "predictions_hash"):
-        assert resumed.record["identity"][key] == undisturbed.record["identity"][key]
-    assert resumed.record["metrics"] == undisturbed.record["metrics"]
+        assert getattr(resumed.record.identity, key) == getattr(undisturbed.record.identity, key)
+    assert resumed.record.metrics == undisturbed.record.metrics
 
 
 @pytest.mark.parametrize("damage", ["weights", "gone", "manifest", "empty", "other"])
@@ -174,7 +173,7 @@ def test_damaged_weights_are_trained_again(run: Run, tiny: Any, planned: Any, da
         manifest.write_text(manifest.read_text().replace('"seed": 0', '"seed": 7'))
     again = run("exp1", store="again")
     assert len(tiny.TinyModel.fits) == 2
-    assert again.record["identity"]["weights_hash"] == first.record["identity"]["weights_hash"]
+    assert again.record.identity.weights_hash == first.record.identity.weights_hash
 
 
 @pytest.mark.parametrize(
@@ -206,7 +205,7 @@ def test_scoring_again_is_identical(
     done = run("exp2")
     keys = planned("exp2").protocol.keys
     arrays = (done.arrays(part) for part in ("truth", "predictions", "maps"))
-    assert not differences(done.record["metrics"], score_arrays(keys, *arrays))
+    assert not differences(done.record.metrics, score_arrays(keys, *arrays))
     with pytest.raises(UserError, match="run the protocol again"):
         rescored(done)  # the shipped exp2 is another
     from tactibench.run import rescore
@@ -214,8 +213,11 @@ def test_scoring_again_is_identical(
     mini = {"exp2": tmp_path / "protocols" / "exp2.toml"}
     monkeypatch.setattr(rescore, "protocol_files", lambda: mini)
     assert rescored(done) == done.record
-    changed = [{**done.record["metrics"][0], "value": 9.0}, *done.record["metrics"][1:]]
-    assert len(differences(done.record["metrics"], changed)) == 1
+    changed = [
+        done.record.metrics[0].model_copy(update={"value": 9.0}),
+        *done.record.metrics[1:],
+    ]
+    assert len(differences(done.record.metrics, changed)) == 1
 
 
 def test_wrong_metrics_are_refused_before_any_work(run: Run, tiny: Any, mini: Any) -> None:
@@ -230,16 +232,16 @@ def test_bounds_and_surfaces_are_read_from_the_cache(run: Run, tiny: Any, monkey
     one = run("exp1")
     monkeypatch.setattr(tiny.TinySensor, "surface", lambda *_: pytest.fail("computed again"))
     monkeypatch.setattr(tiny.TinySensor, "bound", lambda *_: pytest.fail("computed again"))
-    assert run("exp1", store="again").record["metrics"] == one.record["metrics"]
+    assert run("exp1", store="again").record.metrics == one.record.metrics
 
 
 def test_how_a_sensor_made_its_scenes_is_recorded(run: Run, tiny: Any, monkeypatch: Any) -> None:
-    assert "account" not in run("exp1").record["sensor"]
+    assert run("exp1").record.sensor.scene_counts == {}
 
     def scene_counts(_: Any, scenes: Any) -> dict[str, int]:
         return {"quickly": len(scenes)}
 
     monkeypatch.setattr(tiny.TinySensor, "scene_counts", scene_counts, raising=False)
-    told = run("exp1", store="again").record["sensor"]["account"]
+    told = run("exp1", store="again").record.sensor.scene_counts
     assert told["test"] == {"quickly": 20}
     assert told["fit"] == {"quickly": 30}

@@ -15,7 +15,6 @@ from tactibench.frames.presser import Presser
 from tactibench.frames.reference import reference_frames
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.identity import code_hash
-from tactibench.records.record import checked
 from tactibench.records.store import StoredRun
 from tactibench.run.components import Part
 from tactibench.run.plan import RunPlan, plan_lines
@@ -28,7 +27,7 @@ SHIFTED = TestedOn(parameters={"offset": "9.0"})
 
 
 def rows(done: StoredRun) -> dict[tuple[str, str], Any]:
-    return {(row["metric"], row["group"]): row for row in done.record["metrics"]}
+    return {(row.metric, row.group): row for row in done.record.metrics}
 
 
 @pytest.mark.parametrize(
@@ -40,25 +39,25 @@ def test_reference_scenes_with_the_protocols_tips_inside_its_workspace(
 ) -> None:
     done = run(protocol, tested=REFERENCE)
     truth = done.arrays("truth")
-    assert len(truth["press"]) == done.record["data"]["test"] == frames
-    assert len(set(truth["press"])) == done.record["sensor"]["tested"]["presses"] == presses
-    assert done.record["data"]["rejected"] == rejected
+    assert len(truth["press"]) == done.record.data.test == frames
+    assert len(set(truth["press"])) == done.record.sensor.test_sensor.presses == presses
+    assert done.record.data.rejected == rejected
     for one, two in zip(
         unpack_contacts(truth), unpack_contacts(done.arrays("predictions")), strict=True
     ):
         np.testing.assert_allclose(one.xy, two.xy, atol=1 / 18 + 1e-9)
-    assert rows(done)["missed", "all"]["value"] == 0
-    assert rows(done)["missed", "all"]["clusters"] == presses
-    assert done.record["partial"] is False
+    assert rows(done)["missed", "all"].value == 0
+    assert rows(done)["missed", "all"].clusters == presses
+    assert done.record.partial is False
 
 
 def test_what_the_reference_cannot_tell_is_neither_zero_nor_an_error(run: Run) -> None:
     found = rows(run("exp2", tested=REFERENCE))
     assert {group for metric, group in found if metric == "resolved"} == {"7.0", "12.0", "all"}
     for metric in ("catch_resolved", "d_prime"):
-        assert found[metric, "all"]["value"] is None
-    assert found["threshold_mm", "all"]["censored"] == "<", "of the distances that there are"
-    assert found["distance_mae_mm", "7.0"]["low"] is None, "one press has no interval"
+        assert found[metric, "all"].value is None
+    assert found["threshold_mm", "all"].censored == "<", "of the distances that there are"
+    assert found["distance_mae_mm", "7.0"].low is None, "one press has no interval"
 
 
 @pytest.mark.parametrize("regime", ["single", "multiple"])
@@ -72,7 +71,7 @@ def test_weights_are_those_of_the_ordinary_run(
     assert not {w.key for w in other.frames.test} & {w.key for w in plan.frames.test}
     runs = [run("exp2", regime=regime), run("exp2", regime=regime, tested=tested)]
     assert len(tiny.TinyModel.fits) == 1
-    assert len({one.record["identity"]["weights_hash"] for one in runs}) == 1
+    assert len({one.record.identity.weights_hash for one in runs}) == 1
 
 
 def test_the_same_presses_on_a_sensor_with_other_parameters(run: Run, planned: Planned) -> None:
@@ -82,8 +81,8 @@ def test_the_same_presses_on_a_sensor_with_other_parameters(run: Run, planned: P
     assert shifted.frames.tested_identity["parameters"] == {"offset": 9.0}  # type: ignore[index]
     one, two = rows(run("exp1")), rows(run("exp1", tested=SHIFTED))
     # 9 grey levels are half a millimetre, of which the model was told nothing
-    assert two["mae_mm", "x"]["value"] == pytest.approx(0.5, abs=0.03)
-    assert one["mae_mm", "x"]["value"] < 0.03
+    assert two["mae_mm", "x"].value == pytest.approx(0.5, abs=0.03)
+    assert one["mae_mm", "x"].value < 0.03
 
 
 def test_what_asks_for_the_trained_parameters_too(planned: Planned) -> None:
@@ -95,24 +94,25 @@ def test_what_asks_for_the_trained_parameters_too(planned: Planned) -> None:
 
 def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned) -> None:
     done = run("exp1", tested=SHIFTED)
-    tested = done.record["sensor"]["tested"]
-    assert tested == {
+    tested = done.record.sensor.test_sensor
+    assert tested is not None
+    assert tested.json_values() == {
         "name": "tactip-127",
         "parameters": {"offset": 9.0},
         "asked": ["sensor.offset=9.0"],
         "on": "another setting (offset=9.0)",
         "presses": 20,
     }
-    assert checked(done.record, "it").sensor.parameters == {"offset": 0.0}
-    assert "|seed:0|test:sensor.offset=9.0|weights:" in done.record["signature"]
-    assert "-on-offset-9.0-s0-" in done.record["name"]
+    assert done.record.sensor.parameters == {"offset": 0.0}
+    assert "|seed:0|test:sensor.offset=9.0|weights:" in done.record.signature
+    assert "-on-offset-9.0-s0-" in done.record.name
     text = "\n".join(plan_lines(planned("exp2", tested=REFERENCE), False))
     assert "test:  on known scenes: generate 4 (pairs) frames on known;" in text
     assert "take the trained weights from the cache" in text
     plain = run("exp1").record
-    assert "tested" not in plain["sensor"]
-    assert "tested" not in plain["identity"]
-    assert "test:" not in plain["signature"]
+    assert plain.test_sensor is None
+    assert "tested" not in plain.identity.json_values()
+    assert "test:" not in plain.signature
 
 
 def test_another_individual_is_called_so(planned: Planned) -> None:
@@ -126,8 +126,8 @@ def test_another_individual_is_called_so(planned: Planned) -> None:
 
 def test_a_limit_holds_for_reference_scenes_too(run: Run) -> None:
     done = run("exp3", tested=REFERENCE, limit=3)
-    assert done.record["data"]["test"] == 3
-    assert done.record["partial"] is True
+    assert done.record.data.test == 3
+    assert done.record.partial is True
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ from tactibench.board.verifying.verdict import verify
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.answers import unpack_plates
-from tactibench.records.record import checked
 from tactibench.records.store import StoredRun
 from tactibench.run.execute import execute
 from tactibench.run.plan import RunPlan, make_plan, plan_lines
@@ -112,27 +111,26 @@ def test_every_test_frame_is_answered_for_every_number_of_labelled_frames(
 ) -> None:
     plan, run = done("kernel")
     record, truth = run.record, run.arrays("truth")
-    checked(record, "here")
     assert list(truth["group"]) == [str(count) for count in SHOTS for _ in range(18)]
     poses = unpack_plates(truth)
     for rows in (list(truth["press"]), list(poses)):
         assert rows == rows[:18] * len(SHOTS)
-    rows = {(row["metric"], row["group"]): row for row in record["metrics"]}
+    rows = {(row.metric, row.group): row for row in record.metrics}
     assert {group for metric, group in rows if metric == "tilt_mae_deg"} == {"0", "5", "20"}
-    assert all(row["n"] == row["clusters"] == 18 for row in rows.values())
-    assert rows["depth_mae_mm", "20"]["value"] < 1.0
-    seen = record["data"]["of_tested_sensor"]
-    assert seen["labelled_frames"] == list(SHOTS)
-    assert seen["unlabelled_frames"] == 0
-    assert [one["frames"] for one in seen["adapted"]] == list(SHOTS)
+    assert all(row.n == row.clusters == 18 for row in rows.values())
+    assert rows["depth_mae_mm", "20"].value < 1.0
+    seen = record.data.of_tested_sensor
+    assert seen.labelled_frames == list(SHOTS)
+    assert seen.unlabelled_frames == 0
+    assert [one["frames"] for one in seen.adapted] == list(SHOTS)
     again = score_arrays(plan.protocol.keys, truth, run.arrays("predictions"), {})
-    assert not differences(record["metrics"], again)
-    assert record["sensor"]["tested"]["trained_on"].startswith("real recording ")
+    assert not differences(record.metrics, again)
+    assert record.sensor.test_sensor.trained_on.startswith("real recording ")
     assert measured_on(record).startswith(
         f"real recording {folder_label(plan.request.tested.data)}"
     )
     assert trained_on(record) in section_key(record)[-1]
-    assert str(place.parent) not in str(record["sensor"])
+    assert str(place.parent) not in str(record.sensor)
 
 
 def test_no_press_is_both_seen_and_tested(planned: Plan) -> None:
@@ -155,8 +153,8 @@ def test_two_recordings_of_one_plan_are_divided_alike(
 
 def test_models_that_cannot_adapt_answer_without_labelled_frames(done: Done) -> None:
     _, run = done("mean")
-    assert {row["group"] for row in run.record["metrics"]} == {"0"}
-    assert run.record["data"]["of_tested_sensor"]["labelled_frames"] == [0]
+    assert {row.group for row in run.record.metrics} == {"0"}
+    assert run.record.data.of_tested_sensor.labelled_frames == [0]
 
 
 def test_a_simulated_sensor_trains_and_its_calibration_frames_test_nothing(
@@ -246,7 +244,7 @@ def test_a_submission_is_scored_again_on_the_recording_that_was_tested(
     path = submitted(model)
     found = verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))
     assert found.frames == 18
-    groups = {row["group"] for row in found.again}
+    groups = {row.group for row in found.again}
     assert groups == ({"0"} if model == "mean" else {"0", "5", "20"})
 
 
@@ -279,5 +277,5 @@ def test_a_record_that_says_nothing_of_the_tested_sensor_is_refused_in_a_sentenc
     record = json.loads(path.read_text(encoding="utf-8"))
     record["data"]["of_tested_sensor"] = seen
     path.write_text(json.dumps(record), encoding="utf-8")
-    with pytest.raises(UserError, match=r"labelled frames|is not the recording"):
+    with pytest.raises(UserError, match=r"labelled frames|is not the recording|of_tested_sensor"):
         verify(path, Source(trusted_host(), tmp_path / "cache", folders[1]))

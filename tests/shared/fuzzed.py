@@ -74,20 +74,20 @@ def _settings_seeds(_: Path) -> list[bytes]:
 
 
 def _record(data: bytes, folder: Path) -> None:
-    from tactibench.board.safe import read_record, refuse_names
+    from tactibench.board.safe import read_untrusted, refuse_names
     from tactibench.board.submissions import compact, slot, text_of
     from tactibench.board.verifying.verdict import refuse_differences, refuse_signature
-    from tactibench.records.record import checked
-    from tactibench.records.seal import refuse_changed
+    from tactibench.records.record import parse_record
+    from tactibench.records.store import refuse_changed
 
     path = _in(folder, "r.json", data)
-    record = read_record(path)
-    checked(record, str(path))
-    refuse_changed(record, str(path))
+    values = read_untrusted(path)
+    record = parse_record(values, str(path))
+    refuse_changed(values, str(path))
     refuse_names(record, str(path))
     slot(record)
     text_of(compact(record))
-    refuse_differences(record["metrics"], record["metrics"], str(path))
+    refuse_differences(record.metrics, record.metrics, str(path))
     refuse_signature(record, str(path))
 
 

@@ -85,7 +85,7 @@ def _runs(folder: Path) -> Any:
     for run in stored_runs(folder / "runs"):
         for part in PARTS:
             run.arrays(part)
-        record = {k: v for k, v in run.record.items() if k not in UNTIMED}
+        record = {k: v for k, v in run.record.json_values().items() if k not in UNTIMED}
         training = {k: v for k, v in record["training"].items() if k in ("epochs", "presses")}
         stored = {k: v for k, v in record["identity"]["stored"].items() if k != "times"}
         identity = {**record["identity"], "stored": stored, "sealed": ""}

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from changed_record import changed_record
 from stored_answers import answered_parts, with_hash
 
 from tactibench.contacts import Contacts
 from tactibench.records.answers import pack_contacts
+from tactibench.records.record import Record
 from tactibench.records.store import StoredRun, write_run
 
 DISTANCES = ("6.5", "7.0", "8.0", "9.0", "10.0", "12.0")
@@ -77,7 +79,7 @@ def pair_parts(seed: int = 0) -> dict[str, dict[str, Any]]:
     return parts
 
 
-def store_of(folder: Path, fabricate: Callable[..., dict[str, Any]]) -> list[StoredRun]:
+def store_of(folder: Path, fabricate: Callable[..., Record]) -> list[StoredRun]:
     """A store with three rows of exp1, one of two seeds, and two of exp2."""
     runs = []
 
@@ -100,28 +102,25 @@ def store_of(folder: Path, fabricate: Callable[..., dict[str, Any]]) -> list[Sto
     return runs
 
 
-def hostile_record(fabricate: Callable[..., dict[str, Any]], text: str, **more: Any) -> Any:
+def hostile_record(fabricate: Callable[..., Record], text: str, **more: Any) -> Any:
     """A valid record whose every name, version and setting is ``text``."""
-    record = fabricate(**more)
-    record["model"] = {"name": text, "parameters": {text: text}}
-    record["encoder"] = {"name": text, "parameters": {}}
-    record["sensor"] = {**record["sensor"], "name": text}
     parts = f"model:{text}({text}={text})|regime:single|encoder:{text}|sensor:{text}"
-    record["signature"] = f"protocol:x|{parts}|seed:0"
-    record["regime"] = text
-    record["environment"] = {
-        **record["environment"],
-        "cpu": text,
-        "os": text,
-        "gpu": [text],
-        "versions": {text: text},
-        "fingerprint": text,
-    }
-    record["identity"] = {
-        **record["identity"],
-        "commit": text,
-        "plugins": {text: {"distribution": text, "version": text}},
-    }
-    record["timed"] = {"configuration": text}
-    record["training"] = {**record["training"], "device": text}
-    return record
+    return changed_record(
+        fabricate(**more),
+        {
+            "model": {"name": text, "parameters": {text: text}, "settings": [text]},
+            "encoder": {"name": text, "parameters": {}},
+            "sensor.name": text,
+            "signature": f"protocol:x|{parts}|seed:0",
+            "regime": text,
+            "environment.cpu": text,
+            "environment.os": text,
+            "environment.gpu": [text],
+            "environment.versions": {text: text},
+            "environment.fingerprint": text,
+            "identity.commit": text,
+            "identity.plugins": {text: {"distribution": text, "version": text}},
+            "timed.configuration": text,
+            "training.device": text,
+        },
+    )

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from tactibench.records.record import Record
+
 SAME = ("data", "test_frames", "weights", "weights_hash", "predictions_hash")
 
 
-def in_common(record: Mapping[str, Any]) -> dict[str, Any]:
+def in_common(record: Record | Mapping[str, Any]) -> dict[str, Any]:
     """Frames, weights and answers in the identity of a record."""
-    return {key: record["identity"][key] for key in SAME}
+    values = record.json_values() if isinstance(record, Record) else record
+    return {key: values["identity"][key] for key in SAME}

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from changed_record import changed_record
 
 from tactibench.contacts import Contacts
 from tactibench.records.answers import pack_contacts
 from tactibench.records.files import arrays_hash
+from tactibench.records.record import Record
 from tactibench.records.store import PARTS
 
 
@@ -32,7 +34,7 @@ def answered_parts(
     return parts
 
 
-def with_hash(record: dict[str, Any], parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def with_hash(record: Record, parts: dict[str, dict[str, Any]]) -> Record:
     """The record with the hash of these predictions."""
-    identity = {**record["identity"], "predictions_hash": arrays_hash(parts["predictions"])}
-    return {**record, "identity": identity}
+    hashed = arrays_hash(parts["predictions"])
+    return changed_record(record, {"identity.predictions_hash": hashed})

@@ -13,8 +13,7 @@ from briefly import time_briefly
 
 from tactibench.errors import UserError
 from tactibench.records.files import read_json, write_json
-from tactibench.records.seal import sealed, unsealed
-from tactibench.records.store import RECORD
+from tactibench.records.store import RECORD, with_checksum
 from tactibench.run.request import RunRequest
 from tactibench.sweep.cells import Cell
 from tactibench.sweep.dispatch import carried_out, jobs_of
@@ -174,9 +173,9 @@ def test_a_run_of_another_machine_counts_where_any_may_run_it(
     stored: tuple[Any, Place, Path],
 ) -> None:
     request, place, file = stored
-    record = unsealed(read_json(file))
+    record = read_json(file)
     record["identity"]["machine"], record["name"] = "another", "elsewhere"
-    write_json(file, sealed(record))
+    write_json(file, with_checksum(record))
     file.parent.rename(place.store / "elsewhere")
     (here,) = plan_cells([request], place)
     (anywhere,) = plan_cells([request], replace(place, any_machine=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ from tactibench.board.figures.style import (
     spread,
 )
 from tactibench.board.published import PublishedTable, published_means
+from tactibench.records.record import Metric
 
-Rows = Sequence[Mapping[str, Any]]
+Rows = Sequence[Metric]
 DODGE_MM = 0.05
 """Between the series, so that interval bars stand beside each other."""
 
@@ -87,10 +88,10 @@ def by_distance(rows: Rows, metric: str) -> np.ndarray[Any, np.dtype[np.float64]
     """
     found = []
     for row in rows:
-        if row["metric"] == metric and row["group"] != "all" and row["value"] is not None:
-            value = float(row["value"])
-            ends = (value if row[end] is None else float(row[end]) for end in ("low", "high"))
-            found.append((float(row["group"]), value, *ends))
+        if row.metric == metric and row.group != "all" and row.value is not None:
+            value = row.value
+            ends = (value if end is None else end for end in (row.low, row.high))
+            found.append((float(row.group), value, *ends))
     return np.array(sorted(found), dtype=np.float64).reshape(-1, 4)
 
 

@@ -71,7 +71,7 @@ def _panel(axes: Axes, one: Frontier, looks: dict[str, dict[str, Any]], inches: 
 
 
 def _model(point: Point) -> str:
-    return str(point.row.first["model"]["name"])
+    return str(point.row.first.model.name)
 
 
 def _looks(points: Sequence[Point]) -> dict[str, dict[str, Any]]:

@@ -21,13 +21,13 @@ from tactibench.board.html.figure import (
 )
 from tactibench.board.html.inert import figure_text
 from tactibench.board.html.words import seeds_words, with_interval
-from tactibench.board.labels import Record
 from tactibench.board.numbers import number
 from tactibench.board.published import PublishedTable, published_means
 from tactibench.board.rows import Pooled, Row
 from tactibench.contacts import FloatArray
 from tactibench.metrics.groups import condition
 from tactibench.metrics.threshold import SHARE, Profile
+from tactibench.records.record import Record
 
 ERRORS = (
     ("distance_mae_mm", "over resolved pairs", "error of the distance, mm"),
@@ -72,7 +72,7 @@ def distance_panels(
 
 def _groups(row: Row, metric: str) -> list[str]:
     """Distances at which all seeds have a value, ascending."""
-    names = {m["group"] for m in row.first["metrics"] if m["metric"] == metric}
+    names = {m.group for m in row.first.metrics if m.metric == metric}
     known = {n: d for n in names if (d := condition(n)) is not None and row.metric(metric, n)}
     return sorted(known, key=known.__getitem__)
 
@@ -281,16 +281,16 @@ def fitted(record: Record, distance: FloatArray) -> FloatArray | None:
     The slope is the most likely one at the threshold, as in ``tactibench.metrics.threshold``. None
     where the run has no threshold, or a censored one: no fit of these answers crosses 75 % there.
     """
-    rows = [m for m in record["metrics"] if m["metric"] == "resolved" and m["value"] is not None]
-    known = [(d, m) for m in rows if (d := condition(m["group"])) is not None]
-    found = [m for m in record["metrics"] if (m["metric"], m["group"]) == ("threshold_mm", "all")]
-    if len(known) < 2 or not found or found[0]["value"] is None or found[0].get("censored"):
+    rows = [m for m in record.metrics if m.metric == "resolved" and m.value is not None]
+    known = [(d, m) for m in rows if (d := condition(m.group)) is not None]
+    found = record.metric("threshold_mm", "all")
+    if len(known) < 2 or found is None or found.value is None or found.censored:
         return None
     known.sort(key=lambda pair: pair[0])
-    trials = np.array([float(m["n"]) for _, m in known])
-    hits = np.rint([m["value"] * m["n"] for _, m in known])
+    trials = np.array([float(m.n) for _, m in known])
+    hits = np.rint([(m.value or 0.0) * m.n for _, m in known])
     profile = Profile(np.array([d for d, _ in known]), hits, trials)
-    middle = np.array([float(found[0]["value"])])
+    middle = np.array([found.value])
     slope = profile.slope(middle)
     return np.asarray(expit(Profile(distance, distance, distance).logit(middle, slope))[0])
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.files import read_arrays, write_arrays
 from tactibench.records.identity import code_hash, digest
+from tactibench.records.record import Record
 from tactibench.records.store import Arrays
 from tactibench.run.components import sensors_of
 from tactibench.run.request import RunRequest
@@ -56,12 +57,12 @@ class Drawer:
         self._protocol, self._host, self._cache = protocol, host, cache
         self._found: dict[str, Drawn | str] = {}
 
-    def drawn(self, record: Mapping[str, Any]) -> Drawn | str:
+    def drawn(self, record: Record) -> Drawn | str:
         """The presses, or in words why there are none here."""
-        sensor = record["sensor"]
-        if sensor.get("tested"):
+        sensor = record.sensor
+        if sensor.test_sensor is not None:
             return "its test presses are others than the protocol draws"
-        key = f"{sensor['name']} {sorted(sensor['parameters'].items())}"
+        key = f"{sensor.name} {sorted(sensor.parameters.items())}"
         if key not in self._found:
             try:
                 self._found[key] = self._draw(record)
@@ -69,17 +70,17 @@ class Drawer:
                 self._found[key] = str(error)
         return self._found[key]
 
-    def _draw(self, record: Mapping[str, Any]) -> Drawn | str:
-        keys, stated = self._protocol.keys, record["sensor"]
+    def _draw(self, record: Record) -> Drawn | str:
+        keys, stated = self._protocol.keys, record.sensor
         if keys.split is None or keys.answer != "contacts":
             return "the protocol draws no test presses"
-        if stated["name"] not in self._host.sensors.specs:
-            return f"sensor {stated['name']!r} is not installed here"
-        spec = self._host.sensors[stated["name"]]
+        if stated.name not in self._host.sensors.specs:
+            return f"sensor {stated.name!r} is not installed here"
+        spec = self._host.sensors[stated.name]
         if spec.needs_data:
             return "its presses are in a recording"
         presser = presser_of_test(keys, sensors_of(record, self._host), self._cache)
-        scenes, names, groups, radius = self._kept(presser, record["regime"])
+        scenes, names, groups, radius = self._kept(presser, record.regime)
         answers = [true_contacts(scene, radius) for scene in scenes]
         return Drawn(scenes, truth_arrays(keys, answers, names, groups), presser)
 

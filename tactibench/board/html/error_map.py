@@ -9,7 +9,6 @@ import numpy as np
 
 from tactibench.board.html.answers import Answered
 from tactibench.board.html.figure import Figure, Option, Panel, Trace, axis
-from tactibench.board.labels import Record
 from tactibench.board.numbers import number
 from tactibench.board.ranking import RANKING
 from tactibench.board.rows import Row
@@ -17,6 +16,7 @@ from tactibench.contacts import FloatArray
 from tactibench.metrics.groups import members
 from tactibench.metrics.location import top_answers
 from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.records.record import Record
 from tactibench.stats.intervals import mean_interval
 
 CELLS = 8

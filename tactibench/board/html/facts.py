@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from tactibench.board.html.material import Board
 from tactibench.board.html.words import beside, p90_words, seeds_words, with_interval
-from tactibench.board.labels import Record
 from tactibench.board.ranking import RANKING, ordered
 from tactibench.board.ranks import ranks
 from tactibench.board.rows import machine
 from tactibench.board.sections import Section
 from tactibench.protocols.schema import Draw, Protocol
+from tactibench.records.record import Record
 
 
 @dataclass(frozen=True)
@@ -142,16 +142,16 @@ def machines(records: Iterable[Record]) -> Table:
 
 
 def _machine(records: Sequence[Record]) -> tuple[str, ...]:
-    facts = records[0]["environment"]
-    flags = ", ".join(str(flag) for flag in facts.get("cpu_flags") or ())
-    cores = [facts.get(f"cores_{kind}") for kind in ("physical", "logical")]
+    facts = records[0].environment
+    flags = ", ".join(str(flag) for flag in facts.cpu_flags)
+    cores = (facts.cores_physical, facts.cores_logical)
     return (
         str(len(records)),
-        f"{facts.get('cpu', 'unknown')}{f' ({flags})' if flags else ''}",
+        f"{facts.cpu or 'unknown'}{f' ({flags})' if flags else ''}",
         " / ".join(str(count) for count in cores if count is not None) or "n/a",
-        str(facts.get("memory_gib", "n/a")),
-        ", ".join(str(gpu) for gpu in facts.get("gpu") or ()) or "none",
-        str(facts.get("os", "n/a")),
+        str(facts.memory_gib or "n/a"),
+        ", ".join(str(gpu) for gpu in facts.gpu) or "none",
+        facts.os or "n/a",
     )
 
 
@@ -159,17 +159,16 @@ def software(records: Iterable[Record]) -> Table:
     """Every library, plugin and commit that any run was made with, and by how many runs."""
     counts: Counter[tuple[str, str, str]] = Counter()
     for record in records:
-        environment, identity = record["environment"], record["identity"]
-        found = {("library", "python", str(environment.get("python", "n/a")))}
+        environment, identity = record.environment, record.identity
+        found = {("library", "python", environment.python or "n/a")}
         found |= {
-            ("library", str(name), str(version))
-            for name, version in (environment.get("versions") or {}).items()
+            ("library", str(name), str(version)) for name, version in environment.versions.items()
         }
         found |= {
             ("plugin", str(name), f"{_of(facts, 'distribution')} {_of(facts, 'version')}")
-            for name, facts in (identity.get("plugins") or {}).items()
+            for name, facts in identity.plugins.items()
         }
-        commit, _, changed = str(identity.get("commit", "unknown")).partition("+")
+        commit, _, changed = identity.commit.partition("+")
         found.add(
             ("commit", "tactibench", commit[:12] + " with uncommitted changes" * bool(changed))
         )

@@ -77,11 +77,11 @@ class Looks:
     _found: dict[str, Look] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        models = sorted({str(row.first["model"]["name"]) for row in self.rows})
+        models = sorted({str(row.first.model.name) for row in self.rows})
         regimes = sorted({row.regime for row in self.rows}, reverse=True)
         counts: dict[str, int] = {}
         for row in self.rows:
-            model = models.index(str(row.first["model"]["name"]))
+            model = models.index(str(row.first.model.name))
             nth = counts[row.label] = counts.get(row.label, len(counts))
             self._found.setdefault(
                 row.label,

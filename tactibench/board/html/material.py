@@ -10,13 +10,13 @@ from tactibench.board.boards import check_folder
 from tactibench.board.committed import PressErrors, answers_file, press_errors_of
 from tactibench.board.html.answers import Answered, Truth, answered, unpacked_truth
 from tactibench.board.html.origins import AUTO, BOARD, RUNS
-from tactibench.board.labels import Record
 from tactibench.board.published import PublishedTable, load_published
 from tactibench.board.ranking import RANKING
 from tactibench.board.ranks import Errors
 from tactibench.board.submissions import FOLDER, all_press_errors, read_submissions, slot
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.records.record import Record
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 from tactibench.run.request import folder_label
 from tactibench.shipped import shipped_folder
@@ -41,9 +41,9 @@ class Board:
 
     def answers_of(self, record: Record) -> Path | None:
         """The file of a committed record's answers, where it is one and there are any."""
-        if self.committed is None or record["name"] in self.runs:
+        if self.committed is None or record.name in self.runs:
             return None
-        path = answers_file(self.committed / f"{record['name']}.json")
+        path = answers_file(self.committed / f"{record.name}.json")
         return path if path.is_file() else None
 
 
@@ -69,7 +69,7 @@ def gather(
         if name not in files:
             raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
     runs = list(stored_runs(store)) if origin != BOARD else []
-    whole = [run for run in runs if not run.record["partial"]]
+    whole = [run for run in runs if not run.record.partial]
     if origin == AUTO:
         origin = RUNS if whole else BOARD
     if origin == RUNS and not whole:
@@ -95,8 +95,8 @@ def _board(
     protocol = read_protocol(path)
     records = read_submissions(committed, name) if committed is not None else []
     taken: dict[str, StoredRun] = {}
-    for run in sorted(runs, key=lambda run: (run.record["created"], run.record["name"])):
-        if run.record["protocol"]["id"] == name:
+    for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
+        if run.record.protocol.id == name:
             taken[slot(run.record)] = run  # of one row and seed the newest
     kept = [record for record in records if slot(record) not in taken]
     errors = dict(all_press_errors(committed, kept)) if committed is not None else {}
@@ -109,12 +109,10 @@ def _board(
     )
     return Board(
         protocol,
-        tuple(
-            sorted([*kept, *(run.record for run in taken.values())], key=lambda r: str(r["name"]))
-        ),
+        tuple(sorted([*kept, *(run.record for run in taken.values())], key=lambda r: r.name)),
         tuple(tables),
         errors,
-        {run.record["name"]: run for run in taken.values()},
+        {run.record.name: run for run in taken.values()},
         opened,
         None if committed is None else committed / FOLDER / name,
     )
@@ -127,9 +125,9 @@ def _opened(protocol: LoadedProtocol, runs: Iterable[StoredRun]) -> dict[str, An
     found = {}
     for run in runs:
         record = run.record
-        if record["protocol"]["hash"] != protocol.hash:
+        if record.protocol.hash != protocol.hash:
             continue
-        stored = record["identity"]["stored"]
+        stored = record.identity.stored
         truth, answers = (str(stored.get(part)) for part in ("truth", "predictions"))
         try:
             if truth not in truths:
@@ -139,7 +137,7 @@ def _opened(protocol: LoadedProtocol, runs: Iterable[StoredRun]) -> dict[str, An
                 known[truth, answers] = answered(protocol.keys, truths[truth], predicted)
         except (UserError, KeyError, IndexError, ValueError):
             continue  # the figures that need them say which runs they lack
-        found[record["name"]] = known[truth, answers]
+        found[record.name] = known[truth, answers]
     return found
 
 
@@ -158,8 +156,8 @@ def _said(origin: str, store: Path, runs: Sequence[StoredRun], boards: Sequence[
         shown.append(_counted(committed, "committed record"))
     if origin != BOARD:
         shown.append(f"{_counted(stored, 'run')} stored in {folder_label(store)}")
-    newest = max((str(r["created"])[:10] for b in boards for r in b.records), default="")
-    partial = sum(run.record["partial"] for run in runs)
+    newest = max((r.created[:10] for b in boards for r in b.records), default="")
+    partial = sum(run.record.partial for run in runs)
     other = len(runs) - partial - stored
     damaged = 0 if origin == BOARD else len(list(store.glob(f"[!.]*/{RECORD}"))) - len(runs)
     left = [_counted(partial, "partial run")] if partial else []

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +17,11 @@ from tactibench.board.ranking import RANKING
 from tactibench.errors import UserError
 from tactibench.frames.cache import folder_of
 from tactibench.records.identity import canonical
+from tactibench.records.record import Record
 from tactibench.records.store import StoredRun
 
 TOLERANCE_MM = 1e-6
 """By which errors may differ that are computed again, as in ``tactibench board verify``."""
-
-Record = Mapping[str, Any]
 
 
 class Opened:
@@ -37,14 +35,14 @@ class Opened:
         self._kept: dict[str, dict[int, npt.NDArray[np.uint8]]] = {}
 
     def of(self, record: Record) -> Answered | None:
-        name = record["name"]
+        name = record.name
         if name not in self._answers:
             self._answers[name] = self._committed(record)
         return self._answers[name]
 
     def _committed(self, record: Record) -> Answered | None:
         path, board = self.board.answers_of(record), self.board
-        if path is None or record["protocol"]["hash"] != board.protocol.hash:
+        if path is None or record.protocol.hash != board.protocol.hash:
             return None
         drawn = self._drawer.drawn(record)
         if isinstance(drawn, str):
@@ -54,7 +52,7 @@ class Opened:
             found = answered(board.protocol.keys, self._truth(drawn), predicted)
         except (UserError, KeyError, IndexError, ValueError):
             return None
-        key = canonical([record["sensor"], record["identity"].get("data")])
+        key = canonical([record.sensor.json_values(), record.identity.data])
         if key not in self._agreed:  # equal test frames have equal truth
             self._agreed[key] = self._agrees(record, found)
         return found if self._agreed[key] else None
@@ -66,7 +64,7 @@ class Opened:
 
     def _agrees(self, record: Record, found: Answered) -> bool:
         """Whether the drawn truth gives the errors that stand beside the record."""
-        stated = self.board.errors.get(record["name"])
+        stated = self.board.errors.get(record.name)
         if stated is None or self.board.name not in RANKING:
             return False
         again = press_errors_of(found.keys, found.trials)
@@ -76,7 +74,7 @@ class Opened:
 
     def why(self, record: Record) -> str:
         """Why there is no truth for the answers of a record, after "which"."""
-        if record["name"] in self.board.runs:
+        if record.name in self.board.runs:
             return "these runs do not have with the present version of the protocol"
         if self.board.answers_of(record) is None:
             return "is not committed"
@@ -101,8 +99,8 @@ class Opened:
     def frames_key(self, record: Record) -> str:
         """Equal for records whose frames come from one place: stored runs keep some of their own,
         unless all are in the cache."""
-        kept = record["name"] in self.board.runs and self._folders(record) is None
-        return canonical([record["identity"].get("test_frames"), record["name"] if kept else ""])
+        kept = record.name in self.board.runs and self._folders(record) is None
+        return canonical([record.identity.test_frames, record.name if kept else ""])
 
     def at_hand(self, record: Record) -> Sequence[int] | None:
         """Rows of the test frames that there are images of, ascending; None: of all."""
@@ -112,14 +110,14 @@ class Opened:
 
     def _pressing(self, record: Record) -> Drawn | str:
         """Only where the presses had to be drawn for the truth already: that takes seconds."""
-        if record["name"] in self.board.runs:
+        if record.name in self.board.runs:
             return "the run keeps frames of its own"
         if self.board.protocol.keys.families:
             return "hard cases are faults of frames, or frames of other sensors"
         return self._drawer.drawn(record)
 
     def _folders(self, record: Record) -> list[Path] | None:
-        keys = record["identity"].get("test_frames") or ()
+        keys = record.identity.test_frames or ()
         folders = [folder_of(self._cache, str(key)) for key in keys]
         return folders if folders and all((f / "frames.npy").is_file() for f in folders) else None
 
@@ -138,7 +136,7 @@ class Opened:
 
     def _examples(self, record: Record) -> dict[int, npt.NDArray[np.uint8]]:
         """Row -> image of the test frames that a stored run kept."""
-        name = record["name"]
+        name = record.name
         if name not in self._kept:
             self._kept[name] = _examples(self.board.runs.get(name))
         return self._kept[name]

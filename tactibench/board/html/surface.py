@@ -30,7 +30,7 @@ def relief(rows: Sequence[Row], board: Board) -> Panel | None:
     """A choice of rows; None where no stored run has heatmaps."""
     options: list[Option] = []
     for row in rows:
-        run = board.runs.get(row.first["name"])
+        run = board.runs.get(row.first.name)
         if run is not None and len(options) < MODELS and (option := _option(row, run, board)):
             options.append(option)
     if not options:
@@ -44,7 +44,7 @@ def relief(rows: Sequence[Row], board: Board) -> Panel | None:
 
 
 def _option(row: Row, run: StoredRun, board: Board) -> Option | None:
-    found = board.answers.get(run.record["name"])
+    found = board.answers.get(run.record.name)
     if found is None or not isinstance(found.trials, Trials) or not _has_maps(run):
         return None
     depth, grid = found.keys.workspace.depth_max_mm, found.keys.grid.grid()
@@ -61,7 +61,7 @@ def _option(row: Row, run: StoredRun, board: Board) -> Option | None:
     figures = [_figure(x, y, heat, "predicted", depth)]
     if "surface" in maps:
         figures.append(_figure(x, y, maps["surface"][frame].astype(np.float64), "true", depth))
-    note = f"Seed {run.record['seed']}, {found.presses[frame]}, {counts[frame]} contacts."
+    note = f"Seed {run.record.seed}, {found.presses[frame]}, {counts[frame]} contacts."
     return Option(row.label, tuple(figures), note)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from tactibench.board.labels import Record
 from tactibench.board.numbers import number, significant
 from tactibench.board.rows import Row, latency, machine
+from tactibench.records.record import Record
 
 MISSES = (("missed", "missed"), ("resolved", "resolved as two"), ("coverage", "answered"))
 """What an error is never shown without: the first of these that a row has."""
@@ -44,11 +44,11 @@ def p90_words(row: Row) -> str:
 
 def machine_words(record: Record) -> str:
     """ "AMD EPYC, 2 cores (2814b7530aaa)"."""
-    found = record["environment"]
-    cores = found.get("cores_logical")
+    found = record.environment
+    cores = found.cores_logical
     parts = [
-        str(found.get("cpu") or "unknown"),
+        found.cpu or "unknown",
         f"{cores} cores" if cores else "",
-        *(str(gpu) for gpu in found.get("gpu") or ()),
+        *(str(gpu) for gpu in found.gpu),
     ]
     return f"{', '.join(filter(None, parts))} ({machine(record)})"

@@ -12,13 +12,13 @@ import numpy.typing as npt
 from tactibench.board.html.answers import Answered
 from tactibench.board.html.figure import Figure, Option, Panel, Trace, axis, lines
 from tactibench.board.html.opened import Opened
-from tactibench.board.labels import Record
 from tactibench.board.rows import Row
 from tactibench.contacts import Contacts, FloatArray
 from tactibench.metrics.gospa import gospa_per_frame
 from tactibench.metrics.groups import members
 from tactibench.metrics.location import axis_mean_errors
 from tactibench.metrics.trials import Trials
+from tactibench.records.record import Record
 
 WORST = 3
 ROWS = 8
@@ -100,7 +100,7 @@ def _option(one: _Chosen, images: dict[int, npt.NDArray[np.uint8]]) -> Option:
 
 
 def _note(record: Record, among: Sequence[int] | None, trials: Trials, *, made: bool) -> str:
-    seed = f"Seed {record['seed']}"
+    seed = f"Seed {record.seed}"
     if among:
         return f"{seed}, of the {len(among)} frames that the run kept; {len(trials):,} were tested."
     of = f"{seed}, of all {len(trials):,} test frames"

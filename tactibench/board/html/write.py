@@ -18,8 +18,8 @@ from tactibench.board.html.drawn import Drawer
 from tactibench.board.html.facts import Table, leaders, machines, plan, software
 from tactibench.board.html.inert import script_json
 from tactibench.board.html.material import Material
-from tactibench.board.labels import Record
 from tactibench.plugins.host import PluginHost
+from tactibench.records.record import Record
 
 POLICY = (
     "default-src 'none'; script-src '{}' '{}'; style-src 'unsafe-inline'; img-src data: blob:; "

@@ -7,10 +7,9 @@ frames are read from their folder. No model and no encoder is imported.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from tactibench.plugins.host import PluginHost
 from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
+from tactibench.records.record import Record
 from tactibench.records.store import Arrays
 from tactibench.run.components import Sensors, sensors_of
 from tactibench.run.few_shot import Shots
@@ -56,7 +56,7 @@ def trusted_host() -> PluginHost:
 
 
 def truth_of(
-    record: Mapping[str, Any], protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
+    record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
 ) -> Arrays:
     """Packed answers with press and group of every frame, and the bounds that the metrics need.
 
@@ -70,7 +70,7 @@ def truth_of(
         return _recorded(request, protocol, sensors)
     if protocol.keys.split is None:
         raise UserError(
-            f"{record['name']}: sensor {sensors.sensor.name!r} has no recorded folder, which "
+            f"{record.name}: sensor {sensors.sensor.name!r} has no recorded folder, which "
             f"protocol {protocol.keys.id!r} asks for."
         )
     tester = presser_of_test(protocol.keys, sensors, source.cache, hidden)
@@ -83,28 +83,28 @@ def truth_of(
     return arrays
 
 
-def shots_of(record: Mapping[str, Any], protocol: LoadedProtocol) -> Shots:
+def shots_of(record: Record, protocol: LoadedProtocol) -> Shots:
     """How often every test frame was answered, after how many labelled frames. Raises UserError."""
     transfer = protocol.keys.transfer
     if transfer is None:
         return Shots()
-    seen = record["data"].get("of_tested_sensor")
-    stated = seen.get("labelled_frames") if isinstance(seen, Mapping) else None
+    seen = record.data.of_tested_sensor
+    stated = None if seen is None else seen.labelled_frames
     for counts in ((0,), transfer.shots):
         if stated == list(counts):
             return Shots(counts)
     raise UserError(
-        f"{record['name']} says that its model was shown {stated} labelled frames of the tested "
+        f"{record.name} says that its model was shown {stated} labelled frames of the tested "
         f"sensor; protocol {protocol.keys.id!r} shows none or {list(transfer.shots)} of them."
     )
 
 
-def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: Source) -> Arrays:
+def _transferred(record: Record, protocol: LoadedProtocol, source: Source) -> Arrays:
     """The truth of the recording that was tested, which --data names."""
     request, keys = _request(record, source), protocol.keys
     if request.tested.data is None:
         raise UserError(
-            f"{record['name']}: the truth of {keys.id!r} is in the recording that was tested, not "
+            f"{record.name}: the truth of {keys.id!r} is in the recording that was tested, not "
             "in the one trained on; name the folder of the tested one with --data DIR."
         )
     shots = shots_of(record, protocol)
@@ -120,47 +120,47 @@ def _transferred(record: Mapping[str, Any], protocol: LoadedProtocol, source: So
     return truth_arrays(keys, shots.repeated(truth), presses, groups)
 
 
-def _same_recording(record: Mapping[str, Any], target: Target, folder: Path) -> None:
+def _same_recording(record: Record, target: Target, folder: Path) -> None:
     """Raise UserError where the labels in the folder are not those that the run was tested on."""
-    described = record["data"]["of_tested_sensor"].get("described")
-    stated = described.get("sha256") if isinstance(described, Mapping) else None
+    seen, test = record.data.of_tested_sensor, record.test_sensor
+    stated = None if seen is None else seen.described.get("sha256")
     found = target.folder.identity["describe"].get("sha256")
     if stated is None or stated != found:
         raise UserError(
-            f"{record['name']} was tested on {record['sensor']['tested']['on']}, which is not the "
-            f"recording in {folder}; name its folder with --data DIR."
+            f"{record.name} was tested on {'' if test is None else test.description}, which is "
+            f"not the recording in {folder}; name its folder with --data DIR."
         )
 
 
-def _request(record: Mapping[str, Any], source: Source) -> RunRequest:
-    tested = record["sensor"].get("tested")
+def _request(record: Record, source: Source) -> RunRequest:
+    test = record.test_sensor
     asked = TestedOn()
-    if tested is not None:
-        texts = tuple(text for text in tested["asked"] if text != HIDDEN)
-        asked = read_tested(texts, hidden=HIDDEN in tested["asked"])
+    if test is not None:
+        texts = tuple(text for text in test.options if text != HIDDEN)
+        asked = read_tested(texts, hidden=HIDDEN in test.options)
         if asked.data is not None:  # a record holds the folder's last names alone
             asked = replace(asked, data=source.data)
     return RunRequest(
-        record["protocol"]["id"],
+        record.protocol.id,
         "",
-        record["regime"],
+        record.regime,
         data=source.data,
         tested=asked,
-        presses=(record.get("limits") or {}).get("presses"),
+        presses=record.limits.presses,
     )
 
 
-def _sensors(record: Mapping[str, Any], request: RunRequest, host: PluginHost) -> Sensors:
-    stated = record["sensor"]
-    if stated["name"] not in host.sensors.specs:
+def _sensors(record: Record, request: RunRequest, host: PluginHost) -> Sensors:
+    stated = record.sensor
+    if stated.name not in host.sensors.specs:
         raise UserError(
-            f"{record['name']}: sensor {stated['name']!r} does not ship with tactibench, so its "
+            f"{record.name}: sensor {stated.name!r} does not ship with tactibench, so its "
             "presses cannot be made again here; only runs on sensors that do can be verified."
         )
-    spec = host.sensors[stated["name"]]
+    spec = host.sensors[stated.name]
     if spec.needs_data and request.data is None:
         raise UserError(
-            f"{record['name']}: the truth of {record['protocol']['id']!r} on sensor "
+            f"{record.name}: the truth of {record.protocol.id!r} on sensor "
             f"{spec.name!r} is in the recording; name its folder with --data DIR."
         )
     return sensors_of(record, host)

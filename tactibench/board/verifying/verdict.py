@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,9 @@ from tactibench.board.committed import (
     read_answers_file,
     split_ranked,
 )
-from tactibench.board.labels import label_of, measured_on, tested_of
+from tactibench.board.labels import label_of, measured_on
 from tactibench.board.ranking import RANKING
-from tactibench.board.safe import read_record, refuse_names
+from tactibench.board.safe import read_untrusted, refuse_names
 from tactibench.board.submissions import refuse_partial
 from tactibench.board.verifying.answers import check_answers
 from tactibench.board.verifying.truth import Source, shots_of, truth_of
@@ -27,7 +28,7 @@ from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
-from tactibench.records.record import checked
+from tactibench.records.record import Metric, Record, make_signature, parse_record
 from tactibench.run.request import HIDDEN
 from tactibench.run.score import score_arrays
 
@@ -37,8 +38,6 @@ NEGLIGIBLE_MM = 1e-6
 """Of the error of one press, which may be near 0 while the truth is fitted to pins."""
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
-
-Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -50,23 +49,23 @@ class Verdict:
     """
 
     path: Path
-    record: Mapping[str, Any]
+    record: Record
     frames: int
-    again: tuple[Row, ...]
+    again: tuple[Metric, ...]
     stated: tuple[str, ...]
 
     @property
     def subject(self) -> str:
         """ "unet + hertz (single), seed 0 on simulated sensor tactip-127"."""
         record = self.record
-        return f"{label_of(record)}, seed {record['seed']} on {measured_on(record)}"
+        return f"{label_of(record)}, seed {record.seed} on {measured_on(record)}"
 
-    def headline(self) -> list[Row]:
+    def headline(self) -> list[Metric]:
         """The error that orders the board, and what was missed."""
-        by = RANKING.get(self.record["protocol"]["id"])
+        by = RANKING.get(self.record.protocol.id)
         wanted = [] if by is None else [(by.metric, by.group)]
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
-        return [row for row in self.again if (row["metric"], row["group"]) in wanted]
+        return [row for row in self.again if (row.metric, row.group) in wanted]
 
 
 def verify(
@@ -77,8 +76,7 @@ def verify(
     folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
     Raises UserError with what is wrong, or with what is lacking to find out.
     """
-    record = read_record(path)
-    checked(record, str(path))
+    record = parse_record(read_untrusted(path), str(path))
     refuse_names(record, str(path))
     _named(record, path)
     refuse_partial(record, str(path))
@@ -92,59 +90,59 @@ def verify(
             "`tactibench board submit` writes both."
         )
     answers, ranked = split_ranked(read_answers_file(place))
-    if arrays_hash(answers) != record["identity"]["predictions_hash"]:
+    if arrays_hash(answers) != record.identity.predictions_hash:
         raise UserError(
             f"the predictions in {place} are not those of {path.name} (hash "
             f"{arrays_hash(answers)[:12]}, the record says "
-            f"{record['identity']['predictions_hash'][:12]}); submit the run again."
+            f"{record.identity.predictions_hash[:12]}); submit the run again."
         )
     seed = committed_seed(protocol, folder) if hidden else None
-    if seed is not None and record["identity"].get("hidden") != seed.commitment:
+    if seed is not None and record.identity.hidden != seed.commitment:
         raise UserError(f"{path} was tested with another hidden seed than the published one.")
     truth = truth_of(record, protocol, source, seed)
     times = len(shots_of(record, protocol))
     frames = len(truth["press"]) // times
-    if record["data"].get("test") != frames:
+    if record.data.test != frames:
         raise UserError(
-            f"{path} says that it was tested on {record['data'].get('test')} frames, but the "
+            f"{path} says that it was tested on {record.data.test} frames, but the "
             f"protocol tests {frames:,}."
         )
     guarded = bool(protocol.keys.families)
     check_answers(answers, protocol.keys.answer, frames * times, str(place), guarded=guarded)
     again = score_arrays(protocol.keys, truth, answers, {})
-    stated = refuse_differences(record["metrics"], again, str(path))
+    stated = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.keys, truth, answers), place)
-    kept = tuple(row for row in again if row["metric"] not in FROM_MAPS)
+    kept = tuple(row for row in again if row.metric not in FROM_MAPS)
     return Verdict(path, record, frames, kept, stated)
 
 
-def _named(record: Row, path: Path) -> None:
-    if record["name"] != path.stem or record["protocol"]["id"] != path.resolve().parent.name:
+def _named(record: Record, path: Path) -> None:
+    if record.name != path.stem or record.protocol.id != path.resolve().parent.name:
         raise UserError(
-            f"{path} holds the record {record['name']!r} of protocol "
-            f"{record['protocol']['id']!r}; file and folder must be called so."
+            f"{path} holds the record {record.name!r} of protocol "
+            f"{record.protocol.id!r}; file and folder must be called so."
         )
 
 
-def _protocol(record: Row, path: Path) -> LoadedProtocol:
-    stated, files = record["protocol"], protocol_files()
-    if stated["id"] not in files:
+def _protocol(record: Record, path: Path) -> LoadedProtocol:
+    stated, files = record.protocol, protocol_files()
+    if stated.id not in files:
         raise UserError(
-            f"{path} answers protocol {stated['id']!r}, which does not ship with tactibench; "
-            f"{did_you_mean(stated['id'], files)}"
+            f"{path} answers protocol {stated.id!r}, which does not ship with tactibench; "
+            f"{did_you_mean(stated.id, files)}"
         )
-    protocol = read_protocol(files[stated["id"]])
-    if (stated["version"], stated["hash"]) != (protocol.keys.version, protocol.hash):
+    protocol = read_protocol(files[stated.id])
+    if (stated.version, stated.hash) != (protocol.keys.version, protocol.hash):
         raise UserError(
-            f"{path} answers {stated['id']}@{stated['version']} ({stated['hash'][:8]}), but the "
+            f"{path} answers {stated.label} ({stated.hash[:8]}), but the "
             f"present one is {protocol.label} ({protocol.hash[:8]}); run the protocol again."
         )
     return protocol
 
 
-def _hidden_asked(record: Row, path: Path, hidden: bool) -> None:
-    tested = tested_of(record)
-    on_hidden = tested is not None and HIDDEN in tested["asked"]
+def _hidden_asked(record: Record, path: Path, hidden: bool) -> None:
+    test = record.test_sensor
+    on_hidden = test is not None and HIDDEN in test.options
     if on_hidden and not hidden:
         raise UserError(
             f"{path} was tested on hidden presses; only who has the seed can verify it, with "
@@ -154,54 +152,44 @@ def _hidden_asked(record: Row, path: Path, hidden: bool) -> None:
         raise UserError(f"{path} was not tested on hidden presses; leave --hidden out.")
 
 
-def refuse_signature(record: Row, where: str) -> None:
+def refuse_signature(record: Record, where: str) -> None:
     """Raise UserError unless the signature, which boards show, says what the record says."""
-    fields = dict(part.partition(":")[::2] for part in record["signature"].split("|"))
-    protocol = record["protocol"]
-    wanted = {
-        "protocol": f"{protocol['id']}@{protocol['version']}+{protocol['hash'][:8]}",
-        "model": record["model"]["name"],
-        "regime": record["regime"],
-        "encoder": record["encoder"]["name"] if record["encoder"] else "none",
-        "sensor": record["sensor"]["name"],
-        "seed": str(record["seed"]),
-        "weights": record["identity"]["weights_hash"][:8],
-        "partial": "no",
-    }
-    for name, value in wanted.items():
-        found = fields.get(name, "").partition("(")[0]
-        if found != value:
+    stated, made = record.signature.split("|"), make_signature(record).split("|")
+    for before, after in zip_longest(stated, made, fillvalue="nothing more"):
+        if before != after:
             raise UserError(
-                f"{where}: the signature says {name} {found!r}, but the record says {value!r}."
+                f"{where}: the signature says {before!r}, but the record says {after!r}."
             )
 
 
-def refuse_differences(stated: Sequence[Row], again: Sequence[Row], where: str) -> tuple[str, ...]:
+def refuse_differences(
+    stated: Sequence[Metric], again: Sequence[Metric], where: str
+) -> tuple[str, ...]:
     """Raise UserError where a stated row is not what the answers give.
 
     Returns the metrics that are stated and cannot be computed without heatmaps.
     """
-    before, after = ({(r["metric"], r["group"]): r for r in rows} for rows in (stated, again))
+    before, after = ({(row.metric, row.group): row for row in rows} for rows in (stated, again))
     if len(before) < len(stated):
         raise UserError(f"{where} states a metric of a group twice.")
     for metric, group in sorted({*before, *after}):
-        one, other = before.get((metric, group)), after.get((metric, group))
-        if one is None or other is None:
-            what = "lacks" if one is None else "states"
+        row, computed = before.get((metric, group)), after.get((metric, group))
+        if row is None or computed is None:
+            what = "lacks" if row is None else "states"
             raise UserError(
                 f"{where} {what} {metric} of {group}, which the protocol "
-                f"{'asks for' if one is None else 'does not ask for'}."
+                f"{'asks for' if row is None else 'does not ask for'}."
             )
         if metric in FROM_MAPS:
             continue
-        for field in {**other, **one}:  # a row may also state too much, such as ">"
-            if not _same(one.get(field), other.get(field)):
+        for field in Metric.model_fields:
+            if not _same(getattr(row, field), getattr(computed, field)):
                 raise UserError(
-                    f"{where} states {field} {one.get(field)} for {metric} of {group}, but its "
-                    f"predictions give {other.get(field)}."
+                    f"{where} states {field} {getattr(row, field)} for {metric} of {group}, but "
+                    f"its predictions give {getattr(computed, field)}."
                 )
     return tuple(
-        sorted({m for (m, _), row in before.items() if m in FROM_MAPS and row["value"] is not None})
+        sorted({row.metric for row in stated if row.metric in FROM_MAPS and row.value is not None})
     )
 
 
@@ -232,4 +220,4 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
 def metric_rows(verdict: Verdict) -> Iterable[dict[str, Any]]:
     """Tidy rows of what was computed anew."""
     for row in verdict.again:
-        yield {"file": verdict.path.name, "state": "verified", **row}
+        yield {"file": verdict.path.name, "state": "verified", **row.json_values()}

@@ -15,7 +15,6 @@ from tactibench.board.labels import measured_on
 from tactibench.board.published import PublishedTable, rows_for
 from tactibench.cli.report.hard_cases import print_hard_cases
 from tactibench.cli.report.origin import (
-    Record,
     comparability,
     label_of,
     partial_line,
@@ -25,6 +24,7 @@ from tactibench.cli.report.speed import print_speed
 from tactibench.cli.report.tables import print_block, print_others
 from tactibench.cli.report.words import BLOCKS, EXPLAIN
 from tactibench.protocols.axes import Axis
+from tactibench.records.record import Record
 
 __all__ = ["print_record"]
 
@@ -38,13 +38,15 @@ def print_record(
     published: Sequence[PublishedTable],
     others: Sequence[Record] = (),
     axes: Sequence[Axis] = (),
+    *,
+    path: str,
 ) -> None:
-    """Print one record beside published rows and ``others``, stored runs.
+    """Print one record beside published rows and ``others``, stored runs. path: of its file.
 
     Of the others only those of the same version of the protocol are shown, the first six. axes: of
     the families of hard cases that it is about.
     """
-    protocol = record["protocol"]["id"]
+    protocol = record.protocol.id
     blocks = BLOCKS.get(protocol, ())
     comparable = [other for other in others if same_question(other, record)]
     _heading(console, record)
@@ -64,37 +66,37 @@ def print_record(
     print_speed(console, record, published)
     console.print()
     _warning(console, record)
-    console.print(Text(record["signature"]), soft_wrap=True)  # one line, to be copied whole
-    console.print(Text(f"record: {record['path']}"), soft_wrap=True)
+    console.print(Text(record.signature), soft_wrap=True)  # one line, to be copied whole
+    console.print(Text(f"record: {path}"), soft_wrap=True)
 
 
 def _heading(console: Console, record: Record) -> None:
-    protocol, encoder, data = record["protocol"], record.get("encoder"), record["data"]
-    console.print(Text(f"{protocol['id']}  {protocol['title']}", style="bold"))
+    protocol, encoder, data = record.protocol, record.encoder, record.data
+    console.print(Text(f"{protocol.id}  {protocol.title}", style="bold"))
     parts = (
         label_of(record),
-        f"encoder {encoder['name']}" if encoder else "no encoder",
+        f"encoder {encoder.name}" if encoder else "no encoder",
         measured_on(record),
-        f"seed {record['seed']}",
+        f"seed {record.seed}",
     )
     console.print(Text(", ".join(parts)))
-    rejected = f"; {data['rejected']:,} rejected by geometry" if data.get("rejected") else ""
-    tested = record["sensor"].get("tested")
-    again = tested is not None and tested["presses"] != data["test"]
-    frames = f"frames of {tested['presses']:,} " if again else ""
+    rejected = f"; {data.rejected:,} rejected by geometry" if data.rejected else ""
+    test = record.test_sensor
+    again = test is not None and test.presses != data.test
+    frames = f"frames of {test.presses:,} " if test and again else ""
     console.print(
         Text(
-            f"{data['train']:,} training, {data['validation']:,} validation, "
-            f"{data['test']:,} test {frames}presses{rejected}"
+            f"{data.train:,} training, {data.validation:,} validation, "
+            f"{data.test:,} test {frames}presses{rejected}"
         )
     )
-    training = record.get("training")
-    if training and training["epochs"]:
-        when = "weights reused, trained" if training.get("reused") else "trained"
+    training = record.training
+    if training.epochs:
+        when = "weights reused, trained" if training.reused else "trained"
         console.print(
             Text(
-                f"{when} {training['epochs']} epochs on {training['presses']:,} "
-                f"presses in {_duration(training['seconds'])}"
+                f"{when} {training.epochs} epochs on {training.presses:,} "
+                f"presses in {_duration(training.seconds or 0.0)}"
             )
         )
     _warning(console, record)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -12,28 +11,27 @@ from rich.table import Table
 from rich.text import Text
 
 from tactibench.board.numbers import number
+from tactibench.records.record import Metric
 
-Row = Mapping[str, Any]
 Cells = tuple[str, ...]
 UNLIMITED = 1000
 
 
-def estimate(row: Row | None, decimals: int) -> str:
+def estimate(row: Metric | None, decimals: int) -> str:
     """Value and interval, a limit, or n/a: "0.412 [0.398, 0.426]", "< 6.5". Shares in per cent.
 
     An end of the interval that is not known reads "open".
     """
-    if row is None or row["value"] is None:
+    if row is None or row.value is None:
         return "n/a"
-    scale = 100.0 if row["unit"] == "share" else 1.0
-    if row.get("censored"):
-        return f"{row['censored']} {row['value'] * scale:.4g}"
-    text = number(row["value"] * scale, decimals)
-    if row["low"] is None and row["high"] is None:
+    scale = 100.0 if row.unit == "share" else 1.0
+    if row.censored:
+        return f"{row.censored} {row.value * scale:.4g}"
+    text = number(row.value * scale, decimals)
+    if row.low is None and row.high is None:
         return f"{text} [n/a]"
     low, high = (
-        "open" if row[end] is None else number(row[end] * scale, decimals)
-        for end in ("low", "high")
+        "open" if end is None else number(end * scale, decimals) for end in (row.low, row.high)
     )
     return f"{text} [{low}, {high}]"
 

@@ -26,11 +26,11 @@ def print_comparisons(
     """Print who is compared, a table for every two, and how to read it."""
     first = runs[0].record
     signs = [ascii_uppercase[k] if k < 26 else f"R{k}" for k in range(len(runs))]
-    console.print(Text(f"{first['protocol']['id']}  {first['protocol']['title']}", style="bold"))
-    console.print(Text(f"{measured_on(first)}, {first['data']['test']:,} test frames"))
+    console.print(Text(f"{first.protocol.id}  {first.protocol.title}", style="bold"))
+    console.print(Text(f"{measured_on(first)}, {first.data.test:,} test frames"))
     for sign, name, run in zip(signs, names_of(runs), runs, strict=True):
         console.print(Text(f"{sign}  {name}  {_misses(run)}"), soft_wrap=True)
-        console.print(Text(f"   {run.record['name']}", style="dim"), soft_wrap=True)
+        console.print(Text(f"   {run.record.name}", style="dim"), soft_wrap=True)
     for one in found:
         console.print()
         _print(console, one, signs[one.first], signs[one.second], several=len(found) > 1)
@@ -41,17 +41,17 @@ def print_comparisons(
 
 def _misses(run: StoredRun) -> str:
     """ "missed 0.17 %, spurious 0.002 / frame" of the whole record."""
-    known = {row["metric"]: row["value"] for row in run.record["metrics"] if row["group"] == "all"}
+    known = {row.metric: row.value for row in run.record.metrics if row.group == "all"}
     parts = [
-        f"{words} {number(known[name] * scale, decimals)}{unit}"
+        f"{words} {number(value * scale, decimals)}{unit}"
         for name, words, scale, decimals, unit in (
             ("missed", "missed", 100, 2, " %"),
             ("spurious", "spurious", 1, 3, " / frame"),
             ("coverage", "answered", 100, 2, " %"),
         )
-        if known.get(name) is not None
+        if (value := known.get(name)) is not None
     ]
-    partial = "; PARTIAL RUN" if run.record["partial"] else ""
+    partial = "; PARTIAL RUN" if run.record.partial else ""
     return ", ".join(parts) + partial
 
 

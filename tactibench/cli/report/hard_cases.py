@@ -11,9 +11,9 @@ from tactibench.board.hard_cases import DECIMALS, Graded, graded
 from tactibench.board.numbers import number
 from tactibench.board.rows import Pooled, Row
 from tactibench.cli.report.cells import Cells, aligned, print_grid
-from tactibench.cli.report.origin import Record
 from tactibench.cli.report.words import NAMES
 from tactibench.protocols.axes import Axis
+from tactibench.records.record import Record
 
 HEADS = ("family", "easy", "mm", "hardest", "mm", "missed, %", "worst ratio", "doubles at")
 RIGHT = frozenset({"easy", "mm", "hardest", "missed, %", "worst ratio"})
@@ -74,6 +74,6 @@ def _totals(row: Row, record: Record) -> Iterable[str]:
         count = row.metric(name, "all")
         if count is not None:
             yield f"{NAMES[name]}: {count.value:,.0f}"
-    failures = record["data"].get("failures") or {}
-    for one in failures.get("causes", ()):
-        yield f"  {one['frames']:,} x {one['cause']} (first: {one['first']})"
+    failures = record.data.failures
+    for one in () if failures is None else failures.causes:
+        yield f"  {one.frames:,} x {one.cause} (first: {one.first})"

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from tactibench.board.labels import tested_of
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
-
-Record = Mapping[str, Any]
+from tactibench.records.record import Record
 
 
 def label_of(record: Record) -> str:
     """Model, with its regime where there is one, as published rows are labelled."""
-    regime = record.get("regime")
-    return f"{record['model']['name']} ({regime})" if regime else str(record["model"]["name"])
+    return f"{record.model.name} ({record.regime})" if record.regime else record.model.name
 
 
 def published_head(table: PublishedTable) -> str:
@@ -31,10 +27,10 @@ def published_label(row: PublishedRow) -> str:
 def comparability(record: Record, published: Sequence[PublishedTable]) -> Iterable[str]:
     """Why published rows may or may not be read against this run, each reason once."""
     words = {"yes": "Comparable", "partly": "Partly comparable", "no": "Not comparable"}
-    simulated = record["sensor"]["origin"] == "simulated"
-    rows = [row for table in published for row in rows_for(record["protocol"]["id"], table)]
+    simulated = record.sensor.origin == "simulated"
+    rows = [row for table in published for row in rows_for(record.protocol.id, table)]
     reasons: dict[str, None] = {}
-    published_frames = record["data"].get("published_frames", False)
+    published_frames = record.data.published_frames
     for row in rows:
         word = words[row.comparable]
         if simulated:
@@ -48,20 +44,19 @@ def comparability(record: Record, published: Sequence[PublishedTable]) -> Iterab
 
 def partial_line(record: Record) -> str | None:
     """The warning of a run that was cut short; None for a whole one."""
-    if not record["partial"]:
+    if not record.partial:
         return None
-    limits = record.get("limits") or {}
-    why = ["quick"] if limits.get("quick") else []
-    if limits.get("limit") is not None:
-        why.append(f"limit {limits['limit']}")
+    why = ["quick"] if record.limits.quick else []
+    if record.limits.limit is not None:
+        why.append(f"limit {record.limits.limit}")
     return f"PARTIAL{' (' + ', '.join(why) + ')' if why else ''}: not for a board"
 
 
 def same_question(one: Record, other: Record) -> bool:
     """Whether two different records answer the same version of a protocol, tested alike."""
-    asked = ("id", "version", "hash")
+    first, second = one.protocol, other.protocol
     return (
-        one["name"] != other["name"]
-        and tested_of(one) == tested_of(other)
-        and all(one["protocol"][key] == other["protocol"][key] for key in asked)
+        one.name != other.name
+        and one.test_sensor == other.test_sensor
+        and (first.id, first.version, first.hash) == (second.id, second.version, second.hash)
     )

@@ -9,9 +9,9 @@ from rich.text import Text
 
 from tactibench.board.numbers import number
 from tactibench.board.published import PublishedTable, rows_for
-from tactibench.cli.report.cells import Cells, Row, estimate, print_grid
-from tactibench.cli.report.origin import Record
+from tactibench.cli.report.cells import Cells, estimate, print_grid
 from tactibench.cli.report.words import HEADLINES, NAMES
+from tactibench.records.record import Configuration, Efficiency, Record, SpeedRow, Timed
 
 KEYS = ("scenario", "batch", "threads")
 TIMES = ("p50_ms", "p90_ms", "p99_ms")
@@ -19,15 +19,15 @@ TIMES = ("p50_ms", "p90_ms", "p99_ms")
 
 def print_speed(console: Console, record: Record, published: Sequence[PublishedTable]) -> None:
     """Print the headline error with its cost, then every timed phase."""
-    environment, rows = record["environment"], record.get("speed") or []
+    environment, rows = record.environment, record.speed
     console.print()
     console.print(Text("Speed beside error", style="bold"))
     for line in _headline(record, rows):
         console.print(Text(line))
     console.print(
         Text(
-            f"{environment['cpu']}, {_threads(environment['threads'])}, "
-            f"fingerprint {environment['fingerprint']}",
+            f"{environment.cpu}, {_threads(environment.threads)}, "
+            f"fingerprint {environment.fingerprint}",
             style="dim",
         )
     )
@@ -42,17 +42,17 @@ def print_speed(console: Console, record: Record, published: Sequence[PublishedT
                 style="yellow",
             )
         )
-    if rows and not any(row["scenario"] == "offline" for row in rows):
+    if rows and not any(row.scenario == "offline" for row in rows):
         console.print(Text("offline (larger batches): none, not timed by this run", style="dim"))
-    timed = record.get("timed")
+    timed = record.timed
     if rows and timed:
         console.print(Text(_timed(timed)))
         for line in _raced(timed):
             console.print(Text(line, style="dim"))
-    if record.get("efficiency"):
-        console.print(Text(_cost(record["efficiency"])))
+    if record.efficiency:
+        console.print(Text(_cost(record.efficiency)))
     for table in published:
-        for row in rows_for(record["protocol"]["id"], table):
+        for row in rows_for(record.protocol.id, table):
             if row.speed:
                 console.print(
                     Text(
@@ -63,30 +63,31 @@ def print_speed(console: Console, record: Record, published: Sequence[PublishedT
                 )
 
 
-def _timed(timed: Row) -> str:
+def _timed(timed: Configuration) -> str:
     """What was timed, and how far its answers are from those that were scored."""
-    gap, changed = timed["difference_mm"], timed.get("frames_with_another_count")
-    text = f"timed: {timed['configuration']}; difference to the float32 answers that were scored: "
+    gap, changed = timed.difference_mm, timed.frames_with_another_count
+    text = f"timed: {timed.configuration}; difference to the float32 answers that were scored: "
     text += "n/a" if gap is None else f"{number(gap, 4)} mm"
-    if timed.get("error_change") is not None:
-        text += f" (mean error {change(timed['error_change'])})"
+    if timed.error_change is not None:
+        text += f" (mean error {change(timed.error_change)})"
     if changed:
-        text += f", and another number of contacts in {changed:,} of {timed['frames']:,} frames"
+        text += f", and another number of contacts in {changed:,} of {timed.frames:,} frames"
     return text
 
 
-def _raced(timed: Row) -> Iterable[str]:
+def _raced(timed: Timed) -> Iterable[str]:
     """The ways to compute that the timed one was chosen from."""
-    raced = timed.get("raced") or []
-    if len(raced) > 1:
-        found = "; ".join(f"{number(one['p50_ms'], 2)} ms {one['configuration']}" for one in raced)
+    if len(timed.raced) > 1:
+        found = "; ".join(
+            f"{number(one.p50_ms or 0.0, 2)} ms {one.configuration}" for one in timed.raced
+        )
         yield f"chosen from, p50 on 1 thread: {found}"
 
 
-def _cost(efficiency: Row) -> str:
+def _cost(efficiency: Efficiency) -> str:
     """Weights, operations, memory and training time in one line."""
-    weights, flops = efficiency.get("parameters"), efficiency.get("flops_per_frame")
-    memory, training = efficiency.get("peak_memory_mb"), efficiency.get("training_s")
+    weights, flops = efficiency.parameters, efficiency.flops_per_frame
+    memory, training = efficiency.peak_memory_mb, efficiency.training_s
     parts = [
         "weights n/a" if weights is None else f"{weights:,} weights",
         "operations n/a" if flops is None else f"{1e-9 * flops:.3g} GFLOP a frame",
@@ -102,44 +103,43 @@ def change(relative: float) -> str:
     return f"{100 * relative:+.1f} %"
 
 
-def _drifted(rows: Sequence[Row]) -> list[str]:
+def _drifted(rows: Sequence[SpeedRow]) -> list[str]:
     """Scenarios whose warm-up did not end by itself."""
     found = {
-        f"{row['scenario']} (batch {row['batch']}, {_threads(row['threads'])})": None
+        f"{row.scenario} (batch {row.batch}, {_threads(row.threads)})": None
         for row in rows
-        if not row["settled"]
+        if not row.settled
     }
     return list(found)
 
 
-def _phases(rows: Sequence[Row]) -> Iterable[Cells]:
+def _phases(rows: Sequence[SpeedRow]) -> Iterable[Cells]:
     """Every phase of single frames; of batches the whole call."""
     last: Cells = ()
     for row in rows:
-        if row["scenario"] == "offline" and row["phase"] != "total":
+        if row.scenario == "offline" and row.phase != "total":
             continue
-        key = tuple(str(row[name]) for name in KEYS)
-        rate = f"{row['per_s']:,.0f}" if row["phase"] == "total" else ""
-        times = (number(row[name], 2) for name in TIMES)
-        yield (*(("", "", "") if key == last else key), row["phase"], *times, rate)
+        key = tuple(str(getattr(row, name)) for name in KEYS)
+        rate = f"{row.per_s:,.0f}" if row.phase == "total" else ""
+        times = (number(getattr(row, name), 2) for name in TIMES)
+        yield (*(("", "", "") if key == last else key), row.phase, *times, rate)
         last = key
 
 
-def _headline(record: Record, rows: Sequence[Row]) -> Iterable[str]:
+def _headline(record: Record, rows: Sequence[SpeedRow]) -> Iterable[str]:
     """The error that ranks, the share that qualifies it, and the latency of one frame."""
-    protocol = record["protocol"]["id"]
+    protocol = record.protocol.id
     if protocol in HEADLINES:
         metric, group, qualifier, decimals = HEADLINES[protocol]
-        found = {(row["metric"], row["group"]): row for row in record["metrics"]}
-        error = estimate(found.get((metric, group)), decimals)
-        share = estimate(found.get((qualifier, "all")), 1)
+        error = estimate(record.metric(metric, group), decimals)
+        share = estimate(record.metric(qualifier, "all"), 1)
         unit, percent = "" if error == "n/a" else " mm", "" if share == "n/a" else " %"
         yield f"{NAMES[metric]} {error}{unit}"
         yield f"{NAMES[qualifier]} {share}{percent}"
     times = [
-        f"{number(row['p90_ms'], 2)} ms on {_threads(row['threads'])}"
+        f"{number(row.p90_ms, 2)} ms on {_threads(row.threads)}"
         for row in rows
-        if row["scenario"] == "single" and row["phase"] == "total"
+        if row.scenario == "single" and row.phase == "total"
     ]
     yield f"one frame to contacts, p90: {', '.join(times) or 'not timed'}"
 

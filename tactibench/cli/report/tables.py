@@ -11,15 +11,15 @@ from rich.text import Text
 from tactibench.board.labels import measured_on
 from tactibench.board.numbers import number
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
-from tactibench.cli.report.cells import Cells, Row, aligned, estimate, print_grid, span
+from tactibench.cli.report.cells import Cells, aligned, estimate, print_grid, span
 from tactibench.cli.report.origin import (
-    Record,
     label_of,
     partial_line,
     published_head,
     published_label,
 )
 from tactibench.cli.report.words import HEADS, NAMES, SHARES, Block
+from tactibench.records.record import Metric, Record
 
 COUNTS = ("n", "presses")
 TOTALS = frozenset({"false_per_1000", "not_finite", "raised"})
@@ -48,11 +48,11 @@ def print_block(
     """Print a main table: this run, other runs, published rows, each under its origin."""
     sections = [_measured(block, record)]
     if block.compared:
-        sections += [_measured(block, other, f"\n  stored as {other['name']}") for other in others]
+        sections += [_measured(block, other, f"\n  stored as {other.name}") for other in others]
         sections += [
             _printed(block, table, row)
             for table in published
-            for row in rows_for(record["protocol"]["id"], table)
+            for row in rows_for(record.protocol.id, table)
         ]
     sections = _line_up([section for section in sections if section.rows])
     heads = ["", *(HEADS[metric] for metric in block.metrics), *COUNTS]
@@ -83,24 +83,24 @@ def print_others(console: Console, record: Record, blocks: Sequence[Block]) -> N
     rows = _rest(record, blocks)
     if not rows:
         return
-    grouped = any(row["group"] != "all" for row in rows)
+    grouped = any(row.group != "all" for row in rows)
     heads = ["Also measured", *(["of"] if grouped else []), "value [95 % interval]", *COUNTS]
-    values = aligned([estimate(r, {"share": 1, "deg": 2, "": 2}.get(r["unit"], 3)) for r in rows])
+    values = aligned([estimate(r, {"share": 1, "deg": 2, "": 2}.get(r.unit, 3)) for r in rows])
     cells: list[Cells] = []
     last = None
     for row, value in zip(rows, values, strict=True):
-        unit = {"share": ", %", "mm": ", mm", "deg": ", deg"}.get(row["unit"], "")
-        metric = str(row["metric"])
+        unit = {"share": ", %", "mm": ", mm", "deg": ", deg"}.get(row.unit, "")
+        metric = row.metric
         name = "" if metric == last else NAMES.get(metric, metric) + unit
-        group = (row["group"],) if grouped else ()
-        cells.append((name, *group, value, f"{row['n']:,}", f"{row['clusters']:,}"))
+        group = (row.group,) if grouped else ()
+        cells.append((name, *group, value, f"{row.n:,}", f"{row.clusters:,}"))
         last = metric
     console.print()
     print_grid(console, heads, cells, right=frozenset(COUNTS))
 
 
 def _measured(block: Block, run: Record, stored: str = "") -> Section:
-    found = {(row["metric"], row["group"]): row for row in run["metrics"]}
+    found = {(row.metric, row.group): row for row in run.metrics}
     groups = block.groups or sorted(
         {group for metric, group in found if metric in block.metrics and group != "all"}, key=float
     )
@@ -110,11 +110,11 @@ def _measured(block: Block, run: Record, stored: str = "") -> Section:
         here = {metric: found.get((metric, group)) for metric in block.metrics}
         known = [row for row in here.values() if row is not None]
         used += known
-        n = "/".join(f"{n:,}" for n in sorted({row["n"] for row in known}))
-        presses = max((row["clusters"] for row in known), default=0)
+        n = "/".join(f"{n:,}" for n in sorted({row.n for row in known}))
+        presses = max((row.clusters for row in known), default=0)
         cells = (estimate(row, decimals[metric]) for metric, row in here.items())
         rows.append((group, *cells, n, f"{presses:,}"))
-    counts = (span(row["n"] for row in used), span(row["clusters"] for row in used))
+    counts = (span(row.n for row in used), span(row.clusters for row in used))
     warning = partial_line(run) if stored else None
     head = f"measured here: {label_of(run)}, {measured_on(run)}{stored}"
     return Section(f"{head}; {warning}" if warning else head, "", rows, counts)
@@ -139,15 +139,15 @@ def _as_printed(metric: str, value: float | None, decimals: int, block: Block) -
     return number(value, min(decimals, block.metrics[metric]))
 
 
-def _decimals(block: Block, metric: str, rows: Sequence[Row | None]) -> int:
+def _decimals(block: Block, metric: str, rows: Sequence[Metric | None]) -> int:
     """In a table by distance one decimal less where values reach 1 mm or 10 deg."""
     decimals = block.metrics[metric]
     if block.groups:
         return decimals
-    known = [row for row in rows if row is not None and row["value"] is not None]
+    known = [(row, row.value) for row in rows if row is not None and row.value is not None]
     if metric in SHARES:
-        return decimals + any(row["n"] > 100 for row in known)
-    top = max((row["value"] if row["high"] is None else row["high"] for row in known), default=0.0)
+        return decimals + any(row.n > 100 for row, _ in known)
+    top = max((value if row.high is None else row.high for row, value in known), default=0.0)
     return decimals - (top >= (10.0 if metric.endswith("_deg") else 1.0))
 
 
@@ -174,15 +174,15 @@ def _fit(
     return heads[:-2], widths[:-2], 1
 
 
-def _rest(record: Record, blocks: Sequence[Block]) -> list[Row]:
+def _rest(record: Record, blocks: Sequence[Block]) -> list[Metric]:
     """Rows of the record that no main table shows; of hard cases those of all cases together."""
     shown = {(metric, group) for b in blocks for metric in b.metrics for group in b.groups}
-    hard = any(row["metric"] == "error_ratio" for row in record["metrics"])
+    hard = any(row.metric == "error_ratio" for row in record.metrics)
     by_distance = {metric for b in blocks if not b.groups for metric in b.metrics}
     return [
         row
-        for row in record["metrics"]
-        if (row["metric"], row["group"]) not in shown
-        and (row["metric"] not in by_distance or row["group"] == "all")
-        and (not hard or (row["group"] == "all" and row["metric"] not in TOTALS))
+        for row in record.metrics
+        if (row.metric, row.group) not in shown
+        and (row.metric not in by_distance or row.group == "all")
+        and (not hard or (row.group == "all" and row.metric not in TOTALS))
     ]

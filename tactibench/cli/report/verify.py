@@ -6,8 +6,9 @@ from rich.console import Console
 from rich.text import Text
 
 from tactibench.board.verifying.verdict import Verdict
-from tactibench.cli.report.cells import Row, estimate, print_grid
+from tactibench.cli.report.cells import estimate, print_grid
 from tactibench.cli.report.words import NAMES
+from tactibench.records.record import Metric
 
 
 def print_verdict(console: Console, verdict: Verdict) -> None:
@@ -17,18 +18,18 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
     console.print(Text(f"  {verdict.subject}"), soft_wrap=True)
     console.print(
         Text(
-            f"  {record['protocol']['id']}@{record['protocol']['version']}: truth of "
+            f"  {record.protocol.label}: truth of "
             f"{verdict.frames:,} test frames made again, predictions "
-            f"{record['identity']['predictions_hash'][:12]}, {len(verdict.again)} metric rows equal"
+            f"{record.identity.predictions_hash[:12]}, {len(verdict.again)} metric rows equal"
         ),
         soft_wrap=True,
     )
     rows = [
         (
             f"  {_name(row)}",
-            row["group"],
-            estimate(row, 2 if row["unit"] == "share" else 4),
-            f"{row['clusters']:,}",
+            row.group,
+            estimate(row, 2 if row.unit == "share" else 4),
+            f"{row.clusters:,}",
         )
         for row in verdict.headline()
     ]
@@ -44,6 +45,6 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
     )
 
 
-def _name(row: Row) -> str:
-    unit = {"share": ", %", "mm": ", mm", "deg": ", deg"}.get(row["unit"], "")
-    return f"{NAMES.get(row['metric'], row['metric'])}{unit}"
+def _name(row: Metric) -> str:
+    unit = {"share": ", %", "mm": ", mm", "deg": ", deg"}.get(row.unit, "")
+    return f"{NAMES.get(row.metric, row.metric)}{unit}"

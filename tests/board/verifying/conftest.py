@@ -21,6 +21,7 @@ from tactibench.plugins.host import Catalogue
 from tactibench.protocols.loader import LoadedProtocol, read_protocol
 from tactibench.records.answers import pack_contacts, unpack_contacts
 from tactibench.records.files import arrays_hash, write_arrays
+from tactibench.records.record import Record, make_signature
 from tactibench.run.score import score_arrays
 
 
@@ -58,21 +59,18 @@ def submitted(
         record = stated(fabricate(asked, encoder=None, **more), protocol)
         truth = truth_of(record, protocol, source, hidden)
         answers = pack_contacts([moved(contacts) for contacts in unpack_contacts(truth)])
-        record["data"]["test"] = len(truth["press"])
-        record["metrics"] = score_arrays(protocol.keys, truth, answers, {})
+        record.data.test = len(truth["press"])
+        record.metrics = score_arrays(protocol.keys, truth, answers, {})
         return write(tmp_path, record, answers, ranked_errors(protocol.keys, truth, answers))
 
     return made
 
 
-def stated(record: dict[str, Any], protocol: LoadedProtocol) -> dict[str, Any]:
+def stated(record: Record, protocol: LoadedProtocol) -> Record:
     """The record as one of that protocol, with a whole signature."""
-    record["protocol"] = {"id": protocol.keys.id, "version": 1, "hash": protocol.hash, "title": "t"}
-    record["sensor"]["parameters"] = {}
-    record["signature"] = (
-        f"protocol:{protocol.label}+{protocol.hash[:8]}|model:{record['model']['name']}(a=1)|"
-        f"regime:single|encoder:none|sensor:tactip-127|seed:{record['seed']}|weights:cd|partial:no"
-    )
+    record.protocol.hash = protocol.hash
+    record.sensor.parameters = {}
+    record.signature = make_signature(record)
     return record
 
 
@@ -81,10 +79,11 @@ def moved(contacts: Contacts) -> Contacts:
     return Contacts(contacts.xy + np.array([0.1, 0.0]), contacts.depth, np.full(len(contacts), 0.9))
 
 
-def write(folder: Path, record: dict[str, Any], answers: Any, ranked: Any) -> Path:
+def write(folder: Path, record: Record, answers: Any, ranked: Any) -> Path:
     hashed = arrays_hash(answers)
-    record["identity"] |= {"predictions_hash": hashed, "stored": {"predictions": hashed}}
-    path = folder / FOLDER / record["protocol"]["id"] / f"{record['name']}.json"
+    record.identity.predictions_hash = hashed
+    record.identity.stored = {"predictions": hashed}
+    path = folder / FOLDER / record.protocol.id / f"{record.name}.json"
     write_arrays(answers_file(path), {**answers, **ranked})
     path.write_text(text_of(compact(record)), encoding="utf-8")
     return path

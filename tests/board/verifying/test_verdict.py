@@ -61,10 +61,10 @@ def test_a_submission_that_holds_is_verified(submitted, source, name, frames) ->
     found = verify(submitted(name), source)
     assert found.frames == frames
     assert found.stated == ()
-    assert {row["metric"]: row["value"] for row in found.headline()}["missed"] == 0
+    assert {row.metric: row.value for row in found.headline()}["missed"] == 0
     if name == "exp1":
-        (mae,) = [row for row in found.again if (row["metric"], row["group"]) == ("mae_mm", "x")]
-        assert mae["value"] == pytest.approx(0.1)
+        (mae,) = [row for row in found.again if (row.metric, row.group) == ("mae_mm", "x")]
+        assert mae.value == pytest.approx(0.1)
 
 
 def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
@@ -73,7 +73,7 @@ def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
     scenes = draw_scenes(keys, "singles").scenes
     wanted = split_presses(len(scenes), keys.split, keys.data_seed).test
     record = fabricate("exp1")
-    record["sensor"]["parameters"] = {}
+    record.sensor.parameters = {}
     truth = truth_of(record, protocol, source, None)
     assert truth["press"].tolist() == [f"singles-{row}" for row in wanted]
     for contacts, row in zip(unpack_contacts(truth), wanted, strict=True):
@@ -158,7 +158,7 @@ def stranger(record: dict[str, Any]) -> None:
         (fewer, "lacks .* which the protocol asks for"),
         (more, "states .* of mine, which the protocol does not ask for"),
         (twice, "states a metric of a group twice"),
-        (signed, "the signature says seed '1', but the record says '0'"),
+        (signed, "the signature says 'seed:1', but the record says 'seed:0'"),
         (hashed, "are not those of .* submit the run again"),
         (frames, "was tested on 19 frames, but the protocol tests 20"),
         (stranger, "sensor 'mine' does not ship with tactibench"),
@@ -288,6 +288,7 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
 
     def hide(record: dict[str, Any]) -> None:
         record["sensor"] = sensor
+        record["signature"] = record["signature"].replace("|weights:", "|test:hidden|weights:")
         record["identity"]["hidden"] = seed.commitment
 
     edited(path, hide)
