@@ -39,7 +39,7 @@ import time
 start, began = time.process_time(), time.perf_counter()
 from tactibench.plugins.host import PluginHost
 host = PluginHost()
-found = [len(catalogue.specs) for catalogue in host.parts]
+found = [len(catalogue.specs) for catalogue in host.catalogues]
 print(time.process_time() - start, time.perf_counter() - began, found[0])
 """
 

@@ -80,7 +80,7 @@ def check_names(options: dict[str, object]) -> None:
     if isinstance(protocol, str) and re.fullmatch(r"[a-z0-9]+", protocol):
         assert protocol in protocol_files(), protocol
     named = {}
-    for kind, catalogue in zip(("model", "sensor", "encoder"), HOST.parts, strict=True):
+    for kind, catalogue in zip(("model", "sensor", "encoder"), HOST.catalogues, strict=True):
         name = options.get(kind)
         if isinstance(name, str) and name not in OWN and "," not in name:
             named[kind] = catalogue[name]
