@@ -35,7 +35,8 @@ class LoadedProtocol:
 
 def protocol_files() -> dict[str, Path]:
     """Name -> file of every protocol that ships with tactibench."""
-    return {path.stem: path for path in sorted(shipped_folder("protocols").glob("*.toml"))}
+    files = sorted(shipped_folder("protocols").glob("*.toml"))
+    return {path.stem: path for path in files if "." not in path.stem}  # no exp1.board.toml
 
 
 def protocol_titles() -> dict[str, tuple[int, str]]:

@@ -1,0 +1,80 @@
+"""A protocol declares its ranking and its tables in a file beside it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tactibench import UserError
+from tactibench.metrics.registry import METRICS
+from tactibench.protocols.board_spec import BoardSpec, board_spec, read_board_spec
+from tactibench.protocols.loader import protocol_files, read_protocol
+
+PROTOCOLS = sorted(protocol_files())
+TABLE = '[[blocks]]\ntitle = "Error"\ncolumns = [{}]\n'
+COLUMN = '{ metric = "mae_mm", head = "MAE", decimals = 3 }'
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "mine.board.toml").write_text(text, encoding="utf-8")
+    return folder / "mine.toml"
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_every_protocol_ranks_and_shows_metrics_that_there_are(protocol: str) -> None:
+    spec = board_spec(protocol)
+    assert spec.ranking is not None
+    assert METRICS[spec.ranking.metric].better == "lower"
+    assert spec.headline is not None
+    assert {spec.headline.metric, spec.headline.qualifier} <= set(METRICS)
+    assert {column.metric for block in spec.blocks for column in block.columns} <= set(METRICS)
+    assert {metric for table in spec.run_tables for metric in table.metrics} <= set(METRICS)
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_board_file_leaves_the_hash_of_its_protocol_alone(protocol: str, tmp_path: Path) -> None:
+    path = protocol_files()[protocol]
+    for source in path.parent.glob("*.t*"):
+        if not source.name.endswith(".board.toml"):
+            shutil.copy(source, tmp_path)
+    assert read_protocol(tmp_path / path.name).hash == read_protocol(path).hash
+
+
+def test_a_protocol_without_a_board_file_has_nothing_special(tmp_path: Path) -> None:
+    assert read_board_spec(tmp_path / "mine.toml") == BoardSpec()
+    assert board_spec("mine") == BoardSpec()
+
+
+def test_a_column_with_groups_stands_for_one_a_group(tmp_path: Path) -> None:
+    column = '{ metric = "mae_mm", groups = ["x", "y"], head = "MAE {group}, mm", decimals = 4 }'
+    (block,) = read_board_spec(written(tmp_path, TABLE.format(column))).blocks
+    assert [(one.group, one.head) for one in block.columns] == [
+        ("x", "MAE x, mm"),
+        ("y", "MAE y, mm"),
+    ]
+
+
+def test_common_tables_follow_those_of_the_protocol(tmp_path: Path) -> None:
+    text = 'common = ["bound"]\n' + TABLE.format(COLUMN)
+    titles = [block.title for block in read_board_spec(written(tmp_path, text)).blocks]
+    assert titles == ["Error", "RMSE over the Cramer-Rao bound"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[ranking", "cannot be read"),
+        ("[rankings]", "unknown key 'rankings'; did you mean 'ranking'"),
+        ('[ranking]\nmetric = "mae_mm"\n', "the key 'ranking.group' is missing"),
+        ('common = ["bounds"]\n', "holds 'bounds'; did you mean 'bound'"),
+        (TABLE.format(""), "key 'blocks.1.columns' is"),
+        (TABLE.format('{ metric = "mae_mm", groups = 3, head = "x", decimals = 3 }'), "groups"),
+        (TABLE.format("3"), "blocks.1.columns.1"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(UserError, match=r"mine\.board\.toml") as raised:
+        read_board_spec(written(tmp_path, text))
+    assert words in str(raised.value)
