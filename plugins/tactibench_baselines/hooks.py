@@ -1,4 +1,4 @@
-"""What this plugin declares."""
+"""Declarations of the models ``mean`` and ``nearest``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from tactibench import ModelSpec, Parameter, hookimpl
 
 @hookimpl
 def tactibench_models() -> list[ModelSpec]:
+    """Declare the models."""
     return [
         ModelSpec(
             "mean",

@@ -1,4 +1,4 @@
-"""The training mean: what can be known without looking."""
+"""The training mean: the best answer without looking at the frame."""
 
 from __future__ import annotations
 
@@ -9,12 +9,22 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tactibench import Answer, Contacts, FitReport, Frame, Model, ModelContext, PlatePose, Progress
-from tactibench_baselines.answers import pack, read, unpack, write
+from tactibench import (
+    Answer,
+    Contacts,
+    FitReport,
+    Frame,
+    Model,
+    ModelContext,
+    PlatePose,
+    Progress,
+    UserError,
+)
+from tactibench_baselines.labels import pack, read, unpack, write
 
 
 class MeanModel(Model):
-    """Answers every frame alike.
+    """A model that answers every frame alike.
 
     "contacts": one contact at the mean x, y and depth of all contacts of the training frames (no
     contact when they have none). "plate": the mean depth and tilt.
@@ -37,11 +47,11 @@ class MeanModel(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Average the labels. Raises ValueError without any."""
+        """Average the labels. Raises UserError without any."""
         del validation, rng, progress
         start = time.perf_counter()
         if not len(truth):
-            raise ValueError("the mean needs at least one training label")
+            raise UserError("model 'mean' needs a training label; raise the training count.")
         labels = pack(truth, self._answer_kind)
         if self._answer_kind == "plate":
             self._mean = PlatePose(float(labels["depth"].mean()), float(labels["tilt"].mean()))
@@ -52,19 +62,19 @@ class MeanModel(Model):
         return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
-        """The mean, once a frame."""
+        """Return the mean, once a frame."""
         if self._mean is None:
-            raise RuntimeError("predict needs fit or load first")
+            raise UserError("model 'mean' has learned nothing yet; train it or load weights first.")
         return [self._mean] * len(frames)
 
     def stages(self) -> Sequence[tuple[str, Any]]:
-        """There is one phase."""
+        """Return one phase."""
         return [("forward", self.predict)]
 
     def save(self, directory: Path) -> None:
         """Write mean.npz."""
         if self._mean is None:
-            raise RuntimeError("save needs fit or load first")
+            raise UserError("model 'mean' has learned nothing yet; train it first.")
         write(directory / "mean.npz", pack([self._mean], self._answer_kind))
 
     def load(self, directory: Path) -> None:

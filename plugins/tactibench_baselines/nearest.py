@@ -1,4 +1,4 @@
-"""The nearest training frame: what memory alone can do."""
+"""The nearest training frame: the best answer by memory alone."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ from tactibench import (
     UserError,
     gray_frames,
 )
-from tactibench_baselines.answers import pack, read, unpack, write
+from tactibench_baselines.labels import pack, read, unpack, write
 
 Features = npt.NDArray[np.float32]
 
-_BLOCK = 256  # frames compared at once: 256 x 4,000 distances are 4 MB
-_CANDIDATES = 8  # compared once more in float64, so that the batch size cannot change an answer
+_BLOCK = 256
+"""Frames compared at once: 256 x 4,000 distances are 4 MB."""
+_CANDIDATES = 8
+"""Frames compared once more in float64, so that the batch size cannot change an answer."""
 
 
 class NearestModel(Model):
-    """Answers the truth of the training frame at the smallest squared distance.
+    """A model that answers the truth of the training frame at the smallest squared distance.
 
     Frames are compared as gray images of ``size`` x ``size`` pixels, less the rest frame where all
     training frames have one. Averaging down is the only blur: on real TacTip frames a further one
@@ -52,22 +54,25 @@ class NearestModel(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Remember every frame and its label. Raises ValueError without any."""
+        """Remember every frame and its label. Raises UserError without any."""
         del validation, rng, progress
         start = time.perf_counter()
         if not len(frames) or len(frames) != len(truth):
-            raise ValueError(f"nearest was given {len(frames)} frames and {len(truth)} labels")
+            raise UserError(
+                f"model 'nearest' was given {len(frames)} training frames and {len(truth)} labels; "
+                "raise the training count."
+            )
         self._truth = unpack(pack(truth, self._answer_kind))
         self._minus_rest = all(frame.rest is not None for frame in frames)
         self._remember(self._features(frames), self._minus_rest)
         return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
-        """The label of the nearest training frame; the first of equally near ones."""
+        """Return the label of the nearest training frame; of equally near ones the first."""
         return self._labels(self._search(self._features(frames)))
 
     def stages(self) -> Sequence[tuple[str, Any]]:
-        """The phases of ``predict``, in order."""
+        """Return the phases of ``predict``, in order."""
         return [
             ("preprocess", self._features),
             ("forward", self._search),
@@ -77,7 +82,7 @@ class NearestModel(Model):
     def save(self, directory: Path) -> None:
         """Write nearest.npz."""
         if not len(self._train):
-            raise RuntimeError("save needs fit or load first")
+            raise UserError("model 'nearest' has learned nothing yet; train it first.")
         write(
             directory / "nearest.npz",
             {
@@ -107,7 +112,7 @@ class NearestModel(Model):
         self._minus_rest = minus_rest
 
     def _features(self, frames: Sequence[Frame]) -> Features:
-        """(N, size^2) float32, gray levels from 0 to 1, less those of the rest frame."""
+        """Return (N, size^2) float32, gray levels from 0 to 1, less those of the rest frame."""
         flat = gray_frames(frames, self._size).reshape(-1, self._size**2).astype(np.float32)
         if self._minus_rest:
             rest = [replace(f, image=f.rest) for f in frames if f.rest is not None]
@@ -120,23 +125,25 @@ class NearestModel(Model):
         return flat / np.float32(255)
 
     def _search(self, features: Features) -> npt.NDArray[np.intp]:
-        """(N,) rows of the nearest training frames."""
+        """Return the (N,) rows of the nearest training frames."""
         if not len(self._train):
-            raise RuntimeError("predict needs fit or load first")
+            raise UserError(
+                "model 'nearest' has learned nothing yet; train it or load weights first."
+            )
         blocks = [
             self._search_block(features[i : i + _BLOCK]) for i in range(0, len(features), _BLOCK)
         ]
         return np.concatenate([np.empty(0, dtype=np.intp), *blocks])
 
     def _search_block(self, features: Features) -> npt.NDArray[np.intp]:
-        """|a - b|^2 = |a|^2 + 2 (|b|^2 / 2 - a.b), of which |a|^2 orders nothing."""
+        # |a - b|^2 = |a|^2 + 2 (|b|^2 / 2 - a.b), of which |a|^2 orders nothing
         order = self._half_square - features @ self._train.T
         count = min(_CANDIDATES, order.shape[1])
         candidates = np.sort(np.argpartition(order, count - 1, axis=1)[:, :count], axis=1)
         apart = self._train[candidates].astype(np.float64) - features[:, None]
         best = np.einsum("nkd,nkd->nk", apart, apart).argmin(axis=1)
-        found: npt.NDArray[np.intp] = candidates[np.arange(len(features)), best]
-        return found
+        rows: npt.NDArray[np.intp] = candidates[np.arange(len(features)), best]
+        return rows
 
     def _labels(self, rows: npt.NDArray[np.intp]) -> list[Answer]:
         return [self._truth[row] for row in rows]

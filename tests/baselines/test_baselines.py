@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError, gray_frames
-from tactibench_baselines.answers import pack, unpack
-from tactibench_baselines.hooks import tactibench_models
+from tactibench_baselines.labels import pack, unpack
 from tactibench_baselines.mean import MeanModel
 from tactibench_baselines.nearest import NearestModel
 
@@ -45,17 +44,6 @@ def same(a, b):
     if isinstance(a, PlatePose):
         return a == b
     return all(np.array_equal(getattr(a, f), getattr(b, f)) for f in ("xy", "depth", "score"))
-
-
-def test_specs_build_the_models(context):
-    specs = {spec.name: spec for spec in tactibench_models()}
-    assert set(specs) == {"mean", "nearest"}
-    assert [specs[name].max_contacts for name in ("mean", "nearest")] == [1, None]
-    for spec in specs.values():
-        assert spec.answers == ("contacts", "plate")
-        assert not spec.uses_encoder
-        for answer in spec.answers:
-            assert spec.load()(context(answer), **spec.settings({}))
 
 
 def test_mean_of_single_contacts(rng, fitted):
@@ -132,16 +120,6 @@ def test_equally_near_frames_answer_the_first(rng, fitted):
 
 @BOTH
 @ANSWERS
-def test_one_by_one_or_all_at_once(rng, fitted, kind, answer):
-    train, test = random_frames(rng, 60), random_frames(rng, 300)
-    model = fitted(kind, train, random_truth(rng, answer, 60), answer=answer)
-    together = model.predict(test)
-    assert all(same(a, model.predict([f])[0]) for a, f in zip(together, test, strict=True))
-    assert model.predict([]) == []
-
-
-@BOTH
-@ANSWERS
 def test_stages_compose_to_predict(rng, fitted, kind, answer):
     frames, truth = random_frames(rng, 12), random_truth(rng, answer, 12)
     model = fitted(kind, frames, truth, answer=answer)
@@ -149,23 +127,6 @@ def test_stages_compose_to_predict(rng, fitted, kind, answer):
     for _, stage in model.stages():
         value = stage(value)
     assert all(map(same, value, model.predict(frames)))
-
-
-@BOTH
-@ANSWERS
-def test_saved_and_loaded_it_answers_the_same(rng, fitted, context, tmp_path, kind, answer):
-    frames, truth = random_frames(rng, 25), random_truth(rng, answer, 25)
-    model = fitted(kind, frames, truth, answer=answer)
-    folders = [tmp_path / name for name in ("a", "b")]
-    for folder in folders:
-        folder.mkdir()
-        model.save(folder)
-    contents = [[(p.name, p.read_bytes()) for p in folder.iterdir()] for folder in folders]
-    assert contents[0] == contents[1]
-    again = kind(context(answer))
-    again.load(folders[0])
-    test = random_frames(rng, 10)
-    assert all(map(same, again.predict(test), model.predict(test)))
 
 
 @BOTH
@@ -182,12 +143,6 @@ def test_damaged_weights_are_refused(rng, fitted, context, tmp_path, kind, damag
     (path,) = tmp_path.iterdir()
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(UserError, match="no readable weights file"):
-        kind(context("contacts")).load(tmp_path)
-
-
-@BOTH
-def test_missing_weights_are_refused(context, tmp_path, kind):
-    with pytest.raises(UserError, match="train again"):
         kind(context("contacts")).load(tmp_path)
 
 
@@ -220,12 +175,12 @@ def test_a_frame_without_rest_is_refused_when_training_had_one(rng, fitted):
 
 @BOTH
 def test_misuse_is_not_answered(rng, fitted, context, tmp_path, kind):
-    with pytest.raises(RuntimeError, match="first"):
+    with pytest.raises(UserError, match="first"):
         kind(context("contacts")).predict(random_frames(rng, 1))
-    with pytest.raises(RuntimeError, match="first"):
+    with pytest.raises(UserError, match="first"):
         kind(context("contacts")).save(tmp_path)
     assert not list(tmp_path.iterdir())
-    with pytest.raises(ValueError, match=r"nearest was given|at least one"):
+    with pytest.raises(UserError, match="raise the training count"):
         fitted(kind, [], [])
     with pytest.raises(TypeError, match="no Contacts"):
         fitted(kind, random_frames(rng, 2), random_plates(rng, 2), answer="contacts")

@@ -203,4 +203,4 @@ def test_the_declaration_fits_the_class_and_imports_nothing_heavy(make_mixture):
     assert target == "tactibench_mixture.model:Mixture"
     encoder = make_mixture()._encoder
     context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0, encoder)
-    assert type(make_mixture())(context, **settings).parameters > 0
+    assert type(make_mixture())(context, **settings).parameter_count() > 0

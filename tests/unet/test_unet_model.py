@@ -208,7 +208,7 @@ def test_the_default_network_has_four_levels_and_a_bottleneck(make_model):
     assert [block[0].out_channels for block in model.network.down] == [16, 32, 64, 128]
     assert model.network.bottleneck[0].out_channels == 256
     assert model.network.head.kernel_size == (1, 1)
-    assert 1.85e6 < model.parameters < 2.0e6
+    assert 1.85e6 < model.parameter_count() < 2.0e6
 
 
 def test_several_contacts_are_learned_from(make_model, make_presses, silent):
@@ -285,7 +285,7 @@ def test_the_declaration_fits_the_class_and_imports_nothing_heavy():
 
     assert target == "tactibench_unet.model:UNet"
     context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0, encoder=_OneChannel())
-    assert UNet(context, **settings).parameters > 0
+    assert UNet(context, **settings).parameter_count() > 0
 
 
 class _OneChannel:

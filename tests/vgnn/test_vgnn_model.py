@@ -194,4 +194,4 @@ def test_the_declaration_fits_the_class_and_imports_nothing_heavy():
 
     assert target == "tactibench_vgnn.model:VGNN"
     model = VGNN(ModelContext("contacts", Grid.centred(64, 0.4), 6.0), **settings)
-    assert model.parameters > 0
+    assert model.parameter_count() > 0

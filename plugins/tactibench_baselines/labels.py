@@ -1,4 +1,4 @@
-"""Answers as arrays and back, and the file that both baselines keep their weights in."""
+"""Labels as arrays and back, and the file that both baselines keep their weights in."""
 
 from __future__ import annotations
 
@@ -17,9 +17,18 @@ Kind = TypeVar("Kind", Contacts, PlatePose)
 
 
 def pack(truth: Sequence[Answer], answer: str) -> Arrays:
-    """Arrays of N answers. "contacts": count (N,), xy (M, 2) and depth (M,) mm of all M contacts.
+    """Return N labels as arrays.
 
-    "plate": depth (N,) mm, tilt (N,) deg. Raises TypeError for an answer of the other kind.
+    Args:
+        truth: The labels.
+        answer: "contacts" or "plate".
+
+    Returns:
+        For "contacts": count (N,), and xy (M, 2) and depth (M,) in mm of all M contacts. For
+        "plate": depth (N,) in mm and tilt (N,) in deg.
+
+    Raises:
+        TypeError: For a label of the other kind.
     """
     if answer == "plate":
         plates = _all_of(PlatePose, truth)
@@ -43,7 +52,7 @@ def _all_of(kind: type[Kind], truth: Sequence[Answer]) -> list[Kind]:
 
 
 def unpack(arrays: Mapping[str, npt.NDArray[Any]]) -> list[Answer]:
-    """The answers that ``pack`` was given."""
+    """Return the labels that ``pack`` was given."""
     if "tilt" in arrays:
         pairs = zip(arrays["depth"].tolist(), arrays["tilt"].tolist(), strict=True)
         return [PlatePose(depth, tilt) for depth, tilt in pairs]
@@ -61,21 +70,21 @@ def write(path: Path, arrays: dict[str, Any]) -> None:
 
 
 def read(path: Path, answer: str, *names: str) -> Arrays:
-    """Read the answers of ``write``, and the further arrays named.
+    """Read the arrays of ``pack`` and those in ``names`` from a file. Nothing is unpickled.
 
-    Nothing is unpickled. Raises UserError for a file that is missing, damaged or answers something
-    else than ``answer``.
+    Raises:
+        UserError: For a file that is missing or damaged, or holds labels of another kind.
     """
-    wanted = {*names, *pack((), answer)}
+    expected = {*names, *pack((), answer)}
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise UserError(f"{path} is no readable weights file: {reason}; train again.") from None
-    if set(arrays) != wanted:
+    if set(arrays) != expected:
         raise UserError(
             f"{path} holds {', '.join(sorted(arrays))}, but a model that answers {answer!r} needs "
-            f"{', '.join(sorted(wanted))}; train again."
+            f"{', '.join(sorted(expected))}; train again."
         )
     return arrays

@@ -1,4 +1,4 @@
-"""What every encoder must hold, of every encoder and decoder that ships; and how finely they read.
+"""The contract of an encoder, held by every encoder and decoder that ships.
 
 ``tactibench.testing`` has the properties; here are the limits of each one under noise.
 """
@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Contacts, UserError
+from tactibench.plugins.host import PluginHost
 from tactibench.testing import EncoderSubject, examine, properties, subject_of
 
 CELLS = "reads no finer than a cell"
@@ -54,6 +55,10 @@ def subject(name: str) -> EncoderSubject:
     case = CASES[name]
     found = subject_of("encoder", case.encoder, parameters={"encoder": case.parameters})
     return replace(found, noise_cells=case.noise)
+
+
+def test_every_encoder_is_among_the_cases() -> None:
+    assert {case.encoder for case in CASES.values()} == set(PluginHost().encoders.specs)
 
 
 @pytest.mark.parametrize("name", CASES)

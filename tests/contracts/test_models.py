@@ -1,0 +1,223 @@
+"""The contract of a model, held by every model that ships, on networks as small as they get."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from tactibench import Answer, Contacts, Frame, Model, UserError
+from tactibench.plugins.host import PluginHost
+from tactibench.run.reporter import SilentProgress
+from tactibench.testing import (
+    ModelSubject,
+    check,
+    examine,
+    expected_failures,
+    properties,
+    subject_of,
+)
+from tactibench.training import save_weights
+
+HOST = PluginHost()
+NAMES = list(HOST.models.specs)
+TINY: dict[str, dict[str, str]] = {
+    "cnn": {"width": "8", "size": "64", "epochs": "6"},
+    "mixture": {"width": "16", "epochs": "20"},
+    "pins": {"members": "2", "width": "32", "epochs": "20"},
+    "unet": {"width": "8", "size": "64", "epochs": "10"},
+    "vgnn": {"width": "16", "layers": "2", "epochs": "12"},
+}
+"""Enough epochs that some frames are answered with a contact: others could not be compared."""
+OTHER_ARCHITECTURE: dict[str, list[tuple[str, str]]] = {
+    "cnn": [("width", "16"), ("size", "96")],
+    "mixture": [("width", "32"), ("cells", "32")],
+    "nearest": [("size", "16")],
+    "pins": [("members", "3"), ("width", "64")],
+    "superpose": [("neighbours", "none")],
+    "unet": [("width", "16"), ("size", "96"), ("stem", "1")],
+    "vgnn": [("width", "32"), ("layers", "3"), ("graph", "frame")],
+}
+LEARNED = [name for name in NAMES if name in TINY]
+"""Models that ``tactibench.training`` trains for some epochs."""
+
+
+@cache
+def subject(name: str) -> ModelSubject:
+    """A model that learned from 40 presses of the simulated TacTip."""
+    return subject_of("model", name, parameters={"model": TINY.get(name, {})})
+
+
+def other_subject(name: str, **parameters: str) -> ModelSubject:
+    return subject_of("model", name, parameters={"model": {**TINY.get(name, {}), **parameters}})
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("asked", properties("model"), ids=lambda one: one.name)
+def test_conformance(name: str, asked: Any) -> None:
+    expected = expected_failures(subject(name)).get(asked.name)
+    finding = examine(asked, subject(name), expected)
+    assert finding.well, finding.line()
+
+
+@pytest.mark.parametrize("encoder", ["axes", "depth", "offset"])
+def test_a_unet_learns_through_every_heat_encoder(encoder: str) -> None:
+    parameters = {"model": {**TINY["unet"], "epochs": "2"}}
+    report = check("model", "unet", encoder=encoder, parameters=parameters)
+    bad = {one.asked.name: one.line() for one in report.findings if not one.well}
+    bad.pop("answered", None)  # two epochs are too few
+    assert not bad
+
+
+def test_what_is_compared_is_mostly_contacts() -> None:
+    """A network that finds nothing answers alike in every way."""
+    for name in NAMES:
+        found = [one for one in subject(name).answers if isinstance(one, Contacts) and len(one)]
+        assert len(found) >= 3, name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_declared_defaults_build(name: str) -> None:
+    spec = HOST.models[name]
+    assert isinstance(subject(name).build(spec.settings({})), Model)
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_size_and_operations_of_a_network_are_known(name: str) -> None:
+    model = subject(name).trained()
+    assert (model.parameter_count() or 0) > 100
+    assert (model.flops(subject(name).seen.frames[0]) or 0) > 1000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_stages_end_in_the_answers_of_predict(name: str) -> None:
+    """To 0.1 mm in the median: on some processors the stages compute in bf16."""
+    model, frames = subject(name).trained(), list(subject(name).seen.frames)
+    value: Any = frames
+    for _, stage in model.stages():
+        value = stage(value)
+    assert np.median(np.abs(numbers(value) - numbers(model.predict(frames)))) < 0.1
+
+
+def fit(model: Model, name: str, seed: int = 3, progress: Any = None) -> Any:
+    few = subject(name).examples[:16]
+    return model.fit(
+        list(few.frames),
+        list(few.truth),
+        validation=(list(few.frames[:4]), list(few.truth[:4])),
+        rng=np.random.default_rng(seed),
+        progress=progress or SilentProgress(),
+    )
+
+
+def saved(model: Model, folder: Path) -> dict[str, bytes]:
+    folder.mkdir()
+    model.save(folder)
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_only_the_rng_that_is_handed_in_decides_the_weights(name: str, tmp_path: Path) -> None:
+    short = other_subject(name, epochs="1")
+    weights = []
+    with torch.random.fork_rng():
+        for number, seed in enumerate((3, 3, 4)):
+            torch.manual_seed(number)
+            before = torch.random.get_rng_state()
+            model = short.build()
+            fit(model, name, seed)
+            assert torch.equal(before, torch.random.get_rng_state())
+            weights.append(saved(model, tmp_path / str(number)))
+    first, again, other = weights
+    assert first == again
+    assert first != other
+
+
+class StopError(Exception):
+    pass
+
+
+class Stopping(SilentProgress):
+    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
+        raise StopError
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_a_training_that_was_stopped_goes_on_to_the_same_weights(name: str, tmp_path: Path) -> None:
+    short = other_subject(name, epochs="2")
+    whole = short.build()
+    fit(whole, name)
+    checkpoints = tmp_path / "checkpoints"
+    checkpoints.mkdir()
+    build = short.spec.load()
+    with pytest.raises(StopError):
+        fit(build(short.context(checkpoints), **short.values), name, progress=Stopping())
+    resumed = build(short.context(checkpoints), **short.values)
+    assert fit(resumed, name).resumed_from == 1
+    assert saved(resumed, tmp_path / "resumed") == saved(whole, tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "value"),
+    [(name, *other) for name, others in OTHER_ARCHITECTURE.items() for other in others],
+)
+def test_weights_of_another_architecture_are_refused(
+    name: str, parameter: str, value: str, tmp_path: Path
+) -> None:
+    subject(name).trained().save(tmp_path)
+    with pytest.raises(UserError, match=parameter):
+        other_subject(name, **{parameter: value}).build().load(tmp_path)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if len(HOST.models[name].answers) > 1])
+def test_weights_for_another_kind_of_answer_are_refused(name: str, tmp_path: Path) -> None:
+    subject(name).trained().save(tmp_path)
+    with pytest.raises(UserError, match=r"answer|plate"):
+        subject(name).briefly("plate").build().load(tmp_path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_weights_of_another_model_are_refused(name: str, tmp_path: Path) -> None:
+    tensors = {"weight": torch.zeros(3)}
+    save_weights(tmp_path, tensors, model="stranger", architecture={}, extra={})
+    with pytest.raises(UserError, match=r"stranger|no readable weights"):
+        subject(name).build().load(tmp_path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_training_without_frames_is_refused(name: str) -> None:
+    with pytest.raises(UserError, match=r"train|rest image"):
+        subject(name).build().fit(
+            [],
+            [],
+            validation=([], []),
+            rng=np.random.default_rng(0),
+            progress=SilentProgress(),
+        )
+
+
+def numbers(answers: Sequence[Answer | None]) -> np.ndarray:
+    """The best contact of every frame that has one."""
+    best = [one.top(1) for one in answers if isinstance(one, Contacts)]
+    return np.array([[*one.xy[0], one.depth[0]] for one in best if len(one)])
+
+
+def blank(frame: Frame) -> Frame:
+    return Frame(np.zeros_like(frame.image), 0.0, frame.pose, frame.rest)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_black_frame_is_answered_or_refused(name: str) -> None:
+    """A camera that sees nothing is no reason to stop with a traceback."""
+    frame = blank(subject(name).seen.frames[0])
+    try:
+        (answer,) = subject(name).trained().predict([frame])
+    except UserError:
+        return
+    assert isinstance(answer, Contacts)
+    assert np.isfinite(answer.xy).all()
