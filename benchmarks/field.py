@@ -25,12 +25,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactibench_sim.ahead import in_order
-from tactibench_sim.contact import Tips
+from tactibench_sim.commands.tier_errors import TIERS
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.dome import Mechanics, mechanics_for
+from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
-from tactibench_sim.rendered import BATCH
-from tactibench_sim.table import shipped
-from tactibench_sim.validate import Tier, tiers
+from tactibench_sim.rendered_sensor import BATCH, prefetch
 
 BUDGET_S = 4.0
 TARGET = 20_000
@@ -56,7 +56,7 @@ def batches(count: int) -> list[Tips]:
     ]
 
 
-def timed(tier: Tier, work: list[Tips], directions: np.ndarray, threads: int) -> Seconds:
+def timed(tier: Mechanics, work: list[Tips], directions: np.ndarray, threads: int) -> Seconds:
     def one(tips: Tips) -> int:
         return len(tier.displacement(tier.loads(tips), directions)[0])
 
@@ -64,7 +64,7 @@ def timed(tier: Tier, work: list[Tips], directions: np.ndarray, threads: int) ->
     times, processor, begun = [], [], time.perf_counter()
     while len(times) < 3 or (len(times) < 15 and time.perf_counter() - begun < BUDGET_S):
         start, before = time.perf_counter(), time.process_time()
-        done = sum(in_order(one, work, threads))
+        done = sum(prefetch(one, work, threads))
         times.append((time.perf_counter() - start) / done)
         processor.append((time.process_time() - before) / done)
     return Seconds(statistics.median(times), min(times), min(processor))
@@ -83,7 +83,9 @@ def main() -> None:
         f"{'tier':11}{'1 thread /s':>12}{'best':>10}{asked.threads:>6} threads /s{'best':>10}"
         f"{'gain':>6}{'cpu us':>9}{'of superpose':>14}"
     )
-    for name, tier in tiers(shipped()).items():
+    tables = shipped()
+    for name in TIERS:
+        tier = mechanics_for(name, tables)
         work = batches(asked.slow if name == "green" else asked.count)
         one, several = (timed(tier, work, directions, n) for n in (1, asked.threads))
         cheapest = cheapest or several.cpu

@@ -30,9 +30,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench_sim.ahead import in_order
-from tactibench_sim.noise import streams
-from tactibench_sim.rendered import BATCH
+from tactibench_sim.optics.noise import streams
+from tactibench_sim.rendered_sensor import BATCH, prefetch
 from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
 
 SEED = np.random.SeedSequence(0)
@@ -90,8 +89,8 @@ def stages(
 
     return {
         "field": lambda: [sensor.points(batch) for batch in batches],
-        "render": lambda: consumed(in_order(render, range(len(batches)), 1)),
-        "render N": lambda: consumed(in_order(render, range(len(batches)), threads)),
+        "render": lambda: consumed(prefetch(render, range(len(batches)), 1)),
+        "render N": lambda: consumed(prefetch(render, range(len(batches)), threads)),
         "whole": lambda: consumed(sensor.press_many(several)),
         "whole N": lambda: consumed(wide.press_many(several)),
     }

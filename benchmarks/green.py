@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench_sim.contact import Tips
 from tactibench_sim.green import kernel as kernels
 from tactibench_sim.green.mechanics import GreenMechanics
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
-from tactibench_sim.table import shipped
 
 DEPTHS = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
 

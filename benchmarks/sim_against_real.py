@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench_sim.real.errors import held
-from tactibench_sim.real.fit import ALL, fit, rig, start
-from tactibench_sim.real.presses import Presses, read
-from tactibench_sim.real.unknowns import Unknowns
+from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.comparison import errors_of
+from tactibench_sim.real.fit import ALL, fit, initial_unknowns, rig_of
+from tactibench_sim.real.recording import Presses, read
 
 LABEL = ("depth_offset_mm", "yaw_deg")
 PIVOT = ("pivot_mm", "pivot_side_mm", "tilt_offset_deg")
@@ -44,11 +44,11 @@ def line(
     states: bool = True,
 ) -> Unknowns:
     began = time.perf_counter()
-    x, _ = fit(first, rig(first, kind, lens, index), begin, free, states=states, steps=steps)
-    what = rig(others, kind, lens, index)
+    x, _ = fit(first, rig_of(first, kind, lens, index), begin, free, states=states, steps=steps)
+    rig = rig_of(others, kind, lens, index)
     cells = ""
     for known in (False, True):
-        result = held(others, what, x, state_known=known)
+        result = errors_of(others, rig, x, state_known=known)
         apart = np.nanmean(np.linalg.norm(result.sim - result.real, axis=-1))
         cells += f" {np.median(result.relative):7.3f} {apart:6.2f}"
     print(f"{name:46s} {len(free):3d}{cells} {time.perf_counter() - began:6.0f} s", flush=True)
@@ -68,7 +68,7 @@ def main() -> None:
     two = presses.take(order[: given.fit]), presses.take(order[given.fit :])
     print(f"{len(two[0])} fitted, {len(two[1])} held out")
     print(f"{'':46s}   n    labels alone    state known")
-    begin, steps = start(two[0]), given.steps
+    begin, steps = initial_unknowns(two[0]), given.steps
     still = dict.fromkeys((*DRAG, *REST), 0.0)
     if given.without:
         whole = line("whole", *two, begin, ALL, 30)

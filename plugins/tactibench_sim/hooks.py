@@ -1,6 +1,8 @@
-"""What the simulator offers: two TacTips, a planar sensor and the command `sim`."""
+"""The simulator's declarations: two TacTips, a planar sensor, fitted sensors, command `sim`."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from tactibench import CommandSpec, Parameter, SensorSpec, hookimpl
 
@@ -55,41 +57,42 @@ OPTICAL = (
     Parameter("threshold_side", 61 / 360, "block of the threshold (bw), sides", low=0.02, high=1.0),
     Parameter("threshold", 5.0, "grey levels above the block (output bw)", low=0.0, high=100.0),
 )
-"""Of every camera; the defaults are those of ``optics.Optics``, which says where they come from."""
+"""Parameters of every camera; ``optics.camera.Optics`` says where their defaults come from."""
 
 
-def optical(**own: float) -> tuple[Parameter, ...]:
-    """OPTICAL with some defaults of a sensor's own."""
-    return tuple(
-        Parameter(p.name, own.get(p.name, p.default), p.help, p.choices, p.low, p.high)
-        for p in OPTICAL
-    )
+def optical(**defaults: float) -> tuple[Parameter, ...]:
+    """Return OPTICAL with some defaults of a sensor's own."""
+    return tuple(replace(p, default=defaults.get(p.name, p.default)) for p in OPTICAL)
 
 
 DOME = (
     Parameter(
         "tier",
         "coupled",
-        "how scenes become fields, see `sim validate`; auto: the cheapest that is good enough",
-        choices=("auto", "coupled", "fem", "green", "superpose"),
+        "how scenes become displacement fields; `sim validate` compares them",
+        choices=("coupled", "fem", "green", "superpose"),
     ),
-    Parameter("tolerance", 0.1, "error bound asked of tier auto, mm", low=0.001, high=10.0),
-    Parameter("allow_fem", False, "let tier auto run finite elements (a minute a scene)"),
-    Parameter("table", "", "file made by `sim tabulate`; empty: the table that ships"),
+    Parameter("table", "", "file of scripts/fem/tabulate_dome.py; empty: the table that ships"),
     Parameter(
         "instance",
         0,
-        "0: nominal; N: another individual (stiffness ratio, skin, pins, camera)",
+        "0: nominal; N: another sensor instance (stiffness ratio, skin, pins, camera)",
         low=0,
         high=10**9,
     ),
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
 )
+RETIRED: dict[str, dict[str, str]] = {
+    "tier": {"auto": "coupled"},
+    "tolerance": {},
+    "allow_fem": {},
+}
+"""Parameters of the domes that older records hold, and values that others stand for now."""
 
 PLANAR = (
     Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose")),
-    Parameter("table", "", "file made by `sim tabulate --planar`; empty: the one that ships"),
-    Parameter("instance", 0, "0: nominal; N: another individual", low=0, high=10**9),
+    Parameter("table", "", "file of scripts/fem/tabulate_pad.py; empty: the table that ships"),
+    Parameter("instance", 0, "0: nominal; N: another sensor instance", low=0, high=10**9),
 )
 
 FITTED = (
@@ -99,11 +102,13 @@ FITTED = (
     Parameter(
         "spread",
         0.0,
-        "0: the calibrated sensor; 1: individuals with other pins and cameras, in assumed ranges",
+        "0: the calibrated sensor; 1: instances with other pins and cameras, in assumed ranges",
         low=0.0,
         high=3.0,
     ),
-    Parameter("individuals", 16, "how many of them, where spread is not 0", low=1, high=1000),
+    Parameter(
+        "individuals", 16, "how many sensor instances, where spread is not 0", low=1, high=1000
+    ),
     Parameter(
         "calibration",
         "",
@@ -114,6 +119,7 @@ FITTED = (
 
 @hookimpl
 def tactibench_sensors() -> tuple[SensorSpec, ...]:
+    """Declare the simulated sensors."""
     optics = {
         127: optical(pin_radius=0.36),
         331: optical(pin_radius=0.47, glare_width=0.014, glare_arc=80.0),
@@ -125,6 +131,7 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             summary=f"simulated TacTip, {pins} pins, finite-element fields, camera behind a window",
             parameters=(*DOME, *own),
             origin="simulated",
+            retired=RETIRED,
         )
         for pins, own in optics.items()
     )
@@ -153,10 +160,12 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
 
 @hookimpl
 def tactibench_commands() -> tuple[CommandSpec, ...]:
+    """Declare the command `sim`."""
     return (
         CommandSpec(
             name="sim",
-            target="tactibench_sim.command:sim",
-            summary="work on the simulated TacTip: tabulate its finite-element fields",
+            target="tactibench_sim.commands.sim:sim",
+            summary="work on the simulated sensors: draw a press, compare with finite elements "
+            "and with real presses",
         ),
     )

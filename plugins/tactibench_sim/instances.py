@@ -1,18 +1,42 @@
 """Other sensors of the same kind: a nominal sensor with small errors of manufacture.
 
-What is drawn is the individual, not the press: instance N is the same in every run, whatever seed
-the run's noise has. Instance 0 is the nominal sensor. The ranges are assumed: wide enough for a
-model to feel them, narrow enough for sensors of one make.
+The random draw is of the sensor instance, not of the press: instance N is the same in every run,
+whatever seed the run's noise has. Instance 0 is the nominal sensor. The ranges are assumed: wide
+enough for a model to feel them, narrow enough for sensors of one make.
+
+Axisymmetric fields were computed for nine domes, three stiffness ratios times three skins, the
+middle one being nominal. The file that ships holds what the other eight differ by. A dome between
+them is the nominal table plus the differences, quadratic in log ratio and in log skin:
+
+    T(x, y) = T(0, 0) + sum_ij L_i(x) L_j(y) (T_ij - T(0, 0)),      i, j in -1, 0, 1
+
+with x, y in -1..1 of ``dome_of`` and Lagrange's L. So the nominal table is met exactly.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
-from tactibench_sim.optics import Optics
+from tactibench import UserError
+from tactibench_sim import data_file
+from tactibench_sim.mechanics.tables import QUANTITIES, Table, Tables, shape_name
+from tactibench_sim.optics.camera import Optics
+
+Array = npt.NDArray[np.float64]
+FILE = "domes.npz"
+SCRIPT = "scripts/fem/tabulate_instances.py"
+"""The file's maker, which stands in the repository and not in the package."""
+QUANTUM = 1e-4
+"""mm and rad; the fields' differences are stored as whole numbers of it."""
 
 
 @dataclass(frozen=True)
@@ -49,36 +73,36 @@ _RELATIVE = ("focal", "marker_radius_mm", "brightness", "background")
 
 
 def stream(instance: int, purpose: str) -> np.random.Generator:
-    """Random numbers of an individual for one purpose; new purposes do not disturb old ones."""
+    """Return random numbers of an instance for one purpose; new purposes do not disturb others."""
     return np.random.default_rng([instance, *purpose.encode()])
 
 
-def perturbed(
+def perturb(
     optics: Optics, pin_length_mm: float, instance: int, spread: Spread = SPREAD
 ) -> tuple[Optics, float]:
-    """Optics and pin length of instance N of a nominal sensor; a pure function.
+    """Return optics and pin length of instance N of a nominal sensor.
 
     Shares stay within 0..1, lengths above a tenth of the nominal ones.
     """
     if instance == 0:
         return optics, pin_length_mm
     drawn = stream(instance, "optics").uniform(-1.0, 1.0, len(fields(spread)))
-    step = {
-        f.name: float(u) * getattr(spread, f.name)
-        for f, u in zip(fields(spread), drawn, strict=True)
+    steps = {
+        field.name: float(share) * getattr(spread, field.name)
+        for field, share in zip(fields(spread), drawn, strict=True)
     }
-    length = max(pin_length_mm + step.pop("pin_length_mm"), 0.1 * pin_length_mm)
-    new = {}
-    for name, by in step.items():
+    length = max(pin_length_mm + steps.pop("pin_length_mm"), 0.1 * pin_length_mm)
+    values = {}
+    for name, step in steps.items():
         nominal = getattr(optics, name)
-        new[name] = nominal * (1 + by) if name in _RELATIVE else nominal + by
-    new["vignetting"] = min(max(new["vignetting"], 0.0), 1.0)
-    new["edge_px"] = max(new["edge_px"], 0.1 * optics.edge_px)
-    return replace(optics, **new), length
+        values[name] = nominal * (1 + step) if name in _RELATIVE else nominal + step
+    values["vignetting"] = min(max(values["vignetting"], 0.0), 1.0)
+    values["edge_px"] = max(values["edge_px"], 0.1 * optics.edge_px)
+    return replace(optics, **values), length
 
 
-def made_dome(instance: int) -> tuple[float, float]:
-    """Logarithms (x, y) of the dome of instance N, each in -1..1; (0, 0): the nominal dome.
+def dome_of(instance: int) -> tuple[float, float]:
+    """Return logarithms (x, y) of the dome of instance N, each in -1..1; (0, 0): nominal.
 
     Its stiffness ratio is RATIO_FACTOR**x times the nominal one, its skin SKIN_FACTOR**y times.
     """
@@ -89,10 +113,109 @@ def made_dome(instance: int) -> tuple[float, float]:
 
 
 def lost_pins(pins: int, share: float, instance: int) -> npt.NDArray[np.bool_]:
-    """(pins,) True for pins without a white tip: round(share * pins) of them, by the individual.
+    """Return (pins,) True for pins without a white tip: round(share * pins) of them, by instance.
 
     A greater share loses the same pins and more.
     """
     lost = np.zeros(pins, dtype=np.bool_)
     lost[stream(instance, "pin loss").permutation(pins)[: round(share * pins)]] = True
     return lost
+
+
+@dataclass(frozen=True, eq=False)
+class DomeDifferences:
+    """Differences of other domes from the nominal one.
+
+    delta: (D,) mm and polar: (T,) rad, coarser than the tables'. by_shape: name of an indenter ->
+    quantity -> (3, 3, D, T) by ratio, skin, depth and angle, ``force`` (3, 3, D); [1, 1] is zero.
+    """
+
+    parameters: dict[str, Any]
+    digest: str
+    delta: Array
+    polar: Array
+    by_shape: Mapping[str, Mapping[str, Array]]
+
+    def tables(self, nominal: Tables, x: float, y: float, **description: Any) -> Tables:
+        """Return the tables of the dome at (x, y) of ``dome_of``, on the grid of the nominal ones.
+
+        The corrections for the rim and for pairs are those of the nominal dome: they are small
+        beside the single fields, and nobody computed what another dome changes of them.
+
+        Args:
+            nominal: The tables of the nominal dome.
+            x: Logarithm of the stiffness ratio, -1..1.
+            y: Logarithm of the skin's thickness, -1..1.
+            **description: Further parameters that describe the dome.
+
+        Raises:
+            UserError: ``nominal`` has an indenter that is not in the file, or is of another dome
+                than the file's.
+        """
+        if (x, y) == (0.0, 0.0):
+            return nominal
+        ours = self.parameters["dome"], sorted(self.by_shape)
+        theirs = nominal.parameters["dome"], sorted(shape_name(r) for r in nominal.by_radius)
+        if ours != theirs:
+            raise UserError(
+                f"the other domes are around {ours} and the nominal table is of {theirs}; "
+                f"make them again with {SCRIPT}."
+            )
+        dome = dict(nominal.parameters["dome"])
+        dome["stiffness_ratio"] *= RATIO_FACTOR**x
+        dome["skin"] *= SKIN_FACTOR**y
+        weight = np.outer(_lagrange(x), _lagrange(y))
+        by_radius = {r: self._table(table, weight) for r, table in nominal.by_radius.items()}
+        parameters = {**nominal.parameters, "dome": dome, "between": self.digest, **description}
+        identity = json.dumps({**parameters, "nominal": nominal.digest}, sort_keys=True)
+        digest = data_file.digest_of({}, identity)
+        return Tables(parameters, digest, by_radius, nominal.corrections)
+
+    def _table(self, nominal: Table, weight: Array) -> Table:
+        changes = self.by_shape[shape_name(nominal.radius)]
+        fields = {}
+        for name, field in nominal.fields.items():
+            change = np.tensordot(weight, changes[name], 2)
+            change = CubicSpline(self.delta, change, axis=0)(nominal.delta)
+            if name != "force":
+                change = CubicSpline(self.polar, change, axis=1)(nominal.polar)
+            fields[name] = field + change
+        return Table(nominal.radius, nominal.delta, nominal.polar, fields)
+
+
+def instance_tables(nominal: Tables, instance: int) -> Tables:
+    """Return the tables of instance N of the nominal dome; of 0 ``nominal`` itself."""
+    if instance == 0:
+        return nominal
+    return shipped().tables(nominal, *dome_of(instance), instance=instance)
+
+
+def _lagrange(x: float) -> Array:
+    """Return the (3,) weights of nodes -1, 0, 1."""
+    return np.array([x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2])
+
+
+def read(path: Path) -> DomeDifferences:
+    """Read a file of domes. Raises UserError where it is unreadable or its hash does not fit."""
+    remedy = f"reinstall tactibench or make it again with {SCRIPT}."
+    return data_file.read(path, "the tables of other domes", remedy, _differences)
+
+
+def _differences(
+    arrays: data_file.Arrays, parameters: dict[str, Any], digest: str
+) -> DomeDifferences:
+    delta, polar = (arrays[name].astype(np.float64) for name in ("delta", "polar"))
+    shapes = [name.removesuffix("_force") for name in arrays if name.endswith("_force")]
+    by_shape = {s: {q: _unpack(arrays, s, q) for q in QUANTITIES} for s in shapes}
+    return DomeDifferences(parameters, digest, delta, polar, by_shape)
+
+
+def _unpack(content: Mapping[str, npt.NDArray[Any]], shape: str, quantity: str) -> Array:
+    values: Array = content[f"{shape}_{quantity}"].astype(np.float64)
+    return values if quantity == "force" else QUANTUM * values
+
+
+@cache
+def shipped() -> DomeDifferences:
+    """Return the domes that ship with the package."""
+    return data_file.read_shipped(__package__, FILE, read)

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.lens import project
-from tactibench_sim.optics import Optics
+from tactibench_sim.optics.camera import Optics
+from tactibench_sim.optics.lens import project
 
 Array = npt.NDArray[np.float64]
 

@@ -1,9 +1,9 @@
-"""The simulated TacTip as a sensor."""
+"""The simulated TacTip as a sensor, and the two that ship."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +12,37 @@ import numpy.typing as npt
 
 from tactibench import Grid, Scene, SensorContext, __version__
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim import domes
-from tactibench_sim import table as tables
-from tactibench_sim.auto import DEFAULT_TOLERANCE_MM, AutoMechanics
-from tactibench_sim.contact import Tips, tips_of
-from tactibench_sim.instances import lost_pins, perturbed
-from tactibench_sim.limit import covariance, deviations
-from tactibench_sim.noise import Noise
-from tactibench_sim.nuisance import NUISANCES
-from tactibench_sim.parameters import optics_from
+from tactibench_sim.bounds import NUISANCES, covariance, deviations
+from tactibench_sim.mechanics import tables
+from tactibench_sim.mechanics.contact import UNTOUCHED, Tips, tips_of
+from tactibench_sim.mechanics.dome import mechanics_for
+from tactibench_sim.optics.camera import Optics, optics_from
+from tactibench_sim.optics.noise import Noise
+from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import layout
-from tactibench_sim.presets import TACTIP_127, TACTIP_331, Preset
-from tactibench_sim.render import Renderer
-from tactibench_sim.rendered import FRAMES_PER_SECOND, RenderedSensor
-from tactibench_sim.tiers import mechanics_for
+from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A dome with pins and a camera. pin_length_mm: 2, about that of public TacTips."""
+
+    name: str
+    pins: int
+    optics: Optics
+    pin_length_mm: float = 2.0
+
+
+TACTIP_127 = Preset("tactip-127", 127, Optics(marker_radius_mm=0.36))
+"""As the real 127-pin sensor of the Tac-VGNN data: with this marker radius a thresholded rest frame
+has discs of the real frame's median area. Glare, when it is switched on: six arcs."""
+
+TACTIP_331 = Preset(
+    "tactip-331", 331, Optics(marker_radius_mm=0.47, glare_width=0.014, glare_arc_deg=80.0)
+)
+"""As the real 331-pin sensor, marker radius likewise. Glare: a closed ring, thick at the LEDs."""
 
 
 class SimulatedTacTip(RenderedSensor):
@@ -41,47 +56,60 @@ class SimulatedTacTip(RenderedSensor):
         context: SensorContext,
         *,
         tier: str = "coupled",
-        tolerance: float = DEFAULT_TOLERANCE_MM,
-        allow_fem: bool = False,
         table: str = "",
         instance: int = 0,
         pin_length: float | None = None,
         threads: int | None = None,
         **optical: Any,
     ) -> None:
-        """optical: parameters of ``parameters.optics_from``; what is missing is the preset's."""
-        self._tables = (
-            tables.read(Path(table)) if table else domes.of_instance(tables.shipped(), instance)
-        )
-        self.mechanics = mechanics_for(tier, self._tables, tolerance, allow_fem)
-        length = self.preset.pin_length_mm if pin_length is None else pin_length
-        nominal = optics_from(self.preset.optics, optical)
+        """Build the dome, its pins and its camera.
+
+        Args:
+            context: The seed of the noise.
+            tier: How scenes become displacement fields.
+            table: Path of a file of single-contact fields; "": the one that ships.
+            instance: Number of the sensor instance; 0: the nominal one.
+            pin_length: mm; None: the preset's.
+            threads: Of ``press_many``.
+            **optical: Parameters of ``optics_from``; the others are the preset's.
+        """
+        self._tables = tables.read(Path(table)) if table else tables.shipped()
         self.instance = instance
-        self.optics, self.pin_length = perturbed(nominal, length, instance)
-        self.lost = lost_pins(self.preset.pins, self.optics.pin_loss, instance)
+        self.pin_length = self.preset.pin_length_mm if pin_length is None else pin_length
+        self.optics = optics_from(self.preset.optics, optical)
+        self.lost = np.zeros(self.preset.pins, dtype=np.bool_)
+        if instance or self.optics.pin_loss:  # a run on the nominal sensor does not load them
+            from tactibench_sim.instances import instance_tables, lost_pins, perturb
+
+            if not table:
+                self._tables = instance_tables(self._tables, instance)
+            self.lost = lost_pins(self.preset.pins, self.optics.pin_loss, instance)
+            self.optics, self.pin_length = perturb(self.optics, self.pin_length, instance)
+        self.mechanics = mechanics_for(tier, self._tables)
         self.directions = layout(self.preset.pins)[~self.lost]
         renderer = Renderer(self.optics, self.optics.camera_distance_mm - DOME_RADIUS_MM)
-        super().__init__(context, renderer, self.tips(_UNTOUCHED)[0], threads)
+        super().__init__(context, renderer, self.tips(UNTOUCHED)[0], threads)
 
     @property
     def noise(self) -> Noise:
+        """Noise of the camera."""
         return self.optics.noise
 
     def tips(self, tips: Tips) -> Array:
-        """(S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
+        """Return (S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
         loads = self.mechanics.loads(tips)
-        found: Array = self.mechanics.pin_tips(loads, self.directions, self.pin_length)
-        return found
+        return self.mechanics.pin_tips(loads, self.directions, self.pin_length)
 
     def points(self, scenes: Sequence[Scene]) -> Array:
+        """Return (S, P, 3) pin tips from the dome's centre, mm. Raises UserError as ``press``."""
         return self.tips(tips_of(scenes))
 
     def clean(self, tips: Tips) -> Array:
-        """(S, size, size) grey levels without noise. Raises UserError as ``press``."""
+        """Return (S, size, size) grey levels without noise. Raises UserError as ``press``."""
         return self.renderer.clean(self.tips(tips))
 
     def surface(self, scene: Scene, grid: Grid) -> Array:
-        """(H, W) inward displacement of the outer skin, mm; zero beside the dome."""
+        """Return the (H, W) inward displacement of the outer skin, mm; zero beside the dome."""
         x, y = (axis.ravel() for axis in np.meshgrid(*grid.axes()))
         square = x**2 + y**2
         above = square < DOME_RADIUS_MM**2
@@ -92,29 +120,22 @@ class SimulatedTacTip(RenderedSensor):
         return out.reshape(grid.shape)
 
     def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
-        """(3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
+        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
 
         Of the grey frame that models see; of output "bw" it holds, but cannot be reached.
         """
         return covariance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
 
     def bound(self, scene: Scene) -> Array:
-        """(K, 3) Cramer-Rao standard deviations of x, y, depth of every true contact, mm."""
+        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
         return deviations(self.covariance(scene))
 
-    def scene_counts(self, scenes: Sequence[Scene]) -> dict[str, int]:
-        """Scenes by the tier that tier ``auto`` takes for them; empty for the other tiers."""
-        if not isinstance(self.mechanics, AutoMechanics) or not scenes:
-            return {}
-        return self.mechanics.taken(tips_of(scenes))
-
     def describe(self) -> dict[str, Any]:
-        """Everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, but the seed."""
         return {
             "sensor": self.preset.name,
             "plugin": f"tactibench_sim {__version__}",
             "tier": self.mechanics.tier,
-            **({"tolerance_mm": self.mechanics.tolerance} if self.mechanics.tier == "auto" else {}),
             "instance": self.instance,
             "pins": self.preset.pins,
             "lost_pins": np.flatnonzero(self.lost).tolist(),
@@ -124,9 +145,6 @@ class SimulatedTacTip(RenderedSensor):
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
         }
-
-
-_UNTOUCHED = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, np.inf))
 
 
 class TacTip127(SimulatedTacTip):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -101,6 +101,7 @@ class _Spec:
     target: str
     summary: str
     parameters: tuple[Parameter, ...] = ()
+    retired: Mapping[str, Mapping[str, str]] = field(default_factory=dict, hash=False, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
@@ -125,6 +126,20 @@ class _Spec:
             name: parameter.parse(given[name]) if name in given else parameter.default
             for name, parameter in known.items()
         }
+
+    def settings_of_record(self, stored: Mapping[str, object]) -> dict[str, Value]:
+        """Return the settings that a record holds, in today's terms.
+
+        ``retired`` maps a parameter to values that went and the values that stand for them now;
+        a retired parameter that is none of today's is left out. Raises UserError as ``settings``.
+        """
+        today = {parameter.name for parameter in self.parameters}
+        given = {}
+        for name, value in stored.items():
+            if name in today or name not in self.retired:
+                text = str(value)
+                given[name] = self.retired.get(name, {}).get(text, text)
+        return self.settings(given)
 
 
 @dataclass(frozen=True)

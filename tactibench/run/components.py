@@ -163,8 +163,10 @@ def sensors_of(record: Record, host: PluginHost) -> Sensors:
     Raises UserError for one that is not installed, or has no such parameters.
     """
     stated = record.sensor
-    values = {name: str(value) for name, value in stated.parameters.items()}
-    return Sensors(sensor=_part(host.sensors, stated.name, values), regime=record.regime)
+    spec = host.sensors[stated.name]
+    values = spec.settings_of_record(stated.parameters)
+    sensor = Part(spec, values, host.sensors.origins[spec.name])
+    return Sensors(sensor=sensor, regime=record.regime)
 
 
 def _part(catalogue: Catalogue[SpecT], name: str, given: Mapping[str, str]) -> Part[SpecT]:

@@ -8,18 +8,16 @@ import pytest
 
 from tactibench import Grid, SensorContext
 from tactibench_sim import hooks
-from tactibench_sim.contact import Tips
 from tactibench_sim.green import kernel
 from tactibench_sim.green.mechanics import GreenMechanics
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
 from tactibench_sim.sensor import TacTip127
-from tactibench_sim.table import shipped
 
 (_CHOICES,) = (p.choices for p in hooks.DOME if p.name == "tier")
 DECLARED = tuple(tier for tier in _CHOICES if tier != "fem")
 TIERS = tuple(dict.fromkeys((*DECLARED, "green")))
-SLACK = {"auto": 0.32}
-"""mm by which a field may jump where auto changes tiers: its tolerance and the bound of coupled."""
 RADII = (3.0, math.inf)
 PINS = layout(127)
 NONE = (0.0, 0.0, -math.inf)
@@ -50,7 +48,6 @@ def every_tier(names=TIERS, **expected):
     )
 
 
-STEADY = tuple(tier for tier in DECLARED if tier not in SLACK)
 every_sensor = pytest.mark.parametrize("tier", DECLARED)
 every_radius = pytest.mark.parametrize("radius", RADII, ids=["sphere", "plate"])
 

@@ -2,22 +2,27 @@
 
 import math
 
+import learn
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from learn import Single, corrections_from, mirror
+from modes import FOUR, Cells, Chart, coefficients, modes_of, on_cells, six, turn
 from scipy.interpolate import CubicSpline
 
-from tactibench_sim import learn
-from tactibench_sim.contact import Tips
-from tactibench_sim.corrected import Corrections
-from tactibench_sim.corrections import FOUR, Cells, Chart, gathered, modes_of, six, turn
-from tactibench_sim.dome_kernels import around_amounts, look_up, pair_amounts, patch_at, weights
-from tactibench_sim.dome_kernels import place as place_of
-from tactibench_sim.field import Mechanics
-from tactibench_sim.learn import Single, corrections_from, mirror
-from tactibench_sim.patch import coefficients
-from tactibench_sim.table import Tables, shipped
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.corrections import Corrections
+from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim.mechanics.kernels import (
+    around_amounts,
+    look_up,
+    pair_amounts,
+    patch_at,
+    weights,
+)
+from tactibench_sim.mechanics.kernels import place as place_of
+from tactibench_sim.mechanics.tables import Tables, shipped
 
 TABLES = shipped()
 STEP = math.radians(5)
@@ -62,7 +67,7 @@ def smooth(directions):
 
 @pytest.fixture(scope="module")
 def patch():
-    return coefficients(gathered(smooth(CHART.directions()), CHART, CELLS), (0, 1))
+    return coefficients(on_cells(smooth(CHART.directions()), CHART, CELLS), (0, 1))
 
 
 def at_angle(r, azimuth):
@@ -89,7 +94,7 @@ def test_a_finer_grid_looks_up_better():
     for k in (1, 2):
         cells = Cells(-10 * STEP, 20 * k + 1, 10 * k + 1, STEP / k, 2 * k, closed=True)
         chart = Chart(-75.0, 75.0, 75.0, 2.5 / k)
-        grid = coefficients(gathered(smooth(chart.directions()), chart, cells), (0, 1))
+        grid = coefficients(on_cells(smooth(chart.directions()), chart, cells), (0, 1))
         found = [look_up(grid, cells.step, cells.start, np.eye(3), *at) for at in beside]
         worst.append(abs(np.array(found) - smooth(np.array(beside))).max())
     assert worst[1] < worst[0] / 8
@@ -253,7 +258,7 @@ def test_pair_amounts_have_the_parity_of_their_modes(angle, first, second):
     st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(0.2, 4)),
 )
 def test_the_order_of_contacts_changes_nothing(one, other):
-    mechanics = Mechanics(TABLES, "coupled")
+    mechanics = TableMechanics(TABLES, "coupled")
     at = CHART.directions().reshape(-1, 3)[::7]
     fields = []
     for pair in ((one, other), (other, one)):

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench_sim.contact import Tips
-from tactibench_sim.corrected import Corrections
-from tactibench_sim.field import Mechanics
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.corrections import Corrections
+from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
-from tactibench_sim.table import shipped
 
-COUPLED, SUPERPOSE = Mechanics(shipped(), "coupled"), Mechanics(shipped(), "superpose")
-BARE = Mechanics(replace(shipped(), corrections=Corrections()), "coupled")
+COUPLED, SUPERPOSE = TableMechanics(shipped(), "coupled"), TableMechanics(shipped(), "superpose")
+BARE = TableMechanics(replace(shipped(), corrections=Corrections()), "coupled")
 PINS = layout(127)
 SKIN = layout(331)
 

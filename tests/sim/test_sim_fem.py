@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from axisymmetric import AxisymmetricPress, contact_energy
+from dome_press import dome_meridian, press
+from pad_press import Pad, press_pad
 
 from tactibench import UserError
 from tactibench_sim import fem
-from tactibench_sim.fem.block import press_pad
-from tactibench_sim.fem.bodies import Pad
 from tactibench_sim.fem.continuation import Continuation, Settings
-from tactibench_sim.fem.dome import press
 
 ngs = pytest.importorskip("ngsolve", reason="needs the extra `fem`")
 
@@ -60,8 +60,8 @@ def test_an_impossible_depth_yields_nothing():
 
 
 def test_after_failure_the_state_is_the_last_equilibrium():
-    problem = fem.dome.AxisymmetricPress(
-        fem.dome.dome_meridian(COARSE),
+    problem = AxisymmetricPress(
+        dome_meridian(COARSE),
         COARSE.moduli,
         COARSE.outer,
         3.0,
@@ -79,9 +79,7 @@ def test_after_failure_the_state_is_the_last_equilibrium():
 
 
 def test_the_way_leads_down_only():
-    problem = fem.dome.AxisymmetricPress(
-        fem.dome.dome_meridian(COARSE), COARSE.moduli, COARSE.outer, 3.0, 100.0
-    )
+    problem = AxisymmetricPress(dome_meridian(COARSE), COARSE.moduli, COARSE.outer, 3.0, 100.0)
     problem.advance(0.2)
     for goal in (0.1, math.nan):
         with pytest.raises(ValueError, match="goal"):
@@ -105,8 +103,8 @@ def two_spheres_on_a_brick(inverse):
     """A 3-D problem as another module would write it: two tips, one path parameter."""
     from netgen.occ import Box, OCCGeometry, Z
 
-    from tactibench_sim.fem.indenters import contact_energy, overlap
-    from tactibench_sim.fem.materials import density, mixed_space, spatial_strain
+    from tactibench_sim.fem.body import density, mixed_space, spatial_strain
+    from tactibench_sim.fem.tip import overlap
 
     brick = Box((-7, -4, 0), (7, 4, 5))
     brick.solids.name = "gel"

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from dome_press import press
 
-from tactibench_sim.fem import Dome, press
+from tactibench_sim.fem import Dome
 from tactibench_sim.fem.continuation import Settings
 
 pytest.importorskip("ngsolve", reason="needs the extra `fem`")

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dome_press import press
+from pad_press import Pad, press_pad
 
-from tactibench_sim.fem import Dome, press
-from tactibench_sim.fem.block import press_pad
-from tactibench_sim.fem.bodies import Pad
+from tactibench_sim.fem import Dome
 
 pytestmark = pytest.mark.slow
 

@@ -8,11 +8,12 @@ import math
 
 import numpy as np
 import pytest
+from dome_press import press
 from scipy.sparse import bmat
 from skfem import Basis, BilinearForm, FacetBasis, LinearForm, MeshTri, condense, solve
 from skfem.element import ElementTriP1, ElementTriP2, ElementVector
 
-from tactibench_sim.fem import Dome, press
+from tactibench_sim.fem import Dome
 
 DOME, RADIUS, PENALTY, DEPTHS = Dome(), 3.0, 100.0, 0.08 * np.arange(1, 6)
 VECTOR, SCALAR = ElementVector(ElementTriP2()), ElementTriP1()

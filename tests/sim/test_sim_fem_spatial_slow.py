@@ -5,14 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import snapshots
+from snapshots import Run
+from spatial_runs import press_scene
 
-from tactibench_sim import fem, snapshots, table
-from tactibench_sim.contact import Tips
-from tactibench_sim.fem.spatial import Fineness, press_scene
-from tactibench_sim.fem.spatial_contact import Tip
-from tactibench_sim.field import Mechanics
+from tactibench_sim import fem
+from tactibench_sim.fem.press import Fineness
+from tactibench_sim.fem.tip import Tip
+from tactibench_sim.mechanics import tables as table_file
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.pins import layout
-from tactibench_sim.snapshots import Run
 
 pytestmark = pytest.mark.slow
 ngs = pytest.importorskip("ngsolve", reason="needs the extra `fem`")
@@ -38,7 +41,7 @@ def meridian(one, depth):
 
 
 def test_on_the_apex_it_is_the_axisymmetric_run():
-    one = table.shipped().by_radius[3.0]
+    one = table_file.shipped().by_radius[3.0]
     depths = np.array([[1.0], [2.0]])
     for field in press_scene(DOME, [APEX], depths, mirror=True):
         expected, force = meridian(one, field.depths[0])
@@ -47,7 +50,7 @@ def test_on_the_apex_it_is_the_axisymmetric_run():
 
 
 def test_a_plate_is_the_axisymmetric_run():
-    one = table.shipped().by_radius[math.inf]
+    one = table_file.shipped().by_radius[math.inf]
     plate = Tip.along_axis(DOME, np.array([0.0, 0.0, 1.0]), math.inf)
     (field,) = press_scene(DOME, [plate], np.array([[1.0]]), mirror=True)
     expected, force = meridian(one, 1.0)
@@ -123,14 +126,14 @@ def chart_tips(run, depths):
     ids=["single", "pair"],
 )
 def test_the_shipped_corrections_are_reproduced(run, depths):
-    tables = table.shipped()
+    tables = table_file.shipped()
     if not tables.corrections.arrays:
         pytest.skip("the shipped table has no corrections")
     depths, frame = np.array(depths), run.frame()
     (state,) = snapshots.states(run, DOME, Fineness(), depths)
     b = run.chart.directions() @ frame
     near = b[..., 2] > math.cos(math.radians(65))
-    mechanics = Mechanics(tables, "coupled")
+    mechanics = TableMechanics(tables, "coupled")
     u, _ = mechanics.displacement(mechanics.loads(chart_tips(run, depths)), b[near])
     # What twelve modes on nodes 5 deg apart leave of a state that they were made from.
     assert moved(u[0], state[0][near] @ frame) <= 0.04

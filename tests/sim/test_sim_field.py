@@ -10,14 +10,13 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.spatial.transform import Rotation
 
 from tactibench import UserError
-from tactibench_sim.contact import Tips
-from tactibench_sim.dome_kernels import at_depth, at_polar, depression
-from tactibench_sim.field import Mechanics
-from tactibench_sim.meridian import meridians
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.dome import TableMechanics, meridians
+from tactibench_sim.mechanics.kernels import at_depth, at_polar, depression
+from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
-from tactibench_sim.table import shipped
 
-DOME = Mechanics(shipped(), "coupled")
+DOME = TableMechanics(shipped(), "coupled")
 PINS = layout(331)
 
 
@@ -109,4 +108,4 @@ def test_unknown_radius_and_tier():
     with pytest.raises(UserError, match=r"radius is 4 mm.*3 mm, plate"):
         loads([(0.0, 0.0, 1.0)], radius=4.0)
     with pytest.raises(UserError, match="tier is 'fast'"):
-        Mechanics(shipped(), "fast")
+        TableMechanics(shipped(), "fast")

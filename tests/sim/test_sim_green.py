@@ -10,12 +10,12 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from tactibench import UserError
-from tactibench_sim.contact import Tips
 from tactibench_sim.green import kernel as kernels
 from tactibench_sim.green.complementarity import solve
 from tactibench_sim.green.mechanics import GreenMechanics
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
-from tactibench_sim.table import shipped
 
 DOME = GreenMechanics(kernels.shipped())
 PINS = layout(127)

@@ -23,12 +23,12 @@ from scipy.spatial.transform import Rotation
 
 from tactibench import Indenter, Pose, Scene
 from tactibench_sim import fem
-from tactibench_sim.corrected import Corrections
-from tactibench_sim.field import Mechanics
-from tactibench_sim.optics import Optics
-from tactibench_sim.presets import TACTIP_127, TACTIP_331
-from tactibench_sim.render import Renderer
-from tactibench_sim.table import Tables, shipped
+from tactibench_sim.mechanics.corrections import Corrections
+from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim.mechanics.tables import Tables, shipped
+from tactibench_sim.optics.camera import Optics
+from tactibench_sim.optics.renderer import Renderer
+from tactibench_sim.sensor import TACTIP_127, TACTIP_331
 
 # -- exact nu = 1/2
 
@@ -88,9 +88,12 @@ def test_the_gel_keeps_its_volume_under_a_slanted_contact(tier, radius, degrees)
 @every_radius
 def test_finite_elements_keep_their_volume(radius):
     ngs = pytest.importorskip("ngsolve", reason="needs the extra `fem`")
+    from axisymmetric import AxisymmetricPress
+    from dome_press import dome_meridian
+
     body = fem.Dome(apex_size=0.25, skin_size=0.5, gel_size=2.0)
-    mesh = fem.dome.dome_meridian(body)
-    problem = fem.dome.AxisymmetricPress(mesh, body.moduli, body.outer, radius, body.penalty)
+    mesh = dome_meridian(body)
+    problem = AxisymmetricPress(mesh, body.moduli, body.outer, radius, body.penalty)
     u = problem.state.components[0]
     swept = -2 * math.pi * ngs.x * u[1] / ngs.sqrt(ngs.x**2 + ngs.y**2)
     for depth in (1.0, 3.0, 6.0):
@@ -149,7 +152,9 @@ def test_turning_and_mirroring_a_plate(tier):
 @every_radius
 def test_the_tables_know_no_direction(tier, radius):
     """Without the corrections for the rim the field turns with the scene in three dimensions."""
-    apex = Mechanics(Tables(shipped().parameters, "", shipped().by_radius, Corrections()), tier)
+    apex = TableMechanics(
+        Tables(shipped().parameters, "", shipped().by_radius, Corrections()), tier
+    )
     n = np.array([[0.0, 0.1, 1.0], [0.3, 0.2, 1.0], [-0.2, 0.3, 1.0]])[: 1 if radius > 3 else 3]
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     delta = np.array([3.0, 2.0, 4.0])[: len(n)]
@@ -210,7 +215,7 @@ def test_the_centroid_of_a_pin_is_where_the_pin_is(preset, size):
     centre = np.random.default_rng(1).uniform(size / 4, size / 2, (100, 2))
     discs = centre[:, :1], centre[:, 1:], np.full((100, 1), radius)
     row, column = np.mgrid[:size, :size]
-    for image in (camera.splatted(*discs), camera.exposed(*discs).astype(float)):
+    for image in (camera.clean_discs(*discs), camera.disc_frames(*discs).astype(float)):
         mass = image.sum(axis=(1, 2))
         seen = np.stack([(image * axis).sum(axis=(1, 2)) / mass for axis in (column, row)], axis=1)
         assert abs(seen - centre).max() < 0.01

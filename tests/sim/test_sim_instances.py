@@ -7,19 +7,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import tabulate_instances
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import SensorContext, UserError
-from tactibench_sim import domes, fem, sealed, table, tabulate_domes
-from tactibench_sim.contact import Tips
-from tactibench_sim.field import Mechanics
-from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, made_dome
+from tactibench_sim import data_file, fem, instances
+from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of
+from tactibench_sim.mechanics import tables as table_file
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.pins import layout
 from tactibench_sim.sensor import TacTip127
 
-SHIPPED = files("tactibench_sim").joinpath(domes.FILE)
-NOMINAL, DOMES = table.shipped(), domes.shipped()
+SHIPPED = files("tactibench_sim").joinpath(instances.FILE)
+NOMINAL, DOMES = table_file.shipped(), instances.shipped()
 ALL = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]
 few = settings(max_examples=12)
 anywhere = st.tuples(st.floats(-1, 1), st.floats(-1, 1))
@@ -27,14 +29,14 @@ FIELDS = ("w", "t", "omega", "w_outer", "t_outer")
 
 
 def test_instance_0_is_the_nominal_table():
-    assert made_dome(0) == (0.0, 0.0)
-    assert domes.of_instance(NOMINAL, 0) is NOMINAL
+    assert dome_of(0) == (0.0, 0.0)
+    assert instances.instance_tables(NOMINAL, 0) is NOMINAL
     assert DOMES.tables(NOMINAL, 0.0, 0.0) is NOMINAL
 
 
 def test_domes_are_drawn_once_and_over_the_whole_range():
-    drawn = np.array([made_dome(n) for n in range(1, 2001)])
-    assert made_dome(7) == made_dome(7)
+    drawn = np.array([dome_of(n) for n in range(1, 2001)])
+    assert dome_of(7) == dome_of(7)
     assert len(np.unique(drawn)) == drawn.size
     assert abs(drawn).max() <= 1
     shares = np.histogram2d(*drawn.T, bins=4, range=[[-1, 1]] * 2)[0] / len(drawn)
@@ -51,8 +53,8 @@ def test_the_ranges_are_the_stated_ones():
 @pytest.mark.parametrize("node", [n for n in ALL if n != (0, 0)])
 def test_a_computed_dome_is_met(radius, node):
     one, base = DOMES.tables(NOMINAL, *node).by_radius[radius], NOMINAL.by_radius[radius]
-    kept = DOMES.by_shape[table.shape_of(radius)]
-    every = tabulate_domes.EVERY
+    kept = DOMES.by_shape[table_file.shape_name(radius)]
+    every = tabulate_instances.EVERY
     for name in FIELDS:
         change = (one.fields[name] - base.fields[name])[::every, ::every]
         assert change == pytest.approx(kept[name][node[0] + 1, node[1] + 1], abs=1e-12)
@@ -118,33 +120,33 @@ def test_a_stiffer_gel_and_a_thicker_skin_take_more_force(fixed, low):
 
 
 def test_an_individual_is_told_apart():
-    several = [domes.of_instance(NOMINAL, n) for n in (0, 1, 2, 3)]
-    again = domes.of_instance(NOMINAL, 2)
+    several = [instances.instance_tables(NOMINAL, n) for n in (0, 1, 2, 3)]
+    again = instances.instance_tables(NOMINAL, 2)
     assert len({one.digest for one in several}) == 4
     assert all(len(one.digest) == 64 for one in several)
     assert again.digest == several[2].digest
     assert again.parameters["instance"] == 2
     assert again.parameters["between"] == DOMES.digest
     assert json.loads(json.dumps(again.parameters)) == again.parameters
-    assert NOMINAL.parameters == table.shipped().parameters
+    assert NOMINAL.parameters == table_file.shipped().parameters
     assert "instance" not in NOMINAL.parameters
 
 
 def test_corrections_are_those_of_the_nominal_dome():
-    assert domes.of_instance(NOMINAL, 5).corrections is NOMINAL.corrections
+    assert instances.instance_tables(NOMINAL, 5).corrections is NOMINAL.corrections
 
 
 @pytest.mark.parametrize("tier", ["superpose", "coupled"])
 def test_pins_stand_on_the_individuals_own_skin(tier):
-    tables = domes.of_instance(NOMINAL, 4)
-    dome, pins = Mechanics(tables, tier), layout(127)
+    tables = instances.instance_tables(NOMINAL, 4)
+    dome, pins = TableMechanics(tables, tier), layout(127)
     none = dome.loads(Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, 3.0)))
-    skin = SKIN_FACTOR ** made_dome(4)[1]
+    skin = SKIN_FACTOR ** dome_of(4)[1]
     assert abs(skin - 1) > 0.02
     rest = dome.pin_tips(none, pins, 2.0)[0]
     assert np.linalg.norm(rest, axis=1) == pytest.approx(20.0 - skin - 2.0)
     deep = dome.loads(Tips(np.zeros((1, 1, 2)), np.full((1, 1), 4.0), np.full(1, 3.0)))
-    nominal = Mechanics(NOMINAL, tier)
+    nominal = TableMechanics(NOMINAL, tier)
     moved = [one.displacement(deep, pins)[0] for one in (dome, nominal)]
     assert 0.02 < abs(moved[0] - moved[1]).max() < 1.0
 
@@ -158,15 +160,15 @@ def test_a_sensor_has_the_dome_of_its_instance():
     assert told[0]["sha256"] == NOMINAL.digest
     assert told[1] == told[2]
     assert told[1]["sha256"] != told[3]["sha256"]
-    x, y = made_dome(3)
+    x, y = dome_of(3)
     assert told[1]["dome"]["stiffness_ratio"] == pytest.approx(50 * RATIO_FACTOR**x)
     assert told[1]["dome"]["skin"] == pytest.approx(SKIN_FACTOR**y)
 
 
 def test_a_sensor_with_a_table_of_its_own_keeps_it(tmp_path):
-    with np.load(str(files("tactibench_sim").joinpath(table.FILE))) as archive:
+    with np.load(str(files("tactibench_sim.mechanics").joinpath(table_file.FILE))) as archive:
         arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
-    sealed.write(tmp_path / "own.npz", arrays, {**NOMINAL.parameters, "own": True})
+    data_file.write(tmp_path / "own.npz", arrays, {**NOMINAL.parameters, "own": True})
     told = sensor(3, table=str(tmp_path / "own.npz")).describe()["tables"]
     assert told["own"]
     assert told["dome"] == NOMINAL.parameters["dome"]
@@ -183,17 +185,17 @@ def test_the_file_is_small_and_of_the_table_that_ships():
 
 
 def test_differences_from_another_table_are_refused():
-    with pytest.raises(UserError, match=r"sphere4.*`tactibench sim tabulate OUT --domes`"):
+    with pytest.raises(UserError, match=r"sphere4.*scripts/fem/tabulate_instances.py"):
         DOMES.tables(_with(4.0), 0.5, 0.5)
     stiff = {**NOMINAL.parameters, "dome": {**NOMINAL.parameters["dome"], "stiffness_ratio": 60}}
-    with pytest.raises(UserError, match=r"'stiffness_ratio': 60.*--domes`"):
-        DOMES.tables(table.Tables(stiff, "", NOMINAL.by_radius, NOMINAL.corrections), 0.5, 0.5)
+    with pytest.raises(UserError, match=r"'stiffness_ratio': 60.*tabulate_instances.py"):
+        DOMES.tables(table_file.Tables(stiff, "", NOMINAL.by_radius, NOMINAL.corrections), 0.5, 0.5)
 
 
 def _with(radius):
     one = NOMINAL.by_radius[3.0]
-    more = {**NOMINAL.by_radius, radius: table.Table(radius, one.delta, one.polar, one.fields)}
-    return table.Tables(NOMINAL.parameters, "", more, NOMINAL.corrections)
+    more = {**NOMINAL.by_radius, radius: table_file.Table(radius, one.delta, one.polar, one.fields)}
+    return table_file.Tables(NOMINAL.parameters, "", more, NOMINAL.corrections)
 
 
 def invented(dome, radius, delta, polar):
@@ -201,19 +203,19 @@ def invented(dome, radius, delta, polar):
     x = math.log(dome.stiffness_ratio / 50) / math.log(RATIO_FACTOR)
     y = math.log(dome.skin) / math.log(SKIN_FACTOR)
     amount = 0.3 * x - 0.2 * x * x + 0.1 * y + 0.05 * x * x * y * y
-    one, rows = NOMINAL.by_radius[radius], slice(None, None, tabulate_domes.EVERY)
+    one, rows = NOMINAL.by_radius[radius], slice(None, None, tabulate_instances.EVERY)
     field = amount * np.outer(delta * (7 - delta), np.cos(2 * polar)) / 12
     out = {name: one.fields[name][rows] + field for name in FIELDS}
     return {**out, "force": one.fields["force"][rows] + amount * delta}
 
 
 def test_a_dome_between_computed_ones(tmp_path, monkeypatch):
-    monkeypatch.setattr(tabulate_domes, "columns", invented)
+    monkeypatch.setattr(tabulate_instances, "columns", invented)
     monkeypatch.setattr(fem, "require_ngsolve", lambda: SimpleNamespace(__version__="none"))
     told = []
-    digest = tabulate_domes.tabulate_domes(tmp_path / "made.npz", NOMINAL, told.append)
+    digest = tabulate_instances.tabulate_instances(tmp_path / "made.npz", NOMINAL, told.append)
     assert len(told) == 16
-    made = domes.read(tmp_path / "made.npz")
+    made = instances.read(tmp_path / "made.npz")
     assert made.digest == digest
     for x, y in [(0.3, -0.7), (-0.5, 0.5), (1.0, 1.0)]:
         dome = fem.Dome(stiffness_ratio=50 * RATIO_FACTOR**x, skin=SKIN_FACTOR**y)
@@ -222,7 +224,9 @@ def test_a_dome_between_computed_ones(tmp_path, monkeypatch):
         for radius, one in got.by_radius.items():
             exact = invented(dome, radius, one.delta[::2], one.polar)
             for name in FIELDS:
-                assert one.fields[name][::2] == pytest.approx(exact[name], abs=2 * domes.QUANTUM)
+                assert one.fields[name][::2] == pytest.approx(
+                    exact[name], abs=2 * instances.QUANTUM
+                )
             assert one.fields["force"][::2] == pytest.approx(exact["force"], abs=1e-6)
 
 
@@ -232,16 +236,16 @@ def test_a_run_that_does_not_converge_leaves_no_file(tmp_path, monkeypatch):
             raise fem.NotConvergedError("the finite-element run did not converge beyond 4.085")
         return invented(dome, radius, delta, polar)
 
-    monkeypatch.setattr(tabulate_domes, "columns", columns)
+    monkeypatch.setattr(tabulate_instances, "columns", columns)
     monkeypatch.setattr(fem, "require_ngsolve", lambda: SimpleNamespace(__version__="none"))
     with pytest.raises(fem.NotConvergedError):
-        tabulate_domes.tabulate_domes(tmp_path / "made.npz", NOMINAL)
+        tabulate_instances.tabulate_instances(tmp_path / "made.npz", NOMINAL)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_difference_that_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="more than fits"):
-        tabulate_domes.change("w", np.full((3, 4), 5.0), np.zeros((6, 4)))
+        tabulate_instances.change("w", np.full((3, 4), 5.0), np.zeros((6, 4)))
 
 
 @pytest.mark.slow
@@ -252,7 +256,7 @@ def test_finite_elements_between_computed_domes():
     one = DOMES.tables(NOMINAL, x, y).by_radius[3.0]
     dome = fem.Dome(stiffness_ratio=37.0, skin=1.12)
     rows = [0, 4, 8, 16, 24, 32, 40, 48, 52]
-    exact = tabulate_domes.columns(dome, 3.0, one.delta[rows], one.polar)
+    exact = tabulate_instances.columns(dome, 3.0, one.delta[rows], one.polar)
     for name in FIELDS:
         assert one.fields[name][rows] == pytest.approx(exact[name], abs=0.006), name
     assert one.fields["force"][rows] == pytest.approx(exact["force"], rel=0.015)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench_sim import limit
-from tactibench_sim.contact import Tips
-from tactibench_sim.nuisance import NUISANCES
+from tactibench_sim import bounds
+from tactibench_sim.bounds import NUISANCES
+from tactibench_sim.mechanics.contact import Tips
 
 EDGE, RADIUS, HEIGHT, NOISE = 3.0, 8.0, 20.0, 2.0
 PX_PER_MM = 5.0
@@ -45,8 +45,8 @@ def white(image):
     return np.full(image.shape, NOISE**2)
 
 
-def bound(scene, clean, nuisances=(), variance=white, step=limit.STEP_MM):
-    return limit.deviations(limit.covariance(scene, clean, variance, nuisances, step))
+def bound(scene, clean, nuisances=(), variance=white, step=bounds.STEP_MM):
+    return bounds.deviations(bounds.covariance(scene, clean, variance, nuisances, step))
 
 
 def test_one_soft_disc_has_the_closed_form():
@@ -95,10 +95,10 @@ def test_information_adds_over_pins():
 def test_contacts_that_share_no_pixel_are_independent():
     places = [(-4.0, -3.5, 1.0), (4.0, -3.0, 2.0), (0.5, 4.0, 0.5)]
     clean = discs((0, 0), size=80)
-    together = limit.covariance(tips(*places), clean, white)
+    together = bounds.covariance(tips(*places), clean, white)
     for k, place in enumerate(places):
         block = slice(3 * k, 3 * k + 3)
-        alone = limit.covariance(tips(place), clean, white)
+        alone = bounds.covariance(tips(place), clean, white)
         assert together[block, block] == pytest.approx(alone, rel=1e-9, abs=1e-15)
         together[block, block] = 0
     assert np.abs(together).max() < 1e-15
@@ -117,7 +117,7 @@ def test_the_variance_of_the_shot_noise_tells_a_little():
     def clean(scene):
         return np.tile(level * scene.depth[:, 0, None, None], (1, 8, 8))
 
-    found = limit.covariance(tips((0, 0, 1.0)), clean, lambda m: a * m)[2, 2]
+    found = bounds.covariance(tips((0, 0, 1.0)), clean, lambda m: a * m)[2, 2]
     assert 1 / found == pytest.approx(64 * level**2 * (1 / (a * level) + 0.5 / level**2))
 
 
@@ -130,7 +130,7 @@ def test_what_moves_no_pixel_has_no_bound():
 
 
 def test_two_contacts_at_one_place_have_no_bound_each():
-    covariance = limit.covariance(tips((1, 0, 1.0), (1, 0, 1.0)), discs((0, 0)), white)
+    covariance = bounds.covariance(tips((1, 0, 1.0), (1, 0, 1.0)), discs((0, 0)), white)
     assert np.isinf(np.diag(covariance)).all()
     assert (covariance[~np.eye(6, dtype=bool)] == 0).all()
 
@@ -179,7 +179,7 @@ def test_the_schur_complement_is_the_block_of_the_inverse(kept, others, seed, de
     root = rng.normal(size=(kept + others, 40)) * 10.0 ** rng.uniform(-3, 3, (kept + others, 1))
     information = root @ root.T * 10.0**decades
     expected = np.linalg.inv(information)[:kept, :kept]
-    found = limit.inverse(limit.marginal(information, kept))
+    found = bounds.inverse(bounds.marginal(information, kept))
     scale = np.sqrt(np.diag(expected))
     assert found / np.outer(scale, scale) == pytest.approx(
         expected / np.outer(scale, scale), abs=1e-6

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext
-from tactibench_sim import limit
-from tactibench_sim.contact import Tips, tips_of
-from tactibench_sim.nuisance import NUISANCES
+from tactibench_sim import bounds
+from tactibench_sim.bounds import NUISANCES
+from tactibench_sim.mechanics.contact import Tips, tips_of
 from tactibench_sim.sensor import TacTip127
 
 SCENES = {
@@ -26,18 +26,18 @@ def sensor(**parameters):
     return TacTip127(SensorContext(np.random.SeedSequence(3)), **parameters)
 
 
-def covariance(scene, nuisances=(), step=limit.STEP_MM, **parameters):
+def covariance(scene, nuisances=(), step=bounds.STEP_MM, **parameters):
     one = sensor(**parameters)
     tips = scene if isinstance(scene, Tips) else tips_of([scene])
-    return limit.covariance(tips, one.clean, one.renderer.variance, nuisances, step)
+    return bounds.covariance(tips, one.clean, one.renderer.variance, nuisances, step)
 
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("nuisances", [(), NUISANCES])
 def test_the_step_does_not_matter_over_a_decade(name, nuisances):
-    reference = limit.deviations(covariance(SCENES[name], nuisances))
+    reference = bounds.deviations(covariance(SCENES[name], nuisances))
     for step in (0.001, 0.002, 0.005, 0.01):
-        found = limit.deviations(covariance(SCENES[name], nuisances, step))
+        found = bounds.deviations(covariance(SCENES[name], nuisances, step))
         assert found == pytest.approx(reference, rel=1e-3)
 
 
@@ -72,9 +72,9 @@ def test_a_mirrored_press_has_the_mirrored_covariance():
 
 @pytest.mark.parametrize("name", SCENES)
 def test_nuisances_never_lower_a_bound(name):
-    least = last = limit.deviations(covariance(SCENES[name]))
+    least = last = bounds.deviations(covariance(SCENES[name]))
     for k in range(len(NUISANCES)):
-        found = limit.deviations(covariance(SCENES[name], NUISANCES[: k + 1]))
+        found = bounds.deviations(covariance(SCENES[name], NUISANCES[: k + 1]))
         assert (found >= last * (1 - 1e-9)).all()
         last = found
     assert (last > least).all()
@@ -82,9 +82,9 @@ def test_nuisances_never_lower_a_bound(name):
 
 
 def test_more_light_and_more_pixels_lower_the_bound():
-    usual = limit.deviations(covariance(SCENES["dual"]))
-    fine = limit.deviations(covariance(SCENES["dual"], size=256))
-    bright = limit.deviations(covariance(SCENES["dual"], brightness=250.0))
+    usual = bounds.deviations(covariance(SCENES["dual"]))
+    fine = bounds.deviations(covariance(SCENES["dual"], size=256))
+    bright = bounds.deviations(covariance(SCENES["dual"], brightness=250.0))
     assert (fine < 0.8 * usual).all()
     assert (bright < usual).all()
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim.contact import tips_of
-from tactibench_sim.nuisance import NUISANCES, derivatives
+from tactibench_sim.bounds import NUISANCES, derivatives
+from tactibench_sim.mechanics.contact import tips_of
 from tactibench_sim.sensor import TacTip127
 
 MIDDLE = 20.0
@@ -80,7 +80,7 @@ def test_shift_and_roll_are_those_of_the_sensors_discs():
     }
     found = derivatives(camera.clean(tips)[0], ["shift", "roll"])
     for slope, (dx, dy) in zip(found, moves.values(), strict=True):
-        up, down = (camera.splatted(x + s * dx, y + s * dy, radius)[0] for s in (h, -h))
+        up, down = (camera.clean_discs(x + s * dx, y + s * dy, radius)[0] for s in (h, -h))
         expected = (up - down) / (2 * h)
         cosine = (slope * expected).sum() / np.sqrt((slope**2).sum() * (expected**2).sum())
         assert cosine > 0.98

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from tactibench_sim.noise import streams
-from tactibench_sim.optics import Optics
-from tactibench_sim.render import Renderer
-from tactibench_sim.still import gaussian_taps, glare, vignetting
+from tactibench_sim.optics.camera import Optics
+from tactibench_sim.optics.noise import streams
+from tactibench_sim.optics.renderer import Renderer, gaussian_taps, glare, vignetting
 
 FLAT = {"vignetting": 0.0, "background": 0.0, "brightness": 1.0}
 
@@ -17,7 +16,7 @@ FLAT = {"vignetting": 0.0, "background": 0.0, "brightness": 1.0}
 def cover(x, y, radius, size=64, **optics):
     """(S, size, size) cover 0..1 of discs (S, P)."""
     arrays = (np.atleast_2d(np.asarray(a, dtype=float)) for a in (x, y, radius))
-    return Renderer(Optics(size=size, **(FLAT | optics))).splatted(*arrays)
+    return Renderer(Optics(size=size, **(FLAT | optics))).clean_discs(*arrays)
 
 
 @pytest.mark.parametrize("edge", [0.7, 1.0, 1.5, 3.0])
@@ -69,24 +68,30 @@ def test_other_frames_of_a_batch_and_threads_do_not_matter():
     radius = rng.uniform(0.5, 4, (40, 30))
     camera = Renderer(Optics(size=64, blur_px=0.7, glare=0.5))
     states = streams(np.random.SeedSequence(4), 7, 40)
-    together = camera.exposed(x, y, radius, states)
+    together = camera.disc_frames(x, y, radius, states)
 
     def one(k):
-        return camera.exposed(x[k : k + 1], y[k : k + 1], radius[k : k + 1], states[k : k + 1])[0]
+        return camera.disc_frames(x[k : k + 1], y[k : k + 1], radius[k : k + 1], states[k : k + 1])[
+            0
+        ]
 
     with ThreadPoolExecutor(4) as pool:
         alone = np.stack(list(pool.map(one, range(40))))
     assert (together == alone).all()
-    assert (camera.exposed(x, y, radius, states) == together).all()  # states are left as they were
-    assert (camera.splatted(x, y, radius)[3] == camera.splatted(x[3:4], y[3:4], radius[3:4])).all()
+    assert (
+        camera.disc_frames(x, y, radius, states) == together
+    ).all()  # states are left as they were
+    assert (
+        camera.clean_discs(x, y, radius)[3] == camera.clean_discs(x[3:4], y[3:4], radius[3:4])
+    ).all()
 
 
 def test_frames_are_the_rounded_grey_levels():
     rng = np.random.default_rng(2)
     x, y = rng.uniform(-5, 70, (2, 3, 40))
     camera = Renderer(Optics(size=64, vignetting=0.5))
-    grey = camera.splatted(x, y, np.full((3, 40), 2.0))
-    assert abs(camera.exposed(x, y, np.full((3, 40), 2.0)) - grey).max() <= 0.5 + 1e-4
+    grey = camera.clean_discs(x, y, np.full((3, 40), 2.0))
+    assert abs(camera.disc_frames(x, y, np.full((3, 40), 2.0)) - grey).max() <= 0.5 + 1e-4
 
 
 def test_vignetting_is_cos4_of_the_angle_in_air():
@@ -99,7 +104,7 @@ def test_vignetting_is_cos4_of_the_angle_in_air():
     fish = Optics(size=101, focal=0.5, vignetting=1.0, lens="fisheye")
     assert vignetting(fish)[50, 90] == pytest.approx(np.cos(40 / 101 / 0.5) ** 4)
     assert (vignetting(Optics(vignetting=0.0)) == 1).all()
-    lit = Renderer(optics).splatted(*np.array([[[90.0]], [[20.0]], [[5.0]]]))[0]
+    lit = Renderer(optics).clean_discs(*np.array([[[90.0]], [[20.0]], [[5.0]]]))[0]
     assert lit[20, 90] == pytest.approx(208 * np.cos(angle) ** 4)
 
 
@@ -128,5 +133,5 @@ def test_glare_is_a_ring_of_arcs():
     assert np.bincount(((azimuth - 20.0 + 36) % 360 // 72).astype(int)).min() > 50
     assert (glare(Optics()) == 0).all()
     assert (glare(Optics(glare=1.0, leds=0)) == 0).all()
-    seen = Renderer(optics).splatted(np.empty((1, 0)), np.empty((1, 0)), np.empty((1, 0)))[0]
+    seen = Renderer(optics).clean_discs(np.empty((1, 0)), np.empty((1, 0)), np.empty((1, 0)))[0]
     assert ((seen > 100) == (image > 0.45)).mean() > 0.99

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench_sim import kernels
-from tactibench_sim.noise import Noise, normal_table, streams
-from tactibench_sim.optics import Optics
-from tactibench_sim.render import Renderer
+from tactibench_sim.optics import kernels
+from tactibench_sim.optics.camera import Optics
+from tactibench_sim.optics.noise import Noise, normal_table, streams
+from tactibench_sim.optics.renderer import Renderer
 
 SEED = np.random.SeedSequence(3)
 NOTHING = np.empty((1, 0))
@@ -118,8 +118,8 @@ def test_without_noise_frames_are_rounded_and_its_variance_is_rounding():
     grey = np.array([0.0, 0.4, 0.6, 100.0, 254.7, 300.0, -3.0], dtype=np.float32)
     camera = Renderer(Optics(size=32, noise=Noise(on=False)))
     assert (
-        camera.exposed(NOTHING, NOTHING, NOTHING, streams(SEED, 0, 1))
-        == camera.exposed(NOTHING, NOTHING, NOTHING)
+        camera.disc_frames(NOTHING, NOTHING, NOTHING, streams(SEED, 0, 1))
+        == camera.disc_frames(NOTHING, NOTHING, NOTHING)
     ).all()
     out = np.empty(7, np.uint8)
     kernels.expose(grey, np.zeros(4, np.uint64), 0.0, 0.0, normal_table(), out)
@@ -134,9 +134,10 @@ def test_variance_of_what_a_model_takes_in(output):
     optics = Optics(size=128, output=output, vignetting=1.0, background=30.0, red=0.6)
     camera = Renderer(optics)
     x, y, radius = np.array([[[40.0]], [[90.0]], [[25.0]]])
-    clean = camera.splatted(x, y, radius)[0]
+    clean = camera.clean_discs(x, y, radius)[0]
     frames = [
-        Frame(camera.exposed(x, y, radius, streams(SEED, k, 1))[0], 0.0, Pose()) for k in range(200)
+        Frame(camera.disc_frames(x, y, radius, streams(SEED, k, 1))[0], 0.0, Pose())
+        for k in range(200)
     ]
     off = gray_frames(frames, 128) - clean
     told = camera.variance(clean)

@@ -9,12 +9,11 @@ import pytest
 
 from tactibench import Grid, Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import true_contacts
-from tactibench_sim import hooks, sealed
-from tactibench_sim.contact import Tips
-from tactibench_sim.planar import table as tables
-from tactibench_sim.planar.contact import pad_tips
-from tactibench_sim.planar.preset import PLANAR_GRID
-from tactibench_sim.planar.sensor import PlanarGrid
+from tactibench_sim import data_file, hooks
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.planar import mechanics as tables
+from tactibench_sim.planar.mechanics import pad_tips
+from tactibench_sim.planar.sensor import PLANAR_GRID, PlanarGrid
 
 GRID = Grid.centred(64, 0.4)
 
@@ -224,11 +223,11 @@ def tips_at(pose):
 
 def test_a_table_of_ones_own(tmp_path):
     mine = tmp_path / "mine.npz"
-    with np.load(str(files("tactibench_sim").joinpath(tables.FILE))) as archive:
+    with np.load(str(files("tactibench_sim.planar").joinpath(tables.FILE))) as archive:
         arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
     arrays["t"] = arrays["t"] * np.float32(0.5)
     pad = {**tables.shipped().parameters["pad"], "thickness": 6.0}
-    sealed.write(mine, arrays, {"pad": pad, "solver": "none"})
+    data_file.write(mine, arrays, {"pad": pad, "solver": "none"})
     one, other = sensor(), sensor(table=str(mine))
     assert other.optics.gel_mm == 6.0
     assert (one.press(single(depth=3)).image != other.press(single(depth=3)).image).any()

@@ -11,12 +11,20 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from tactibench_sim.real.errors import held, table
-from tactibench_sim.real.fit import fit, rig
-from tactibench_sim.real.plates import FILE, kinds, plate
-from tactibench_sim.real.presses import Presses
-from tactibench_sim.real.simulate import Labels, Rig, directions, displacements, indentation
-from tactibench_sim.real.unknowns import Unknowns
+from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.comparison import error_table, errors_of
+from tactibench_sim.real.fit import fit, rig_of
+from tactibench_sim.real.plate import (
+    FILE,
+    Labels,
+    Rig,
+    directions,
+    displacements,
+    indentation,
+    kinds,
+    plate,
+)
+from tactibench_sim.real.recording import Presses
 
 STRAIGHT = Unknowns(centre_x=179.5, centre_y=179.5, drag_per_mm=-0.6)
 
@@ -144,12 +152,12 @@ def test_the_fit_finds_what_made_the_presses() -> None:
         "centre_x",
     )
     first, others = made(truth, 40, 3), made(truth, 30, 4)
-    what = rig(first, "50_stick")
+    what = rig_of(first, "50_stick")
     found, loss = fit(first, what, STRAIGHT, free)
     assert loss < 0.01
     for name in free:
         assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=0.02), name
-    assert np.median(held(others, what, found, state_known=True).relative) < 0.01
+    assert np.median(errors_of(others, what, found, state_known=True).relative) < 0.01
 
 
 def test_a_missing_pin_counts_in_no_error() -> None:
@@ -157,10 +165,10 @@ def test_a_missing_pin_counts_in_no_error() -> None:
     moved = presses.moved.copy()
     moved[:, 7] = np.nan
     gaps = replace(presses, moved=moved)
-    what = rig(presses, "50_stick")
-    result = held(gaps, what, STRAIGHT, state_known=True)
+    what = rig_of(presses, "50_stick")
+    result = errors_of(gaps, what, STRAIGHT, state_known=True)
     assert result.relative.max() < 1e-6
-    rows = table(gaps, what, STRAIGHT, result)
+    rows = error_table(gaps, what, STRAIGHT, result)
     assert rows[0].presses == 10
     assert rows[0].pixels < 1e-6
 
@@ -168,8 +176,9 @@ def test_a_missing_pin_counts_in_no_error() -> None:
 @pytest.mark.slow
 def test_the_drag_tables_come_out_of_the_finite_elements_again() -> None:
     pytest.importorskip("ngsolve")
+    from tabulate_plates import drag
+
     from tactibench_sim.fem import Dome
-    from tactibench_sim.real.drag import drag
 
     polar = np.radians(np.arange(91.0))
     for patch in (12.0, 30.0):
@@ -180,13 +189,13 @@ def test_the_drag_tables_come_out_of_the_finite_elements_again() -> None:
 
 @pytest.mark.slow
 def test_real_presses_are_met_within_a_fifth() -> None:
-    from tactibench_sim.real.compare import compare
+    from tactibench_sim.real.comparison import compare
 
     default = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
     folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default)) / "331" / "model_surface2d"
     if not folder.is_dir():
         pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
-    found = compare(folder).record()
-    assert found["all_pins_matched"] == 1.0
-    assert found["presses"]["held_out"] > 800
-    assert found["median_relative_error"] <= 0.20
+    comparison = compare(folder)
+    assert comparison.complete == 1.0
+    assert len(comparison.presses) > 800
+    assert comparison.median_error <= 0.20

@@ -10,11 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from tactibench import UserError
-from tactibench_sim.real.command import real
-from tactibench_sim.real.plates import plate
-from tactibench_sim.real.presses import read
-from tactibench_sim.real.simulate import Labels, Rig, displacements
-from tactibench_sim.real.unknowns import Unknowns
+from tactibench_sim.commands.real import real
+from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.plate import Labels, Rig, displacements, plate
+from tactibench_sim.real.recording import read
 
 HEADER = "image_name,pose_2,pose_6,move_1,move_6"
 TRUTH = Unknowns(centre_x=180.0, centre_y=179.0, drag_per_mm=-0.6)
@@ -113,8 +112,8 @@ def test_the_command_refuses_before_it_works(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_the_command_prints_a_table_and_draws(recording, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("tactibench_sim.real.compare.FEWEST_HELD_OUT", 10)
-    monkeypatch.setattr("tactibench_sim.real.compare.kinds", lambda: ("50_stick",))
+    monkeypatch.setattr("tactibench_sim.real.comparison.FEWEST_HELD_OUT", 10)
+    monkeypatch.setattr("tactibench_sim.real.comparison.kinds", lambda: ("50_stick",))
     picture = tmp_path / "p.png"
     numbers = tmp_path / "n.json"
     command = [str(recording[0]), "--fit", "34", "--out", str(picture), "--json", str(numbers)]

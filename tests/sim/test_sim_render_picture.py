@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench_sim import picture
-from tactibench_sim.render_command import render
-from tactibench_sim.scene_text import read_scene
+from tactibench_sim.commands import press_picture as picture
+from tactibench_sim.commands.render import render
+from tactibench_sim.commands.scene_text import read_scene
 from tactibench_sim.sensor import TacTip127
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -3,7 +3,7 @@
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench_sim.scene_text import read_scene
+from tactibench_sim.commands.scene_text import read_scene
 
 
 @pytest.mark.parametrize(

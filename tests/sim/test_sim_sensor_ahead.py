@@ -4,13 +4,13 @@ import threading
 
 import pytest
 
-from tactibench_sim.ahead import cores, in_order
+from tactibench_sim.rendered_sensor import prefetch, thread_count
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_it_is_map(threads):
-    assert list(in_order(lambda k: k * k, range(50), threads)) == [k * k for k in range(50)]
-    assert list(in_order(lambda k: k, [], threads)) == []
+    assert list(prefetch(lambda k: k * k, range(50), threads)) == [k * k for k in range(50)]
+    assert list(prefetch(lambda k: k, [], threads)) == []
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
@@ -23,7 +23,7 @@ def test_it_looks_ahead_so_far_and_no_farther(threads):
             taken += 1
             yield taken
 
-    results = in_order(lambda k: k, source(), threads)
+    results = prefetch(lambda k: k, source(), threads)
     for k in range(1, 20):
         assert next(results) == k
         assert taken <= k + threads + 1
@@ -35,15 +35,15 @@ def test_it_looks_ahead_so_far_and_no_farther(threads):
 
 def test_several_threads_work_at_once():
     both = threading.Barrier(2, timeout=20)
-    assert list(in_order(lambda k: both.wait() >= 0, range(4), 2)) == [True] * 4
+    assert list(prefetch(lambda k: both.wait() >= 0, range(4), 2)) == [True] * 4
 
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_what_precedes_an_error_comes_first(threads):
     seen = []
     with pytest.raises(ZeroDivisionError):
-        seen.extend(in_order(lambda k: 1 / (5 - k), range(20), threads))
-    results = in_order(lambda k: 1 / (5 - k), range(20), threads)
+        seen.extend(prefetch(lambda k: 1 / (5 - k), range(20), threads))
+    results = prefetch(lambda k: 1 / (5 - k), range(20), threads)
     assert [next(results) for _ in range(5)] == [1 / (5 - k) for k in range(5)]
     with pytest.raises(ZeroDivisionError):
         next(results)
@@ -51,7 +51,7 @@ def test_what_precedes_an_error_comes_first(threads):
 
 def test_threads_can_be_limited_from_outside(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    assert cores() == 3
+    assert thread_count() == 3
     for nonsense in ("", "0", "many", "2,1"):
         monkeypatch.setenv("OMP_NUM_THREADS", nonsense)
-        assert cores() >= 1
+        assert thread_count() >= 1

@@ -6,12 +6,14 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from dome_press import press
+from tabulate_dome import columns, normal_rotation
 
-from tactibench_sim import fem, sealed, table
-from tactibench_sim.tabulate import columns, normal_rotation
+from tactibench_sim import data_file, fem
+from tactibench_sim.mechanics import tables as table_file
 
-SHIPPED = files("tactibench_sim").joinpath(table.FILE)
-TABLES = table.shipped()
+SHIPPED = files("tactibench_sim.mechanics").joinpath(table_file.FILE)
+TABLES = table_file.shipped()
 SPHERE, PLATE = TABLES.by_radius[3.0], TABLES.by_radius[math.inf]
 BOTH = pytest.mark.parametrize("one", [SPHERE, PLATE], ids=["sphere", "plate"])
 
@@ -24,8 +26,8 @@ def test_writing_and_reading_agree(tmp_path):
     path = tmp_path / "again.npz"
     with np.load(str(SHIPPED)) as archive:
         arrays = {k: archive[k] for k in archive.files if k not in ("parameters", "sha256")}
-    assert sealed.write(path, arrays, TABLES.parameters) == TABLES.digest
-    assert table.read(path).digest == TABLES.digest
+    assert data_file.write(path, arrays, TABLES.parameters) == TABLES.digest
+    assert table_file.read(path).digest == TABLES.digest
     assert not list(tmp_path.glob("*.part"))
 
 
@@ -113,11 +115,11 @@ def test_finite_elements_give_the_table_again(radius):
 def test_a_coarser_mesh_gives_the_same_force():
     pytest.importorskip("ngsolve", reason="needs the extra `fem`")
     coarse = fem.Dome(apex_size=0.16, skin_size=0.5, gel_size=2.0)
-    *_, last = fem.press(coarse, 3.0, np.array([0.5, 1.0]), SPHERE.polar)
+    *_, last = press(coarse, 3.0, np.array([0.5, 1.0]), SPHERE.polar)
     told = np.interp(1.0, SPHERE.delta, SPHERE.fields["force"])
     assert last.force == pytest.approx(told, rel=0.01)
 
 
 def test_copy_of_the_shipped_file_reads(tmp_path):
     path = shutil.copy(str(SHIPPED), tmp_path / "copy.npz")
-    assert table.read(path).digest == TABLES.digest
+    assert table_file.read(path).digest == TABLES.digest

@@ -13,16 +13,17 @@ from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from tactibench import UserError
-from tactibench_sim import reference, validate
-from tactibench_sim.field import Mechanics
-from tactibench_sim.table import shipped
-from tactibench_sim.validate_command import validate as command
-from tactibench_sim.validate_report import draw, print_report
+from tactibench_sim.commands import tier_errors
+from tactibench_sim.commands.tier_report import draw, print_report
+from tactibench_sim.commands.validate import validate as command
+from tactibench_sim.mechanics.dome import TableMechanics, mechanics_for
+from tactibench_sim.mechanics.tables import shipped
+from tactibench_sim.reference_frames import scenes as reference
 
 SCENES = reference.shipped()
 BOUNDS_MM = {
     # (tier, group, deepest tip): (max, median) of pin bases. Still to be reached: 0.25 mm of
-    # validate.TARGETS_MM by coupled to 6 mm, validate.TARGET_ISOLATED_MM by superpose.
+    # tier_errors.TARGETS_MM by coupled to 6 mm, tier_errors.TARGET_ISOLATED_MM by superpose.
     ("superpose", "all", 3.0): (1.50, 0.100),
     ("superpose", "all", 6.0): (4.00, 0.300),
     ("superpose", "isolated", 3.0): (0.05, 0.010),
@@ -100,22 +101,23 @@ class Refusing(Perfect):
 
 
 def figures(judged):
-    return {(r["tier"], r["metric"], r["group"]): r["value"] for r in validate.rows(judged)}
+    return {(r["tier"], r["metric"], r["group"]): r["value"] for r in tier_errors.rows(judged)}
 
 
 @pytest.fixture(scope="module")
 def judged():
-    return [validate.judge(name, t, SCENES) for name, t in validate.tiers(shipped()).items()]
+    tiers = {name: mechanics_for(name, shipped()) for name in tier_errors.TIERS}
+    return [tier_errors.judge(name, tier, SCENES) for name, tier in tiers.items()]
 
 
 def test_a_perfect_tier_has_no_error():
-    found = figures([validate.judge("x", Perfect(), SCENES)])
+    found = figures([tier_errors.judge("x", Perfect(), SCENES)])
     wrong = {k: v for k, v in found.items() if "error" in k[1] and abs(v) > 1e-6}
     assert wrong == {}
 
 
 def test_a_shift_is_its_length_and_no_turn():
-    found = figures([validate.judge("x", Shifted(), SCENES)])
+    found = figures([tier_errors.judge("x", Shifted(), SCENES)])
     for group in ("all, d <= 3 mm", "pairs, d <= 6 mm"):
         for kind in ("max", "median"):
             assert found["x", f"base_error_{kind}", group] == pytest.approx(0.5)
@@ -124,26 +126,26 @@ def test_a_shift_is_its_length_and_no_turn():
 
 
 def test_a_turn_is_its_angle_and_moves_the_pins_tip():
-    found = figures([validate.judge("x", Turned(), SCENES)])
+    found = figures([tier_errors.judge("x", Turned(), SCENES)])
     assert found["x", "base_error_max", "all, d <= 6 mm"] == 0
     assert found["x", "normal_error_median", "all, d <= 6 mm"] == pytest.approx(math.degrees(0.05))
     assert found["x", "tip_error_max", "all, d <= 6 mm"] == pytest.approx(4 * math.sin(0.025))
 
 
 def test_the_worst_case_is_named():
-    one = validate.judge("x", OnePin(), SCENES)
+    one = tier_errors.judge("x", OnePin(), SCENES)
     errors, pin = one.worst("all", 6.0)
     assert errors.scene is SCENES[1]
     assert pin == 340
     assert errors.base[pin] == pytest.approx(2.0)
-    worst = validate.worst_cases([one])[1]
+    worst = tier_errors.worst_cases([one])[1]
     assert worst["pin"] == "pin 9 of 127"
     assert worst["scene"] == SCENES[1].name
     assert worst["tips_mm"] == SCENES[1].tips.tolist()
 
 
 def test_refused_scenes_are_counted_and_named():
-    one = validate.judge("x", Refusing(), SCENES)
+    one = tier_errors.judge("x", Refusing(), SCENES)
     shallow = [s for s in SCENES if s.depth < 1.5]
     assert list(one.refused) == shallow
     assert shallow
@@ -153,16 +155,16 @@ def test_refused_scenes_are_counted_and_named():
 
 def test_a_tier_that_refuses_everything_is_an_error():
     with pytest.raises(UserError, match="none of 1"):
-        validate.judge("x", Refusing(), [s for s in SCENES if s.depth < 1.5][:1])
+        tier_errors.judge("x", Refusing(), [s for s in SCENES if s.depth < 1.5][:1])
 
 
 def test_pins_are_counted_within_their_pattern():
-    assert validate.pin_name(0) == "pin 0 of 331"
-    assert validate.pin_name(330) == "pin 330 of 331"
-    assert validate.pin_name(331) == "pin 0 of 127"
-    assert validate.pin_name(457) == "pin 126 of 127"
+    assert tier_errors.pin_name(0) == "pin 0 of 331"
+    assert tier_errors.pin_name(330) == "pin 330 of 331"
+    assert tier_errors.pin_name(331) == "pin 0 of 127"
+    assert tier_errors.pin_name(457) == "pin 126 of 127"
     with pytest.raises(IndexError):
-        validate.pin_name(458)
+        tier_errors.pin_name(458)
 
 
 def test_speed_is_of_dual_scenes_with_127_pins():
@@ -173,7 +175,7 @@ def test_speed_is_of_dual_scenes_with_127_pins():
             seen.append((len(loads), len(loads[0].tips), len(directions)))
             return super().displacement(loads, directions)
 
-    found = validate.speed(Watched(), SCENES)
+    found = tier_errors.speed(Watched(), SCENES)
     assert len(seen) >= 4
     assert len(set(seen)) == 1
     count, tips, pins = seen[0]
@@ -185,26 +187,26 @@ def test_speed_is_of_dual_scenes_with_127_pins():
 
 
 def test_groups_divide_the_scenes():
-    judged = validate.judge("x", Perfect(), SCENES)
+    judged = tier_errors.judge("x", Perfect(), SCENES)
     for parts in (
         ("pairs", "triples"),
         ("on the apex", "off the apex"),
         ("equal depths", "unequal depths"),
     ):
-        halves = [e.scene.label for part in parts for e in judged.of(part, 6.0)]
-        assert sorted(halves) == sorted(e.scene.label for e in judged.of("all", 6.0))
-    apart = [e.scene.label for group in ("all", "isolated") for e in judged.of(group, 6.0)]
+        halves = [e.scene.label for part in parts for e in judged.errors_in(part, 6.0)]
+        assert sorted(halves) == sorted(e.scene.label for e in judged.errors_in("all", 6.0))
+    apart = [e.scene.label for group in ("all", "isolated") for e in judged.errors_in(group, 6.0)]
     assert sorted(apart) == sorted(scene.label for scene in SCENES)
-    assert all(e.scene.depth <= 3 for e in judged.of("all", 3.0))
+    assert all(e.scene.depth <= 3 for e in judged.errors_in("all", 3.0))
 
 
 @pytest.mark.parametrize("tier", ["superpose", "coupled"])
 def test_figures_computed_again(judged, tier):
     """From the loads, scene by scene and pin by pin, with another formula for the normal."""
-    found, dome = figures(judged), Mechanics(shipped(), tier)
+    found, dome = figures(judged), TableMechanics(shipped(), tier)
     base, tip, turned = [], [], []
     for scene in (s for s in SCENES if s.name.startswith("p") and s.depth <= 3):
-        u, q = (f[0] for f in dome.displacement(dome.loads(scene.asked), scene.directions))
+        u, q = (f[0] for f in dome.displacement(dome.loads(scene.as_tips), scene.directions))
         turn = Rotation.from_rotvec(np.cross(scene.directions, q))
         normal = turn.apply(scene.directions.copy())
         for p in range(len(u)):
@@ -234,7 +236,7 @@ def test_known_bounds_hold(judged, case, bounds):
 def test_an_isolated_tip_at_the_apex_is_the_table(judged):
     """Apart from the elements of the runs, which are coarser than those of the tables."""
     for one in judged[:2]:
-        apex = [e for e in one.of("isolated", 6.0) if not e.scene.tips[0, :2].any()]
+        apex = [e for e in one.errors_in("isolated", 6.0) if not e.scene.tips[0, :2].any()]
         assert apex
         for errors in apex:
             assert errors.base.max() < 0.008 + 0.004 * errors.scene.depth
@@ -259,11 +261,11 @@ def test_the_report_cuts_nothing(judged):
     assert "…" not in text
     for one in judged:
         high, middle = (
-            found[one.tier, f"base_error_{k}", "all, d <= 3 mm"] for k in ("max", "median")
+            found[one.name, f"base_error_{k}", "all, d <= 3 mm"] for k in ("max", "median")
         )
         assert f"{high:.3f} / {middle:.3f}" in text
         errors, pin = one.worst("all", 3.0)
-        assert f"{errors.scene.label}, {validate.pin_name(pin)}" in text
+        assert f"{errors.scene.label}, {tier_errors.pin_name(pin)}" in text
 
 
 def test_the_picture_is_a_png_and_reproducible(judged, tmp_path):
@@ -289,7 +291,7 @@ def test_the_command_writes_what_it_measures(judged, tmp_path):
         if "time" not in key[1]:
             assert told[key] == pytest.approx(value, rel=1e-9), key
     assert {r["unit"] for r in record["metrics"]} == {"mm", "deg", "us", "1"}
-    assert [w["tier"] for w in record["worst"]] == [one.tier for one in judged for _ in range(4)]
+    assert [w["tier"] for w in record["worst"]] == [one.name for one in judged for _ in range(4)]
     assert all(told[w["tier"], "base_error_max", w["group"]] == w["value"] for w in record["worst"])
 
 
@@ -311,5 +313,5 @@ def test_the_command_refuses_before_it_computes(tmp_path, monkeypatch, given, sa
 
 
 def test_the_command_is_light_to_list():
-    code = "import sys, tactibench_sim.validate_command; sys.exit('numpy' in sys.modules)"
+    code = "import sys, tactibench_sim.commands.validate; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from tactibench import SensorContext, UserError
-from tactibench_sim import reference
+from tactibench_sim.commands.validate import validate as command
+from tactibench_sim.reference_frames import scenes as reference
+from tactibench_sim.reference_frames.frames import frames, write
 from tactibench_sim.sensor import TacTip127, TacTip331
-from tactibench_sim.validate_command import validate as command
-from tactibench_sim.validate_frames import frames, write
 
 SCENES = reference.shipped()[:4]
 SEED = np.random.SeedSequence(5)
@@ -38,7 +38,7 @@ def test_frames_look_like_those_of_the_tiers():
     made = sensor(noise=False)
     shallow = next(s for s in SCENES if s.depth <= 1)
     found = frames(made, [shallow], SEED)[0].astype(float)
-    tier = made.renderer.clean(made.tips(shallow.asked))[0]
+    tier = made.renderer.clean(made.tips(shallow.as_tips))[0]
     rest = made.rest().image.astype(float)
     assert np.abs(found - tier).mean() < 0.5 * np.abs(found - rest).mean()
 

@@ -5,12 +5,13 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
+from pack_scenes import pack
 
 from tactibench import UserError
-from tactibench_sim import reference
 from tactibench_sim.pins import layout
+from tactibench_sim.reference_frames import scenes as reference
 
-SHIPPED = files("tactibench_sim").joinpath(reference.FILE)
+SHIPPED = files("tactibench_sim.reference_frames").joinpath(reference.FILE)
 SCENES = reference.shipped()
 PINS = np.concatenate([layout(331), layout(127)])
 EACH = pytest.mark.parametrize("scene", SCENES, ids=lambda s: s.label)
@@ -140,7 +141,7 @@ def test_packing_keeps_what_a_run_says(tmp_path):
     made = run(tmp_path / "val_a.npz")
     run(tmp_path / "val_b.npz", sym=False)
     out = tmp_path / "scenes.npz"
-    digest = reference.pack([tmp_path / "val_b.npz", tmp_path / "val_a.npz"], out)
+    digest = pack([tmp_path / "val_b.npz", tmp_path / "val_a.npz"], out)
     found = reference.read(out)
     assert found.digest == digest
     assert [scene.label for scene in found.scenes] == [
@@ -161,8 +162,7 @@ def test_packing_keeps_what_a_run_says(tmp_path):
     assert (second.displacement[~fair, 1] == 0).all()
     assert last.displacement == pytest.approx(made["pu"][1], abs=close)
     assert last.normals == pytest.approx(made["pn"][1], abs=turned)
-    assert second.contacts.xy == pytest.approx(second.tips[:, :2])
-    assert second.asked.depth[0] == pytest.approx(second.tips[:, 2])
+    assert second.as_tips.depth[0] == pytest.approx(second.tips[:, 2])
     assert not second.equal
     assert not second.on_apex
 
@@ -170,13 +170,13 @@ def test_packing_keeps_what_a_run_says(tmp_path):
 def test_packing_twice_gives_the_same_bytes(tmp_path):
     run(tmp_path / "val_a.npz")
     for name in ("one.npz", "two.npz"):
-        reference.pack([tmp_path / "val_a.npz"], tmp_path / name)
+        pack([tmp_path / "val_a.npz"], tmp_path / name)
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
 
 def test_packing_nothing_is_refused(tmp_path):
     with pytest.raises(UserError, match="no runs"):
-        reference.pack([], tmp_path / "scenes.npz")
+        pack([], tmp_path / "scenes.npz")
 
 
 def test_packing_a_file_that_is_being_written_is_refused(tmp_path):
@@ -184,7 +184,7 @@ def test_packing_a_file_that_is_being_written_is_refused(tmp_path):
     cut = tmp_path / "val_b.npz"
     cut.write_bytes((tmp_path / "val_a.npz").read_bytes()[:-200])
     with pytest.raises(UserError, match=r"val_b\.npz cannot be read"):
-        reference.pack([tmp_path / "val_a.npz", cut], tmp_path / "scenes.npz")
+        pack([tmp_path / "val_a.npz", cut], tmp_path / "scenes.npz")
 
 
 @pytest.mark.parametrize(
@@ -202,5 +202,5 @@ def test_packing_refuses_what_is_no_run(tmp_path, changed, said):
     path = tmp_path / "val_a.npz"
     run(path, **changed(run(path)))
     with pytest.raises(UserError, match=said):
-        reference.pack([path], tmp_path / "scenes.npz")
+        pack([path], tmp_path / "scenes.npz")
     assert not (tmp_path / "scenes.npz").exists()

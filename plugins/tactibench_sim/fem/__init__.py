@@ -1,8 +1,6 @@
-"""Finite-element reference: hyperelastic, exactly incompressible bodies under rigid indenters."""
+"""Finite-element reference: a hyperelastic, exactly incompressible dome under rigid indenters."""
 
-from tactibench_sim.fem.bodies import Dome
+from tactibench_sim.fem.body import Dome, require_ngsolve
 from tactibench_sim.fem.continuation import NotConvergedError
-from tactibench_sim.fem.dome import Profile, press
-from tactibench_sim.fem.extra import require_ngsolve
 
-__all__ = ["Dome", "NotConvergedError", "Profile", "press", "require_ngsolve"]
+__all__ = ["Dome", "NotConvergedError", "require_ngsolve"]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tactibench import UserError
-from tactibench_sim.fem.extra import require_ngsolve
+from tactibench_sim.fem.body import require_ngsolve
 
 SOLVERS = ("umfpack", "sparsecholesky", "pardiso")
 PREDICTORS = ("secant", "tangent")
@@ -27,7 +27,7 @@ class NotConvergedError(RuntimeError):
 
 @dataclass(frozen=True)
 class Settings:
-    """How to step.
+    """Settings of the increments and the Newton method.
 
     first, largest, smallest: increments of the level; halved where Newton fails, times 1.5 where it
     converges, given up below ``smallest``. steps: Newton iterations. cap: longest move of any
@@ -162,7 +162,7 @@ class Continuation:
         self.state.vec.data += (to - self.level) / (self.level - previous) * change
 
     def _newton(self) -> int:
-        """Newton with capped moves: iterations until one was negligible, 0 where none was."""
+        """Run Newton with capped moves; return iterations until one was negligible, 0 for none."""
         from netgen.meshing import NgException
 
         vec, s = self.state.vec, self.settings
@@ -187,11 +187,11 @@ class Continuation:
 
 
 def _require_solver(inverse: str) -> None:
-    """NGSolve itself would fail at the first factorisation, which reads as a singular matrix."""
+    """Refuse early: NGSolve would fail at the first factorisation, as for a singular matrix."""
     config = require_ngsolve().config
     there = {"umfpack": config.USE_UMFPACK, "pardiso": config.USE_PARDISO or config.USE_MKL}
     if not there.get(inverse, True):
         raise UserError(
             f"this NGSolve was built without the direct solver {inverse!r}; "
-            'take "sparsecholesky" or "umfpack".'
+            'use "sparsecholesky" or "umfpack".'
         )

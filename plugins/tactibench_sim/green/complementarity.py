@@ -12,7 +12,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tactibench_sim.green.lookup import Array, jit
+from tactibench_sim.compiled import jit
+from tactibench_sim.green.lookup import Array
 
 Mask = npt.NDArray[np.bool_]
 ROUNDS = 500

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from tactibench_sim.green.lookup import Array, Index, chord_of, jit, value
+from tactibench_sim.compiled import jit
+from tactibench_sim.green.lookup import Array, Index, chord_of, value
 
 INNER, OUTER = 2, 0
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
-from tactibench_sim import sealed
+from tactibench_sim import data_file
 
 Array = npt.NDArray[np.float64]
 FILE = "kernel.npz"
@@ -72,13 +71,13 @@ def tableau(chord: Array, fields: Array) -> Array:
 
 def read(path: Path) -> Kernel:
     """Read a kernel file. Raises UserError where it is unreadable or its hash does not fit."""
-    return sealed.read(path, "the simulator's kernel", "reinstall tactibench.", _build)
+    return data_file.read(path, "the simulator's kernel", "reinstall tactibench.", _build)
 
 
 _ARRAYS = ("chord", "cap", "linear", "force", "dented")
 
 
-def _build(content: sealed.Arrays, parameters: dict[str, Any], digest: str) -> Kernel:
+def _build(content: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Kernel:
     arrays = {name: content[name].astype(np.float64) for name in _ARRAYS}
     chord, log_cap = arrays["chord"], np.log(arrays["cap"])
     caps = CubicSpline(log_cap, tableau(chord, arrays["linear"]), axis=0).c
@@ -103,5 +102,4 @@ def _build(content: sealed.Arrays, parameters: dict[str, Any], digest: str) -> K
 @cache
 def shipped() -> Kernel:
     """The kernel that ships with the package."""
-    with as_file(files(__package__).joinpath(FILE)) as path:
-        return read(path)
+    return data_file.read_shipped(__package__, FILE, read)

@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from tactibench_sim.green.lookup import Array, jit
+from tactibench_sim.compiled import jit
+from tactibench_sim.green.lookup import Array
 
 RINGS = 4
 NODES = 1 + 3 * RINGS * (RINGS + 1)

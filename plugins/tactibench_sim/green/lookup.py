@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from tactibench_sim.compiled import jit
 
 Array = npt.NDArray[np.float64]
 Index = npt.NDArray[np.signedinteger[Any]]
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def jit(function: F) -> F:
-    """Compile, on the first call or from the cache. After editing one file of compiled code, empty
-    __pycache__: the cache of a caller in another file does not notice.
-    """
-    return cast("F", njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 @jit

@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import UserError
-from tactibench_sim.contact import Tips, check_reach
 from tactibench_sim.green import fields, lattice, scene
 from tactibench_sim.green.kernel import Kernel
 from tactibench_sim.green.lookup import Array, at_cap, cubic_row
 from tactibench_sim.green.shapes import DEEPEST_MM, Shape, shape
 from tactibench_sim.green.single import footprint
-from tactibench_sim.table import Tables
+from tactibench_sim.mechanics.contact import Tips, check_reach
+from tactibench_sim.mechanics.tables import Tables
 
 NEAR_MM = 0.3
 """Tips this far above the skin may still be met by a bulge."""

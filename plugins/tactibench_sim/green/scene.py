@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from tactibench_sim.compiled import jit
 from tactibench_sim.green.complementarity import Mask, solve
 from tactibench_sim.green.lattice import nodes
 from tactibench_sim.green.lookup import (
@@ -14,7 +15,6 @@ from tactibench_sim.green.lookup import (
     at_cap,
     at_force,
     chord_of,
-    jit,
     share_of_load,
 )
 from tactibench_sim.green.single import reach

@@ -11,7 +11,7 @@ from tactibench import UserError
 from tactibench_sim.green.kernel import Kernel, tableau
 from tactibench_sim.green.lookup import Array
 from tactibench_sim.green.single import field, polar_samples, press
-from tactibench_sim.table import Table
+from tactibench_sim.mechanics.tables import Table
 
 DEPTHS = (0.0625, 0.125, 0.25, 0.375, 0.5, 0.75, *(k / 2 for k in range(2, 14)))
 """mm; cubic splines in between."""

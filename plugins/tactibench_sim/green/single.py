@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench import UserError
+from tactibench_sim.compiled import jit
 from tactibench_sim.green.complementarity import solve
 from tactibench_sim.green.kernel import Kernel, tableau
-from tactibench_sim.green.lookup import Array, at_cap, at_force, jit, share_of_load, value
+from tactibench_sim.green.lookup import Array, at_cap, at_force, share_of_load, value
 
 RINGS = 20
 AROUND = 24

@@ -1,14 +1,16 @@
-"""The flat pad's hot loops: table look-ups, shared loads and added-up fields. Compiled.
+"""The flat pad's compiled loops: table look-ups, shared loads and fields.
 
-They stand in one file because numba's cache on disk follows changes of one file only. A table is
-(D, T, Q, 4): by depth, distance and quantity the value and its derivatives by distance, by depth
-and by both, a bicubic spline in Hermite form.
+A table is (D, T, Q, 4): by depth, distance and quantity the value and its derivatives by distance,
+by depth and by both, a bicubic spline in Hermite form.
 """
+
+# One file: numba's cache on disk follows changes of the file of the function that is called.
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from tactibench_sim.compiled import jit
 
 _SHALLOW = 1e-6  # depth, mm, whose shape stands for a tip that does not press yet
 _REGULAR = 1e-10  # splits the load of exactly coincident tips evenly
@@ -17,16 +19,16 @@ _ROUNDS = 60  # two or three do, unless a bulge lifts a tip
 _SWEEPS = (20, 80, 400, 2000)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def hermite(f, step):  # type: ignore[no-untyped-def]
-    """Weights of (value, slope) at the left node and (value, slope) at the right node."""
+    """Return the weights of (value, slope) at the left and (value, slope) at the right node."""
     g = 1.0 - f
     return g * g * (1.0 + 2.0 * f), step * f * g * g, f * f * (3.0 - 2.0 * f), -step * f * f * g
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def at_depth(table, step, depth, scale, out):  # type: ignore[no-untyped-def]
-    """out (N, Q, 2): value and slope by distance of the first N nodes at one depth, times scale."""
+    """Fill out (N, Q, 2) with value and slope of the first N nodes at one depth, times scale."""
     place = depth / step
     left = min(int(place), table.shape[0] - 2)
     a, b, c, d = hermite(place - left, step)
@@ -42,9 +44,9 @@ def at_depth(table, step, depth, scale, out):  # type: ignore[no-untyped-def]
                 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def at_distance(profile, step, r, q):  # type: ignore[no-untyped-def]
-    """Quantity q of a profile (N, Q, 2) at r mm; zero beyond its end."""
+    """Return quantity q of a profile (N, Q, 2) at r mm; zero beyond its end."""
     place = r / step
     if not place < profile.shape[0] - 1:
         return 0.0
@@ -54,9 +56,9 @@ def at_distance(profile, step, r, q):  # type: ignore[no-untyped-def]
     return a * near[0] + b * near[1] + c * far[0] + d * far[1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def depression(table, steps, depth, r, pair):  # type: ignore[no-untyped-def]
-    """Quantity 0 of a table (D, T, Q, 4) at one depth and distance; pair (2, Q, 2) is scratch."""
+    """Return quantity 0 of a table (D, T, Q, 4) at a depth and distance; pair is scratch."""
     left = int(r / steps[1])
     if left > table.shape[1] - 2:
         return 0.0
@@ -65,7 +67,7 @@ def depression(table, steps, depth, r, pair):  # type: ignore[no-untyped-def]
     return a * pair[0, 0, 0] + b * pair[0, 0, 1] + c * pair[1, 0, 0] + d * pair[1, 0, 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def displace(tables, steps, index, xy, amplitude, shape, points, out):  # type: ignore[no-untyped-def]
     """Add to out (S, P, 3) the displacement of points (P, 2) by S presses; z is out of the pad.
 
@@ -92,9 +94,9 @@ def displace(tables, steps, index, xy, amplitude, shape, points, out):  # type: 
                 out[s, p, 2] -= at_distance(profile, steps[1], r, 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def couple(tables, steps, index, xy, delta, reach, amplitude, shape):  # type: ignore[no-untyped-def]
-    """Amplitude and shape (S, K) of tips at xy (S, K, 2) that share the load of S presses.
+    """Fill amplitude and shape (S, K) of tips at xy (S, K, 2) that share the load of S presses.
 
     tables: (M, D, T, 1, 4) of the surface's depression. delta: (S, K), -inf for none. Effective
     depths e_i and shapes s_i fulfil
@@ -152,9 +154,9 @@ def couple(tables, steps, index, xy, delta, reach, amplitude, shape):  # type: i
                 amplitude[s, i] = shape[s, i] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def _deepest_first(delta, xy):  # type: ignore[no-untyped-def]
-    """One order of tips, whatever the order in which they came: coincident ones remember theirs."""
+    """Sort tips, whatever the order in which they came: coincident ones would remember theirs."""
     order = np.arange(delta.shape[0])
     for i in range(1, order.shape[0]):
         j = i
@@ -173,9 +175,9 @@ def _deepest_first(delta, xy):  # type: ignore[no-untyped-def]
     return order
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def complementary(matrix, delta, near, order, e):  # type: ignore[no-untyped-def]
-    """e >= 0, M e - delta >= 0, complementary: projected Gauss-Seidel finds the active set.
+    """Solve e >= 0, M e - delta >= 0, complementary: projected Gauss-Seidel, then exactly.
 
     matrix: (K, K) with diagonal 1. near, order: (K,) who takes part, and in which order.
     """
@@ -204,9 +206,9 @@ def complementary(matrix, delta, near, order, e):  # type: ignore[no-untyped-def
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def _solve_active(matrix, delta, e):  # type: ignore[no-untyped-def]
-    """The solution for the active set e > 0, zero elsewhere; Gauss-Jordan with pivots."""
+    """Solve for the active set e > 0, zero elsewhere; Gauss-Jordan with pivots."""
     active = np.flatnonzero(e > 0.0)
     n = active.shape[0]
     system = np.empty((n, n + 1))

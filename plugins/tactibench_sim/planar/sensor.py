@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +12,44 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Grid, Scene, SensorContext, __version__
-from tactibench_sim.contact import Tips
-from tactibench_sim.instances import Spread, lost_pins, perturbed
-from tactibench_sim.limit import covariance, deviations
-from tactibench_sim.nuisance import NUISANCES
-from tactibench_sim.parameters import optics_from
-from tactibench_sim.planar import table as tables
-from tactibench_sim.planar.contact import pad_tips
-from tactibench_sim.planar.field import PadMechanics
-from tactibench_sim.planar.preset import PLANAR_GRID
-from tactibench_sim.render import Renderer
-from tactibench_sim.rendered import FRAMES_PER_SECOND, RenderedSensor
+from tactibench_sim.bounds import NUISANCES, covariance, deviations
+from tactibench_sim.instances import Spread, lost_pins, perturb
+from tactibench_sim.mechanics.contact import UNTOUCHED, Tips
+from tactibench_sim.optics.camera import Optics, optics_from
+from tactibench_sim.optics.renderer import Renderer
+from tactibench_sim.planar import mechanics
+from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
 
 Array = npt.NDArray[np.float64]
 SPREAD = Spread(gel_mm=0.0)
 """The pad's thickness is that of its table, in every instance."""
+
+
+@dataclass(frozen=True)
+class PlanarPreset:
+    """A square marker grid in a flat pad, and a camera. The pad itself is in the table file.
+
+    markers: a side, the grid's middle under the origin. pitch_mm: 1.5; simulations of a GelSight
+    Mini have 1.33 and 1.48 mm (FOTS, ``params.py``: 26 and 29 px at 19.58 px/mm). reach_mm: how far
+    from the middle, in x and in y, a tip may press. The pad is meant to be 40 mm wide, its fields
+    do not know its edge: a free edge 10 mm off all around moves the surface by 0.01 mm within 5 mm
+    of a tip of 3 mm at 1 mm depth, and by 0.02 mm beside the edge (finite elements).
+    """
+
+    name: str
+    optics: Optics
+    markers: int = 14
+    pitch_mm: float = 1.5
+    reach_mm: float = 10.0
+
+
+PLANAR_GRID = PlanarPreset(
+    "planar-grid",
+    Optics(camera_distance_mm=30.0, focal=1.15, gel_mm=5.0, marker_radius_mm=0.3),
+)
+"""Camera 30 mm from the surface (28.5 mm in the GelSight Mini of the simulator TacEx, with 4.5 mm
+of gel); the focal length shows the grid and 1.5 mm around it (assumed). Markers of 0.6 mm, white in
+a dark gel like the pins of a TacTip (assumed; a GelSight's are dark in a lit one)."""
 
 
 class PlanarGrid(RenderedSensor):
@@ -46,56 +69,67 @@ class PlanarGrid(RenderedSensor):
         threads: int | None = None,
         **optical: Any,
     ) -> None:
-        """optical: parameters of ``parameters.optics_from``; what is missing is the preset's."""
-        self._tables = tables.read(Path(table)) if table else tables.shipped()
-        self.mechanics = PadMechanics(self._tables, tier)
+        """Build the pad, its markers and its camera.
+
+        Args:
+            context: The seed of the noise.
+            tier: How contacts share the load.
+            table: Path of a file of single-tip fields; "": the one that ships.
+            instance: Number of the sensor instance; 0: the nominal one.
+            threads: Of ``press_many``.
+            **optical: Parameters of ``optics_from``; the others are the preset's.
+        """
+        self._tables = mechanics.read(Path(table)) if table else mechanics.shipped()
+        self.mechanics = mechanics.PadMechanics(self._tables, tier)
         self.deepest_mm = self._tables.deepest
         gel = replace(self.preset.optics, gel_mm=self._tables.thickness)
         self.instance = instance
-        self.optics, _ = perturbed(optics_from(gel, optical), 1.0, instance, SPREAD)
+        self.optics, _ = perturb(optics_from(gel, optical), 1.0, instance, SPREAD)
         count = self.preset.markers**2
         self.lost = lost_pins(count, self.optics.pin_loss, instance)
         self.markers = square_grid(self.preset.markers, self.preset.pitch_mm)[~self.lost]
         renderer = Renderer(self.optics, self.optics.camera_distance_mm)
-        super().__init__(context, renderer, self._displaced(_UNTOUCHED)[0], threads)
+        untouched = Tips(UNTOUCHED.xy, UNTOUCHED.depth, self._tables.radii[:1])
+        super().__init__(context, renderer, self._marker_places(untouched)[0], threads)
 
-    def _displaced(self, tips: Tips) -> Array:
-        """(S, P, 3) markers, mm. Raises UserError as ``press``."""
+    def _marker_places(self, tips: Tips) -> Array:
+        """Return the (S, P, 3) places of the markers, mm. Raises UserError as ``press``."""
         out = self.mechanics.markers(self.mechanics.loads(tips), self.markers)
         out[..., :2] += self.markers
         out[..., 2] -= self._tables.marker_depth
         return out
 
     def _tips(self, scenes: Sequence[Scene]) -> Tips:
-        return pad_tips(scenes, self.preset.reach_mm)
+        return mechanics.pad_tips(scenes, self.preset.reach_mm)
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        return self._displaced(self._tips(scenes))
+        """Return the (S, P, 3) places of the markers, mm. Raises UserError as ``press``."""
+        return self._marker_places(self._tips(scenes))
 
     def clean(self, tips: Tips) -> Array:
-        """(S, size, size) grey levels without noise. Raises UserError as ``press``."""
-        return self.renderer.clean(self._displaced(tips))
+        """Return (S, size, size) grey levels without noise. Raises UserError as ``press``."""
+        return self.renderer.clean(self._marker_places(tips))
 
     def surface(self, scene: Scene, grid: Grid) -> Array:
-        """(H, W) mm into the pad of the surface's points that lie above the cells at rest."""
+        """Return (H, W) mm into the pad of the surface points that lie above the cells at rest."""
         x, y = (axis.ravel() for axis in np.meshgrid(*grid.axes()))
         loads = self.mechanics.loads(self._tips([scene]))
         into: Array = -self.mechanics.surface(loads, np.stack([x, y], axis=1))[0, :, 2]
         return into.reshape(grid.shape)
 
     def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Array:
-        """(3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
+        """Return the (3 K, 3 K) mm^2 Cramer-Rao covariance of x, y, depth of every true contact.
 
         Of the grey frame that models see; of output "bw" it holds, but cannot be reached.
         """
         return covariance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
 
     def bound(self, scene: Scene) -> Array:
-        """(K, 3) Cramer-Rao standard deviations of x, y, depth of every true contact, mm."""
+        """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
         return deviations(self.covariance(scene))
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, but the seed."""
         return {
             "sensor": self.preset.name,
             "plugin": f"tactibench_sim {__version__}",
@@ -113,11 +147,8 @@ class PlanarGrid(RenderedSensor):
         }
 
 
-_UNTOUCHED = Tips(np.zeros((1, 1, 2)), np.full((1, 1), -np.inf), np.full(1, 3.0))
-
-
 def square_grid(side: int, pitch: float) -> Array:
-    """(side^2, 2) mm, row by row along y, its middle at the origin."""
+    """Return (side^2, 2) mm, row by row along y, its middle at the origin."""
     steps = (np.arange(side) - (side - 1) / 2) * pitch
     x, y = np.meshgrid(steps, steps)
     return np.stack([x.ravel(), y.ravel()], axis=1)

@@ -1,1 +1,1 @@
-"""Simulated against real plate presses: fit the few unknown numbers, report what is left."""
+"""Fitted sensors: camera, pins and a plate's drag fitted to recorded real presses."""

@@ -1,26 +1,78 @@
-"""The fit of the simulator to recorded presses as a file, with the frames that it saw."""
+"""The fit of the simulator to recorded presses as a file, with the frames that it used."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Self
 
 from tactibench import UserError
-from tactibench_sim.real.unknowns import Unknowns
+from tactibench_sim import data_file
+from tactibench_sim.optics.camera import Optics
 
 FILE = "calibration.json"
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """recording: sha256. frames: names of those that were fitted to. side: of its frames, px.
+class Unknowns:
+    """The fitted numbers, all of them global: none belongs to a single press.
 
-    rest_centre: mean of the pins at rest, px. kind: of the dome (``plates.kinds``). Files are
-    written by `tactibench sim real FOLDER --keep FILE`.
+    The defaults are where the fit begins.
+
+    Label to indentation: indentation = depth label + depth_offset_mm + pivot_mm (1 - cos t)
+    + pivot_side_mm sin t, t the tilt label: the robot turns the sensor about a point pivot_mm above
+    the dome's centre (20: the apex) and pivot_side_mm beside its axis. The plate's normal leaves
+    the axis by t + tilt_offset_deg, in the plane at yaw_deg to the frame's x axis.
+    pin_length_mm: effective lever; pins dragged along by the gel turn less than their base.
+    Optics: a camera air_mm below the window, gel_mm from the window to the apex (refraction at an
+    index of 1.41, the window's thickness counts as gel), focal length in px, axis at
+    (centre_x, centre_y) px.
+    Drag, mm of the plate relative to the dome: drag_per_mm move + drag_per_deg turn for a press
+    that was dragged (``move``: what the robot travelled along the plate, mm, ``turn``: by how much
+    it turned, deg), and drag_offset_mm + drag_per_depth d + drag_per_tilt d sin t for every press.
+    """
+
+    depth_offset_mm: float = 5.0
+    pivot_mm: float = 20.0
+    pivot_side_mm: float = 0.0
+    tilt_offset_deg: float = 0.0
+    yaw_deg: float = 90.0
+    pin_length_mm: float = 0.5
+    air_mm: float = 2.0
+    gel_mm: float = 24.0
+    focal_px: float = 110.0
+    centre_x: float = 0.0
+    centre_y: float = 0.0
+    drag_per_mm: float = -0.5
+    drag_per_deg: float = 0.0
+    drag_offset_mm: float = 0.0
+    drag_per_depth: float = 0.0
+    drag_per_tilt: float = 0.0
+
+    def optics(self, side: int, lens: str = "fisheye", gel_index: float = 1.41) -> Optics:
+        """Return the camera of frames of ``side`` px. Raises UserError for one that cannot be."""
+        middle = (side - 1) / 2
+        return Optics(
+            size=side,
+            camera_distance_mm=self.air_mm + self.gel_mm,
+            lens=lens,
+            focal=self.focal_px / side,
+            principal_x=(self.centre_x - middle) / side,
+            principal_y=(self.centre_y - middle) / side,
+            gel_mm=self.gel_mm,
+            gel_index=gel_index,
+            window_mm=0.0,
+        )
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The fit to a recording. Files are written by `tactibench sim real FOLDER --keep FILE`.
+
+    recording: sha256. frames: names of those that were fitted to. side: of its frames, px.
+    rest_centre: mean of the pins at rest, px. kind: of the dome (``plate.kinds``).
     """
 
     recording: str
@@ -31,7 +83,7 @@ class Calibration:
     unknowns: Unknowns
 
     def write(self, path: Path) -> None:
-        """Raises UserError where it cannot be written."""
+        """Write a JSON file. Raises UserError where it cannot be written."""
         try:
             path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
         except OSError as error:
@@ -39,7 +91,7 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Raises UserError for a file that is none of ``write``'s."""
+        """Read a file of ``write``. Raises UserError for any other."""
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             x, y = map(float, content["rest_centre"])
@@ -60,6 +112,5 @@ class Calibration:
 
 @cache
 def shipped() -> Calibration:
-    """The fit to 200 presses of the public 331-pin recording that ships with the package."""
-    with as_file(files(__package__).joinpath(FILE)) as path:
-        return Calibration.read(path)
+    """Return the fit to 200 presses of the public 331-pin recording that ships."""
+    return data_file.read_shipped(__package__, FILE, Calibration.read)

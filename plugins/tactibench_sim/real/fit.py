@@ -1,4 +1,4 @@
-"""Fit the unknowns to some presses: the same numbers for all of them."""
+"""The fit of the unknowns to some presses: the same numbers for all of them."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from tactibench_sim.real.plates import plate
-from tactibench_sim.real.presses import Presses
-from tactibench_sim.real.simulate import Rig, displacements
-from tactibench_sim.real.unknowns import Unknowns
+from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.plate import Rig, displacements, plate
+from tactibench_sim.real.recording import Presses
 
 Array = npt.NDArray[np.float64]
 
@@ -43,21 +42,21 @@ _SOFT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """The unknowns, the dome's name (``plates.kinds``), and the mean relative error reached."""
+class Fit:
+    """The unknowns, the dome's name (``plate.kinds``), and the mean relative error reached."""
 
     unknowns: Unknowns
     kind: str
     loss: float
 
 
-def rig(presses: Presses, kind: str, lens: str = "fisheye", gel_index: float = 1.41) -> Rig:
-    """What the simulation of these presses needs besides the unknowns."""
+def rig_of(presses: Presses, kind: str, lens: str = "fisheye", gel_index: float = 1.41) -> Rig:
+    """Return all that the simulation of these presses needs besides the unknowns."""
     return Rig(plate(kind), presses.rest, presses.side, lens, gel_index)
 
 
-def start(presses: Presses) -> Unknowns:
-    """Where the fit begins: the axis through the middle of the pins, lengths in px by the frame."""
+def initial_unknowns(presses: Presses) -> Unknowns:
+    """Return where the fit begins: the axis amid the pins, lengths in px by the frame."""
     x, y = presses.rest.mean(axis=0)
     begin = Unknowns(centre_x=float(x), centre_y=float(y))
     return replace(begin, focal_px=begin.focal_px * presses.side / 360)
@@ -65,19 +64,29 @@ def start(presses: Presses) -> Unknowns:
 
 def fit(
     presses: Presses,
-    what: Rig,
+    rig: Rig,
     begin: Unknowns,
     free: Sequence[str] = ALL,
     *,
     states: bool = True,
     steps: int = 30,
 ) -> tuple[Unknowns, float]:
-    """(unknowns, mean relative error): least sum over presses of ||sim - real|| / ||real||.
+    """Fit the unknowns: least sum over presses of ||sim - real|| / ||real||.
 
-    Norms, not squares: one press that is told wrong weighs no more than any other. With ``states``
-    each press counts as dragged or as not dragged, whichever fits it better.
+    Norms, not squares: one press with a wrong label weighs no more than any other.
+
+    Args:
+        presses: To fit to.
+        rig: The parts that are not fitted.
+        begin: Where the fit begins.
+        free: Names of the unknowns that are fitted.
+        states: Count each press as dragged or as not dragged, whichever fits it better.
+        steps: Evaluations of the residuals, at most.
+
+    Returns:
+        The unknowns and the mean relative error.
     """
-    fewer = replace(what, rest=what.rest[::EVERY])
+    fewer = replace(rig, rest=rig.rest[::EVERY])
     real = presses.moved[:, ::EVERY]
     weight = 1 / np.sqrt(np.nansum(real**2, axis=(1, 2)))
     origin = np.array([getattr(begin, name) for name in free])
@@ -100,18 +109,18 @@ def fit(
         return np.asarray((best / np.sqrt(error)[:, None]).ravel(), dtype=np.float64)
 
     low, high = ((limits - origin[:, None]) / step[:, None]).T
-    found = least_squares(residuals, np.zeros(len(free)), bounds=(low, high), max_nfev=steps)
-    return _with(begin, free, origin + step * found.x), float(2 * found.cost / len(presses))
+    result = least_squares(residuals, np.zeros(len(free)), bounds=(low, high), max_nfev=steps)
+    return _with(begin, free, origin + step * result.x), float(2 * result.cost / len(presses))
 
 
-def fit_best(presses: Presses, kinds: Sequence[str], steps: int = 30) -> Fitted:
-    """The fit of all unknowns on the dome of ``kinds`` that fits best."""
-    begin, best = start(presses), None
+def fit_best(presses: Presses, kinds: Sequence[str], steps: int = 30) -> Fit:
+    """Return the fit of all unknowns on the dome of ``kinds`` that fits best."""
+    begin, best = initial_unknowns(presses), None
     for kind in kinds:
-        unknowns, loss = fit(presses, rig(presses, kind), begin, steps=steps)
+        unknowns, loss = fit(presses, rig_of(presses, kind), begin, steps=steps)
         begin = unknowns
         if best is None or loss < best.loss:
-            best = Fitted(unknowns, kind, loss)
+            best = Fit(unknowns, kind, loss)
     assert best is not None  # noqa: S101 - kinds is not empty
     return best
 

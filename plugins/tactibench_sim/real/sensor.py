@@ -1,8 +1,7 @@
-"""A simulated TacTip whose camera and pins, and the plate that drags its skin, were fitted to real
-presses.
+"""Simulated TacTips whose camera, pins and plate drag were fitted to real presses.
 
 What no label says is drawn for every press of a plate: whether it drags the skin along and how far,
-and with ``spread`` which individual is pressed. Every individual has the same pins at rest.
+and with ``spread`` which sensor instance is pressed. All instances have the same pins at rest.
 Spherical tips press as on the nominal dome.
 """
 
@@ -19,24 +18,25 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Scene, SensorContext, UserError
-from tactibench_sim import table as tables
-from tactibench_sim.contact import tips_of
-from tactibench_sim.field import Mechanics
-from tactibench_sim.noise import streams
+from tactibench_sim.mechanics import tables
+from tactibench_sim.mechanics.contact import tips_of
+from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim.optics.noise import streams
+from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import places_at_rest
-from tactibench_sim.real import plates
-from tactibench_sim.real.calibration import Calibration, shipped
-from tactibench_sim.real.simulate import APEX_MM, INNER_MM, Labels, Rig, directions, displacements
-from tactibench_sim.real.unknowns import Unknowns
-from tactibench_sim.render import Renderer
-from tactibench_sim.rendered import RenderedSensor
+from tactibench_sim.real import plate
+from tactibench_sim.real.calibration import Calibration, Unknowns, shipped
+from tactibench_sim.real.plate import APEX_MM, INNER_MM, Labels, Rig, directions, displacements
+from tactibench_sim.rendered_sensor import RenderedSensor
 
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
 
 STEEPEST_DEG = 45.0
-_INDIVIDUALS, _PRESSES = 7, 8
+_INSTANCES, _PRESSES = 7, 8
 """Streams of random numbers beside that of the camera's noise."""
+_MARKER_MM = {127: 0.36, 331: 0.47}
+"""Radius of the white tips, as in the presets of ``sensor``."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,10 @@ class Spread:
 
 
 class FittedSensor(RenderedSensor):
-    """A plate's depth is the indentation along its normal. Its yaw says where on the frame a
-    positive tilt moves the contact to, 90: down."""
+    """A TacTip that plates press: depth is the indentation along the plate's normal.
+
+    A plate's yaw says where on the frame a positive tilt moves the contact to, 90: down.
+    """
 
     pins = 331
 
@@ -67,45 +69,58 @@ class FittedSensor(RenderedSensor):
         calibration: str = "",
         threads: int | None = None,
     ) -> None:
-        """drag: mm, half the range of a plate's sideways travel. dragged: share of the presses
-        that it takes the skin along in. Raises UserError for a file that is no calibration."""
-        found = Calibration.read(Path(calibration)) if calibration else shipped()
-        if found.kind not in plates.kinds():
+        """Read the calibration and draw the sensor instances.
+
+        Args:
+            context: The seed of noise and presses.
+            size: Side of the frames, px.
+            drag: Half the range of a plate's sideways travel, mm.
+            dragged: Share of the presses in which the plate takes the skin along.
+            spread: Width of the instances' ranges; 0: the calibrated sensor alone.
+            individuals: Number of sensor instances, where spread is not 0.
+            calibration: Path of a file of `sim real --keep`; "": the one that ships.
+            threads: Of ``press_many``.
+
+        Raises:
+            UserError: The file is no calibration, or of a dome without tables.
+        """
+        fitted = Calibration.read(Path(calibration)) if calibration else shipped()
+        if fitted.kind not in plate.kinds():
             raise UserError(
-                f"the calibration is of a dome {found.kind!r}, but there are tables of "
-                f"{', '.join(plates.kinds())}; make it again with `tactibench sim real`."
+                f"the calibration is of a dome {fitted.kind!r}, but there are tables of "
+                f"{', '.join(plate.kinds())}; make it again with `tactibench sim real`."
             )
-        self.calibration, self.size = found, size
+        self.calibration, self.size = fitted, size
         self.drag, self.dragged, self.spread = drag, dragged, spread
         self.individuals = individuals if spread else 1
-        scale = size / found.side
-        nominal = _per_label(found.unknowns, scale)
-        rest = size * places_at_rest(self.pins) + scale * np.array(found.rest_centre)
-        self.rig = Rig(plates.plate(found.kind), rest, size)
+        scale = size / fitted.side
+        nominal = _as_indentation(fitted.unknowns, scale)
+        rest = size * places_at_rest(self.pins) + scale * np.array(fitted.rest_centre)
+        self.rig = Rig(plate.plate(fitted.kind), rest, size)
         optics = replace(self.rig.optics(nominal), marker_radius_mm=_MARKER_MM[self.pins])
         renderer = Renderer(optics, optics.camera_distance_mm - APEX_MM)
         self._pins, self._length = directions(self.rig, nominal), nominal.pin_length_mm
         tips = (INNER_MM - self._length) * self._pins
         super().__init__(context, renderer, tips, threads)
-        self._discs = np.stack([part[0] for part in renderer.project(tips[None])])
-        self._unknowns = self._perturbed(nominal)
+        self._discs = np.stack([axis[0] for axis in renderer.project(tips[None])])
+        self._unknowns = self._instances(nominal)
 
     @cached_property
-    def mechanics(self) -> Mechanics:
-        """Of spherical tips, on the nominal dome."""
-        return Mechanics(tables.shipped(), "coupled")
+    def mechanics(self) -> TableMechanics:
+        """Mechanics of spherical tips, on the nominal dome."""
+        return TableMechanics(tables.shipped(), "coupled")
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        """(S, P, 3) mm, pin tips under spherical tips; a plate's are known on the frame alone."""
+        """Return (S, P, 3) mm, pin tips under spherical tips; a plate's are known in px alone."""
         loads = self.mechanics.loads(tips_of(scenes))
         return self.mechanics.pin_tips(loads, self._pins, self._length)
 
     def calibrated_on(self) -> Mapping[str, Sequence[str]]:
-        """The frames of the recording to which camera, pins and drag were fitted."""
+        """Return the frames of the recording to which camera, pins and drag were fitted."""
         return {self.calibration.recording: self.calibration.frames}
 
     def moved(self, scenes: Sequence[Scene], first: int = 0) -> Array:
-        """(S, P, 2) px that the pins of presses by a plate, number ``first`` and on, move.
+        """Return (S, P, 2) px that the pins move in presses by a plate, number ``first`` and on.
 
         Raises UserError for a press that the tables do not reach.
         """
@@ -115,14 +130,14 @@ class FittedSensor(RenderedSensor):
         for scene in scenes:
             _refuse(scene, self.rig.plate.deepest)
         drawn = np.array([self._drawn(number) for number in numbers])
-        who = np.minimum((drawn[:, 0] * self.individuals).astype(int), self.individuals - 1)
+        instance = np.minimum((drawn[:, 0] * self.individuals).astype(int), self.individuals - 1)
         yaw = np.array([scene.pose.yaw for scene in scenes])
         depth = np.array([scene.pose.depth for scene in scenes])
         tilt = np.array([scene.pose.tilt for scene in scenes])
         travel = self.drag * (2 * drawn[:, 2] - 1) * (drawn[:, 1] < self.dragged)
         out = np.empty((len(scenes), *self.rig.rest.shape))
-        for number, turn in sorted(set(zip(who.tolist(), yaw.tolist(), strict=True))):
-            rows = np.flatnonzero((who == number) & (yaw == turn))
+        for number, turn in sorted(set(zip(instance.tolist(), yaw.tolist(), strict=True))):
+            rows = np.flatnonzero((instance == number) & (yaw == turn))
             x = self._unknowns[number]
             x = replace(x, yaw_deg=x.yaw_deg + turn)
             labels = Labels(depth[rows], tilt[rows], travel[rows], np.zeros(len(rows)))
@@ -131,7 +146,7 @@ class FittedSensor(RenderedSensor):
         return out
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, but the seed."""
         return {
             "sensor": f"fitted-{self.pins}",
             "size": self.size,
@@ -141,46 +156,47 @@ class FittedSensor(RenderedSensor):
             "individuals": self.individuals,
             "calibration": asdict(self.calibration),
             "optics": asdict(self.renderer.optics),
-            "tables": {"tips": tables.shipped().digest, "plates": plates.digest()},
+            "tables": {"tips": tables.shipped().digest, "plates": plate.digest()},
         }
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
         discs = np.repeat(self._discs[:, None], len(scenes), axis=1)
-        flat = [k for k, scene in enumerate(scenes) if scene.indenter.is_plate]
-        round_ = [k for k, scene in enumerate(scenes) if not scene.indenter.is_plate]
-        if flat:
-            moved = self._moved([scenes[k] for k in flat], [first + k for k in flat])
-            discs[:2, flat] += moved.transpose(2, 0, 1)
-        if round_:
-            discs[:, round_] = self.renderer.project(self.points([scenes[k] for k in round_]))
-        return self.renderer.exposed(*discs, streams(self._seed, first, len(scenes)))
+        plates = [k for k, scene in enumerate(scenes) if scene.indenter.is_plate]
+        spheres = [k for k, scene in enumerate(scenes) if not scene.indenter.is_plate]
+        if plates:
+            moved = self._moved([scenes[k] for k in plates], [first + k for k in plates])
+            discs[:2, plates] += moved.transpose(2, 0, 1)
+        if spheres:
+            discs[:, spheres] = self.renderer.project(self.points([scenes[k] for k in spheres]))
+        x, y, radius = discs
+        return self.renderer.disc_frames(x, y, radius, streams(self._seed, first, len(scenes)))
 
     def _drawn(self, number: int) -> Array:
-        """(3,) in 0..1 of a press: which individual, whether dragged, how far."""
+        """Return (3,) in 0..1 of a press: which instance, whether dragged, how far."""
         return self._stream(_PRESSES, number).uniform(size=3)
 
-    def _perturbed(self, nominal: Unknowns) -> tuple[Unknowns, ...]:
-        found = [nominal]
-        by = Spread()
+    def _instances(self, nominal: Unknowns) -> tuple[Unknowns, ...]:
+        instances = [nominal]
+        widths = Spread()
         for number in range(1, self.individuals):
-            yaw, pin, gel, air, focal = self.spread * self._stream(_INDIVIDUALS, number).uniform(
+            yaw, pin, gel, air, focal = self.spread * self._stream(_INSTANCES, number).uniform(
                 -1.0, 1.0, 5
             )
-            found.append(
+            instances.append(
                 replace(
                     nominal,
-                    yaw_deg=nominal.yaw_deg + by.yaw_deg * yaw,
-                    pin_length_mm=nominal.pin_length_mm + by.pin_length_mm * pin,
-                    gel_mm=nominal.gel_mm + by.gel_mm * gel,
-                    air_mm=nominal.air_mm * (1 + by.air_share * air),
-                    focal_px=nominal.focal_px * (1 + by.focal_share * focal),
+                    yaw_deg=nominal.yaw_deg + widths.yaw_deg * yaw,
+                    pin_length_mm=nominal.pin_length_mm + widths.pin_length_mm * pin,
+                    gel_mm=nominal.gel_mm + widths.gel_mm * gel,
+                    air_mm=nominal.air_mm * (1 + widths.air_share * air),
+                    focal_px=nominal.focal_px * (1 + widths.focal_share * focal),
                 )
             )
-        return tuple(found)
+        return tuple(instances)
 
     def _stream(self, purpose: int, number: int) -> np.random.Generator:
-        """Individuals are the same in every run, presses those of the seed."""
-        if purpose == _INDIVIDUALS:
+        """Return random numbers: instances are the same in every run, presses those of the seed."""
+        if purpose == _INSTANCES:
             return np.random.default_rng([purpose, number])
         key = (*self._seed.spawn_key, purpose, number)
         return np.random.default_rng(np.random.SeedSequence(self._seed.entropy, spawn_key=key))
@@ -196,12 +212,8 @@ class Fitted331(FittedSensor):
     """331 pins in ten rings."""
 
 
-_MARKER_MM = {127: 0.36, 331: 0.47}
-"""As in the presets."""
-
-
-def _per_label(x: Unknowns, scale: float) -> Unknowns:
-    """For labels that are indentation and tilt already; yaw is then the camera's roll."""
+def _as_indentation(x: Unknowns, scale: float) -> Unknowns:
+    """Return the unknowns for labels that are indentation and tilt; yaw is the camera's roll."""
     return replace(
         x,
         depth_offset_mm=0.0,

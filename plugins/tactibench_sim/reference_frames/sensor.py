@@ -11,19 +11,19 @@ import numpy.typing as npt
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.reference import RADIUS_MM, ReferenceScene, shipped_file
-from tactibench_sim.rendered import RenderedSensor
+from tactibench_sim.reference_frames.scenes import RADIUS_MM, ReferenceScene, shipped_file
+from tactibench_sim.rendered_sensor import RenderedSensor
 from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
-from tactibench_sim.validate_frames import _tips as tips_in
 
 Array = npt.NDArray[np.float64]
+_SAME = 1e-9  # by which the cosine of equal directions may be off
 NAMES = {1: "single", 2: "dual", 3: "triple"}
 _ALONG_NORMAL = re.compile(r"(s\d+)_[\d.]+")
 """Scenes s20_1, s20_2 ... are one tip that moves along the skin's normal."""
 
 
 class ReferenceTacTip(RenderedSensor):
-    """The camera, pins and noise of a nominal TacTip; where its pins are, finite elements said."""
+    """The camera, pins and noise of a nominal TacTip; finite elements say where its pins are."""
 
     nominal: type[SimulatedTacTip]
 
@@ -37,7 +37,19 @@ class ReferenceTacTip(RenderedSensor):
         threads: int | None = None,
         **optical: Any,
     ) -> None:
-        """instance, table: of another dome, which the scenes are not of. Raises UserError."""
+        """Build the nominal sensor.
+
+        Args:
+            context: The seed of the noise.
+            instance: Must be 0: the scenes are of the nominal dome.
+            table: Must be "", likewise.
+            pin_length: mm; None: the nominal sensor's.
+            threads: Of ``press_many``.
+            **optical: Parameters of the camera.
+
+        Raises:
+            UserError: The parameters are of another dome.
+        """
         if instance or table:
             given = f"instance={instance}" if instance else f"table={table}"
             raise UserError(
@@ -46,21 +58,22 @@ class ReferenceTacTip(RenderedSensor):
             )
         self._sensor = self.nominal(context, pin_length=pin_length, **optical)
         self._reference = shipped_file()
-        self._scenes = {one.label: scene_of(one) for one in self._reference.scenes}
+        self._scenes = {scene.label: scene_of(scene) for scene in self._reference.scenes}
         self._fields = dict(zip(self._scenes.values(), self._reference.scenes, strict=True))
         resting = (self._sensor.mechanics.inner - self._sensor.pin_length) * self._sensor.directions
         super().__init__(context, self._sensor.renderer, resting, threads)
 
     def scenes(self) -> dict[str, Scene]:
-        """ "p7_eq at 2 mm" -> scene, for all that ship."""
+        """Return the scenes that ship by their labels, such as "p7_eq at 2 mm"."""
         return dict(self._scenes)
 
     def presses(self) -> dict[str, str]:
-        """Scene -> run: an indenter that is pushed on to several depths presses once."""
-        return {one.label: press_of(one) for one in self._reference.scenes}
+        """Return the run of each scene: an indenter that goes on to several depths presses once."""
+        return {scene.label: press_of(scene) for scene in self._reference.scenes}
 
     def points(self, scenes: Sequence[Scene]) -> Array:
-        return np.stack([tips_in(self._sensor, self._field(scene)) for scene in scenes])
+        """Return the (S, P, 3) pin tips from the dome's centre, mm."""
+        return np.stack([reference_tips(self._sensor, self._field(scene)) for scene in scenes])
 
     def _field(self, scene: Scene) -> ReferenceScene:
         if scene not in self._fields:
@@ -71,7 +84,7 @@ class ReferenceTacTip(RenderedSensor):
         return self._fields[scene]
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines the frames, but the seed."""
+        """Return everything that determines the frames, but the seed."""
         own = self._sensor.describe()
         for name in ("tier", "tables"):
             del own[name]
@@ -94,21 +107,39 @@ class Reference331(ReferenceTacTip):
     nominal = TacTip331
 
 
-def scene_of(one: ReferenceScene) -> Scene:
-    """The scene as a rigid indenter that brings every tip to its depth.
+def reference_tips(sensor: SimulatedTacTip, scene: ReferenceScene) -> Array:
+    """Return the (P, 3) tips of a sensor's pins in a reference scene, from the centre, mm.
+
+    Raises UserError for a sensor with other pins than the scenes have.
+    """
+    along = sensor.directions @ scene.directions.T
+    pin = along.argmax(axis=1)
+    if (along[np.arange(len(pin)), pin] < 1 - _SAME).any():
+        raise UserError(
+            "the sensor has pins where the reference scenes have none; take tactip-127 or "
+            "tactip-331."
+        )
+    base = sensor.mechanics.inner * scene.directions[pin] + scene.displacement[pin]
+    tips: Array = base - sensor.pin_length * scene.normals[pin]
+    return tips
+
+
+def scene_of(reference: ReferenceScene) -> Scene:
+    """Return the scene as a rigid indenter that brings every tip to its depth.
 
     With height h_k = sqrt((R_d + R)^2 - rho_k^2) of a tip's first touch, tip k reaches further by
     d_k - h_k, up to a constant.
     """
-    xy, depth = one.tips[:, :2], one.tips[:, 2]
+    xy, depth = reference.tips[:, :2], reference.tips[:, 2]
     reach = depth - np.sqrt((DOME_RADIUS_MM + RADIUS_MM) ** 2 - (xy**2).sum(axis=1))
     middle = xy.mean(axis=0)
     offsets = np.column_stack([xy - middle, reach - reach.min()])
     indenter = Indenter(RADIUS_MM, tuple(map(tuple, offsets.tolist())), NAMES[len(xy)])
-    return Scene(indenter, Pose(*middle.tolist(), 0.0, 0.0, float(depth.max())))
+    x, y = middle.tolist()
+    return Scene(indenter, Pose(x, y, 0.0, 0.0, float(depth.max())))
 
 
-def press_of(one: ReferenceScene) -> str:
-    """Name of the run that a scene is a moment of."""
-    found = _ALONG_NORMAL.fullmatch(one.name)
-    return found[1] if found else one.name
+def press_of(reference: ReferenceScene) -> str:
+    """Return the name of the run that a scene is a moment of."""
+    match = _ALONG_NORMAL.fullmatch(reference.name)
+    return match[1] if match else reference.name

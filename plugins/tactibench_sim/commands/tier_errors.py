@@ -1,0 +1,209 @@
+"""Errors of the tiers against the finite-element scenes, and the time that a scene takes.
+
+The error of a pin base is the length of the difference of its displacements, mm; that of a pin's
+tip likewise, with the pin standing on the turned normal; that of a normal the angle between both,
+deg.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import UserError
+from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.mechanics.dome import Mechanics
+from tactibench_sim.reference_frames.scenes import LAYOUTS, RADIUS_MM, ReferenceScene
+
+Array = npt.NDArray[np.float64]
+TIERS = ("superpose", "coupled", "green")
+"""Tiers in the order of the table and of the colours; ``fem`` is their reference."""
+PIN_MM = 2.0
+"""Length of the pins whose tips are compared."""
+DEPTHS_MM = (3.0, 6.0)
+TARGETS_MM = {3.0: {"max": 0.10, "median": 0.03}, 6.0: {"max": 0.25}}
+"""Targets of tier ``coupled``, per pin base, up to a depth."""
+TARGET_US = 100.0
+"""Target for the field of a dual scene on one core: 20,000 scenes a second on two."""
+GROUPS: Mapping[str, Callable[[ReferenceScene], bool]] = {
+    "all": lambda scene: len(scene.tips) > 1,
+    "isolated": lambda scene: len(scene.tips) == 1,
+    "pairs": lambda scene: len(scene.tips) == 2,
+    "triples": lambda scene: len(scene.tips) == 3,
+    "on the apex": lambda scene: len(scene.tips) > 1 and scene.on_apex,
+    "off the apex": lambda scene: len(scene.tips) > 1 and not scene.on_apex,
+    "equal depths": lambda scene: len(scene.tips) > 1 and scene.equal,
+    "unequal depths": lambda scene: len(scene.tips) > 1 and not scene.equal,
+}
+"""Tips that stand alone are counted apart: they are what the tables hold."""
+APART = ("all", "isolated")
+"""Groups that no other holds."""
+QUANTITIES = {"base": "mm", "tip": "mm", "normal": "deg"}
+_BATCH = 64
+_ROUNDS = 9
+_BUDGET_S = 1.2
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors in one scene, pin by pin, each (P,): base and tip mm, normal deg."""
+
+    scene: ReferenceScene
+    base: Array
+    tip: Array
+    normal: Array
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Time of the field of one dual scene, 127 pins, one thread, us: wall clock and processor."""
+
+    wall: float
+    processor: float
+
+
+@dataclass(frozen=True, eq=False)
+class TierErrors:
+    """Errors and speed of a tier. refused: scenes that the tier does not compute."""
+
+    name: str
+    errors: tuple[Errors, ...]
+    refused: tuple[ReferenceScene, ...]
+    speed: Speed
+
+    def errors_in(self, group: str, deepest: float) -> list[Errors]:
+        """Return the errors in scenes of a group in which no tip is deeper than ``deepest`` mm."""
+        return [e for e in self.errors if GROUPS[group](e.scene) and e.scene.depth <= deepest]
+
+    def worst(self, group: str, deepest: float) -> tuple[Errors, int]:
+        """Return the scene and the pin whose base is farthest off."""
+        worst = max(self.errors_in(group, deepest), key=lambda e: float(e.base.max()))
+        return worst, int(worst.base.argmax())
+
+
+def judge(name: str, tier: Mechanics, scenes: Sequence[ReferenceScene]) -> TierErrors:
+    """Compare a tier with every scene and time it. Raises UserError where no scene is left."""
+    errors, refused = [], []
+    for scene in scenes:
+        try:
+            errors.append(_errors(tier, scene))
+        except UserError:
+            refused.append(scene)
+    if not errors:
+        raise UserError(f"the tier {name} computes none of {len(scenes)} reference scenes.")
+    computed = [e.scene for e in errors]
+    return TierErrors(name, tuple(errors), tuple(refused), speed(tier, computed))
+
+
+def _errors(tier: Mechanics, scene: ReferenceScene) -> Errors:
+    at = scene.directions
+    loads = tier.loads(scene.as_tips)
+    u = tier.displacement(loads, at)[0][0]
+    normal = tier.inner * at + u - tier.pin_tips(loads, at, 1.0)[0]
+    off = np.linalg.norm(u - scene.displacement, axis=1)
+    tip = np.linalg.norm(
+        (u - PIN_MM * normal) - (scene.displacement - PIN_MM * scene.normals), axis=1
+    )
+    across = np.linalg.norm(np.cross(normal, scene.normals), axis=1)
+    turned = np.degrees(np.arctan2(across, (normal * scene.normals).sum(axis=1)))
+    return Errors(scene, off, tip, turned)
+
+
+def speed(tier: Mechanics, scenes: Sequence[ReferenceScene]) -> Speed:
+    """Return the median of rounds over the pairs among the scenes (all where there are none)."""
+    use = [s for s in scenes if len(s.tips) == 2] or list(scenes)
+    most = len(max(use, key=lambda s: len(s.tips)).tips)
+    use = [s for s in use if len(s.tips) == most]
+    use = (use * (_BATCH // len(use) + 1))[: max(_BATCH, len(use))]
+    tips = np.stack([s.tips for s in use])
+    batch = Tips(tips[..., :2], tips[..., 2], np.full(len(use), RADIUS_MM))
+    at = np.ascontiguousarray(use[0].directions[-LAYOUTS[-1] :])
+    tier.displacement(tier.loads(batch), at)  # compiled, and tables made
+    wall: list[float] = []
+    processor: list[float] = []
+    begun = time.perf_counter()
+    while len(wall) < 3 or (len(wall) < _ROUNDS and time.perf_counter() - begun < _BUDGET_S):
+        start, own = time.perf_counter(), time.thread_time()
+        tier.displacement(tier.loads(batch), at)
+        processor.append(time.thread_time() - own)
+        wall.append(time.perf_counter() - start)
+    each = 1e6 / len(use)
+    return Speed(each * statistics.median(wall), each * statistics.median(processor))
+
+
+def pin_name(pin: int) -> str:
+    """Return a pin's number in its own pattern: "pin 17 of 331"."""
+    for pins in LAYOUTS:
+        if pin < pins:
+            return f"pin {pin} of {pins}"
+        pin -= pins
+    raise IndexError(pin)
+
+
+def rows(tiers: Sequence[TierErrors]) -> list[dict[str, Any]]:
+    """Return every number as a row of tier, metric, group, value, unit.
+
+    The metric "base_error_max" is the largest over the pins of all scenes in the group, "_median"
+    their median. A group without scenes has no row.
+    """
+    return [row for tier in tiers for row in (*_error_rows(tier), *_cost_rows(tier))]
+
+
+def _error_rows(tier: TierErrors) -> list[dict[str, Any]]:
+    rows = []
+    for group, deepest in product(GROUPS, DEPTHS_MM):
+        inside, where = tier.errors_in(group, deepest), f"{group}, d <= {deepest:g} mm"
+        if not inside:
+            continue
+        rows.append(_row(tier.name, "scenes", where, len(inside), "1"))
+        for quantity, unit in QUANTITIES.items():
+            values = pooled(inside, quantity)
+            for kind, value in (("max", values.max()), ("median", np.median(values))):
+                rows.append(_row(tier.name, f"{quantity}_error_{kind}", where, float(value), unit))
+    return rows
+
+
+def _cost_rows(tier: TierErrors) -> list[dict[str, Any]]:
+    timed = "dual scenes, 127 pins"
+    return [
+        _row(tier.name, "wall_time", timed, tier.speed.wall, "us"),
+        _row(tier.name, "processor_time", timed, tier.speed.processor, "us"),
+        _row(tier.name, "refused", "every scene", len(tier.refused), "1"),
+    ]
+
+
+def _row(tier: str, metric: str, group: str, value: float, unit: str) -> dict[str, Any]:
+    return {"tier": tier, "metric": metric, "group": group, "value": value, "unit": unit}
+
+
+def pooled(errors: Sequence[Errors], quantity: str) -> Array:
+    """Return one quantity of all pins of several scenes."""
+    return np.concatenate([getattr(e, quantity) for e in errors])
+
+
+def worst_cases(tiers: Sequence[TierErrors]) -> list[dict[str, Any]]:
+    """Return the worst pin base of every tier up to either depth, for JSON."""
+    rows = []
+    for tier, group, deepest in product(tiers, APART, DEPTHS_MM):
+        if not tier.errors_in(group, deepest):
+            continue
+        errors, pin = tier.worst(group, deepest)
+        rows.append(
+            {
+                "tier": tier.name,
+                "group": f"{group}, d <= {deepest:g} mm",
+                "scene": errors.scene.name,
+                "tips_mm": errors.scene.tips.tolist(),
+                "pin": pin_name(pin),
+                "value": float(errors.base[pin]),
+                "unit": "mm",
+            }
+        )
+    return rows

@@ -1,0 +1,106 @@
+"""The command `tactibench sim validate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+
+@click.command(
+    help="Show speed against error of every tier on the finite-element scenes that ship: 3 mm "
+    "tips, alone and in pairs and triples, 1 to 6 mm deep."
+)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="PNG",
+    help="Draw speed against error.",
+)
+@click.option(
+    "--json",
+    "json_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write every number.",
+)
+@click.option(
+    "--frames",
+    "folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write the scenes as frames of --sensor, with their true contacts, and compare nothing.",
+)
+@click.option(
+    "--sensor", "name", default="tactip-127", show_default=True, help="Preset for --frames."
+)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the frames' noise."
+)
+def validate(
+    out: Path | None, json_file: Path | None, folder: Path | None, name: str, seed: int
+) -> None:
+    """Compare every tier with the finite-element scenes, or write these as frames."""
+    from tactibench import UserError
+    from tactibench_sim.reference_frames.scenes import shipped_file
+
+    if out is not None and out.suffix.lower() != ".png":
+        raise UserError(
+            f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
+        )
+    for option, path in (("--out", out), ("--json", json_file), ("--frames", folder)):
+        if path is not None and not path.resolve().parent.is_dir():
+            raise UserError(f"the folder {path.parent} of {option} is not there; make it first.")
+    if folder is not None:
+        _frames(folder, name, seed)
+        if out is None and json_file is None:
+            return
+    import json
+
+    from rich.console import Console
+
+    from tactibench_sim.commands.tier_errors import TIERS, judge, rows, worst_cases
+    from tactibench_sim.commands.tier_report import draw, print_report
+    from tactibench_sim.mechanics.dome import mechanics_for
+    from tactibench_sim.mechanics.tables import shipped
+
+    reference = shipped_file()
+    counts = [sum(len(s.tips) == k for s in reference.scenes) for k in (2, 3, 1)]
+    subject = "finite-element scenes: {} pairs, {} triples, {} isolated tips".format(*counts)
+    tables = shipped()
+    tiers = [judge(tier, mechanics_for(tier, tables), reference.scenes) for tier in TIERS]
+    console = Console(highlight=False)
+    console.print(f"{subject}, sha256 {reference.digest[:12]}", soft_wrap=True)
+    print_report(console, tiers)
+    if out is not None:
+        draw(out, tiers, f"speed against error of the simulator's tiers\n{subject}")
+        console.print(f"picture: {out}", soft_wrap=True)
+    if json_file is not None:
+        record = {
+            "reference": {"sha256": reference.digest, **reference.parameters},
+            "tables_sha256": tables.digest,
+            "metrics": rows(tiers),
+            "worst": worst_cases(tiers),
+        }
+        part = json_file.with_name(json_file.name + ".part")
+        part.write_text(json.dumps(record, indent=1) + "\n")
+        part.replace(json_file)
+
+
+def _frames(folder: Path, name: str, seed: int) -> None:
+    import numpy as np
+
+    from tactibench import SensorContext, UserError
+    from tactibench_sim.hooks import tactibench_sensors
+    from tactibench_sim.reference_frames.frames import write
+    from tactibench_sim.reference_frames.scenes import shipped
+    from tactibench_sim.sensor import SimulatedTacTip
+
+    specs = {spec.name: spec for spec in tactibench_sensors()}
+    if name not in specs:
+        raise UserError(f"unknown simulated sensor {name!r}; known: {', '.join(specs)}.")
+    sensor = specs[name].load()(SensorContext(np.random.SeedSequence(seed)))
+    if not isinstance(sensor, SimulatedTacTip):
+        raise UserError(f"sensor {name!r} is no dome with pins; take tactip-127 or tactip-331.")
+    count = write(folder, sensor, shipped(), seed)
+    click.echo(f"{count} frames: {folder}")

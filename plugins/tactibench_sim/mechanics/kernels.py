@@ -1,0 +1,596 @@
+"""The dome's mechanics: the compiled loops over scenes, contacts and pins.
+
+The displacement field of a press is
+
+    u(b) = sum_i a_i [ T(angle(b, n_i); s_i) + O(b; s_i, beta_i) ]
+         + sum_{i<j} C(b; angle(n_i, n_j), delta_i, delta_j)
+
+T is the axisymmetric field of a contact at the apex, O what the clamped rim changes for a contact
+at the polar angle beta, C what two contacts do beyond sharing their load. The turn q of the inner
+surface's normal is summed alike. O and C are *patches* (see ``corrections``), a_i and s_i the
+loads (see ``dome``).
+"""
+
+# All compiled functions of the dome stand in this one file: numba's cache on disk follows changes
+# of the file of the function that is called, and would keep what it took from another file.
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench_sim.compiled import jit
+
+Array = npt.NDArray[np.float64]
+Index = npt.NDArray[np.intp]
+Six = tuple[float, float, float, float, float, float]
+
+REACH_MM = 1.0
+"""Tips this far above the skin may still be met by a bulge, which is never that high."""
+POWER = 1.5
+"""Exponent with which a pair's correction fades with its loads; fitted to two runs of triples 8 mm
+apart."""
+_ROUNDS = 60  # two or three do, unless a bulge lifts a tip
+_SHALLOW = 1e-6  # depth, mm, whose shape stands for a tip that does not press yet
+_REGULAR = 1e-10  # splits the load of exactly coincident tips evenly
+_STRETCH = 512  # numbers that are summed up while they stay in the fastest cache
+_LIGHT = 0.05  # amplitude of a contact so light that its pairs fade out
+_APART = 0.05  # rad (1 mm): contacts nearer than this begin to be one
+_APEX = 1e-9  # sine of an angle below which "down the side" or "to the other" is no direction
+
+
+class Meridians(NamedTuple):
+    """Axisymmetric fields of M indenters, on D uniform depths from 0 and T uniform angles from 0.
+
+    value: (M, D, T, 2 Q) quantities, each with its slope in the angle. rate: their derivatives by
+    depth. depth_step: mm. polar_step: rad.
+    """
+
+    value: Array
+    rate: Array
+    depth_step: float
+    polar_step: float
+
+
+class Modes(NamedTuple):
+    """R modes of a patch.
+
+    grid: (R, A + 2, B + 2, C) spline coefficients on a = start.., b = 0.. in steps, chords.
+    C is 6 for the pin bases (displacement mm and turn of the normal rad, each along e, f, m), or
+    1 for the inward displacement of the outer skin. b < 0 is the mirror image.
+    """
+
+    grid: Array
+    step: float
+    start: float
+
+
+class Around(NamedTuple):
+    """O of every indenter.
+
+    amounts: (M, B + 2, D + 2, R) spline coefficients of the modes' amounts over beta (steps of
+    beta_step rad) and depth (depth_step mm).
+    """
+
+    modes: Modes
+    amounts: Array
+    beta_step: float
+    depth_step: float
+
+
+class Pairs(NamedTuple):
+    """C of one indenter, whose index is ``indenter`` (-1: there is none).
+
+    amounts: (A + 2, D + 2, D + 2, R) spline coefficients of the modes' amounts over the angle
+    between two contacts (angle_step rad) and both penetrations (depth_step mm).
+    """
+
+    modes: Modes
+    amounts: Array
+    angle_step: float
+    depth_step: float
+    indenter: int
+
+
+@jit
+def hermite(fraction: float, step: float) -> tuple[float, float, float, float]:
+    """Return the weights of (value, slope) at the left and (value, slope) at the right node."""
+    f, g = fraction, 1.0 - fraction
+    return g * g * (1.0 + 2.0 * f), step * f * g * g, f * f * (3.0 - 2.0 * f), -step * f * f * g
+
+
+@jit
+def at_depth(table: Meridians, indenter: int, depth: float, scale: float, out: Array) -> None:
+    """Fill out (T, 2 Q) with the meridian at a depth, times scale."""
+    at = depth / table.depth_step
+    row = min(max(int(at), 0), table.value.shape[1] - 2)
+    a, b, c, d = hermite(at - row, table.depth_step)
+    a, b, c, d = scale * a, scale * b, scale * c, scale * d
+    value, rate = table.value[indenter], table.rate[indenter]
+    for t in range(out.shape[0]):
+        for q in range(out.shape[1]):
+            out[t, q] = (
+                a * value[row, t, q]
+                + b * rate[row, t, q]
+                + c * value[row + 1, t, q]
+                + d * rate[row + 1, t, q]
+            )
+
+
+@jit
+def at_polar(meridian: Array, step: float, polar: float, quantity: int) -> float:
+    """Return one quantity at an angle, rad; zero beyond the last node (the clamped rim)."""
+    at = polar / step
+    last = meridian.shape[0] - 1
+    if at > last:
+        return 0.0
+    left = min(int(at), last - 1)
+    a, b, c, d = hermite(at - left, step)
+    k = 2 * quantity
+    value: float = (
+        a * meridian[left, k]
+        + b * meridian[left, k + 1]
+        + c * meridian[left + 1, k]
+        + d * meridian[left + 1, k + 1]
+    )
+    return value
+
+
+@jit
+def depression(table: Meridians, indenter: int, depth: float, polar: float) -> float:
+    """Return the first quantity (inward displacement, mm) at a depth and an angle, rad."""
+    at, up = polar / table.polar_step, depth / table.depth_step
+    last = table.value.shape[2] - 1
+    if at > last:
+        return 0.0
+    t, row = min(int(at), last - 1), min(max(int(up), 0), table.value.shape[1] - 2)
+    wa, wd = hermite(at - t, table.polar_step), hermite(up - row, table.depth_step)
+    value, rate = table.value[indenter], table.rate[indenter]
+    total = 0.0
+    for k in range(2):
+        for slope in range(2):
+            node = wd[0] * value[row, t + k, slope] + wd[1] * rate[row, t + k, slope]
+            node += wd[2] * value[row + 1, t + k, slope] + wd[3] * rate[row + 1, t + k, slope]
+            total += wa[2 * k + slope] * node
+    return total
+
+
+@jit
+def weights(fraction: float) -> tuple[float, float, float, float]:
+    """Return the values of the four uniform cubic B-splines that reach a place between nodes."""
+    f, g = fraction, 1.0 - fraction
+    return (
+        g * g * g / 6.0,
+        (4.0 + 3.0 * f * f * (f - 2.0)) / 6.0,
+        (4.0 + 3.0 * g * g * (g - 2.0)) / 6.0,
+        f * f * f / 6.0,
+    )
+
+
+@jit
+def place(value: float, step: float, nodes: int) -> tuple[int, float]:
+    """Return the index of the first of four coefficients and the place between the middle two."""
+    at = value / step
+    left = min(max(math.floor(at), 0), nodes - 2)
+    return left, min(max(at - left, 0.0), 1.0)
+
+
+@jit
+def blend(modes: Array, amounts: Array, out: Array) -> None:
+    """Fill out (N,) with the sum of amounts (R,) times modes (R, N). R is a multiple of 4."""
+    for first in range(0, len(out), _STRETCH):
+        last = min(first + _STRETCH, len(out))
+        out[first:last] = 0.0
+        for k in range(0, len(amounts), 4):  # four at a time: fewer passes over out
+            a, b, c, d = amounts[k], amounts[k + 1], amounts[k + 2], amounts[k + 3]
+            m0, m1, m2, m3 = modes[k], modes[k + 1], modes[k + 2], modes[k + 3]
+            for i in range(first, last):
+                out[i] += a * m0[i] + b * m1[i] + c * m2[i] + d * m3[i]
+
+
+@jit
+def look_up(
+    grid: Array, step: float, start: float, frame: Array, x: float, y: float, z: float
+) -> Six:
+    """Return six numbers along e, f, m of a blended patch in the direction (x, y, z).
+
+    grid: (A + 2, B + 2, 6). frame: (3, 3) with rows e, f, m. Beyond the border lies its value.
+    """
+    along = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
+    across = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
+    up = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z
+    stretch = math.sqrt(2.0 / max(1.0 + up, 1e-9))  # Lambert's equal-area chart
+    a, b = stretch * along - start, abs(stretch * across)
+    i, at = place(a, step, grid.shape[0] - 2)
+    j, beside = place(b, step, grid.shape[1] - 2)
+    wa, wb = weights(at), weights(beside)
+    u0, u1, u2, q0, q1, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(4):
+        for q in range(4):
+            weight = wa[p] * wb[q]
+            u0 += weight * grid[i + p, j + q, 0]
+            u1 += weight * grid[i + p, j + q, 1]
+            u2 += weight * grid[i + p, j + q, 2]
+            q0 += weight * grid[i + p, j + q, 3]
+            q1 += weight * grid[i + p, j + q, 4]
+            q2 += weight * grid[i + p, j + q, 5]
+    mirror = -1.0 if across < 0.0 else 1.0
+    return u0, mirror * u1, u2, q0, mirror * q1, q2
+
+
+@jit
+def couple(
+    skin: Meridians, pairs: Pairs, table: Index, n: Array, delta: Array
+) -> tuple[Array, Array, Array]:
+    """Return the loads a, s (S, K) and the strengths (S, K, K) of the pairs' corrections.
+
+    skin, pairs: of the outer skin. table: (S,) index of the indenter. n: (S, K, 3) directions,
+    delta: (S, K) penetrations mm. Scenes are solved one by one.
+    """
+    amplitude, shape = np.zeros_like(delta), np.zeros_like(delta)
+    strength = np.ones((*delta.shape, delta.shape[1]))
+    for scene in range(len(delta)):
+        near = np.flatnonzero(delta[scene] > -REACH_MM)
+        if not (delta[scene] > 0).any():
+            continue
+        if len(near) == 1:
+            amplitude[scene, near[0]], shape[scene, near[0]] = 1.0, delta[scene, near[0]]
+            continue
+        # In one order, the deepest first: where tips coincide the iteration would remember theirs.
+        near = _ordered(near, n[scene], delta[scene])
+        at, deep = n[scene][near], delta[scene][near]
+        effective, depth = _share(skin, table[scene], at, deep, np.zeros(len(near)))
+        among = np.ones((len(near), len(near)))
+        if len(near) > 2 and table[scene] == pairs.indenter:
+            effective, depth, among = _share_again(
+                skin, pairs, table[scene], at, deep, effective, depth
+            )
+        for i, tip in enumerate(near):
+            for j, other in enumerate(near):
+                first = fade(_load_at(i, j, at, effective, depth))
+                second = fade(_load_at(j, i, at, effective, depth))
+                strength[scene, tip, other] = among[i, j] * first * second
+        for i, tip in enumerate(near):
+            if effective[i] > 0:
+                amplitude[scene, tip], shape[scene, tip] = effective[i] / depth[i], depth[i]
+    return amplitude, shape, strength
+
+
+@jit
+def _share_again(
+    skin: Meridians,
+    pairs: Pairs,
+    table: int,
+    n: Array,
+    delta: Array,
+    effective: Array,
+    depth: Array,
+) -> tuple[Array, Array, Array]:
+    """Return effective depths, shapes and pair strengths (K, K) of more than two contacts.
+
+    A pair's correction also moves the skin under a third contact, which then carries more or less;
+    and it is as strong as the loads that the pair still has:
+    ((a_i a_j) / (a_i a_j of the pair alone))^POWER.
+    """
+    count = len(delta)
+    moved, alone = np.zeros((count, count, count)), np.ones((count, count))
+    six, frame = np.empty(6), np.empty((3, 3))
+    amounts = np.empty(len(pairs.modes.grid))
+    for i in range(count):
+        for j in range(i + 1, count):
+            two = np.array([i, j])
+            e, s = _share(skin, table, n[two], delta[two], np.zeros(2))
+            alone[i, j] = e[0] * e[1] / max(s[0] * s[1], _SHALLOW)
+            if pair_strengths(pairs, n[i], n[j], delta[i], delta[j], frame, amounts):
+                for k in range(count):
+                    if k not in (i, j):
+                        patch_at(pairs.modes, amounts, frame, n[k], six)
+                        inward = 0.0
+                        for c in range(3):
+                            inward -= turned(frame, six[0], six[1], six[2], c) * n[k, c]
+                        apart = (1.0 - same(n[k], n[i])) * (1.0 - same(n[k], n[j]))
+                        moved[i, j, k] = apart * inward
+    strength = np.ones((count, count))
+    for _ in range(_ROUNDS):
+        extra = np.zeros(count)
+        before = strength.copy()
+        for i in range(count):
+            for j in range(i + 1, count):
+                ratio = 1.0
+                if alone[i, j] > _SHALLOW:
+                    first = _load_at(i, j, n, effective, depth)
+                    second = _load_at(j, i, n, effective, depth)
+                    ratio = min(max(first * second / alone[i, j], 0.0), 1.0)
+                own = own_share(i, j, n, effective) * own_share(j, i, n, effective)
+                strength[i, j] = strength[j, i] = own * ratio**POWER
+                for k in range(count):
+                    extra[k] += strength[i, j] * moved[i, j, k]
+        effective, depth = _share(skin, table, n, delta, extra)
+        if np.abs(strength - before).max() < 1e-10:
+            break
+    return effective, depth, strength
+
+
+@jit
+def _load_at(i: int, but: int, n: Array, effective: Array, depth: Array) -> float:
+    """Return the amplitude of all contacts at the place of contact i together (not ``but``)."""
+    total = effective[i] + load_beside(i, but, n, effective)
+    return total / depth[i] if depth[i] > 0.0 else 0.0
+
+
+@jit
+def _ordered(tips: Index, n: Array, delta: Array) -> Index:
+    """Sort by insertion: deepest first, then by direction."""
+    out = tips.copy()
+    for i in range(1, len(out)):
+        for j in range(i, 0, -1):
+            a, b = out[j - 1], out[j]
+            if (delta[a], n[b, 0], n[b, 1]) >= (delta[b], n[a, 0], n[a, 1]):
+                break
+            out[j - 1], out[j] = b, a
+    return out
+
+
+@jit
+def same(first: Array, second: Array) -> float:
+    """Return 1 for contacts at one place, falling smoothly to 0 where they are _APART rad apart."""
+    gap = second - first
+    left = 1.0 - (gap * gap).sum() / (_APART * _APART)
+    return left * left if left > 0.0 else 0.0
+
+
+@jit
+def fade(amplitude: float) -> float:
+    """Return 1 for a contact that carries load, falling smoothly to 0 for one without any."""
+    x = min(amplitude / _LIGHT, 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+@jit
+def load_beside(i: int, but: int, n: Array, effective: Array) -> float:
+    """Return the effective depth of others at the place of contact i, those at ``but`` left out."""
+    others = 0.0
+    for j in range(len(effective)):
+        if j != i and j != but:
+            others += effective[j] * same(n[i], n[j]) * (1.0 - same(n[j], n[but]))
+    return others
+
+
+@jit
+def own_share(i: int, but: int, n: Array, effective: Array) -> float:
+    """Return the share of its place that belongs to contact i; contacts at one place divide it."""
+    others = load_beside(i, but, n, effective)
+    return 1.0 - others / (effective[i] + others) if others > 0.0 else 1.0
+
+
+@jit
+def _share(
+    skin: Meridians, table: int, n: Array, delta: Array, extra: Array
+) -> tuple[Array, Array]:
+    """Return effective depths e and shape depths s, each (K,), of one scene.
+
+    extra: (K,) mm that the skin under each tip has moved inward without the loads.
+    """
+    count = len(delta)
+    effective, shape = np.zeros(count), np.maximum(delta, 0.0)
+    matrix = np.empty((count, count))
+    deepest = skin.depth_step * (skin.value.shape[1] - 1)
+    for _ in range(_ROUNDS):
+        for j in range(count):
+            depth = max(shape[j], _SHALLOW)
+            own = depression(skin, table, depth, 0.0)
+            for i in range(count):
+                angle = math.acos(min(max((n[i] * n[j]).sum(), -1.0), 1.0))
+                matrix[i, j] = depression(skin, table, depth, angle) / own
+        _complementarity(matrix, delta - extra, effective)
+        grown = np.maximum(delta, 0.0)
+        for i in range(count):
+            together = 0.0
+            for j in range(count):
+                together += effective[j] * same(n[i], n[j])
+            grown[i] = min(max(grown[i], together), deepest)
+        change = np.abs(grown - shape).max()
+        shape = grown
+        if change <= 1e-13:
+            break
+    return effective, shape
+
+
+@jit
+def _complementarity(matrix: Array, delta: Array, effective: Array) -> None:
+    """Solve e >= 0, M e - delta >= 0, complementary, by projected Gauss-Seidel."""
+    effective[:] = 0.0
+    for sweeps in (20, 80, 400, 2000):
+        for _ in range(sweeps):
+            for i in range(len(delta)):
+                rest = (matrix[i] * effective).sum() - matrix[i, i] * effective[i]
+                effective[i] = max(0.0, delta[i] - rest)
+        exact = _solve(matrix, delta, effective > 0)
+        if (exact >= -1e-12).all():
+            gap = matrix @ exact - delta
+            if (gap > -1e-8).all():
+                effective[:] = np.maximum(exact, 0.0)
+                return
+
+
+@jit
+def _solve(matrix: Array, delta: Array, active: npt.NDArray[np.bool_]) -> Array:
+    """Solve for a given active set; zero elsewhere."""
+    system, right = np.eye(len(delta)), np.zeros(len(delta))
+    for i in range(len(delta)):
+        if active[i]:
+            right[i] = delta[i]
+            for j in range(len(delta)):
+                if i != j and active[j]:
+                    system[i, j] = (1.0 - _REGULAR) * matrix[i, j]
+    return np.linalg.solve(system, right)  # type: ignore[return-value]  # float64, as its input
+
+
+@jit
+def turned(frame: Array, along: float, across: float, up: float, k: int) -> float:
+    """Return component k of a vector given along e, f, m."""
+    component: float = frame[0, k] * along + frame[1, k] * across + frame[2, k] * up
+    return component
+
+
+@jit
+def side_frame(n: Array, frame: Array) -> None:
+    """Fill the rows of frame with e (down the dome's side), f, n. n must not be the apex."""
+    sine = math.hypot(n[0], n[1])
+    frame[0, 0], frame[0, 1], frame[0, 2] = n[0] * n[2] / sine, n[1] * n[2] / sine, -sine
+    frame[1, 0], frame[1, 1], frame[1, 2] = -n[1] / sine, n[0] / sine, 0.0
+    frame[2] = n
+
+
+@jit
+def pair_frame(first: Array, second: Array, frame: Array) -> None:
+    """Fill the rows with e (from first to second), f, m (between). They must not coincide."""
+    e, m = second - first, second + first
+    e, m = e / math.sqrt((e * e).sum()), m / math.sqrt((m * m).sum())
+    frame[0], frame[2] = e, m
+    frame[1] = np.cross(m, e)
+
+
+@jit
+def around_amounts(around: Around, indenter: int, beta: float, depth: float, out: Array) -> None:
+    """Fill out (R,) with the amounts of the modes of O."""
+    table = around.amounts[indenter]
+    i, x = place(beta, around.beta_step, table.shape[0] - 2)
+    j, y = place(depth, around.depth_step, table.shape[1] - 2)
+    wx, wy = weights(x), weights(y)
+    out[:] = 0.0
+    for p in range(4):
+        for q in range(4):
+            out += wx[p] * wy[q] * table[i + p, j + q]
+
+
+@jit
+def pair_amounts(pairs: Pairs, angle: float, first: float, second: float, out: Array) -> None:
+    """Fill out (R,) with the amounts of the modes of C."""
+    table = pairs.amounts
+    h, v = place(angle, pairs.angle_step, table.shape[0] - 2)
+    i, x = place(first, pairs.depth_step, table.shape[1] - 2)
+    j, y = place(second, pairs.depth_step, table.shape[2] - 2)
+    wv, wx, wy = weights(v), weights(x), weights(y)
+    out[:] = 0.0
+    for o in range(4):
+        for p in range(4):
+            for q in range(4):
+                out += wv[o] * wx[p] * wy[q] * table[h + o, i + p, j + q]
+
+
+@jit
+def pair_strengths(
+    pairs: Pairs, a: Array, b: Array, first: float, second: float, frame: Array, amounts: Array
+) -> bool:
+    """Fill frame and amounts of the modes of two contacts; False where there is no correction."""
+    if not (first > 0.0 and second > 0.0):
+        return False
+    gap = b - a
+    angle = 2.0 * math.asin(min(0.5 * math.sqrt((gap * gap).sum()), 1.0))
+    if not _APEX < angle < pairs.angle_step * (len(pairs.amounts) - 3):
+        return False
+    pair_frame(a, b, frame)
+    pair_amounts(pairs, angle, first, second, amounts)
+    return True
+
+
+@jit
+def patch_at(modes: Modes, amounts: Array, frame: Array, direction: Array, out: Array) -> None:
+    """Fill out with a patch in one direction, without blending the whole of it."""
+    out[:] = 0.0
+    x, y, z = direction[0], direction[1], direction[2]
+    for k in range(len(amounts)):
+        part = look_up(modes.grid[k], modes.step, modes.start, frame, x, y, z)
+        for c in range(6):
+            out[c] += amounts[k] * part[c]
+
+
+@jit
+def add_single(
+    meridian: Array, step: float, n: Array, directions: Array, u: Array, q: Array
+) -> None:
+    """Add T of one contact; meridian: (T, 6) w, t / sin and omega / sin with their slopes."""
+    for p in range(len(directions)):
+        b = directions[p]
+        cosine = min(max(n[0] * b[0] + n[1] * b[1] + n[2] * b[2], -1.0), 1.0)
+        polar = math.acos(cosine)
+        w = at_polar(meridian, step, polar, 0)
+        t = at_polar(meridian, step, polar, 1)
+        omega = at_polar(meridian, step, polar, 2)
+        for k in range(3):
+            away = b[k] * cosine - n[k]  # the tangent away from the contact times sin
+            u[p, k] += t * away - w * b[k]
+            q[p, k] += omega * away
+
+
+@jit
+def add_patch(
+    grid: Array, modes: Modes, frame: Array, directions: Array, u: Array, q: Array
+) -> None:
+    """Add a blended patch."""
+    for p in range(len(directions)):
+        x, y, z = directions[p, 0], directions[p, 1], directions[p, 2]
+        a, b, c, d, e, f = look_up(grid, modes.step, modes.start, frame, x, y, z)
+        for k in range(3):
+            u[p, k] += turned(frame, a, b, c, k)
+            q[p, k] += turned(frame, d, e, f, k)
+
+
+@jit
+def displace(
+    n: Array,
+    delta: Array,
+    amplitude: Array,
+    shape: Array,
+    table: Index,
+    strength: Array,
+    singles: Meridians,
+    around: Around,
+    pairs: Pairs,
+    directions: Array,
+) -> tuple[Array, Array]:
+    """Return u mm and q rad, each (S, P, 3), of S scenes at P directions.
+
+    n: (S, K, 3), delta, amplitude, shape: (S, K), table: (S,). strength: (S, K, K) of C.
+    """
+    count = (len(n), len(directions), 3)
+    u, q = np.zeros(count), np.zeros(count)
+    meridian = np.empty(singles.value.shape[2:])
+    near_modes = around.modes.grid.reshape(len(around.modes.grid), -1)
+    pair_modes = pairs.modes.grid.reshape(len(pairs.modes.grid), -1)
+    near_grid = np.empty(around.modes.grid.shape[1:])
+    pair_grid = np.empty(pairs.modes.grid.shape[1:])
+    near_amounts, amounts = np.empty(len(near_modes)), np.empty(len(pair_modes))
+    frame = np.empty((3, 3))
+    for s in range(len(n)):
+        for i in range(n.shape[1]):
+            a, depth = amplitude[s, i], shape[s, i]
+            if a == 0.0:
+                continue
+            at_depth(singles, table[s], depth, a, meridian)
+            add_single(meridian, singles.polar_step, n[s, i], directions, u[s], q[s])
+            if math.hypot(n[s, i, 0], n[s, i, 1]) > _APEX:
+                side_frame(n[s, i], frame)
+                beta = math.acos(min(n[s, i, 2], 1.0))
+                around_amounts(around, table[s], beta, depth, near_amounts)
+                near_amounts *= a
+                blend(near_modes, near_amounts, near_grid.reshape(-1))
+                add_patch(near_grid, around.modes, frame, directions, u[s], q[s])
+        for i in range(n.shape[1] if table[s] == pairs.indenter else 0):
+            for j in range(i + 1, n.shape[1]):
+                if strength[s, i, j] > 0.0 and pair_strengths(
+                    pairs, n[s, i], n[s, j], delta[s, i], delta[s, j], frame, amounts
+                ):
+                    amounts *= strength[s, i, j]
+                    blend(pair_modes, amounts, pair_grid.reshape(-1))
+                    add_patch(pair_grid, pairs.modes, frame, directions, u[s], q[s])
+        for p in range(len(directions)):  # a turn has no part along the normal
+            b = directions[p]
+            along = q[s, p, 0] * b[0] + q[s, p, 1] * b[1] + q[s, p, 2] * b[2]
+            for k in range(3):
+                q[s, p, k] -= along * b[k]
+    return u, q

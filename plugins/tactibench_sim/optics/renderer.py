@@ -1,0 +1,148 @@
+"""From points in camera coordinates to frames: the parts that do not move are computed once."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench_sim.optics import kernels
+from tactibench_sim.optics.camera import Optics
+from tactibench_sim.optics.lens import project
+from tactibench_sim.optics.noise import ROUNDING, normal_table
+
+Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
+_LUMA = np.array([0.299, 0.587, 0.114])
+"""ITU-R BT.601, with which models make grey of colour (``tactibench.gray_frames``)."""
+
+
+class Renderer:
+    """A camera. Frames depend on the points and the noise state handed in, on nothing else.
+
+    Points are (S, P, 3) mm in camera coordinates of ``Optics``, z being ``lift`` mm more.
+    """
+
+    def __init__(self, optics: Optics, lift: float = 0.0) -> None:
+        self.optics, self.lift = optics, lift
+        tint = np.array(optics.tint)
+        self._luma = _LUMA * tint if len(tint) == 3 else tint
+        levels = np.array([optics.background, optics.brightness - optics.background])
+        static = (glare(optics), vignetting(optics), levels, gaussian_taps(optics.blur_px))
+        self._static_64 = static  # for bounds
+        self._static_32 = tuple(array.astype(np.float32) for array in static)  # for frames
+        self._tint = tint.astype(np.float32)
+
+    def project(self, points: Array) -> tuple[Array, Array, Array]:
+        """Return pixel x, y and radius px, each (S, P). Raises UserError outside the gel."""
+        return project(self.optics, points, self.lift)
+
+    def clean(self, points: Array) -> Array:
+        """Return (S, size, size) grey levels without noise or rounding.
+
+        Of "rgb" the BT.601 grey; of "bw" the grey frame that is thresholded.
+        """
+        return self.clean_discs(*self.project(points))
+
+    def clean_discs(self, x: Array, y: Array, radius: Array) -> Array:
+        """Return ``clean`` of discs at (S, P) px."""
+        out = np.empty((len(x), self.optics.size, self.optics.size))
+        kernels.clean(x, y, radius, self.optics.edge_px, *self._static_64, out)
+        if len(self._luma) == 3:
+            out *= self._luma.sum()
+        return out
+
+    def variance(self, clean: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+        """Return the variance of the pixels of ``clean`` as a model takes them in, with rounding.
+
+        Of "rgb": three channels of independent noise, weighted and rounded again. Of "bw": of the
+        grey frame, so that a bound from it holds for the black-and-white one, which knows less.
+        """
+        noise = self.optics.noise
+        if len(self._luma) == 1:
+            return noise.variance(clean)
+        white = clean / self._luma.sum()
+        channels = zip(_LUMA, self._luma / _LUMA, strict=True)
+        return sum((w**2 * noise.variance(t * white) for w, t in channels), ROUNDING + 0 * clean)
+
+    def frames(self, points: Array, states: npt.NDArray[np.uint64] | None = None) -> Images:
+        """Return (S, size, size) or (S, size, size, 3) uint8. states: (S, 4); None: no noise."""
+        return self.disc_frames(*self.project(points), states)
+
+    def disc_frames(
+        self, x: Array, y: Array, radius: Array, states: npt.NDArray[np.uint64] | None = None
+    ) -> Images:
+        """Return ``frames`` of discs at (S, P) px."""
+        size, noise = self.optics.size, self.optics.noise
+        out = np.empty((len(x), size, size, len(self._tint)), dtype=np.uint8)
+        quiet = states is None or not noise.on
+        shot, read = (0.0, 0.0) if quiet else (noise.shot, noise.read)
+        # The loops move the states on; the caller's stay as they are.
+        own = np.zeros((len(x), 4), dtype=np.uint64) if states is None else states.copy()
+        kernels.frames(
+            x,
+            y,
+            radius,
+            self.optics.edge_px,
+            *self._static_32,
+            self._tint,
+            own,
+            shot,
+            read,
+            normal_table(),
+            out,
+        )
+        if self.optics.output == "rgb":
+            return out
+        grey = out[..., 0]
+        return self._threshold(grey) if self.optics.output == "bw" else grey
+
+    def _threshold(self, grey: Images) -> Images:
+        import cv2
+
+        side = 2 * round((self.optics.threshold_side * self.optics.size - 1) / 2) + 1
+        method = cv2.ADAPTIVE_THRESH_GAUSSIAN_C, cv2.THRESH_BINARY
+        for image in grey:
+            image[...] = cv2.adaptiveThreshold(
+                image, 255, *method, max(3, side), -self.optics.threshold_grey
+            )
+        return grey
+
+
+def vignetting(optics: Optics) -> Array:
+    """Return the (H, W) factor on the light: 1 - v (1 - cos^4 a), a the angle in air of a ray."""
+    distance = _polar(optics)[0] / optics.focal
+    if optics.lens == "pinhole":
+        cosine = 1 / np.sqrt(1 + distance**2)
+    else:
+        cosine = np.cos(np.minimum(distance, np.pi / 2))
+    return 1 - optics.vignetting * (1 - cosine**4)
+
+
+def glare(optics: Optics) -> Array:
+    """Return the (H, W) white light of the LEDs' reflections: arcs that taper to their ends."""
+    if not optics.glare or not optics.leds:
+        return np.zeros((optics.size, optics.size))
+    distance, azimuth = _polar(optics)
+    pitch = 2 * np.pi / optics.leds
+    along = (azimuth - np.radians(optics.glare_start_deg) + pitch / 2) % pitch - pitch / 2
+    taper = 1 - (2 * along / np.radians(optics.glare_arc_deg)) ** 2
+    beside = abs(distance - optics.glare_radius) - optics.glare_width / 2 * taper
+    edge = optics.edge_px / optics.size
+    ramp = np.clip((edge - beside) / (2 * edge), 0, 1) * (taper > 0)
+    out: Array = optics.glare * ramp**2 * (3 - 2 * ramp)
+    return out
+
+
+def gaussian_taps(sigma: float) -> Array:
+    """Return the weights of a Gaussian of sigma px, cut at 4 sigma, sum 1; [1] for sigma 0."""
+    steps = np.arange(-int(np.ceil(4 * sigma)), int(np.ceil(4 * sigma)) + 1)
+    weights = np.exp(-(steps**2) / (2 * sigma**2)) if sigma else np.ones(1)
+    out: Array = weights / weights.sum()
+    return out
+
+
+def _polar(optics: Optics) -> tuple[Array, Array]:
+    """Return distance from the principal point, sides, and azimuth, rad, of every pixel."""
+    steps = (np.arange(optics.size) - (optics.size - 1) / 2) / optics.size
+    x, y = np.meshgrid(steps - optics.principal_x, steps - optics.principal_y)
+    return np.hypot(x, y), np.arctan2(y, x) - np.radians(optics.roll_deg)

@@ -1,0 +1,236 @@
+"""Plate presses: tables of a dome under a plate, and the pins' displacements in the frame.
+
+The tables hold the response of the dome to a plate that is pressed on it, and to one that drags its
+skin sideways.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from tactibench_sim import data_file
+from tactibench_sim.compiled import jit
+from tactibench_sim.optics.camera import Optics
+from tactibench_sim.optics.lens import project
+from tactibench_sim.real.calibration import Unknowns
+
+Array = npt.NDArray[np.float64]
+FILE = "plates.npz"
+FINE_DEG = 0.25
+"""Step of the polar angle the tables are refined to, so that linear look-ups do."""
+INNER_MM = 19.0
+ARRAYS = ("press", "patch", "drag")
+"""Arrays of every dome in the file."""
+APEX_MM = 20.0
+_STEEPEST = math.radians(88.0)
+_ABOVE_WINDOW_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """The tables of one dome.
+
+    deepest: mm. polar_step: rad. press: (D,) depths, mm -> (T, 3) w inward, t away from the
+    contact, mm, and turn omega of the inner normal, rad. drag: patch radius, rad -> (T, 5) inward,
+    away and around, mm, and two turns, rad, per mm of drag. patch: depth -> angular radius of what
+    touches, rad.
+    """
+
+    deepest: float
+    polar_step: float
+    press: CubicSpline
+    drag: CubicSpline
+    patches: Array
+    delta: Array
+    patch: Array
+
+    def meridians(self, depth: Array) -> Array:
+        """Return (S, T, 8) press and drag of S presses of ``depth`` (S,) mm."""
+        radius = np.interp(depth, self.delta, self.patch).clip(self.patches[0], self.patches[-1])
+        return np.concatenate([self.press(depth), self.drag(radius)], axis=-1)
+
+
+@cache
+def kinds() -> tuple[str, ...]:
+    """Return the names of the shipped domes: stiffness ratio and friction, "50_stick"."""
+    return tuple(sorted(n.removesuffix("_press") for n in _shipped() if n.endswith("_press")))
+
+
+@cache
+def plate(kind: str) -> Plate:
+    """Return the tables of one dome, refined in the polar angle."""
+    content = _shipped()
+    delta, polar, patches = content["delta"], content["polar"], content["patches"]
+    fine = np.radians(np.arange(round(90 / FINE_DEG) + 1) * FINE_DEG)
+    press = CubicSpline(polar, content[f"{kind}_press"], axis=1)(fine)
+    drag = CubicSpline(polar, content[f"{kind}_drag"], axis=1)(fine)
+    return Plate(
+        deepest=float(delta[-1]),
+        polar_step=float(fine[1]),
+        press=CubicSpline(delta, press, axis=0),
+        drag=CubicSpline(patches, drag, axis=0),
+        patches=patches,
+        delta=delta,
+        patch=content[f"{kind}_patch"],
+    )
+
+
+@cache
+def digest() -> str:
+    """Return the hash of the shipped tables' file."""
+    return sha256(files(__package__).joinpath(FILE).read_bytes()).hexdigest()
+
+
+def read(path: Path) -> dict[str, Array]:
+    """Read a file of plates. Raises UserError where it is unreadable or its hash is wrong."""
+    return data_file.read(path, "the tables of plates", "reinstall tactibench.", _arrays)
+
+
+def _arrays(arrays: data_file.Arrays, parameters: dict[str, Any], _: str) -> dict[str, Array]:
+    names = ["delta", "polar", "patches"]
+    names += [f"{kind}_{name}" for kind in parameters["kinds"] for name in ARRAYS]
+    return {name: arrays[name].astype(np.float64) for name in names}
+
+
+@cache
+def _shipped() -> dict[str, Array]:
+    return data_file.read_shipped(__package__, FILE, read)
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """Labels of S presses by the robot, (S,) each: depth mm, tilt deg, move mm, turn deg."""
+
+    depth: Array
+    tilt: Array
+    move: Array
+    turn: Array
+
+    def __len__(self) -> int:
+        return len(self.depth)
+
+    def take(self, rows: npt.NDArray[np.intp]) -> Labels:
+        """Return the labels of some presses."""
+        return Labels(self.depth[rows], self.tilt[rows], self.move[rows], self.turn[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The parts that are not fitted: tables, rest places (P, 2) px, frame side px, lens, index."""
+
+    plate: Plate
+    rest: Array
+    side: int
+    lens: str = "fisheye"
+    gel_index: float = 1.41
+
+    def optics(self, x: Unknowns) -> Optics:
+        """Return the camera. Raises UserError for one that cannot be."""
+        return x.optics(self.side, self.lens, self.gel_index)
+
+
+def indentation(x: Unknowns, labels: Labels) -> Array:
+    """Return the (S,) depth of the plate in the undeformed dome, mm; below 0: no touch."""
+    t = np.radians(labels.tilt)
+    lifted = x.pivot_mm * (1 - np.cos(t)) + x.pivot_side_mm * np.sin(t)
+    return np.asarray(labels.depth + x.depth_offset_mm + lifted, dtype=np.float64)
+
+
+def drag_mm(x: Unknowns, labels: Labels, depth: Array, dragged: Array) -> Array:
+    """Return (S,) mm by which the plate pulled the skin; dragged: (S,) 1 for presses that were."""
+    moved = x.drag_per_mm * labels.move + x.drag_per_deg * labels.turn
+    always = x.drag_offset_mm + x.drag_per_depth * depth
+    always = always + x.drag_per_tilt * depth * np.sin(np.radians(labels.tilt))
+    return np.asarray(dragged * moved + always, dtype=np.float64)
+
+
+def directions(rig: Rig, x: Unknowns) -> Array:
+    """Return (P, 3) unit vectors of the pins, which the camera sees at their rest places."""
+    polar = np.linspace(0.0, _STEEPEST, 700)
+    tip = INNER_MM - x.pin_length_mm
+    line = np.stack([tip * np.sin(polar), 0 * polar, tip * np.cos(polar)], axis=-1)
+    radius = _seen(rig, x, line)[:, 0] - x.centre_x
+    away = rig.rest - [x.centre_x, x.centre_y]
+    last = int(np.argmax(radius)) + 1
+    angle = np.interp(np.hypot(*away.T), radius[:last], polar[:last])
+    azimuth = np.arctan2(away[:, 1], away[:, 0])
+    sine = np.sin(angle)
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(angle)], axis=1)
+
+
+def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
+    """Return (S, P, 2) displacements of the pins in the frame, px; dragged: (S,) 1 or 0.
+
+    Presses deeper than the tables are given their last depth. Raises UserError for a camera that
+    cannot be.
+    """
+    depth = indentation(x, labels).clip(0.0, rig.plate.deepest)
+    yaw, tilt = math.radians(x.yaw_deg), np.radians(labels.tilt + x.tilt_offset_deg)
+    across = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    axis = np.array([0.0, 0.0, 1.0])
+    normal = np.sin(tilt)[:, None] * across + np.cos(tilt)[:, None] * axis
+    along = np.cos(tilt)[:, None] * across - np.sin(tilt)[:, None] * axis
+    pins = directions(rig, x)
+    pull = drag_mm(x, labels, depth, dragged)
+    tips = _tips(
+        pins, normal, along, pull, rig.plate.meridians(depth), rig.plate.polar_step, x.pin_length_mm
+    )
+    rest = (INNER_MM - x.pin_length_mm) * pins
+    return _seen(rig, x, tips) - _seen(rig, x, rest)
+
+
+def _seen(rig: Rig, x: Unknowns, tips: Array) -> Array:
+    """Return (..., 2) px of pin tips (..., 3) mm; a tip below the window is seen on it."""
+    inside = tips.copy()
+    inside[..., 2] = np.maximum(inside[..., 2], APEX_MM - x.gel_mm + _ABOVE_WINDOW_MM)
+    seen = project(rig.optics(x), inside, x.gel_mm + x.air_mm - APEX_MM)
+    return np.stack(seen[:2], axis=-1)
+
+
+@jit
+def _tips(pins, normal, along, pull, meridian, step, length):  # type: ignore[no-untyped-def]
+    """Return (S, P, 3) pin tips, mm from the dome's centre.
+
+    At a pin b = cos(th) n + sin(th) h the frame is b, e = (cos(th) h - sin(th) n) away from the
+    contact and f = n x h round it; h = cos(phi) a + sin(phi) n x a with the drag along a.
+    """
+    scenes, count = normal.shape[0], pins.shape[0]
+    last = meridian.shape[1] - 1
+    out = np.empty((scenes, count, 3))
+    at = np.empty(8)
+    for s in range(scenes):
+        n, a = normal[s], along[s]
+        c = np.cross(n, a)
+        for p in range(count):
+            b = pins[p]
+            cosine = min(1.0, max(-1.0, n[0] * b[0] + n[1] * b[1] + n[2] * b[2]))
+            sine = math.sqrt(1.0 - cosine * cosine)
+            place = math.acos(cosine) / step
+            left = int(place)
+            if left >= last:  # beyond the clamped rim
+                at[:] = 0.0
+            else:
+                part = place - left
+                for k in range(8):
+                    at[k] = (1 - part) * meridian[s, left, k] + part * meridian[s, left + 1, k]
+            h = a if sine < 1e-9 else (b - cosine * n) / sine
+            e, f = cosine * h - sine * n, np.cross(n, h)
+            one = pull[s] * (h[0] * a[0] + h[1] * a[1] + h[2] * a[2])
+            two = pull[s] * (h[0] * c[0] + h[1] * c[1] + h[2] * c[2])
+            w, t, v = at[0] + one * at[3], at[1] + one * at[4], two * at[5]
+            turn_e, turn_f = at[2] + one * at[6], two * at[7]
+            angle = math.sqrt(turn_e * turn_e + turn_f * turn_f)
+            share = 1.0 if angle < 1e-12 else math.sin(angle) / angle
+            lever = b * math.cos(angle) + (turn_e * e + turn_f * f) * share
+            out[s, p] = INNER_MM * b - w * b + t * e + v * f - length * lever
+    return out

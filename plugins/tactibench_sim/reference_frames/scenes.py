@@ -1,0 +1,123 @@
+"""Displacement fields of one to three tips by 3-D finite elements: the scenes that judge tiers.
+
+The file that ships holds, for every run, the tips and the displacement of the pin bases and the
+outward normals of the inner skin there at a few depths. Reading it needs no finite elements.
+
+Isolated tips (names s20_...: 20 deg from the apex) come from the runs that the tables' corrections
+for the rim are made of: they tell how well a tier keeps these, not how well it predicts others.
+
+The runs have their own error. A single contact at the apex, computed with the same elements of
+1.2 mm edge, differs from the axisymmetric table (elements of 0.08 mm) by at most 0.011 mm at 3 mm
+depth and 0.025 mm at 6 mm, by 0.004 and 0.009 mm in the median. The meshes of the runs, 1 mm at the
+tips, break the symmetries of equal pairs and triples by at most 0.015 mm to 6 mm depth. Normals are
+differences over 0.46 mm and see the elements' edges: they break those symmetries by up to 2 deg, by
+0.2 deg in the median.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench_sim import data_file
+from tactibench_sim.mechanics.contact import Tips
+
+Array = npt.NDArray[np.float64]
+FILE = "scenes.npz"
+RADIUS_MM = 3.0
+LAYOUTS = (331, 127)
+"""Pins of the patterns whose directions follow each other in every scene."""
+STEP_MM = 0.25e-3
+"""Displacements are rounded to this, to fit 16 bits up to 8 mm."""
+STEP_NORMAL = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceScene:
+    """One press and its field.
+
+    name: of the run; its scenes differ in depth. tips: (K, 3) x, y of the tips' axes and depth past
+    first touch, mm. directions: (P, 3) of the pins at rest. displacement: (P, 3) of their bases,
+    mm. normals: (P, 3) outward, of the pressed inner skin. P: the patterns of LAYOUTS in order.
+    """
+
+    name: str
+    tips: Array
+    directions: Array
+    displacement: Array
+    normals: Array
+
+    @cached_property
+    def depth(self) -> float:
+        """Depth of the deepest tip, mm."""
+        return float(self.tips[:, 2].max())
+
+    @property
+    def label(self) -> str:
+        """Name with the depth."""
+        return f"{self.name} at {self.depth:.3g} mm"
+
+    @property
+    def on_apex(self) -> bool:
+        """True where the tips stand around the apex."""
+        return bool((abs(self.tips[:, :2].mean(axis=0)) < 1e-6).all())
+
+    @property
+    def equal(self) -> bool:
+        """True where all tips are pressed to one depth."""
+        return bool(np.ptp(self.tips[:, 2]) < 1e-9)
+
+    @property
+    def as_tips(self) -> Tips:
+        """The scene as mechanics take it: S = 1."""
+        return Tips(self.tips[None, :, :2], self.tips[None, :, 2], np.array([RADIUS_MM]))
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The scenes of a file, run by run and by depth. parameters: of the runs. digest: sha256."""
+
+    scenes: tuple[ReferenceScene, ...]
+    parameters: dict[str, Any]
+    digest: str
+
+
+@cache
+def shipped_file() -> Reference:
+    """Return the file that ships with the package."""
+    return data_file.read_shipped(__package__, FILE, read)
+
+
+def shipped() -> tuple[ReferenceScene, ...]:
+    """Return the scenes that ship with the package."""
+    return shipped_file().scenes
+
+
+def read(path: Path) -> Reference:
+    """Read a file of scenes. Raises UserError where it is unreadable or its hash does not fit."""
+    return data_file.read(path, "the file of reference scenes", "reinstall tactibench.", _reference)
+
+
+def _reference(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
+    scenes = [scene for name in parameters["runs"] for scene in _scenes(name, arrays)]
+    return Reference(tuple(scenes), parameters, digest)
+
+
+def _scenes(name: str, content: Mapping[str, npt.NDArray[Any]]) -> list[ReferenceScene]:
+    tips, normals = content[f"{name}_tips"], content[f"{name}_normal"] * STEP_NORMAL
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    scenes = []
+    for depth, u, normal in zip(
+        content[f"{name}_depth"], content[f"{name}_u"] * STEP_MM, normals, strict=True
+    ):
+        scene = ReferenceScene(name, tips * (1.0, 1.0, depth), content["directions"], u, normal)
+        for array in (scene.tips, scene.directions, scene.displacement, scene.normals):
+            array.setflags(write=False)
+        scenes.append(scene)
+    return scenes

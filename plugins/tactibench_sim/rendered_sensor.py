@@ -1,0 +1,162 @@
+"""The base of sensors whose frames are rendered, and threads that make batches in advance."""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from typing import Self, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
+from tactibench_sim.optics.noise import streams
+from tactibench_sim.optics.renderer import Renderer
+
+Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+BATCH = 64
+"""Presses that one thread makes at a time."""
+FRAMES_PER_SECOND = 30.0
+"""Nominal rate behind the timestamps; a simulated sensor has no clock."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Presses number ``first`` and on. error: the mistake in the scene after them, if any."""
+
+    first: int
+    scenes: Sequence[Scene]
+    images: Sequence[Images]
+    error: UserError | None = None
+
+
+class RenderedSensor(Sensor):
+    """A sensor that knows where its markers are: a subclass says so in ``points``.
+
+    Frames depend on the scene, the parameters and, for their
+    noise, on the seed and the number of presses since the sensor was opened; not on how presses are
+    grouped or on how many threads make them.
+    """
+
+    def __init__(
+        self, context: SensorContext, renderer: Renderer, resting: Array, threads: int | None = None
+    ) -> None:
+        """Render the rest frame.
+
+        Args:
+            context: The seed of the noise.
+            renderer: The camera.
+            resting: (P, 3) mm, the untouched markers.
+            threads: Of ``press_many``; None: ``thread_count()``.
+        """
+        self.renderer = renderer
+        self.threads = threads or thread_count()
+        self._seed = context.seed
+        self._rest = renderer.frames(resting[None])[0]
+        self._rest.setflags(write=False)
+        self._count = 0
+
+    @abstractmethod
+    def points(self, scenes: Sequence[Scene]) -> Array:
+        """Return (S, P, 3) mm, every marker of every scene, as ``Renderer`` takes them.
+
+        Raises UserError for a scene that cannot be pressed.
+        """
+
+    def __enter__(self) -> Self:
+        """Start again with the first press."""
+        self._count = 0
+        return self
+
+    def rest(self) -> Frame:
+        """Return the frame of the undeformed sensor, without noise."""
+        return Frame(self._rest, self._count / FRAMES_PER_SECOND, Pose(), self._rest)
+
+    def press(self, scene: Scene) -> Frame:
+        """Press once. Raises UserError for a scene that cannot be pressed."""
+        return self._frame(scene, self._images([scene], self._count)[0])
+
+    def press_many(self, scenes: Iterable[Scene]) -> Iterator[Frame]:
+        """Press in order. Batches are made in advance on threads; a press counts when it is taken.
+
+        Raises UserError for a scene that cannot be pressed, after the frames before it.
+        """
+        for batch in prefetch(self._make, self._batches(scenes), self.threads):
+            for k, (scene, image) in enumerate(zip(batch.scenes, batch.images, strict=True)):
+                if self._count == batch.first + k:
+                    yield self._frame(scene, image)
+                else:  # the caller pressed in between, so this press has another number and noise
+                    yield self.press(scene)
+            if batch.error is not None:
+                raise batch.error
+
+    def _batches(self, scenes: Iterable[Scene]) -> Iterator[tuple[int, list[Scene]]]:
+        source, first = iter(scenes), self._count
+        while batch := list(islice(source, BATCH)):
+            yield first, batch
+            first += len(batch)
+
+    def _make(self, numbered: tuple[int, list[Scene]]) -> _Batch:
+        first, scenes = numbered
+        try:
+            return _Batch(first, scenes, list(self._images(scenes, first)))
+        except UserError:
+            images: list[Images] = []
+            for k, scene in enumerate(scenes):
+                try:
+                    images.append(self._images([scene], first + k)[0])
+                except UserError as error:
+                    return _Batch(first, scenes[:k], images, error)
+            raise
+
+    def _images(self, scenes: Sequence[Scene], first: int) -> Images:
+        states = streams(self._seed, first, len(scenes))
+        return self.renderer.frames(self.points(scenes), states)
+
+    def _frame(self, scene: Scene, image: Images) -> Frame:
+        """Count the next press. The image is a copy, which does not keep its whole batch."""
+        self._count += 1
+        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, self._rest)
+
+
+def thread_count() -> int:
+    """Return how many threads this process may use: OMP_NUM_THREADS, or else its processors."""
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdecimal() and int(limit) > 0:
+        return int(limit)
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def prefetch(
+    work: Callable[[Item], Result], items: Iterable[Item], threads: int
+) -> Iterator[Result]:
+    """Yield ``map(work, items)``, computed on threads at most threads + 1 items in advance.
+
+    With one thread nothing is computed before it is asked for. When the consumer stops, what has
+    not begun is dropped and what has is waited for. Raises what ``work`` or ``items`` raises.
+    """
+    if threads == 1:
+        yield from map(work, items)
+        return
+    source = iter(items)
+    waiting: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="tactibench-sim")
+    try:
+        while True:
+            for item in islice(source, threads + 1 - len(waiting)):
+                waiting.append(pool.submit(work, item))
+            if not waiting:
+                return
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,50 @@
+"""What the scripts of this folder share: progress on stderr, mistakes as one sentence."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from tactibench import UserError
+from tactibench_sim.fem import NotConvergedError
+
+
+def report_progress(step: str) -> None:
+    """Print what is computed next."""
+    click.echo(f"{step} ...", err=True)
+
+
+def output_file(text: str) -> Path:
+    """Read the path of a file to be written, whose folder must exist."""
+    path = Path(text)
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"the folder {path.parent} is not there; make it first")
+    return path
+
+
+def number(low: float, high: float = math.inf) -> Callable[[str], float]:
+    """Return a reader of numbers from low to high; NaN is none."""
+
+    def read(text: str) -> float:
+        value = float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in the range {low:g} to {high:g}")
+        return value
+
+    return read
+
+
+def write_file(out: Path, make: Callable[[], str]) -> None:
+    """Make a file and print its digest; exit with one sentence where it cannot be made."""
+    try:
+        digest = make()
+    except NotConvergedError as error:
+        sys.exit(f"no file was written: {error}.")
+    except UserError as error:
+        sys.exit(str(error))
+    click.echo(f"{out}  sha256 {digest}")

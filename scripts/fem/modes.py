@@ -1,0 +1,161 @@
+"""Modes of the tables' corrections: patches on a chart, their splines and singular vectors.
+
+See ``tactibench_sim.mechanics.corrections`` for what a patch is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import map_coordinates, spline_filter1d
+
+from tactibench_sim.mechanics.finite_elements import turn
+
+Array = npt.NDArray[np.float64]
+FOUR = 4
+"""Modes come in fours, because ``kernels.blend`` takes four at a time."""
+_REFLECTED = 12  # nodes of odd reflection; the filter's memory of the border is 0.27 a node
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Nodes of a patch: a = start.. (``along`` of them), b = 0.. (``across``), in steps, chords.
+
+    Corrections fade to 0 over the last ``fade`` steps, but at the start only if ``closed``.
+    """
+
+    start: float
+    along: int
+    across: int
+    step: float
+    fade: int
+    closed: bool
+
+    @property
+    def a(self) -> Array:
+        return np.asarray(self.start + np.arange(self.along) * self.step, dtype=np.float64)
+
+    @property
+    def b(self) -> Array:
+        return np.asarray(np.arange(self.across) * self.step, dtype=np.float64)
+
+    def window(self) -> Array:
+        """(A, B) 1 inside, falling smoothly to 0 at the border."""
+        a, b = np.arange(self.along), np.arange(self.across)
+        inside = self.along - 1 - a
+        if self.closed:
+            inside = np.minimum(a, inside)
+        left = np.minimum(inside[:, None], (self.across - 1 - b)[None, :])
+        x = np.clip(left / self.fade, 0.0, 1.0)
+        return np.asarray(x * x * (3 - 2 * x), dtype=np.float64)
+
+    def places(self) -> tuple[Array, Array]:
+        """(A, B) azimuthal-equidistant a and b of the nodes, deg."""
+        a, b = np.meshgrid(self.a, self.b, indexing="ij")
+        chord = np.minimum(np.hypot(a, b), 2.0)
+        half = np.arcsin(chord / 2)
+        stretch = np.degrees(2 * half / np.maximum(chord, 1e-300))
+        stretch = np.where(chord > 0, stretch, np.degrees(1.0))
+        return a * stretch, b * stretch
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Where finite elements are asked: a = start..reach, b = 0..across in steps, deg.
+
+    Azimuthal-equidistant coordinates around a middle direction.
+    """
+
+    start: float
+    reach: float
+    across: float
+    step: float
+
+    @property
+    def a(self) -> Array:
+        count = round((self.reach - self.start) / self.step) + 1
+        return np.asarray(self.start + np.arange(count) * self.step, dtype=np.float64)
+
+    @property
+    def b(self) -> Array:
+        count = round(self.across / self.step) + 1
+        return np.asarray(np.arange(count) * self.step, dtype=np.float64)
+
+    def directions(self) -> Array:
+        """(A, B, 3) unit vectors, by components along e, f, m."""
+        a, b = np.meshgrid(np.radians(self.a), np.radians(self.b), indexing="ij")
+        r = np.hypot(a, b)
+        stretch = np.sinc(r / np.pi)
+        return np.stack([a * stretch, b * stretch, np.cos(r)], axis=-1)
+
+    def normals(self, positions: Array) -> Array:
+        """(..., A, B, 3) outward normals of a displaced surface, mirror-symmetric about b = 0."""
+        mirrored = positions[..., :0:-1, :] * [1.0, -1.0, 1.0]
+        whole = np.concatenate([mirrored, positions], axis=-2)
+        both = np.concatenate([-self.b[:0:-1], self.b])
+        along = CubicSpline(self.a, whole, axis=-3)(self.a, 1)
+        across = CubicSpline(both, whole, axis=-2)(both, 1)
+        normal = np.cross(along, across)[..., len(self.b) - 1 :, :]
+        out: Array = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        return out
+
+
+def modes_of(snapshots: Array, most: int) -> tuple[Array, Array]:
+    """(amounts (N, R), modes (R, ...)) of snapshots (N, ...): their leading singular vectors.
+
+    most: R where there are as many snapshots; a multiple of FOUR, and so is R.
+    """
+    flat = snapshots.reshape(len(snapshots), -1)
+    left, values, right = np.linalg.svd(flat, full_matrices=False)
+    rank = min(most, FOUR * (len(values) // FOUR))
+    amounts = left[:, :rank] * values[:rank]
+    return amounts, right[:rank].reshape(rank, *snapshots.shape[1:])
+
+
+def on_cells(values: Array, chart: Chart, cells: Cells) -> Array:
+    """Fields (..., A, B, C) of a chart at the nodes of cells, faded out at their border.
+
+    C is three or more vectors along e, f, m: the second component of each is odd in b.
+    """
+    odd = np.where(np.arange(values.shape[-1]) % 3 == 1, -1.0, 1.0)
+    whole = np.concatenate([values[..., :0:-1, :] * odd, values], axis=-2)
+    a, b = cells.places()
+    place = (a - chart.start) / chart.step, b / chart.step + len(chart.b) - 1
+    flat = np.moveaxis(whole, -1, -3).reshape(-1, *whole.shape[-3:-1])
+    nodes = np.stack([map_coordinates(one, place, order=3, mode="nearest") for one in flat])
+    nodes = nodes.reshape(*values.shape[:-3], values.shape[-1], *a.shape) * cells.window()
+    return np.moveaxis(nodes, -3, -1)
+
+
+def six(chart: Chart, radius: float, displacement: Array) -> Array:
+    """(..., A, B, 6) displacement u (..., A, B, 3) and turn of the normal of a sphere."""
+    directions = chart.directions()
+    normals = chart.normals(radius * directions + displacement)
+    return np.concatenate([displacement, turn(directions, normals)], axis=-1)
+
+
+def resampled(nodes: Array, values: Array, axis: int, count: int, step: float) -> Array:
+    """Values at 0, step, 2 step, ... by the cubic spline through values at nodes."""
+    out: Array = CubicSpline(nodes, values, axis=axis)(np.arange(count) * step)
+    return out
+
+
+def coefficients(values: Array, axes: Sequence[int]) -> Array:
+    """Cubic B-spline coefficients of values on uniform nodes, one more at each end of every axis.
+
+    The ends are natural: the second derivative vanishes there.
+    """
+    out = np.asarray(values, dtype=np.float64)
+    for axis in axes:
+        margin = min(_REFLECTED, out.shape[axis] - 1)
+        width = [(margin, margin) if k == axis else (0, 0) for k in range(out.ndim)]
+        longer = np.pad(out, width, mode="reflect", reflect_type="odd")
+        filtered = spline_filter1d(longer, 3, axis=axis, mode="mirror")
+        keep = [slice(None)] * out.ndim
+        keep[axis] = slice(margin - 1, filtered.shape[axis] - margin + 1)
+        out = filtered[tuple(keep)]
+    return np.ascontiguousarray(out)

@@ -1,0 +1,232 @@
+"""Three-dimensional runs from which the corrections of a table are learned, kept in a folder.
+
+One file a run, written when the run is complete, so an interrupted tabulation goes on with the next
+one. A run holds ``u`` (S, 2, A, B, 3): displacement of the inner and the outer skin, mm, along
+e, f, m at the nodes ``a`` (A,) and ``b`` (B,), deg, of a chart (see ``modes.Chart``), NaN
+below the dome's rim; ``d``: (S,) or (S, 2) penetrations, mm; ``radius`` mm; and ``beta``, the polar
+angle of one contact, or ``alpha``, the angle between two, rad. ``parameters``: what was run.
+
+All 14 runs of a sphere and a plate take up to an hour of one core.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+from learn import Pair, Single, corrections_from
+from modes import Chart
+
+from tactibench import UserError
+from tactibench_sim import data_file, fem
+from tactibench_sim.fem.field import SpatialField
+from tactibench_sim.fem.press import Fineness, SpatialPress
+from tactibench_sim.fem.tip import PLATE, SPHERE, Tip
+from tactibench_sim.mechanics import tables
+
+Array = npt.NDArray[np.float64]
+
+BETAS_DEG = (0.0, 20.0, 40.0, 55.0)
+DEPTHS_MM = tuple(0.5 * k for k in range(1, 14))
+ANGLES_DEG = (9.0, 14.0, 18.5, 24.0, 31.0, 40.0)
+PLATE_DEPTHS_MM = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+ENOUGH_MM = 4.0
+"""A single contact that stops beyond it keeps the depths it reached: a plate at 55 deg meets the
+clamped rim at about 5 mm, and no finite-element run goes on from there."""
+PAIR_DEPTHS_MM = (0.75, 1.75, 3.0, 4.5, 6.25)
+SINGLE_CHART = Chart(start=-120.0, reach=120.0, across=120.0, step=2.5)
+PAIR_CHART = Chart(start=-75.0, reach=75.0, across=75.0, step=2.5)
+_RIM = 1e-3  # height above the base, dome radii, below which there is no skin
+
+
+@dataclass(frozen=True)
+class Run:
+    """One contact at ``degrees`` from the apex, or two that far apart on both sides of it."""
+
+    radius: float
+    degrees: float
+    pair: bool
+
+    @property
+    def name(self) -> str:
+        return f"{'pair_' if self.pair else ''}{tables.shape_name(self.radius)}_{self.degrees:g}"
+
+    @property
+    def chart(self) -> Chart:
+        return PAIR_CHART if self.pair else SINGLE_CHART
+
+    def tips(self, dome: fem.Dome) -> tuple[Tip, ...]:
+        turns = (-self.degrees / 2, self.degrees / 2) if self.pair else (self.degrees,)
+        return tuple(Tip.along_axis(dome, _tilted(turn), self.radius) for turn in turns)
+
+    def depths(self) -> Array:
+        """(S, K) on a way of short steps: rows of the lattice to and fro, first deeper tip 1."""
+        if not self.pair:
+            return np.array(PLATE_DEPTHS_MM if math.isinf(self.radius) else DEPTHS_MM)[:, None]
+        way: list[tuple[float, float]] = []
+        for k, first in enumerate(PAIR_DEPTHS_MM):
+            row = [(first, second) for second in PAIR_DEPTHS_MM[: k + 1]]
+            way += row[:: (-1) ** k]
+        return np.array(way)
+
+    def frame(self) -> Array:
+        """(3, 3) rows e, f, m."""
+        m = _tilted(0.0 if self.pair else self.degrees)
+        return np.array([[m[2], 0.0, -m[0]], [0.0, 1.0, 0.0], m])
+
+
+def plan(radii: Sequence[float]) -> tuple[Run, ...]:
+    """The runs for indenters of ``radii``: singles of each, pairs of the smallest sphere."""
+    singles = [Run(radius, degrees, False) for radius in radii for degrees in BETAS_DEG]
+    spheres = [radius for radius in radii if math.isfinite(radius)]
+    pairs = [Run(radius, degrees, True) for radius in sorted(spheres)[:1] for degrees in ANGLES_DEG]
+    return tuple(singles + pairs)
+
+
+def states(
+    run: Run, dome: fem.Dome, fineness: Fineness, depths: Array | None = None
+) -> Iterator[Array]:
+    """(2, A, B, 3) of every state of a run, or of other ``depths``. Raises NotConvergedError."""
+    wanted = run.depths() if depths is None else depths
+    press = SpatialPress(dome, run.tips(dome), wanted, mirror=True, fineness=fineness)
+    for row in wanted:
+        press.move(row)
+        yield sampled(press.field(), run)
+
+
+def sampled(field: SpatialField, run: Run) -> Array:
+    """(2, A, B, 3) displacement of inner and outer skin along e, f, m at the chart's nodes."""
+    frame = run.frame()
+    directions = run.chart.directions() @ frame
+    there = directions[..., 2] > _RIM
+    out = np.full((2, *directions.shape), np.nan)
+    for skin, displacement in enumerate((field.inner, field.outer)):
+        out[skin][there] = displacement(directions[there]) @ frame.T
+    return out
+
+
+def make(
+    folder: Path,
+    dome: fem.Dome,
+    radii: Sequence[float],
+    progress: Callable[[str], None] = lambda _: None,
+    fineness: Fineness | None = None,
+) -> tuple[list[Single], list[Pair]]:
+    """Read the runs of a folder and make those that are missing.
+
+    Raises NotConvergedError where a run fails (see ENOUGH_MM); UserError without NGSolve, and for
+    a file that is unreadable or of another dome or mesh.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    fineness = fineness or Fineness()
+    parameters = _parameters(dome, fineness)
+    found = []
+    for run in plan(radii):
+        path = folder / f"{run.name}.npz"
+        if not path.exists():
+            progress(run.name)
+            _write(path, run, _reached(run, dome, fineness), parameters)
+        found.append(read(path, parameters))
+    singles = [one for one in found if isinstance(one, Single)]
+    return singles, [one for one in found if isinstance(one, Pair)]
+
+
+def _reached(run: Run, dome: fem.Dome, fineness: Fineness) -> Array:
+    """(S, 2, A, B, 3): all of a pair's states; of one contact those reached, ENOUGH_MM at least."""
+    found: list[Array] = []
+    try:
+        for state in states(run, dome, fineness):
+            found.append(state)  # noqa: PERF402  (kept where the next one fails)
+    except fem.NotConvergedError:
+        if run.pair or not found or run.depths()[len(found) - 1, 0] < ENOUGH_MM:
+            raise
+    return np.array(found)
+
+
+def _write(path: Path, run: Run, u: Array, parameters: Mapping[str, Any]) -> None:
+    content: dict[str, Any] = {
+        "a": run.chart.a,
+        "b": run.chart.b,
+        "u": u.astype(np.float32),
+        "d": run.depths() if run.pair else run.depths()[: len(u), 0],
+        "radius": run.radius,
+        "alpha" if run.pair else "beta": math.radians(run.degrees),
+        "parameters": json.dumps(parameters, sort_keys=True),
+    }
+    temporary = path.with_name(path.name + ".part")
+    with temporary.open("wb") as out:
+        np.savez_compressed(out, **content)
+    temporary.replace(path)
+
+
+def read(path: Path, parameters: Mapping[str, Any] | None = None) -> Single | Pair:
+    """One run. Raises UserError where it is unreadable, or made with other ``parameters``."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            content = {name: archive[name] for name in archive.files}
+        given = json.loads(str(content["parameters"]))
+        pair = "alpha" in content
+        angle, radius = float(content["alpha" if pair else "beta"]), float(content["radius"])
+        d, u = content["d"].astype(np.float64), content["u"].astype(np.float64)
+        a, b = content["a"], content["b"]
+        chart = Chart(float(a[0]), float(a[-1]), float(b[-1]), float(b[1] - b[0]))
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise UserError(
+            f"the finite-element run {path} cannot be read ({type(error).__name__}); "
+            "delete it and start again."
+        ) from None
+    if parameters is not None and _comparable(given) != _comparable(parameters):
+        raise UserError(
+            f"the finite-element run {path} is of another dome or mesh; give another folder."
+        )
+    return Pair(radius, angle, d, chart, u) if pair else Single(radius, angle, d, chart, u)
+
+
+def with_corrections(
+    arrays: Mapping[str, npt.NDArray[Any]],
+    parameters: Mapping[str, Any],
+    dome: fem.Dome,
+    folder: Path,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
+    """Arrays and parameters of a table file, with the corrections that a folder's runs tell."""
+    folder.mkdir(parents=True, exist_ok=True)
+    data_file.write(folder / "plain.npz", arrays, dict(parameters))
+    plain = tables.read(folder / "plain.npz")
+    singles, pairs = make(folder, dome, tuple(plain.by_radius), progress)
+    learned = corrections_from(singles, pairs, plain)
+    more = {name: values.astype(np.float32) for name, values in learned.arrays.items()}
+    spatial = {key: value for key, value in _parameters(dome, Fineness()).items() if key != "dome"}
+    return {**arrays, **more}, {
+        **parameters,
+        "corrections": dict(learned.grid),
+        "spatial": spatial,
+    }
+
+
+def _parameters(dome: fem.Dome, fineness: Fineness) -> dict[str, Any]:
+    ngsolve = fem.require_ngsolve()
+    solver = f"ngsolve {ngsolve.__version__}"
+    return {
+        "dome": asdict(dome),
+        "mesh": asdict(fineness),
+        "contact": {"sphere": asdict(SPHERE), "plate": asdict(PLATE)},
+        "solver": solver,
+    }
+
+
+def _comparable(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Runs may be continued with another version of the solver."""
+    return {key: value for key, value in parameters.items() if key != "solver"}
+
+
+def _tilted(degrees: float) -> Array:
+    angle = math.radians(degrees)
+    return np.array([math.sin(angle), 0.0, math.cos(angle)])
