@@ -29,9 +29,8 @@ from tactibench.metrics import uncertainty
 from tactibench.metrics.trials import Trials
 from tactibench.plugins.base import SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.pressable import pressable
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.identity import digest
 from tactibench.records.record import Record

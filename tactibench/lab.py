@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
     from tactibench.plugins.base import Model
-    from tactibench.protocols.pressable import SensorShape
+    from tactibench.protocols.draws import SensorShape
 
 __all__ = [
     "Press",

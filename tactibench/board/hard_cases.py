@@ -9,7 +9,7 @@ from tactibench.board.markdown import Head, plain, table
 from tactibench.board.numbers import number
 from tactibench.board.rows import Pooled, Row
 from tactibench.board.tables import IDENTITY, MISSING, identity
-from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Axis
 
 ERROR = "ospa_mm"
 DECIMALS = 3

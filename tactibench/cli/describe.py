@@ -9,7 +9,7 @@ import click
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
-    from tactibench.protocols.axes import Axis
+    from tactibench.protocols.families import Axis
 
 
 @click.command()

@@ -17,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Axis
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 
 

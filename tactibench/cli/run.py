@@ -75,8 +75,8 @@ def run(
     Frames and weights are cached and shared; an interrupted run continues by the same command.
     """
     from tactibench.cli.output import Terminal, show_run
+    from tactibench.metrics.registry import check_metrics
     from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.loader import check_metrics
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from tactibench.board.hard_cases import Graded
     from tactibench.board.rows import Row
-    from tactibench.protocols.axes import Axis
+    from tactibench.protocols.families import Axis
 
 PROTOCOL = "stability"
 WITH_INTERVALS = 2

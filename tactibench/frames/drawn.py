@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from tactibench.frames.presser import Presser
 from tactibench.frames.source import FramePlan, Wanted, fewer, scored_limit, spread
-from tactibench.protocols.draws import Drawn
+from tactibench.protocols.draws import SceneSet
 from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.schema import Protocol, Split
 from tactibench.protocols.split import split_presses
@@ -16,7 +16,7 @@ from tactibench.run.components import Sensors
 from tactibench.run.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
 
 FIT, VALIDATION, TEST, WHOLE = 0, 1, 2, 3
-"""Parts of a draw; the frames of each have noise of their own."""
+"""PressSplit of a draw; the frames of each have noise of their own."""
 
 Rows = dict[str, Sequence[int]]
 """Draw -> numbers of its presses."""
@@ -79,7 +79,7 @@ def frames_of_test(
     request: RunRequest,
     tester: Presser,
     split: Split,
-    known: Mapping[str, Drawn] = MappingProxyType({}),
+    known: Mapping[str, SceneSet] = MappingProxyType({}),
 ) -> tuple[tuple[Wanted, ...], int]:
     """Test presses, and how many candidates geometry refused. known: draws that were made."""
     from tactibench.frames.reference import reference_frames
@@ -105,7 +105,7 @@ def frames_of_test(
 
 def _wanted(
     presser: Presser,
-    drawn: Drawn,
+    drawn: SceneSet,
     split: Split,
     role: str,
     name: str,

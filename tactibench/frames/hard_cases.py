@@ -20,8 +20,7 @@ from tactibench.frames.presser import Presser
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, Wanted, scored_limit, spread
 from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.axes import case
-from tactibench.protocols.families import Cases, Family
+from tactibench.protocols.families import Cases, Family, case
 from tactibench.protocols.schema import Protocol
 from tactibench.records.files import arrays_hash
 from tactibench.records.identity import combined, digest

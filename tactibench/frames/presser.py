@@ -15,8 +15,7 @@ from tactibench.frames.cache import FrameRequest, folder_of, is_cached, open_fra
 from tactibench.frames.source import Wanted, sensor_identity
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.draws import Drawn, draw_scenes
-from tactibench.protocols.pressable import pressable
+from tactibench.protocols.draws import SceneSet, draw_scenes, pressable
 from tactibench.protocols.schema import Protocol
 from tactibench.run.components import Part
 
@@ -46,7 +45,7 @@ class Presser:
         """The protocol on the sensor's own surface."""
         return pressable(self.keys, self.sensor)
 
-    def draw(self, name: str) -> Drawn:
+    def draw(self, name: str) -> SceneSet:
         return draw_scenes(self.pressed, name)
 
     def want(

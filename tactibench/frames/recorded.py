@@ -22,8 +22,8 @@ from tactibench.frames.source import (
     spread,
 )
 from tactibench.plugins.base import SensorContext
+from tactibench.protocols.draws import pressable
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import RECORDED, Protocol
 from tactibench.protocols.split import split_recorded
 from tactibench.run.components import Sensors

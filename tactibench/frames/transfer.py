@@ -23,8 +23,8 @@ from tactibench.frames.source import (
 )
 from tactibench.plugins.base import SensorContext
 from tactibench.plugins.specs import SensorSpec
+from tactibench.protocols.draws import draw_plates, draw_shots
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.plates import draw_plates, draw_shots
 from tactibench.protocols.schema import RECORDED, Protocol, Transfer
 from tactibench.run.components import Part, Sensors
 from tactibench.run.request import QUICK_FIT, QUICK_VALIDATION, RunRequest

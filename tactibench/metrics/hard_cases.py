@@ -11,7 +11,7 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import Mask, by_kind, mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
-from tactibench.protocols.axes import Axis, family_of
+from tactibench.protocols.families import Axis, family_of
 from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
 from tactibench.stats.estimate import Estimate
 from tactibench.stats.intervals import positive_mean_interval, rate_interval

@@ -21,6 +21,7 @@ from tactibench.metrics import (
     uncertainty,
 )
 from tactibench.metrics.spec import MetricSpec
+from tactibench.protocols.loader import LoadedProtocol
 
 METRICS: Mapping[str, MetricSpec] = MappingProxyType(
     {
@@ -49,3 +50,20 @@ def find_metric(name: str) -> MetricSpec:
     if name not in METRICS:
         raise UserError(f"there is no metric {name!r}; {did_you_mean(name, METRICS)}")
     return METRICS[name]
+
+
+def check_metrics(protocol: LoadedProtocol) -> None:
+    """Refuse metrics that do not exist or do not fit the answers, before any work is done.
+
+    Apart from ``read_protocol``, which imports nothing that the metrics compute with.
+    Raises UserError with the close match.
+    """
+    keys = protocol.keys
+    kind = "plates" if keys.answer == "plate" else "contacts"
+    fitting = [name for name, spec in METRICS.items() if getattr(spec, kind) is not None]
+    for name in keys.metrics.names:
+        if name not in fitting:
+            raise UserError(
+                f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
+                f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
+            )

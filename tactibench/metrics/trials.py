@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Contacts, FloatArray, PlatePose
 from tactibench.metrics.matching import Pairs, match_trials
-from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Axis
 from tactibench.stats.clusters import IntArray, Labels, finite
 
 CATCH = "catch"

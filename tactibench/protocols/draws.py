@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol as StructuralType
 
 import numpy as np
 
 from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import tip_depths, tip_positions
-from tactibench.protocols.schema import Draw, Protocol, Workspace
+from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 
 TIPS = {"single": 1, "dual": 2, "triple": 3}
 """Of the indenters that a draw may name."""
@@ -19,14 +20,14 @@ PATIENCE = 10_000
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SceneSet:
     """Accepted scenes in order, and how many candidates geometry refused."""
 
     scenes: tuple[Scene, ...]
     rejected: int
 
 
-def draw_scenes(protocol: Protocol, name: str) -> Drawn:
+def draw_scenes(protocol: Protocol, name: str) -> SceneSet:
     """All presses of one draw: the same for equal keys and data seed, on every machine.
 
     Raises UserError when the workspace leaves (almost) no room for such a press.
@@ -35,7 +36,7 @@ def draw_scenes(protocol: Protocol, name: str) -> Drawn:
 
 
 @lru_cache(maxsize=8)  # many runs of one process ask for the same thousands of presses
-def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> Drawn:
+def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> SceneSet:
     seed = np.random.SeedSequence(data_seed, spawn_key=(draw.stream,))
     rng = np.random.default_rng(seed)
     scenes: list[Scene] = []
@@ -44,7 +45,7 @@ def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> Drawn:
         scene, refused = _accepted(draw, workspace, rng, distance)
         scenes.append(scene)
         rejected += refused
-    return Drawn(tuple(scenes), rejected)
+    return SceneSet(tuple(scenes), rejected)
 
 
 def _wanted_distances(draw: Draw) -> list[float | None]:
@@ -98,3 +99,59 @@ def _candidate(
         return Scene(Indenter.dual(apart, draw.radius_mm), pose)
     a, b, c = (float(h) for h in rng.choice(draw.heights_mm, 3))
     return Scene(Indenter.triple((a, b, c), draw.side_mm or 0.0, draw.radius_mm), pose)
+
+
+def draw_plates(keys: Protocol, plates: Plates) -> SceneSet:
+    """All training presses: the same for equal keys and data seed, on every machine."""
+    seed = np.random.SeedSequence(keys.data_seed, spawn_key=(plates.stream,))
+    rng = np.random.default_rng(seed)
+    space = keys.workspace
+    depth = rng.uniform(space.depth_min_mm, space.depth_max_mm, plates.count)
+    tilt = rng.uniform(-plates.tilt_deg, plates.tilt_deg, plates.count)
+    return SceneSet(
+        tuple(
+            Scene(Indenter.plate(), Pose(yaw=plates.yaw_deg, tilt=t, depth=d))
+            for d, t in zip(depth.tolist(), tilt.tolist(), strict=True)
+        ),
+        0,
+    )
+
+
+def draw_shots(keys: Protocol, pool: int) -> tuple[int, ...]:
+    """Numbers of the labelled frames among ``pool`` frames, in an order of which the first k are
+    given for k shots. Empty where the protocol transfers nothing."""
+    if keys.transfer is None:
+        return ()
+    seed = np.random.SeedSequence(keys.data_seed, spawn_key=(keys.transfer.stream,))
+    order = np.random.default_rng(seed).permutation(pool)
+    return tuple(order[: max(keys.transfer.shots)].tolist())
+
+
+class SensorShape(StructuralType):
+    """Surface of a sensor, see the attributes of ``tactibench.Sensor``."""
+
+    @property
+    def dome_radius_mm(self) -> float | None: ...
+
+    @property
+    def deepest_mm(self) -> float: ...
+
+
+def pressable(keys: Protocol, sensor: SensorShape) -> Protocol:
+    """The protocol whose presses are drawn: on the sensor's surface, as deep as it can be pressed.
+
+    A sensor that does not say leaves the protocol as it is. Raises UserError for one that cannot be
+    pressed as deep as the protocol's shallowest tip.
+    """
+    workspace = keys.workspace
+    deepest = min(workspace.depth_max_mm, sensor.deepest_mm)
+    if not deepest > workspace.depth_min_mm:
+        raise UserError(
+            f"the sensor can be pressed {sensor.deepest_mm:g} mm deep, but protocol {keys.id!r} "
+            f"presses {workspace.depth_min_mm:g} mm and more; take another sensor."
+        )
+    radius = sensor.dome_radius_mm
+    if radius is None:
+        radius = workspace.dome_radius_mm
+    shape = {"dome_radius_mm": radius, "depth_max_mm": deepest}
+    return keys.model_copy(update={"workspace": workspace.model_copy(update=shape)})

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
-from tactibench.protocols.axes import Axis, case
 from tactibench.protocols.strict import Name, Presses, Stream, Strict
 
 FAMILIES = "families"
@@ -55,6 +55,44 @@ NEEDS: dict[str, frozenset[str]] = {
     "ring": frozenset({"radius_mm", "depth_mm", "ring_mm"}),
 }
 """Lengths that stay the same in all cases of a family, by what it presses."""
+
+
+def case(family: str, value: float) -> str:
+    """Group of one case: "grazing:0.05"."""
+    return f"{family}:{value:g}"
+
+
+def family_of(group: str) -> str:
+    """The family of a case's group."""
+    return group.partition(":")[0]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A family of cases, from easy to hard.
+
+    values: graded, the easiest first. harder: "rising", "falling", or "unordered". easy: value of
+    the reference, None where there is none. reference: its group, "" for none; it may belong to
+    another family whose frames this one changes.
+    """
+
+    family: str
+    title: str
+    unit: str
+    harder: str
+    easy: float | None
+    values: tuple[float, ...]
+    reference: str
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Of the graded cases, the easiest first."""
+        return tuple(case(self.family, value) for value in self.values)
+
+    @property
+    def ordered(self) -> bool:
+        """Whether there is a point on the axis at which an error doubles."""
+        return self.harder != "unordered" and self.easy is not None
 
 
 class Cases(Strict):

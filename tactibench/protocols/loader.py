@@ -85,25 +85,6 @@ def read_protocol(path: Path) -> LoadedProtocol:
     return LoadedProtocol(keys, path, names, digest.hexdigest())
 
 
-def check_metrics(protocol: LoadedProtocol) -> None:
-    """Refuse metrics that do not exist or do not fit the answers, before any work is done.
-
-    Apart from ``read_protocol`` because it imports what the metrics compute with.
-    Raises UserError with the close match.
-    """
-    from tactibench.metrics.registry import METRICS
-
-    keys = protocol.keys
-    kind = "plates" if keys.answer == "plate" else "contacts"
-    fitting = [name for name, spec in METRICS.items() if getattr(spec, kind) is not None]
-    for name in keys.metrics.names:
-        if name not in fitting:
-            raise UserError(
-                f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
-                f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
-            )
-
-
 def _bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()

@@ -16,7 +16,7 @@ SPLIT_STREAM = 0
 
 
 @dataclass(frozen=True)
-class Parts:
+class PressSplit:
     """Indices of presses, each sorted."""
 
     fit: tuple[int, ...]
@@ -24,7 +24,7 @@ class Parts:
     test: tuple[int, ...]
 
 
-def split_presses(count: int, split: Split, data_seed: int) -> Parts:
+def split_presses(count: int, split: Split, data_seed: int) -> PressSplit:
     """Divide ``count`` drawn presses by a seeded permutation."""
     order = _permutation(count, data_seed)
     return _parts(order, split.test, split.validation)
@@ -32,7 +32,7 @@ def split_presses(count: int, split: Split, data_seed: int) -> Parts:
 
 def split_recorded(
     names: Sequence[str], keys: Recorded, data_seed: int, published: Sequence[str] | None
-) -> Parts:
+) -> PressSplit:
     """Divide recorded presses; ``published`` test frames are taken as they are.
 
     Raises UserError when the folder has too few presses to train, validate and test.
@@ -43,14 +43,14 @@ def split_recorded(
         left = sorted(set(range(len(names))) - set(test))
         order = np.array(left, dtype=np.int64)[_permutation(len(left), data_seed)]
         parts = _parts(order, 0, round(keys.validation_share * len(left)))
-        return _trainable(Parts(parts.fit, parts.validation, tuple(sorted(test))), len(names))
+        return _trainable(PressSplit(parts.fit, parts.validation, tuple(sorted(test))), len(names))
     test_count = round(keys.test_share * len(names))
     validation = round(keys.validation_share * (len(names) - test_count))
     order = _permutation(len(names), data_seed)
     return _trainable(_parts(order, test_count, validation), len(names))
 
 
-def _trainable(parts: Parts, count: int) -> Parts:
+def _trainable(parts: PressSplit, count: int) -> PressSplit:
     if not (parts.fit and parts.validation and parts.test):
         raise UserError(
             f"the data folder holds {count:,} presses, of which {len(parts.fit):,} would train, "
@@ -65,8 +65,8 @@ def _permutation(count: int, data_seed: int) -> npt.NDArray[np.int64]:
     return np.random.default_rng(seed).permutation(count)
 
 
-def _parts(order: npt.NDArray[np.int64], test: int, validation: int) -> Parts:
-    return Parts(
+def _parts(order: npt.NDArray[np.int64], test: int, validation: int) -> PressSplit:
+    return PressSplit(
         fit=tuple(sorted(order[test + validation :].tolist())),
         validation=tuple(sorted(order[test : test + validation].tolist())),
         test=tuple(sorted(order[:test].tolist())),

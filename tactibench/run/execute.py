@@ -12,8 +12,8 @@ import numpy as np
 from tactibench.contacts import Answer, Frame
 from tactibench.frames.ground_truth import true_bounds, true_surfaces
 from tactibench.frames.presses import Presses
+from tactibench.metrics.registry import check_metrics
 from tactibench.plugins.base import Model, SensorContext
-from tactibench.protocols.loader import check_metrics
 from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.run.examples import example_arrays
 from tactibench.run.failures import Failures, failures_record

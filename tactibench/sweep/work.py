@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tactibench.errors import UserError
+from tactibench.metrics.registry import check_metrics
 from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import check_metrics
 from tactibench.run.plan import RunPlan, make_plan
 from tactibench.run.reporter import Silent
 from tactibench.run.request import RunRequest

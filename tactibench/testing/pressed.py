@@ -12,9 +12,8 @@ from tactibench.errors import UserError
 from tactibench.geometry import plate_pose, true_contacts
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.host import PluginHost
-from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import Protocol
 
 PROTOCOL = "exp1"

@@ -13,7 +13,7 @@ from tactibench import Contacts, UserError
 from tactibench.metrics.hard_cases import ospa
 from tactibench.metrics.score import score
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
-from tactibench.protocols.axes import Axis, case, family_of
+from tactibench.protocols.families import Axis, case, family_of
 from tactibench.records.record import Metric
 
 AXIS = Axis("shift", "camera", "px", "rising", 0.0, (1.0, 2.0), "plain:0")

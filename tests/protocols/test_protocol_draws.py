@@ -10,7 +10,7 @@ from scipy import stats
 
 from tactibench import Scene, UserError
 from tactibench.geometry import true_contacts
-from tactibench.protocols.draws import PATIENCE, Drawn, draw_scenes, fits
+from tactibench.protocols.draws import PATIENCE, SceneSet, draw_scenes, fits
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
 
@@ -109,7 +109,7 @@ def test_streams_and_seeds_give_other_presses() -> None:
     assert len({scene.pose for scene in every}) == len(every)
 
 
-def recounted(keys: Protocol, name: str) -> Drawn:
+def recounted(keys: Protocol, name: str) -> SceneSet:
     """Draw again, candidate by candidate, and count by hand those that do not fit."""
     draw = keys.draw(name)
     rng = np.random.default_rng(np.random.SeedSequence(keys.data_seed, spawn_key=(draw.stream,)))
@@ -126,7 +126,7 @@ def recounted(keys: Protocol, name: str) -> Drawn:
             accepted.append(scene)
         else:
             rejected += 1
-    return Drawn(tuple(accepted), rejected)
+    return SceneSet(tuple(accepted), rejected)
 
 
 def test_refused_candidates_are_counted() -> None:

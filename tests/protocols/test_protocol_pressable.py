@@ -10,9 +10,8 @@ import pytest
 
 from tactibench import UserError
 from tactibench.geometry import true_contacts
-from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.pressable import pressable
 
 KEYS = load_protocol("exp3").keys
 

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tactibench import UserError
+from tactibench.metrics.registry import check_metrics
 from tactibench.protocols.loader import (
     LoadedProtocol,
-    check_metrics,
     load_protocol,
     protocol_files,
     protocol_titles,

@@ -14,14 +14,14 @@ from tactibench import SensorContext, UserError
 from tactibench.frames.recorded import published_split
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Recorded, Split
-from tactibench.protocols.split import Parts, split_presses, split_recorded
+from tactibench.protocols.split import PressSplit, split_presses, split_recorded
 
 SHARED = Path(__file__).parents[3] / "shared/data/tac-vgnn"
 REAL = Path(os.environ.get("TACTIBENCH_TACVGNN", SHARED))
 SHARES = Recorded(test_share=0.2, validation_share=0.1)
 
 
-def assert_partition(parts: Parts, count: int) -> None:
+def assert_partition(parts: PressSplit, count: int) -> None:
     every = [*parts.fit, *parts.validation, *parts.test]
     assert sorted(every) == list(range(count))
     for part in (parts.fit, parts.validation, parts.test):

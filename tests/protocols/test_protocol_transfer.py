@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
+from tactibench.protocols.draws import draw_plates, draw_shots
 from tactibench.protocols.loader import LoadedProtocol, load_protocol, protocol_files
-from tactibench.protocols.plates import draw_plates, draw_shots
 
 Read = Callable[[dict[str, Any]], LoadedProtocol]
 

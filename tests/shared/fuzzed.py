@@ -50,7 +50,8 @@ def _files(pattern: str) -> Callable[[Path], list[bytes]]:
 
 
 def _protocol(data: bytes, folder: Path) -> None:
-    from tactibench.protocols.loader import check_metrics, read_protocol
+    from tactibench.metrics.registry import check_metrics
+    from tactibench.protocols.loader import read_protocol
 
     check_metrics(read_protocol(_in(folder, "p.toml", data)))
 

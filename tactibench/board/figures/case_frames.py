@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.board.figures.style import figure, headline, save
-from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Axis
 
 BLOCKS = 2
 """Families side by side: a page is wider than a row is long."""

@@ -23,7 +23,7 @@ from tactibench.cli.report.origin import (
 from tactibench.cli.report.speed import print_speed
 from tactibench.cli.report.tables import print_block, print_others
 from tactibench.cli.report.words import BLOCKS, EXPLAIN
-from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Axis
 from tactibench.records.record import Record
 
 __all__ = ["print_record"]

@@ -12,7 +12,7 @@ from tactibench.board.numbers import number
 from tactibench.board.rows import Pooled, Row
 from tactibench.cli.report.cells import Cells, aligned, print_grid
 from tactibench.cli.report.words import NAMES
-from tactibench.protocols.axes import Axis
+from tactibench.protocols.families import Axis
 from tactibench.records.record import Record
 
 HEADS = ("family", "easy", "mm", "hardest", "mm", "missed, %", "worst ratio", "doubles at")

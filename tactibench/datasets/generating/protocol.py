@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from tactibench.datasets.generating.stretches import Press, Pressing, Stretch
 from tactibench.errors import UserError
 from tactibench.frames.drawn import FIT, TEST, VALIDATION, WHOLE
-from tactibench.protocols.draws import draw_scenes
-from tactibench.protocols.pressable import SensorShape, pressable
+from tactibench.protocols.draws import SensorShape, draw_scenes, pressable
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.protocols.split import split_presses
 

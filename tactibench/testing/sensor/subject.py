@@ -14,9 +14,8 @@ from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.frames.source import spread
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec, Value
-from tactibench.protocols.draws import draw_scenes
+from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
-from tactibench.protocols.pressable import pressable
 from tactibench.protocols.schema import Protocol
 from tactibench.testing.pressed import PROTOCOL
 from tactibench.testing.property import NotApplicable
