@@ -24,11 +24,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.metrics.compare import compare
+from tactibench.metrics.compare import press_means
 from tactibench.metrics.trials import Trials
 from tactibench.plugins.host import PluginHost
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import StoredRun, open_run
+from tactibench.stats.intervals import mean_interval
+from tactibench.stats.paired import sign_flip_p
 
 Row = tuple[str, str]
 """Metric and group."""
@@ -172,11 +174,15 @@ def trials(stored: StoredRun) -> Trials:
 def show_gain(model: str, multiple: StoredRun, single: StoredRun) -> None:
     """Print what training on several contacts changes in exp2."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
-    paired = compare("distance_penalised_mm", trials(multiple), trials(single), rng=rng)
-    change = paired.difference
+    first, second = (
+        press_means("distance_penalised_mm", trials(run))[:, 0] for run in (multiple, single)
+    )
+    differences = (first - second)[np.isfinite(first - second)]
+    p = sign_flip_p(differences, rng=rng)
+    change = mean_interval(differences, np.arange(len(differences)))
     print(
         f"exp2 {model} multiple - single   distance_penalised_mm   {change.value:9.4f} "
-        f"[{change.low:.4f}, {change.high:.4f}] {change.clusters} presses  p {paired.p:.4f}"
+        f"[{change.low:.4f}, {change.high:.4f}] {change.clusters} presses  p {p:.4f}"
     )
 
 

@@ -19,7 +19,6 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import stats
 
-from tactibench.stats import weighted
 from tactibench.stats.bca import bca_interval, bootstrap_values
 from tactibench.stats.intervals import mean_interval
 
@@ -53,7 +52,11 @@ def intervals(
     assert clustered.low is not None  # noqa: S101
     assert clustered.high is not None  # noqa: S101
     yield clustered.low, clustered.high
-    mean = weighted.ratio(flat, np.ones(flat.size), codes, presses)
+    sums, counts = np.bincount(codes, flat), np.bincount(codes)
+
+    def mean(weights: np.ndarray) -> np.ndarray:
+        return np.asarray((weights @ sums) / (weights @ counts))
+
     yield bca_interval(mean, presses, rng=rng, level=level, resamples=1000) or (np.nan, np.nan)
     drawn = bootstrap_values(mean, presses, 1000, rng)
     low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])

@@ -1,9 +1,8 @@
-"""One metric of two models on the same presses."""
+"""A metric press by press, for the comparison of models on the same presses."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,24 +12,12 @@ from tactibench.metrics.groups import Mask, members
 from tactibench.metrics.registry import METRICS, find_metric
 from tactibench.metrics.spec import Sample
 from tactibench.metrics.trials import PlateTrials, Trials
-from tactibench.stats.paired import PairedDifference, paired_difference
-
-
-def per_press(name: str, trials: Trials | PlateTrials, group: str = "all") -> dict[Any, float]:
-    """Mean of a metric's values for each press that has one (squares, for a root mean square).
-
-    Raises UserError for a metric that is no mean over presses.
-    """
-    means = press_means(name, trials, (group,))[:, 0]
-    pressed = np.unique(trials.press)
-    known = np.isfinite(means)
-    return dict(zip(pressed[known].tolist(), means[known].tolist(), strict=True))
 
 
 def press_means(
     name: str, trials: Trials | PlateTrials, groups: Sequence[str] = ("all",)
 ) -> FloatArray:
-    """(P, groups) means of a metric's values, of every press of ``np.unique(trials.press)``.
+    """Return (P, groups) means of a metric's values, of every press of ``np.unique(trials.press)``.
 
     nan where a press has no value in a group. Raises UserError for a metric that is no mean.
     """
@@ -47,7 +34,7 @@ def press_means(
 
 
 def compared_metrics(trials: Trials | PlateTrials, names: Iterable[str]) -> list[str]:
-    """Those of the metrics that are means over presses and can be compared press by press."""
+    """Return the metrics that are means over presses and can be compared press by press."""
     plates = isinstance(trials, PlateTrials)
     specs = map(find_metric, names)
     return [s.name for s in specs if (s.plate_sample if plates else s.sample) and not s.root]
@@ -72,28 +59,3 @@ def _sample(name: str, trials: Trials | PlateTrials) -> Sample:
         f"metric {name!r} is no mean over presses and cannot be compared press by press: "
         f"choose one of {', '.join(able)}."
     )
-
-
-def paired_values(
-    name: str,
-    first: Trials | PlateTrials,
-    second: Trials | PlateTrials,
-    group: str = "all",
-) -> tuple[list[Any], FloatArray, FloatArray]:
-    """Presses on which both models have a value, and (G,) values of either."""
-    a, b = per_press(name, first, group), per_press(name, second, group)
-    shared = [press for press in a if press in b]
-    return shared, np.array([a[p] for p in shared]), np.array([b[p] for p in shared])
-
-
-def compare(
-    name: str,
-    first: Trials | PlateTrials,
-    second: Trials | PlateTrials,
-    *,
-    rng: np.random.Generator,
-    group: str = "all",
-) -> PairedDifference:
-    """First minus second over the presses both answered, with interval and permutation p."""
-    _, a, b = paired_values(name, first, second, group)
-    return paired_difference(a, b, rng=rng, level=first.level)

@@ -1,4 +1,4 @@
-"""How many contacts: missed, spurious, and single presses taken for two."""
+"""Numbers of contacts: missed, spurious, and single presses taken for two."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactibench.stats.intervals import effective_size, rate_interval, share_inte
 
 
 def missed(trials: Trials) -> Sample:
-    """One value per true contact: 1 where no prediction lies inside the gate, else 0."""
+    """Return one value per true contact: 1 where no prediction lies inside the gate, else 0."""
     trial = np.repeat(np.arange(len(trials)), trials.true_counts)
     values = np.ones(len(trial))
     starts = np.cumsum(trials.true_counts) - trials.true_counts
@@ -26,13 +26,13 @@ def missed(trials: Trials) -> Sample:
 
 
 def spurious(trials: Trials) -> Sample:
-    """One value per frame: the number of unmatched predictions."""
+    """Return one value per frame: the number of unmatched predictions."""
     extra = trials.predicted_counts - trials.matched.per_trial(len(trials))
     return Sample(extra.astype(np.float64), np.arange(len(trials)))
 
 
 def catch_resolved(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Share of catch trials (one true contact) that were answered with exactly two."""
+    """Yield the share of catch trials (one true contact) that were answered with exactly two."""
     catch = members(trials, CATCH)
     two = (trials.predicted_counts[catch] == 2).astype(np.float64)
     yield "all", share_interval(two, trials.press[catch], level=trials.level)
@@ -77,7 +77,7 @@ def sensitivity(
 
 
 def density(z: float) -> float:
-    """Of the standard normal distribution."""
+    """Return the density of the standard normal distribution at z."""
     return math.exp(-z * z / 2) / math.sqrt(2 * math.pi)
 
 

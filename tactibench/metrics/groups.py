@@ -1,4 +1,4 @@
-"""Which trials a row is about, and rows made by one summary of every group.
+"""Groups of trials, and rows made by one summary of every group.
 
 A group named by a number is a *condition* (a true distance, mm): only metrics of separation are
 shown for each. The other groups (dual, triple) are *kinds*: metrics of contacts are shown for each.
@@ -25,7 +25,7 @@ Summary = Callable[..., Estimate]
 
 
 def condition(name: str) -> float | None:
-    """The number a group is named by, if it is one."""
+    """Return the number that a group is named by, None where it is no number."""
     try:
         number = float(name)
     except ValueError:
@@ -34,25 +34,25 @@ def condition(name: str) -> float | None:
 
 
 def members(trials: Trials, name: str) -> Mask:
-    """(N,) whether each trial belongs to a group; "all" is everything but catch trials."""
+    """Return (N,) whether each trial belongs to a group; "all" is everything but catch trials."""
     group = np.array(trials.group, dtype=object)
     return np.asarray(group != CATCH if name == "all" else group == name, dtype=bool)
 
 
 def by_condition(trials: Trials) -> Groups:
-    """Distances in ascending order, then "all"."""
+    """Return the distances in ascending order, then "all"."""
     names = {name: number for name in set(trials.group) if (number := condition(name)) is not None}
     return {name: members(trials, name) for name in (*sorted(names, key=names.__getitem__), "all")}
 
 
 def by_kind(trials: Trials) -> Groups:
-    """Kinds of indenter in alphabetical order, then "all"."""
+    """Return the kinds of indenter in alphabetical order, then "all"."""
     kinds = {g for g in trials.group if g not in {CATCH, "all"} and condition(g) is None}
     return {name: members(trials, name) for name in (*sorted(kinds), "all")}
 
 
 def rows(sample: Sample, groups: Groups, summary: Summary, press: Labels, level: float) -> Rows:
-    """One estimate per group, from the values of its trials."""
+    """Yield one estimate per group, from the values of its trials."""
     for name, member in groups.items():
         inside = member[sample.trial]
         clusters = press[sample.trial[inside]]

@@ -1,4 +1,4 @@
-"""How far a model gets on graded hard cases, and on how many frames it fails altogether."""
+"""Errors on graded hard cases, where they double, and frames on which a model fails."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ THOUSAND = 1000
 
 
 def ospa(trials: Trials) -> Sample:
-    """One value per frame, mm, in 0..gate:
+    """Return one value per frame, mm, in 0..gate.
 
         (sum over pairs of min(d, c) + c (max(n, m) - pairs)) / max(n, m)
 
@@ -47,20 +47,20 @@ def ospa(trials: Trials) -> Sample:
 
 
 def error_ratios(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Of every graded case, ``ospa_mm`` over that of its family's easy case."""
+    """Yield of every graded case ``ospa_mm`` over that of its family's easy case."""
     error = ospa(trials).values
     for axis in trials.axes:
         yield from zip(axis.groups, _ratios(trials, error, axis), strict=False)
 
 
 def worst_ratio(trials: Trials, rng: np.random.Generator) -> Rows:
-    """The largest of them."""
+    """Yield the largest ratio of all cases."""
     known = [one for _, one in error_ratios(trials, rng) if one.value is not None]
     yield "all", max(known, key=lambda one: one.value or 0.0, default=Estimate.nothing())
 
 
 def doubles_at(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Of every family, the value at which ``ospa_mm`` is twice that of the easy case.
+    """Yield of every family the value at which ``ospa_mm`` is twice that of the easy case.
 
     No value where that is more than half the gate: an error of at most the gate cannot double.
     """
@@ -89,7 +89,7 @@ def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]
 
 
 def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Predictions per 1,000 frames in which nothing presses."""
+    """Yield the predictions per 1,000 frames in which nothing presses."""
     empty = trials.true_counts == 0
     one = rate_interval(trials.predicted_counts[empty], trials.press[empty], level=trials.level)
     value, low, high = (None if x is None else THOUSAND * x for x in (one.value, one.low, one.high))
@@ -97,8 +97,10 @@ def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 
 def _count(trials: Trials, kind: int) -> Rows:
-    """Frames on which the model failed so, of every family and in all; nothing where a failure
-    ends the run."""
+    """Yield the frames on which the model failed so, of every family and in all.
+
+    No value where a failure ends the run.
+    """
     if trials.failed is None:
         yield "all", Estimate.nothing()
         return

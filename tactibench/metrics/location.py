@@ -15,8 +15,7 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import Trials
-from tactibench.stats import weighted
-from tactibench.stats.bca import bca_interval
+from tactibench.stats.bca import bca_interval, r_squared
 from tactibench.stats.clusters import IntArray, Labels, cluster_codes
 from tactibench.stats.estimate import Estimate
 from tactibench.stats.intervals import (
@@ -30,7 +29,7 @@ AXES = ("x", "y", "z")
 
 
 def top_answers(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
-    """(n, 3) true and predicted x, y, depth of the answered frames, and (n,) their trials."""
+    """True and predicted x, y, depth (n, 3) of the answered frames, and (n,) their trials."""
     for index in np.flatnonzero(members(trials, "all") & (trials.true_counts != 1)):
         raise UserError(
             f"the metrics of single presses (mae_mm, rmse_mm, r2 ...) need one true contact a "
@@ -49,6 +48,7 @@ def _first(contacts: Contacts) -> tuple[float, float, float]:
 
 
 def mae(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Yield the MAE of each axis and their mean."""
     true, predicted, trial = top_answers(trials)
     for axis, error in _columns(np.abs(predicted - true)):
         yield axis, positive_mean_interval(error, trials.press[trial], level=trials.level)
@@ -84,7 +84,7 @@ def r2(trials: Trials, rng: np.random.Generator) -> Rows:
         if not len(trial) or (np.ptp(true[:, use], axis=0) == 0).any():
             yield axis, Estimate(None, None, None, len(trial), clusters)
             continue
-        statistic = weighted.r_squared(true[:, use], predicted[:, use], codes, clusters)
+        statistic = r_squared(true[:, use], predicted[:, use], codes, clusters)
         value = float(statistic(np.ones((1, clusters)))[0])
         limits = bca_interval(statistic, clusters, rng=rng, level=trials.level)
         low, high = limits or (None, None)
@@ -92,7 +92,7 @@ def r2(trials: Trials, rng: np.random.Generator) -> Rows:
 
 
 def rmse_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """sqrt(sum e^2 / sum b^2), b the Cramer-Rao standard deviation; 1 is the limit.
+    """Sqrt(sum e^2 / sum b^2) of each axis, b the Cramer-Rao standard deviation; 1 is the limit.
 
     Frames without a bound (b is infinite, the contact is not in the frame) are left out of both
     sums: one of them would hide all others.
@@ -119,13 +119,13 @@ def _columns(errors: FloatArray) -> Iterator[tuple[str, FloatArray]]:
 
 
 def axis_mean_errors(trials: Trials) -> Sample:
-    """Absolute error averaged over the axes, one value per answered frame."""
+    """Return the absolute error averaged over the axes, one value per answered frame."""
     true, predicted, trial = top_answers(trials)
     return Sample(np.abs(predicted - true).mean(axis=1), trial)
 
 
 def axis_mean_squares(trials: Trials) -> Sample:
-    """Squared error averaged over the axes, one value per answered frame."""
+    """Return the squared error averaged over the axes, one value per answered frame."""
     true, predicted, trial = top_answers(trials)
     return Sample(((predicted - true) ** 2).mean(axis=1), trial)
 

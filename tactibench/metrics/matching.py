@@ -1,4 +1,4 @@
-"""Which prediction belongs to which true contact.
+"""Assignment of predictions to true contacts.
 
 The assignment minimises the sum over true-predicted pairs of min(distance, gate)^p with p = 1, in
 two dimensions, and pairs at or beyond the gate are then dissolved. That is the assignment inside
@@ -40,7 +40,7 @@ class Pairs:
     distance: FloatArray
 
     def per_trial(self, trials: int) -> IntArray:
-        """(N,) number of pairs in each trial."""
+        """Return the (N,) number of pairs in each trial."""
         return np.bincount(self.trial, minlength=trials)
 
 
@@ -87,7 +87,7 @@ def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gat
 
 
 def runs(trial: IntArray) -> Iterator[tuple[int, slice]]:
-    """Each trial that occurs in a sorted index, with the slice of its rows."""
+    """Yield each trial that occurs in a sorted index, with the slice of its rows."""
     unique, starts, sizes = np.unique(trial, return_index=True, return_counts=True)
     for number, start, size in zip(unique, starts, sizes, strict=True):
         yield int(number), slice(int(start), int(start + size))

@@ -1,13 +1,24 @@
-"""Depth, tilt and coverage of plate poses. Errors are over answered frames; coverage beside."""
+"""Depth, tilt and coverage of plate poses, and both against published predictions.
+
+Errors are over answered frames; coverage stands beside. The comparison with the predictions that
+somebody published of the same frames is frame for frame: a row for every published table that has
+some, named by the table.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from tactibench.metrics.groups import plate_rows
-from tactibench.metrics.spec import MetricSpec, Sample
+from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import PlateTrials
-from tactibench.stats.intervals import positive_mean_interval, share_interval
+from tactibench.stats.clusters import FloatArray
+from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import mean_interval, positive_mean_interval, share_interval
+from tactibench.stats.paired import sign_flip_p
 
 
 def depth_errors(trials: PlateTrials) -> Sample:
@@ -33,7 +44,48 @@ def _errors(trials: PlateTrials, field: str) -> Sample:
     return Sample(np.abs(predicted - true), trial)
 
 
-SPECS = (
+Errors = Callable[[PlateTrials], Sample]
+
+
+def differences(trials: PlateTrials, table: str, errors: Errors) -> Sample:
+    """Return |p - t| - |q - t| of every frame that both answered, q the published one."""
+    ours = errors(trials)
+    theirs = errors(replace(trials, predictions=trials.published[table]))
+    _, i, j = np.intersect1d(ours.trial, theirs.trial, return_indices=True)
+    return Sample(ours.values[i] - theirs.values[j], ours.trial[i])
+
+
+def _difference(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
+    def rows(trials: PlateTrials, _rng: np.random.Generator) -> Rows:
+        for table in trials.published:
+            found = differences(trials, table, errors)
+            press = trials.press[found.trial]
+            yield table, mean_interval(found.values, press, level=trials.level)
+
+    return rows
+
+
+def _p(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
+    def rows(trials: PlateTrials, rng: np.random.Generator) -> Rows:
+        for table in trials.published:
+            found = differences(trials, table, errors)
+            sums = _by_press(found, trials)
+            if len(sums) > 1:
+                p = sign_flip_p(sums, rng=rng)
+                yield table, Estimate(p, None, None, len(found.values), len(sums))
+
+    return rows
+
+
+def _by_press(found: Sample, trials: PlateTrials) -> FloatArray:
+    """(G,) sums over presses: the signs of a press's frames flip together."""
+    _, codes = np.unique(trials.press[found.trial], return_inverse=True)
+    return np.bincount(codes, found.values).astype(np.float64)
+
+
+_FORMULA = "mean of |p - t| - |q - t| over frames that both answered, q the released answer"
+
+PLATE_SPECS = (
     MetricSpec(
         "tilt_mae_deg",
         "deg",
@@ -51,3 +103,38 @@ SPECS = (
         plate_sample=answered,
     ),
 )
+
+PUBLISHED_SPECS = (
+    MetricSpec(
+        "depth_mae_minus_published_mm",
+        "mm",
+        "lower",
+        f"{_FORMULA}; of depth",
+        plates=_difference(depth_errors),
+    ),
+    MetricSpec(
+        "depth_mae_minus_published_p",
+        "p",
+        "none",
+        "two-sided sign-flip permutation p of the difference in depth, whole presses",
+        plates=_p(depth_errors),
+    ),
+    MetricSpec(
+        "tilt_mae_minus_published_deg",
+        "deg",
+        "lower",
+        f"{_FORMULA}; of tilt",
+        plates=_difference(tilt_errors),
+    ),
+    MetricSpec(
+        "tilt_mae_minus_published_p",
+        "p",
+        "none",
+        "two-sided sign-flip permutation p of the difference in tilt, whole presses",
+        plates=_p(tilt_errors),
+    ),
+)
+PUBLISHED_NAMES = tuple(spec.name for spec in PUBLISHED_SPECS)
+"""Metrics that are computed wherever there are such predictions."""
+
+SPECS = (*PLATE_SPECS, *PUBLISHED_SPECS)

@@ -1,8 +1,12 @@
-"""Location error of matched contacts, millimetres in the plane."""
+"""Position and depth error of matched contacts: in the plane, along z, and between the tips."""
 
 from __future__ import annotations
 
-from tactibench.metrics.groups import by_kind, mean_metric
+import numpy as np
+
+from tactibench.metrics.groups import by_kind, mean_metric, plate_rows
+from tactibench.metrics.matching import runs
+from tactibench.metrics.plate import depth_errors as plate_depth_errors
 from tactibench.metrics.spec import Sample
 from tactibench.metrics.trials import Trials
 from tactibench.stats.intervals import positive_mean_interval
@@ -16,6 +20,24 @@ def gated_distances(trials: Trials) -> Sample:
 def ungated_distances(trials: Trials) -> Sample:
     """Distance of every pair of the assignment without a gate."""
     return Sample(trials.ungated.distance, trials.ungated.trial)
+
+
+def depth_errors(trials: Trials) -> Sample:
+    """|p - t| of every pair inside the gate."""
+    pairs = trials.matched
+    return Sample(np.abs(pairs.predicted_depth - pairs.true_depth), pairs.trial)
+
+
+def relative_depth_errors(trials: Trials) -> Sample:
+    """|(p_i - p_j) - (t_i - t_j)| of every two matched contacts of one frame."""
+    pairs = trials.matched
+    error = pairs.predicted_depth - pairs.true_depth
+    values, trial = [np.empty(0)], [np.empty(0, dtype=np.intp)]
+    for number, rows in runs(pairs.trial):
+        i, j = np.triu_indices(rows.stop - rows.start, k=1)
+        values.append(np.abs(error[rows][i] - error[rows][j]))
+        trial.append(np.full(len(i), number, dtype=np.intp))
+    return Sample(np.concatenate(values), np.concatenate(trial))
 
 
 SPECS = (
@@ -34,6 +56,27 @@ SPECS = (
         "lower",
         "mean |p_xy - t_xy| over the pairs of the minimum-cost assignment without a gate",
         ungated_distances,
+        positive_mean_interval,
+        by_kind,
+    ),
+    mean_metric(
+        "depth_mae_mm",
+        "mm",
+        "lower",
+        "mean |p_depth - t_depth| over pairs inside the gate; for plates over answered frames",
+        depth_errors,
+        positive_mean_interval,
+        by_kind,
+        plates=plate_rows(plate_depth_errors, positive_mean_interval),
+        plate_sample=plate_depth_errors,
+    ),
+    mean_metric(
+        "relative_depth_mae_mm",
+        "mm",
+        "lower",
+        "mean |(p_i - p_j) - (t_i - t_j)| of depth "
+        "over every two contacts of a frame that are both matched",
+        relative_depth_errors,
         positive_mean_interval,
         by_kind,
     ),

@@ -7,14 +7,12 @@ from types import MappingProxyType
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.metrics import (
-    depth,
     detection,
     gospa,
     hard_cases,
     location,
     plate,
     position,
-    released,
     separation,
     surface,
     threshold,
@@ -29,14 +27,12 @@ METRICS: Mapping[str, MetricSpec] = MappingProxyType(
         for family in (
             location,
             position,
-            depth,
             separation,
             threshold,
             detection,
             gospa,
             surface,
             plate,
-            released,
             uncertainty,
             hard_cases,
         )

@@ -11,7 +11,7 @@ from tactibench.stats.intervals import rms_interval
 
 
 def surface_mean_squares(trials: Trials) -> Sample:
-    """mean over cells of (map * max_depth - surface)^2, one value per frame, mm^2."""
+    """Return the mean over cells of (map * max_depth - surface)^2, one value per frame, mm^2."""
     if trials.maps is None or trials.surface is None:
         return Sample(np.empty(0), np.empty(0, dtype=np.intp))
     values = [

@@ -45,12 +45,12 @@ class Profile:
     trials: FloatArray
 
     def logit(self, threshold: FloatArray, slope: FloatArray) -> FloatArray:
-        """(M, K) log odds of a resolved trial."""
+        """Return (M, K) log odds of a resolved trial."""
         offset = self.distance[None, :] - threshold[:, None]
         return math.log(SHARE / (1 - SHARE)) + slope[:, None] * offset
 
     def slope(self, threshold: FloatArray) -> FloatArray:
-        """(M,) most likely slope for each threshold, by bisection of the concave likelihood."""
+        """The (M,) most likely slope for each threshold, by bisection of the concave likelihood."""
         low, high = np.zeros(len(threshold)), np.full(len(threshold), STEEPEST)
         offset = self.distance[None, :] - threshold[:, None]
         for _ in range(60):
@@ -61,12 +61,13 @@ class Profile:
         return np.asarray((low + high) / 2)
 
     def log_likelihood(self, threshold: FloatArray) -> FloatArray:
-        """(M,) log likelihood of each threshold."""
+        """Return the (M,) log likelihood of each threshold."""
         eta = self.logit(threshold, self.slope(threshold))
         terms = self.hits * log_expit(eta) + (self.trials - self.hits) * log_expit(-eta)
         return np.asarray(terms.sum(axis=1), dtype=np.float64)
 
     def at(self, threshold: float) -> float:
+        """Return the log likelihood of one threshold."""
         return float(self.log_likelihood(np.array([threshold]))[0])
 
 
@@ -123,7 +124,7 @@ def _inflation(residual: FloatArray, codes: IntArray, clusters: int) -> float:
 
 
 def _limits(profile: Profile, best: float, cut: float) -> tuple[float | None, float | None]:
-    """Where the profile falls to ``cut`` on either side, within the tested distances."""
+    """Return where the profile falls to ``cut`` on either side, within the tested distances."""
     sides: list[float | None] = []
     for end in (float(profile.distance[0]), float(profile.distance[-1])):
         if end == best or profile.at(end) >= cut:

@@ -1,4 +1,4 @@
-"""What a metric is computed from: truth and predictions of every test frame."""
+"""Truth and predictions of every test frame: all that a metric is computed from."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Trials:
 class PlateTrials:
     """N test frames answered with plate poses; None: the frame was not answered.
 
-    released: by published table, the answers that somebody released to the same N frames. group: of
+    published: by table, the predictions that somebody published of the same N frames. group: of
     every frame ("50": answered after 50 labelled frames); (): all are of one.
 
     Raises ValueError on lengths that do not fit, a truth of None, values that are not finite.
@@ -114,18 +114,18 @@ class PlateTrials:
     predictions: tuple[PlatePose | None, ...]
     press: Labels
     level: float = 0.95
-    released: Mapping[str, tuple[PlatePose | None, ...]] = field(default_factory=dict)
+    published: Mapping[str, tuple[PlatePose | None, ...]] = field(default_factory=dict)
     group: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        _lengths(len(self.truth), predictions=self.predictions, press=self.press, **self.released)
+        _lengths(len(self.truth), predictions=self.predictions, press=self.press, **self.published)
         if self.group:
             _lengths(len(self.truth), group=self.group)
         object.__setattr__(self, "press", np.asarray(self.press))
         _limits(self.level)
         if any(pose is None for pose in self.truth):
             raise ValueError("a plate trial has no truth and cannot be scored")
-        for pose in (*self.truth, *self.predictions, *chain(*self.released.values())):
+        for pose in (*self.truth, *self.predictions, *chain(*self.published.values())):
             if pose is not None:
                 finite([pose.depth, pose.tilt], "plate pose")
 

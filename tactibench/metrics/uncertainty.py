@@ -1,4 +1,4 @@
-"""Does a model know how wrong it is? Only for models that give ``std``; n/a for others.
+"""Stated uncertainty against the errors. Only for models that give ``std``; n/a for others.
 
 With z = (predicted - true) / std of x, y and depth, over pairs inside the gate. The gate cuts the
 worst errors off, so `missed` belongs beside these numbers.
@@ -49,13 +49,13 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
 
 
 def gaussian_loss(z: FloatArray, std: FloatArray) -> FloatArray:
-    """(P,) sum over the columns of -log N(error; 0, std), errors of z std; std in mm."""
+    """Return the (P,) sum over the columns of -log N(error; 0, std), errors of z std; std in mm."""
     each = z**2 / 2 + np.log(std) + math.log(2 * math.pi) / 2
     return np.asarray(each.sum(axis=1), dtype=np.float64)
 
 
 def in_ellipse(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
-    """(P,) whether z (P, 2) lies inside the ellipse that holds ``percent`` of two Gaussians.
+    """Return (P,) whether z (P, 2) lies inside the ellipse that holds ``percent`` of two Gaussians.
 
     z_x^2 + z_y^2 <= r^2 = -2 log(1 - percent / 100).
     """
@@ -64,7 +64,7 @@ def in_ellipse(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
 
 
 def in_interval(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
-    """Whether each z lies in the symmetric interval that holds ``percent`` of one Gaussian.
+    """Return whether each z lies in the symmetric interval that holds ``percent`` of one Gaussian.
 
     |z| <= sqrt(2) erfinv(percent / 100).
     """
@@ -73,7 +73,7 @@ def in_interval(z: FloatArray, percent: float) -> npt.NDArray[np.bool_]:
 
 
 def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(A,) RMSE and (A,) bias of errors (P, A), both over the root mean square bound (P, A).
+    """Return (A,) RMSE and (A,) bias of errors (P, A), both over the root mean square bound (P, A).
 
     sqrt(sum e^2 / sum b^2) and mean e / sqrt(mean b^2): rmse^2 = bias^2 + scatter^2, and 1 is the
     least that an unbiased estimate can have. Pairs whose b is not finite are left out, axis by
@@ -90,7 +90,7 @@ def over_bound(error: FloatArray, bound: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def spacing(xy: FloatArray) -> FloatArray:
-    """(K,) mm to the nearest other of K contacts (K, 2) in the plane; inf for one alone."""
+    """Return (K,) mm to the nearest other of K contacts (K, 2) in the plane; inf for one alone."""
     if not len(xy):
         return np.empty(0)
     apart = cdist(xy, xy)

@@ -28,7 +28,7 @@ class SceneSet:
 
 
 def draw_scenes(protocol: Protocol, name: str) -> SceneSet:
-    """All presses of one draw: the same for equal keys and data seed, on every machine.
+    """Return all presses of one draw: the same for equal keys and data seed, on every machine.
 
     Raises UserError when the workspace leaves (almost) no room for such a press.
     """
@@ -49,7 +49,7 @@ def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> SceneSet:
 
 
 def _wanted_distances(draw: Draw) -> list[float | None]:
-    """Of every press: its distance, or None where the distance is drawn or there is none."""
+    """Return of every press its distance, or None where the distance is drawn or there is none."""
     if draw.per_distance is None:
         return [None] * (draw.count or 0)
     return [distance for distance in draw.distances_mm for _ in range(draw.per_distance)]
@@ -71,7 +71,7 @@ def _accepted(
 
 
 def fits(scene: Scene, workspace: Workspace) -> bool:
-    """Whether all tips lie in the workspace, the shallowest and deepest inside the depth range."""
+    """Return whether all tips lie in the workspace and inside its depth range."""
     half = workspace.half_width_mm
     if np.abs(tip_positions(scene)[:, :2]).max() > half:
         return False
@@ -102,7 +102,7 @@ def _candidate(
 
 
 def draw_plates(keys: Protocol, plates: Plates) -> SceneSet:
-    """All training presses: the same for equal keys and data seed, on every machine."""
+    """All training presses of a plate: the same for equal keys and data seed, on every machine."""
     seed = np.random.SeedSequence(keys.data_seed, spawn_key=(plates.stream,))
     rng = np.random.default_rng(seed)
     space = keys.workspace
@@ -118,8 +118,10 @@ def draw_plates(keys: Protocol, plates: Plates) -> SceneSet:
 
 
 def draw_shots(keys: Protocol, pool: int) -> tuple[int, ...]:
-    """Numbers of the labelled frames among ``pool`` frames, in an order of which the first k are
-    given for k shots. Empty where the protocol transfers nothing."""
+    """Return the numbers of the labelled frames among ``pool`` frames.
+
+    The first k are given for k labelled frames. Empty where the protocol transfers nothing.
+    """
     if keys.transfer is None:
         return ()
     seed = np.random.SeedSequence(keys.data_seed, spawn_key=(keys.transfer.stream,))
@@ -131,14 +133,16 @@ class SensorShape(StructuralType):
     """Surface of a sensor, see the attributes of ``tactibench.Sensor``."""
 
     @property
-    def dome_radius_mm(self) -> float | None: ...
+    def dome_radius_mm(self) -> float | None:
+        """Radius of the dome; None: that of the protocol."""
 
     @property
-    def deepest_mm(self) -> float: ...
+    def deepest_mm(self) -> float:
+        """Deepest press that the sensor stands."""
 
 
 def pressable(keys: Protocol, sensor: SensorShape) -> Protocol:
-    """The protocol whose presses are drawn: on the sensor's surface, as deep as it can be pressed.
+    """Protocol whose presses are drawn: on the sensor's surface, as deep as it can be pressed.
 
     A sensor that does not say leaves the protocol as it is. Raises UserError for one that cannot be
     pressed as deep as the protocol's shallowest tip.

@@ -58,12 +58,12 @@ NEEDS: dict[str, frozenset[str]] = {
 
 
 def case(family: str, value: float) -> str:
-    """Group of one case: "grazing:0.05"."""
+    """Return the group of one case: "grazing:0.05"."""
     return f"{family}:{value:g}"
 
 
 def family_of(group: str) -> str:
-    """The family of a case's group."""
+    """Return the family of a case's group."""
     return group.partition(":")[0]
 
 
@@ -86,12 +86,12 @@ class Axis:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Of the graded cases, the easiest first."""
+        """Groups of the graded cases, the easiest first."""
         return tuple(case(self.family, value) for value in self.values)
 
     @property
     def ordered(self) -> bool:
-        """Whether there is a point on the axis at which an error doubles."""
+        """True where there is a point on the axis at which an error doubles."""
         return self.harder != "unordered" and self.easy is not None
 
 
@@ -180,7 +180,7 @@ class Family(Strict):
         return (self.easy, *self.values) if own and self.easy is not None else self.values
 
     def axis(self, base: Family) -> Axis:
-        """Where its cases stand among the groups of a record."""
+        """Return the place of its cases among the groups of a record."""
         reference = ""
         if self.easy is not None:
             reference = (

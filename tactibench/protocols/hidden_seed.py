@@ -40,7 +40,7 @@ class HiddenSeed:
 
     @property
     def data_seed(self) -> int:
-        """What test presses are drawn from, in place of the protocol's ``data_seed``."""
+        """Seed that test presses are drawn from, in place of the protocol's ``data_seed``."""
         return int.from_bytes(self._derived("presses"))
 
     def _derived(self, purpose: str) -> bytes:
@@ -49,7 +49,7 @@ class HiddenSeed:
 
 
 def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
-    """The seed in the environment. Raises UserError where there is none, or one too short."""
+    """Seed in the environment. Raises UserError where there is none, or one too short."""
     secret = os.environ.get(VARIABLE, "").strip()
     if not secret:
         raise UserError(
@@ -65,7 +65,7 @@ def given_seed(protocol: LoadedProtocol) -> HiddenSeed:
 
 
 def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> HiddenSeed:
-    """The seed in the environment, if it is the one whose hash was published. Raises UserError.
+    """Seed in the environment, if it is the one whose hash was published. Raises UserError.
 
     folder: of the published hashes; None: those that ship with tactibench.
     """
@@ -81,12 +81,12 @@ def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> Hidd
 
 
 def commitment_file(protocol: str, folder: Path | None = None) -> Path:
-    """Where the hash of a protocol's hidden seed is published."""
+    """Return the file that publishes the hash of a protocol's hidden seed."""
     return (folder or shipped_folder("hidden")) / f"{protocol}.toml"
 
 
 def read_commitment(path: Path) -> str:
-    """The published hash. Raises UserError where there is none."""
+    """Return the published hash. Raises UserError where there is none."""
     try:
         found = tomllib.loads(path.read_text(encoding="utf-8")).get("sha256")
     except FileNotFoundError:
@@ -102,7 +102,7 @@ def read_commitment(path: Path) -> str:
 
 
 def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed) -> str:
-    """The file that publishes the hash of a seed."""
+    """Return the text of the file that publishes the hash of a seed."""
     return (
         f"# Hash of the hidden seed of {protocol.label}; the seed itself is told to scorers only.\n"
         f'protocol = "{protocol.keys.id}"\n'

@@ -20,7 +20,7 @@ class LoadedProtocol:
     """A validated protocol with its file and content hash.
 
     test_frames: names in the file of test frames that ships beside the protocol.
-    hash: sha256 of the file, as it would be with "\\n" at every line's end, and of test_frames.
+    hash: sha256 of the file with line feeds at every line's end, and of test_frames.
     """
 
     keys: Protocol
@@ -30,17 +30,18 @@ class LoadedProtocol:
 
     @property
     def label(self) -> str:
+        """Name with version, as "exp1@1"."""
         return f"{self.keys.id}@{self.keys.version}"
 
 
 def protocol_files() -> dict[str, Path]:
-    """Name -> file of every protocol that ships with tactibench."""
+    """Return name -> file of every protocol that ships with tactibench."""
     files = sorted(shipped_folder("protocols").glob("*.toml"))
     return {path.stem: path for path in files if "." not in path.stem}  # no exp1.board.toml
 
 
 def protocol_titles() -> dict[str, tuple[int, str]]:
-    """Name -> version and title, read without validating (for listings)."""
+    """Return name -> version and title, read without validating (for listings)."""
     titles = {}
     for name, path in protocol_files().items():
         keys = tomllib.loads(path.read_text(encoding="utf-8"))

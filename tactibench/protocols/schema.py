@@ -22,7 +22,7 @@ RECORDED = "recorded"
 
 
 class Workspace(Strict):
-    """Where every tip of every press lies, mm."""
+    """The box of every tip of every press, mm."""
 
     half_width_mm: PositiveFloat
     dome_radius_mm: PositiveFloat
@@ -50,11 +50,12 @@ class GridKeys(Strict):
     pitch_mm: PositiveFloat
 
     def grid(self) -> Grid:
+        """Return the grid in millimetres."""
         return Grid.centred(self.cells, self.pitch_mm)
 
 
 class Defaults(Strict):
-    """What a run takes when nothing is said."""
+    """The plugins of a run for which none are named."""
 
     sensor: Name
     encoder: Name
@@ -95,7 +96,7 @@ class Draw(Strict):
 
 
 class Split(Strict):
-    """How one draw is divided by press into training, validation and test presses."""
+    """The division of one draw by press into training, validation and test presses."""
 
     draw: Name
     test: Presses
@@ -103,7 +104,7 @@ class Split(Strict):
 
 
 class Recorded(Strict):
-    """How the presses of a recorded folder are divided."""
+    """The division of the presses of a recorded folder."""
 
     test_frames: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")] | None = None
     test_frames_size: tuple[PositiveInt, PositiveInt] | None = Field(default=None, strict=False)
@@ -144,7 +145,7 @@ class Transfer(Strict):
 
 
 class Test(Strict):
-    """What is scored, and how predictions are matched to the truth."""
+    """The presses that are scored, and the matching of predictions to the truth."""
 
     __test__ = False  # not a test case, whatever its name
 
@@ -157,10 +158,14 @@ class Test(Strict):
 
 
 class Metrics(Strict):
+    """The metrics of a protocol, in the order of its tables."""
+
     names: tuple[str, ...] = Field(min_length=1, strict=False)
 
 
 class Published(Strict):
+    """Names of the published tables that stand beside the results."""
+
     tables: Names = ()
 
 
@@ -189,14 +194,16 @@ class Protocol(Strict):
     published: Published
 
     def draw(self, name: str) -> Draw:
+        """Return the draw of that name."""
         return next(draw for draw in self.draws if draw.name == name)
 
     def family(self, name: str) -> Family:
+        """Return the family of that name."""
         return next(family for family in self.families if family.name == name)
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Of all families, in their order; empty for a protocol without hard cases."""
+        """The axes of all families, in their order; empty for a protocol without hard cases."""
         if self.cases is None:
             return ()
         base = self.family(self.cases.base)
@@ -210,7 +217,7 @@ class Protocol(Strict):
 
 
 def contradictions(keys: Protocol) -> Iterator[str]:
-    """What is wrong, most telling first."""
+    """Yield the rules that a protocol breaks, most telling first."""
     if (keys.split is None) == (keys.recorded is None):
         yield "exactly one of [split] and [recorded] is needed"
     yield from _repeated("draws", (draw.name for draw in keys.draws))

@@ -1,4 +1,4 @@
-"""What the tables of a protocol file share: unknown keys are errors, names are plain words."""
+"""The base of all tables of a protocol file: unknown keys are errors, names are plain words."""
 
 from __future__ import annotations
 

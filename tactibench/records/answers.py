@@ -14,7 +14,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def pack_contacts(answers: Sequence[Contacts]) -> Arrays:
-    """count (N,), xy (M, 2), depth (M,), score (M,), std (M, 3) with NaN where none was given."""
+    """Count (N,), xy (M, 2), depth (M,), score (M,), std (M, 3) with NaN where none was given."""
     unknown = [np.full((len(a), 3), np.nan) if a.std is None else a.std for a in answers]
     return {
         "count": np.array([len(a) for a in answers], dtype=np.int64),
@@ -39,7 +39,7 @@ def unpack_contacts(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Contacts, .
 
 
 def pack_plates(answers: Sequence[PlatePose | None]) -> Arrays:
-    """given (N,) bool, depth and tilt (N,), std (N, 2); zero where no answer was given.
+    """Return given (N,) bool, depth and tilt (N,), std (N, 2); zero where no answer was given.
 
     std is NaN where none was given.
     """

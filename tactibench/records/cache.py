@@ -1,4 +1,4 @@
-"""Where things that can be made again are kept."""
+"""The folder of all that can be made again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ VARIABLE = "TACTIBENCH_CACHE"
 
 
 def cache_folder() -> Path:
-    """``TACTIBENCH_CACHE``, or the platform's user cache."""
+    """Return ``TACTIBENCH_CACHE``, or the platform's user cache."""
     given = os.environ.get(VARIABLE)
     if given:
         return Path(given).expanduser()

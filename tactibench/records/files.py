@@ -43,7 +43,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def parse_json(text: str) -> Any:
-    """What JSON says, every number finite: ``write_json`` writes no other.
+    """Return the value of a JSON text, every number finite: ``write_json`` writes no other.
 
     Raises ValueError, for NaN and 1e999 too, and RecursionError for lists without an end.
     """
@@ -87,7 +87,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
 
 
 def arrays_hash(arrays: Mapping[str, npt.NDArray[Any]]) -> str:
-    """sha256 over names, types, shapes and values; the file format does not matter."""
+    """Return sha256 over names, types, shapes and values; the file format does not matter."""
     total = hashlib.sha256()
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
@@ -97,6 +97,6 @@ def arrays_hash(arrays: Mapping[str, npt.NDArray[Any]]) -> str:
 
 
 def file_hash(path: Path) -> str:
-    """sha256 of a file's bytes."""
+    """Return sha256 of a file's bytes."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -14,23 +14,23 @@ from typing import Any
 
 
 def canonical(value: Any) -> str:
-    """One text for equal JSON values. Raises ValueError on NaN."""
+    """Return one text for equal JSON values. Raises ValueError on NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def digest(value: Any) -> str:
-    """sha256 of a JSON value."""
+    """Return sha256 of a JSON value."""
     return hashlib.sha256(canonical(value).encode()).hexdigest()
 
 
 def combined(parts: Iterable[str]) -> str:
-    """sha256 of hashes in order."""
+    """Return sha256 of hashes in order."""
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 @lru_cache(maxsize=64)
 def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
-    """sha256 over the source and data files of an import package or module.
+    """Return sha256 over the source and data files of an import package or module.
 
     A version number says what an author remembered to change; this says what changed. without:
     folders directly inside the package that are left out. Raises ModuleNotFoundError.
@@ -41,7 +41,7 @@ def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
 
 
 def code_mentions(package: str, names: Iterable[str]) -> bool:
-    """Whether any Python file of an import package or module holds one of the names.
+    """Return whether any Python file of an import package or module holds one of the names.
 
     Raises ModuleNotFoundError.
     """
@@ -73,7 +73,7 @@ def _code(root: Path) -> list[Path]:
 
 
 def installed_versions(*distributions: str) -> dict[str, str]:
-    """Version of every distribution, read without importing it."""
+    """Return the version of every distribution, read without importing it."""
     found = {}
     for name in distributions:
         try:
@@ -84,7 +84,7 @@ def installed_versions(*distributions: str) -> dict[str, str]:
 
 
 def code_commit(folder: Path) -> str:
-    """The commit of the checkout the code runs from, ``+dirty`` with changes, or "installed"."""
+    """Commit of the checkout the code runs from, ``+dirty`` with changes, or "installed"."""
     try:
         where = ["git", "-C", str(folder)]
         tracked = [*where, "ls-files", "--error-unmatch", "pyproject.toml"]

@@ -40,7 +40,7 @@ class _Open(BaseModel):
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)
 
     def __bool__(self) -> bool:
-        """Whether the record says anything here."""
+        """Return whether the record says anything here."""
         return bool(self.model_fields_set)
 
     def json_values(self) -> dict[str, Any]:
@@ -156,7 +156,7 @@ class SensorId(Component):
 
 
 class Limits(_Open):
-    """How a run was cut short. presses: how many a model was allowed to learn from."""
+    """The options that cut a run short. presses: how many a model was allowed to learn from."""
 
     quick: bool = False
     limit: int | None = None
@@ -250,7 +250,7 @@ class Training(_Open):
 
 
 class AdaptedSensor(_Open):
-    """What of the tested sensor a model saw before its test. described: its recording."""
+    """All of the tested sensor that a model saw before its test. described: its recording."""
 
     unlabelled_frames: int = 0
     labelled_frames: list[int] | None = None

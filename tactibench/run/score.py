@@ -24,16 +24,16 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 def score_arrays(keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays) -> list[Metric]:
     """Rows of a record's metrics. truth also holds ``press`` and ``group`` of every frame,
-    and the answers that others released to them."""
-    from tactibench.metrics.released import NAMES as RELEASED
+    and the predictions that others published of them."""
+    from tactibench.metrics.plate import PUBLISHED_NAMES
     from tactibench.metrics.score import score
     from tactibench.metrics.trials import PlateTrials
 
     seed = np.random.SeedSequence(keys.data_seed, spawn_key=(SCORING_STREAM,))
     trials = trials_of(keys, truth, predicted, maps)
     names = keys.metrics.names
-    if isinstance(trials, PlateTrials) and trials.released:
-        names = (*names, *(name for name in RELEASED if name not in names))
+    if isinstance(trials, PlateTrials) and trials.published:
+        names = (*names, *(name for name in PUBLISHED_NAMES if name not in names))
     return score(names, trials, rng=np.random.default_rng(seed))
 
 
@@ -50,7 +50,7 @@ def trials_of(
             unpack_plates(predicted),
             truth["press"],
             level=keys.test.level,
-            released=unpack_released(truth),
+            published=unpack_released(truth),
             group=tuple(str(group) for group in truth["group"]),
         )
     bound = truth.get("bound")

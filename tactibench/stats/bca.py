@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import ndtr, ndtri  # scipy.stats takes a second to import
 
-from tactibench.stats.clusters import FloatArray
+from tactibench.stats.clusters import FloatArray, IntArray, cluster_sums, finite
 
 Statistic = Callable[[FloatArray], FloatArray]
 
@@ -23,8 +24,33 @@ LOST = 0.05
 """Share of resamples on which a statistic may be undefined before there is no interval."""
 
 
+def r_squared(
+    target: npt.ArrayLike, predicted: npt.ArrayLike, codes: IntArray, clusters: int
+) -> Statistic:
+    """Return 1 - sum (y - f)^2 / sum (y - mean y)^2, averaged over the columns of (n, K) values.
+
+    codes: (n,) number of each value's cluster, 0..clusters - 1. Sums suffice: the values are
+    summed per cluster once, beforehand.
+    """
+    y, f = np.atleast_2d(finite(target, "target").T).T, np.atleast_2d(finite(predicted, "f").T).T
+    y, residual = y - y.mean(axis=0), y - f  # centred: keeps the sums of squares accurate
+    k = y.shape[1]
+    sums = cluster_sums(np.hstack([residual**2, y**2, y, np.ones((len(y), 1))]), codes, clusters)
+
+    def statistic(weights: FloatArray) -> FloatArray:
+        total = weights @ sums
+        wrong, square, plain, n = np.split(total, [k, 2 * k, 3 * k], axis=1)
+        spread = square - plain**2 / np.maximum(n, 1e-300)
+        # what rounding leaves of a constant target is no spread
+        spread[spread <= 1e-12 * square] = 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray((1 - wrong / spread).mean(axis=1))
+
+    return statistic
+
+
 def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> FloatArray:
-    """(resamples, clusters) times each cluster is drawn with replacement."""
+    """Return (resamples, clusters) times each cluster is drawn with replacement."""
     drawn = rng.integers(clusters, size=(resamples, clusters))
     drawn += clusters * np.arange(resamples)[:, None]
     counts = np.bincount(drawn.ravel(), minlength=resamples * clusters)
@@ -34,14 +60,14 @@ def cluster_weights(clusters: int, resamples: int, rng: np.random.Generator) -> 
 def bootstrap_values(
     statistic: Statistic, clusters: int, resamples: int, rng: np.random.Generator
 ) -> FloatArray:
-    """(resamples,) values of the statistic over resampled clusters."""
+    """Return (resamples,) values of the statistic over resampled clusters."""
     rows = max(1, BLOCK // clusters)
     sizes = [min(rows, resamples - start) for start in range(0, resamples, rows)]
     return np.concatenate([statistic(cluster_weights(clusters, s, rng)) for s in sizes])
 
 
 def jackknife_values(statistic: Statistic, clusters: int) -> FloatArray:
-    """(clusters,) values of the statistic with one cluster left out."""
+    """Return (clusters,) values of the statistic with one cluster left out."""
     rows = max(1, BLOCK // clusters)
     values = []
     for start in range(0, clusters, rows):
@@ -53,7 +79,7 @@ def jackknife_values(statistic: Statistic, clusters: int) -> FloatArray:
 
 
 def acceleration(jackknife: FloatArray) -> float:
-    """a = sum(d^3) / (6 sum(d^2)^1.5), d the jackknife's deviations from its mean."""
+    """Return a = sum(d^3) / (6 sum(d^2)^1.5), d the jackknife's deviations from its mean."""
     deviation = jackknife.mean() - jackknife
     scale = float((deviation**2).sum())
     return float((deviation**3).sum()) / (6 * scale**1.5) if scale > 0 else 0.0

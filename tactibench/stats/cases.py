@@ -24,7 +24,7 @@ def mean_ratio(
     *,
     level: float = 0.95,
 ) -> Estimate:
-    """r = mean(values) / mean(reference), both positive, with an interval on the log scale.
+    """Return r = mean(values) / mean(reference), both positive, with an interval on the log scale.
 
     Linearised: log r - log rho ~ sum over clusters g of
     u_g = sum_{i in g} (a_i - A) / (n_a A) - sum_{j in g} (b_j - B) / (n_b B),
@@ -55,7 +55,7 @@ def mean_ratio(
 def crossing(
     values: Sequence[float], ratios: Sequence[float | None], level: float = DOUBLE
 ) -> float | None:
-    """The first value at which the polygon through (value, ratio) reaches ``level``, from below.
+    """First value at which the polygon through (value, ratio) reaches ``level``, from below.
 
     values: from easy to hard, rising or falling. None: it does not, or a ratio before is unknown.
     """
@@ -71,7 +71,7 @@ def crossing(
 
 
 def doubling(easy: float, values: Sequence[float], ratios: Sequence[Estimate]) -> Estimate:
-    """The value at which a ratio to the easy case, which is 1 there, reaches 2.
+    """Return the value at which a ratio to the easy case, which is 1 there, reaches 2.
 
     Linear between the values. The interval holds the values at which the upper and the lower ends
     of the ratios' intervals reach 2; an end that is not reached is None. Censored at the hardest

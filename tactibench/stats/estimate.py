@@ -1,4 +1,4 @@
-"""What every interval function returns."""
+"""A value with its interval, as every interval function returns it."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ class Estimate:
 
     @classmethod
     def nothing(cls) -> Estimate:
-        """No value at all: shown as n/a."""
+        """Return no value at all: shown as n/a."""
         return cls(None, None, None, 0, 0)

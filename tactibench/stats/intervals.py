@@ -22,7 +22,7 @@ from tactibench.stats.estimate import Estimate
 
 
 def t_quantile(level: float, clusters: int) -> float:
-    """Two-sided t quantile with clusters - 1 degrees of freedom."""
+    """Return the two-sided t quantile with clusters - 1 degrees of freedom."""
     return float(stdtrit(clusters - 1, (1 + level) / 2))
 
 
@@ -46,7 +46,7 @@ def ratio_interval(
     level: float = 0.95,
     floor: float = -math.inf,
 ) -> Estimate:
-    """sum(numerator) / sum(denominator) with a clustered t interval, cut off below ``floor``."""
+    """Sum(numerator) / sum(denominator) with a clustered t interval, cut off below ``floor``."""
     n = np.size(numerator)
     if n == 0:
         return Estimate.nothing()
@@ -60,7 +60,7 @@ def ratio_interval(
 def mean_interval(
     values: npt.ArrayLike, clusters: Labels, *, level: float = 0.95, floor: float = -math.inf
 ) -> Estimate:
-    """Mean over all values with a clustered t interval."""
+    """Return the mean over all values with a clustered t interval."""
     return ratio_interval(values, np.ones(np.shape(values)), clusters, level=level, floor=floor)
 
 
@@ -72,7 +72,7 @@ def positive_mean_interval(
 
 
 def root(square: Estimate) -> Estimate:
-    """Square root of an estimate and of its limits."""
+    """Return the square root of an estimate and of its limits."""
 
     def take(x: float | None) -> float | None:
         return None if x is None else math.sqrt(max(x, 0.0))
@@ -83,17 +83,12 @@ def root(square: Estimate) -> Estimate:
 
 
 def rms_interval(squares: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
-    """sqrt(mean(squares)) of squared errors; the interval is that of the mean square, rooted."""
+    """Sqrt(mean(squares)) of squared errors; the interval is that of the mean square, rooted."""
     return root(positive_mean_interval(squares, clusters, level=level))
 
 
-def rmse_interval(errors: npt.ArrayLike, clusters: Labels, *, level: float = 0.95) -> Estimate:
-    """sqrt(mean(errors^2)) with its interval through the mean square."""
-    return rms_interval(np.square(finite(errors, "errors")), clusters, level=level)
-
-
 def effective_size(hits: npt.ArrayLike, clusters: Labels) -> float:
-    """Number of independent yes/no values that would have the clustered variance.
+    """Return the number of independent yes/no values that would have the clustered variance.
 
     p (1 - p) / var, at most n. With p = 0 or 1 nothing can be said about the correlation inside a
     press, so a press counts once.

@@ -1,49 +1,21 @@
-"""Two models on the same presses: paired differences, permutation test, Holm, rank groups."""
+"""Two models on the same presses: permutation test, Holm's adjustment, groups of equal rank."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.stats.clusters import FloatArray, finite
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import mean_interval
 
 BLOCK = 2**21
-
-
-@dataclass(frozen=True)
-class PairedDifference:
-    """First minus second, press by press. p: two-sided sign-flip permutation test."""
-
-    difference: Estimate
-    p: float | None
-
-
-def paired_difference(
-    first: npt.ArrayLike,
-    second: npt.ArrayLike,
-    *,
-    rng: np.random.Generator,
-    level: float = 0.95,
-    permutations: int = 9999,
-) -> PairedDifference:
-    """Compare (G,) values of two models, one for each press, in the same order of presses."""
-    a, b = finite(first, "first"), finite(second, "second")
-    if a.shape != b.shape or a.ndim != 1:
-        raise ValueError(f"paired values have shapes {a.shape} and {b.shape}")
-    d = a - b
-    p = sign_flip_p(d, rng=rng, permutations=permutations) if len(d) > 1 else None
-    return PairedDifference(mean_interval(d, np.arange(len(d)), level=level), p)
 
 
 def sign_flip_p(
     differences: npt.ArrayLike, *, rng: np.random.Generator, permutations: int = 9999
 ) -> float:
-    """p = (1 + #{|sum s_i d_i| >= |sum d_i|}) / (1 + permutations), s_i random signs.
+    """Return p = (1 + #{|sum s_i d_i| >= |sum d_i|}) / (1 + permutations), s_i random signs.
 
     The + 1 counts the data as one of the permutations (Phipson and Smyth 2010): p is never 0.
     """
@@ -53,7 +25,7 @@ def sign_flip_p(
 def sign_flip_ps(
     differences: npt.ArrayLike, *, rng: np.random.Generator, permutations: int = 9999
 ) -> list[float]:
-    """``sign_flip_p`` of every column of (G, K) differences; all columns share their signs.
+    """Return ``sign_flip_p`` of every column of (G, K) differences; all columns share their signs.
 
     A press that has no difference in a column is 0 there: its sign changes nothing.
     """
@@ -85,23 +57,8 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(x) for x in adjusted]
 
 
-def rank_groups(values: npt.ArrayLike, *, better: str = "lower", level: float = 0.95) -> list[int]:
-    """Rank (M, G) values of M models on G presses in groups.
-
-    Models whose paired interval against the best contains 0 share its rank; the best of the rest
-    opens the next group, whose rank counts the models before it (1, 1, 3).
-    """
-    table = finite(values, "values")
-    if better not in {"lower", "higher"}:
-        raise ValueError(f"better is {better!r}, it must be 'lower' or 'higher'")
-    cost = table if better == "lower" else -table
-    order = sorted(range(len(cost)), key=lambda m: float(cost[m].mean()))
-    found = grouped(order, lambda m, best: _worse(cost[m] - cost[best], level))
-    return [found[m] for m in range(len(cost))]
-
-
 def grouped(order: Sequence[int], worse: Callable[[int, int], bool]) -> dict[int, int]:
-    """Rank of every model of ``order``, best first, by whether it is told to be ``worse``.
+    """Return the rank of every model of ``order``, best first, by whether it is ``worse``.
 
     The first of those that are left opens a group, all that are not worse than it join, and the
     next group's rank counts the models before it (1, 1, 3).
@@ -113,9 +70,3 @@ def grouped(order: Sequence[int], worse: Callable[[int, int], bool]) -> dict[int
         ranks |= dict.fromkeys(tied, 1 + len(ranks))
         left = [m for m in left if m not in tied]
     return ranks
-
-
-def _worse(difference: FloatArray, level: float) -> bool:
-    """Whether the interval of the mean difference lies above 0; one press cannot tell."""
-    low = mean_interval(difference, np.arange(len(difference)), level=level).low
-    return low is not None and low > 0

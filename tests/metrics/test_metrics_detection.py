@@ -9,7 +9,6 @@ from tactibench.contacts import Contacts
 from tactibench.metrics.detection import sensitivity
 from tactibench.metrics.score import score
 from tactibench.metrics.trials import Trials
-from tactibench.stats import weighted
 from tactibench.stats.bca import bca_interval
 
 z = NormalDist().inv_cdf
@@ -71,13 +70,13 @@ def test_d_prime_interval_agrees_with_bca_away_from_the_ends():
     press = np.arange(400)
     found = sensitivity(hits, alarms, press, press, 0.95)
     catch = np.repeat([0.0, 1.0], 400)
-    codes, both = np.arange(800), np.concatenate([hits, alarms])
-    hit_rate = weighted.ratio(both * (1 - catch), 1 - catch, codes, 800)
-    alarm_rate = weighted.ratio(both * catch, catch, codes, 800)
-    inverse = np.vectorize(z)
-    low, high = bca_interval(
-        lambda w: inverse(hit_rate(w)) - inverse(alarm_rate(w)), 800, rng=rng, resamples=4000
-    )
+    both, inverse = np.concatenate([hits, alarms]), np.vectorize(z)
+
+    def difference(weights):
+        two, one = ((weights * kind) @ both / (weights @ kind) for kind in (1 - catch, catch))
+        return inverse(two) - inverse(one)
+
+    low, high = bca_interval(difference, 800, rng=rng, resamples=4000)
     assert found.low == pytest.approx(low, abs=0.04)
     assert found.high == pytest.approx(high, abs=0.04)
 

@@ -13,7 +13,6 @@ from tactibench.stats.intervals import (
     rate_interval,
     ratio_interval,
     rms_interval,
-    rmse_interval,
     share_interval,
 )
 
@@ -67,9 +66,7 @@ def test_labels_may_be_text_and_in_any_order():
     assert (a.low, a.high) == pytest.approx((b.low, b.high))
 
 
-@pytest.mark.parametrize(
-    "interval", [mean_interval, rms_interval, rmse_interval, share_interval, rate_interval]
-)
+@pytest.mark.parametrize("interval", [mean_interval, rms_interval, share_interval, rate_interval])
 def test_one_press_has_no_interval_and_none_has_no_value(interval):
     found = interval(np.array([1.0, 1.0, 0.0]), np.zeros(3))
     assert found.value is not None
@@ -92,9 +89,9 @@ def test_labels_must_fit_the_values():
         mean_interval([1.0, 2.0], np.arange(3))
 
 
-def test_rmse_goes_through_the_mean_square():
+def test_rms_goes_through_the_mean_square():
     e, press = np.random.default_rng(4).normal(size=60), np.arange(60) // 3
-    square, found = mean_interval(e**2, press), rmse_interval(e, press)
+    square, found = mean_interval(e**2, press), rms_interval(e**2, press)
     assert found.value == pytest.approx(np.sqrt(np.mean(e**2)))
     assert (found.low**2, found.high**2) == pytest.approx((square.low, square.high))
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from tactibench import PlatePose
-from tactibench.metrics.released import NAMES
+from tactibench.metrics.plate import PUBLISHED_NAMES
 from tactibench.metrics.score import score
 from tactibench.metrics.trials import PlateTrials
 
@@ -25,14 +25,14 @@ def drawn(count=300, seed=0):
 
 
 def scored(trials):
-    rows = score(NAMES, trials, rng=np.random.default_rng(1))
+    rows = score(PUBLISHED_NAMES, trials, rng=np.random.default_rng(1))
     return {(row.metric, row.group): row for row in rows}
 
 
 def test_the_difference_is_a_paired_t_interval():
     true, ours, theirs = drawn()
     trials = PlateTrials(
-        plates(*true), plates(*ours), np.arange(300), released={"paper": plates(*theirs)}
+        plates(*true), plates(*ours), np.arange(300), published={"paper": plates(*theirs)}
     )
     found = scored(trials)
     for k, name in enumerate(("depth_mae_minus_published_mm", "tilt_mae_minus_published_deg")):
@@ -52,7 +52,7 @@ def test_only_frames_that_both_answered_count_and_presses_stay_whole():
     mine, other = list(plates(*ours)), list(plates(*theirs))
     mine[3] = other[5] = None
     trials = PlateTrials(
-        plates(*true), tuple(mine), np.arange(40) // 2, released={"paper": tuple(other)}
+        plates(*true), tuple(mine), np.arange(40) // 2, published={"paper": tuple(other)}
     )
     row = scored(trials)["depth_mae_minus_published_mm", "paper"]
     keep = np.setdiff1d(np.arange(40), [3, 5])
@@ -64,7 +64,7 @@ def test_only_frames_that_both_answered_count_and_presses_stay_whole():
 def test_equal_answers_differ_by_nothing_for_sure():
     true, ours, _ = drawn(30)
     trials = PlateTrials(
-        plates(*true), plates(*ours), np.arange(30), released={"paper": plates(*ours)}
+        plates(*true), plates(*ours), np.arange(30), published={"paper": plates(*ours)}
     )
     found = scored(trials)
     assert found["tilt_mae_minus_published_deg", "paper"].value == 0.0
@@ -80,9 +80,8 @@ def test_released_answers_must_be_one_a_frame_and_finite():
     true, ours, _ = drawn(5)
     with pytest.raises(ValueError, match="paper has 4 entries for 5"):
         PlateTrials(
-            plates(*true), plates(*ours), np.arange(5), released={"paper": plates(*ours)[:4]}
+            plates(*true), plates(*ours), np.arange(5), published={"paper": plates(*ours)[:4]}
         )
+    unknown = {"paper": plates(*(ours * np.nan))}
     with pytest.raises(ValueError, match="not finite"):
-        PlateTrials(
-            plates(*true), plates(*ours), np.arange(5), released={"paper": plates(*(ours * np.nan))}
-        )
+        PlateTrials(plates(*true), plates(*ours), np.arange(5), published=unknown)
