@@ -9,8 +9,8 @@ from typing import Any
 
 from reference.keys import Keys
 from reference.text import anchor, code, grid, plain
+from tactibench.metrics.plate import PUBLISHED_NAMES
 from tactibench.metrics.registry import METRICS
-from tactibench.metrics.released import NAMES as RELEASED
 from tactibench.metrics.spec import MetricSpec
 from tactibench.protocols.loader import protocol_files, read_protocol
 
@@ -47,7 +47,7 @@ def shipped() -> dict[str, tuple[str, ...]]:
     found = {}
     for name, path in sorted(protocol_files().items()):
         keys = read_protocol(path).keys
-        more = RELEASED if keys.answer == "plate" and keys.published.tables else ()
+        more = PUBLISHED_NAMES if keys.answer == "plate" and keys.published.tables else ()
         found[name] = (*keys.metrics.names, *more)
     return found
 
