@@ -1,4 +1,4 @@
-"""What a plugin that works with devices asks of the core: presses of a protocol, trained models."""
+"""Services of the core for plugins that work with devices: presses to make, trained models."""
 
 from __future__ import annotations
 
@@ -6,53 +6,54 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactibench.datasets.generating.stretches import Press, Pressing, Stretch
-from tactibench.errors import did_you_mean
+from tactibench.datasets.press_plan import (
+    Press,
+    PressPlan,
+    plan_of_file,
+    plan_of_protocol,
+    press_rows,
+)
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.mistakes import first_mistake
 from tactibench.records.files import write_json
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel, ValidationError
-
     from tactibench.plugins.base import Model
     from tactibench.protocols.draws import SensorShape
 
 __all__ = [
     "Press",
-    "Pressing",
-    "Stretch",
+    "PressPlan",
     "did_you_mean",
     "first_mistake",
-    "presses_of",
+    "plan_presses",
+    "press_rows",
     "trained_model",
     "write_json",
 ]
 
 
-def first_mistake(error: ValidationError, schema: type[BaseModel]) -> str:
-    """The first mistake in a validated file: its key, what was found and what is allowed."""
-    from tactibench.protocols.mistakes import first_mistake as found
-
-    return found(error, schema)
-
-
-def presses_of(
+def plan_presses(
     what: str, sensor: SensorShape, *, count: int | None = None, seed: int | None = None
-) -> Pressing:
-    """All presses of a protocol, by name or file, or of a plan.jsonl.
+) -> PressPlan:
+    """Return all presses of a protocol or of a plan.jsonl.
 
-    sensor: on whose surface. count: at most, of every set. seed: other presses than the
-    protocol's. Raises UserError.
+    Args:
+        what: Name or file of a protocol, or a file that ends in .jsonl.
+        sensor: The sensor whose surface is pressed.
+        count: Most presses of each set; None takes all.
+        seed: Seed of other presses than the protocol's.
+
+    Raises:
+        UserError: There is no such protocol or file, or the sensor cannot be pressed so.
     """
-    from tactibench.datasets.generating.protocol import from_protocol
-    from tactibench.datasets.generating.stretches import from_file
-    from tactibench.protocols.loader import load_protocol
-
     if what.endswith(".jsonl"):
-        return from_file(Path(what), seed or 0, count)
-    keys = load_protocol(what).keys
+        return plan_of_file(Path(what), seed or 0, count)
+    protocol = load_protocol(what).keys
     if seed is not None:
-        keys = keys.model_copy(update={"data_seed": seed})
-    return from_protocol(keys, sensor, count)
+        protocol = protocol.model_copy(update={"data_seed": seed})
+    return plan_of_protocol(protocol, sensor, count)
 
 
 def trained_model(
@@ -65,16 +66,24 @@ def trained_model(
     sensor: str | None = None,
     untrained: bool = False,
 ) -> tuple[Model, str]:
-    """A model with weights from the cache, and the label it goes by.
+    """Return a model with weights from the cache, and the label it goes by.
 
-    untrained: with random weights, whose answers say nothing, to time it. Raises UserError, which
-    says how to train it, where there are no weights.
+    Args:
+        name: Name of the model.
+        protocol: Name or file of the protocol that it was trained on.
+        params: Parameters as texts, such as "model.width=32".
+        data: Folder of recorded frames that it was trained on.
+        regime: Regime that it was trained in.
+        sensor: Sensor that it was trained on.
+        untrained: Whether to take random weights, to time a model.
+
+    Raises:
+        UserError: There are no weights; the sentence says how to train them.
     """
-    from tactibench.cli.output import Terminal
-    from tactibench.errors import UserError
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.run.plan import make_plan
+    from tactibench.run.reporter import Silent
     from tactibench.run.request import RunRequest, read_parameters
     from tactibench.run.train import trained_model as load
 
@@ -95,4 +104,4 @@ def trained_model(
             f"there are no trained weights of {label} in the cache for this request; make them "
             f"with `tactibench run {protocol} --model {name} --train-only` and the same options."
         )
-    return load(plan, Terminal())[0], label
+    return load(plan, Silent())[0], label

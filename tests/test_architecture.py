@@ -18,7 +18,6 @@ CORE = ROOT / "tactibench"
 PLUGINS = sorted(path for path in (ROOT / "plugins").iterdir() if (path / "__init__.py").is_file())
 PLUGIN_NAMES = {path.name for path in PLUGINS}
 PUBLIC_MODULES = (
-    "tactibench.datasets.importing",
     "tactibench.datasets",
     "tactibench.geometry",
     "tactibench.lab",

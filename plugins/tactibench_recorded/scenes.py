@@ -1,4 +1,4 @@
-"""What was pressed in every frame of a recording, so that each frame can be asked for."""
+"""The scenes of a recording's frames, so that a sensor can answer them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactibench import Scene, UserError
-from tactibench.datasets.importing import (
+from tactibench.datasets import (
     ImportOptions,
     Recording,
     indentation_options,
@@ -18,11 +18,18 @@ from tactibench.datasets.importing import (
 
 
 @dataclass(frozen=True, eq=False)
-class Pressed:
-    """Frames whose scene is known. names, scenes, presses, rows of the recording: of every frame.
+class RecordedPresses:
+    """Frames whose scene is known.
 
-    columns: role -> column that was read. options: what labels were read by. parts: name -> part of
-    the split that was asked for; {} without one.
+    Attributes:
+        recording: The recording.
+        names: Name of every frame.
+        scenes: Scene of every frame; no two are equal.
+        presses: Name of the press of every frame.
+        rows: Row of the recording of every frame.
+        columns: Role -> column that was read.
+        options: Options by which labels were read.
+        subsets: Name of a frame -> subset of the split that was asked for; empty without one.
     """
 
     recording: Recording
@@ -32,73 +39,80 @@ class Pressed:
     rows: tuple[int, ...]
     columns: Mapping[str, str]
     options: ImportOptions
-    parts: Mapping[str, str]
+    subsets: Mapping[str, str]
 
 
-def pressed(
-    folder: Path, options: ImportOptions, *, fitted: bool = False, split: str = ""
-) -> Pressed:
-    """Open a folder; where no scene is known, its labels are a plate's. Raises UserError.
+def open_presses(
+    folder: Path, options: ImportOptions, *, fit: bool = False, split: str = ""
+) -> RecordedPresses:
+    """Open a folder; where it knows no scene, its labels are those of a plate.
 
-    fitted: take the labels' offset and pivot from the pins instead of ``options``. split: name of a
-    split of a data set.
+    Args:
+        folder: A recording of any format, or a data set.
+        options: Folder of the frames, and how labels are read.
+        fit: Whether to take the labels' offset and pivot from the pins instead.
+        split: Name of a split of a data set.
+
+    Raises:
+        UserError: Something is missing or damaged.
     """
     recording = open_recording(folder, ImportOptions(frames=options.frames))
     scenes, columns = recording.scenes, dict(recording.columns)
     if not any(scenes):
-        if fitted:
+        if fit:
             options = indentation_options(recording, options)
         scenes, roles = plate_scenes(recording, options)
         columns |= roles
     rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
     if not rows:
         raise UserError(f"{folder} has no frame of which it is known what was pressed.")
-    return Pressed(
+    return RecordedPresses(
         recording,
         tuple(recording.names[row] for row in rows),
-        _distinct(scene for scene in scenes if scene is not None),
+        _number_repeated(scene for scene in scenes if scene is not None),
         tuple(recording.presses[row] for row in rows),
         rows,
         columns,
         options,
-        parts_of(recording, split) if split else {},
+        _split_subsets(recording, split) if split else {},
     )
 
 
-def parts_of(recording: Recording, split: str) -> dict[str, str]:
-    """Frame name -> part of the split of that name. Raises UserError where there is none."""
-    found = {} if recording.dataset is None else recording.dataset.splits
-    if split not in found:
-        named = f"; it has {', '.join(found)}" if found else ""
-        raise UserError(
-            f"{recording.folder} has no splits/{split}.json{named}; leave --param sensor.split out "
-            "to divide as the protocol says."
-        )
-    assert recording.dataset is not None  # noqa: S101 - it has splits
-    part_of = found[split].subset_of()
-    ids = [recording.dataset.samples[row].id for row in recording.rows]
-    return {
-        name: part_of[number]
-        for name, number in zip(recording.names, ids, strict=True)
-        if number in part_of
-    }
-
-
-def kinds_of(scenes: Iterable[Scene]) -> list[str]:
-    """Names of the indenters, without the numbers that ``_distinct`` adds."""
+def indenter_names(scenes: Iterable[Scene]) -> list[str]:
+    """Return the names of the indenters, without the numbers of repeated presses."""
     return sorted({scene.indenter.name.partition(" #")[0] for scene in scenes})
 
 
-def _distinct(scenes: Iterable[Scene]) -> tuple[Scene, ...]:
-    """A press that was made before gets an indenter named 'plate #2', 'plate #3' ..., so that every
-    frame keeps a scene of its own and can be asked for."""
-    seen: Counter[Scene] = Counter()
-    found = []
-    for scene in scenes:
-        seen[scene] += 1
-        name = f"{scene.indenter.name} #{seen[scene]}"
-        again = seen[scene] > 1
-        found.append(
-            replace(scene, indenter=replace(scene.indenter, name=name)) if again else scene
+def _split_subsets(recording: Recording, name: str) -> dict[str, str]:
+    """Return name of a frame -> subset of the split of that name."""
+    splits = {} if recording.dataset is None else recording.dataset.splits
+    if recording.dataset is None or name not in splits:
+        there = f"; it has {', '.join(splits)}" if splits else ""
+        raise UserError(
+            f"{recording.folder} has no splits/{name}.json{there}; leave --param sensor.split out "
+            "to divide as the protocol says."
         )
-    return tuple(found)
+    subset_of = splits[name].subset_of()
+    ids = [recording.dataset.samples[row].id for row in recording.rows]
+    return {
+        frame: subset_of[number]
+        for frame, number in zip(recording.names, ids, strict=True)
+        if number in subset_of
+    }
+
+
+def _number_repeated(scenes: Iterable[Scene]) -> tuple[Scene, ...]:
+    """Name the indenters of repeated presses 'plate #2', 'plate #3' ....
+
+    Every frame then has a scene of its own and can be asked for.
+    """
+    times: Counter[Scene] = Counter()
+    numbered = []
+    for scene in scenes:
+        times[scene] += 1
+        if times[scene] > 1:
+            name = f"{scene.indenter.name} #{times[scene]}"
+            numbered.append(replace(scene, indenter=replace(scene.indenter, name=name)))
+        else:
+            numbered.append(scene)
+    return tuple(numbered)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactibench.contacts import Scene
-from tactibench.datasets.importing import ImportOptions, Recording, plate_scenes
+from tactibench.datasets import ImportOptions, Recording, plate_scenes
 from tactibench.errors import UserError
 from tactibench.frames.matching import match, needs
 from tactibench.protocols.loader import load_protocol, protocol_files

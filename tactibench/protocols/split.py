@@ -13,6 +13,11 @@ from tactibench.protocols.schema import Recorded, Split
 
 SPLIT_STREAM = 0
 """Spawn key of the data seed that permutes presses; draws use 1 and above."""
+FIT, VALIDATION, TEST, WHOLE = 0, 1, 2, 3
+"""Parts of a draw; the frames of each have noise of their own."""
+CHUNK = 250
+"""Presses that a sensor makes with one seed: about a fifth of a second of work is lost by an
+interruption. Another number would make other frames."""
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,22 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from tactibench.datasets import Draft, Header
-from tactibench.datasets.generating.asked import Asked
-from tactibench.datasets.generating.press import Advance, Shard, Source, drafts, generate
-from tactibench.datasets.generating.press import is_complete as is_written
-from tactibench.datasets.generating.stretches import Pressing
+from tactibench.datasets.generation import (
+    Advance,
+    GenerationRequest,
+    SensorSource,
+    Shard,
+    generate,
+    press_shard,
+    sensor_parameters,
+)
+from tactibench.datasets.generation import is_complete as is_written
 from tactibench.datasets.image_files import png_bytes
+from tactibench.datasets.press_plan import PressPlan
 from tactibench.errors import UserError
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.identity import digest
+from tactibench.run.request import read_parameters
 from tactibench.sweep.engine import Engine, WorkersDied
 from tactibench.sweep.keys import GenerateKeys
 from tactibench.sweep.read import SweepFile
@@ -27,9 +35,9 @@ class WantedSet:
 
     folder: Path
     label: str
-    asked: Asked
-    pressing: Pressing
-    source: Source
+    asked: GenerationRequest
+    pressing: PressPlan
+    source: SensorSource
 
     @property
     def samples(self) -> int:
@@ -60,8 +68,15 @@ def _wanted(file: SweepFile, keys: GenerateKeys) -> WantedSet:
     if protocol is not None and protocol.endswith(".toml") and protocol not in protocol_files():
         protocol = str(file.inside(protocol))
     plan = None if keys.plan is None else file.inside(keys.plan)
-    asked = Asked(protocol, plan, keys.sensor, keys.params, keys.count, keys.seed)
-    return WantedSet(file.inside(keys.out), keys.out, asked, *asked.found())
+    asked = GenerationRequest(
+        protocol,
+        plan,
+        keys.sensor,
+        sensor_parameters(read_parameters(keys.params)),
+        keys.count,
+        keys.seed,
+    )
+    return WantedSet(file.inside(keys.out), keys.out, asked, *asked.resolve())
 
 
 def press_in_shards(wanted: WantedSet, engine: Engine, advance: Advance) -> None:
@@ -83,7 +98,7 @@ def press_in_shards(wanted: WantedSet, engine: Engine, advance: Advance) -> None
         ) from None
 
 
-def _pressed(asked: Asked, identity: str, header: Header, shard: Shard) -> list[Draft]:
+def _pressed(asked: GenerationRequest, identity: str, header: Header, shard: Shard) -> list[Draft]:
     """On a worker: the samples of a shard with their images as PNG files."""
     source = _source(asked)
     if digest(source.identity) != identity:
@@ -92,10 +107,10 @@ def _pressed(asked: Asked, identity: str, header: Header, shard: Shard) -> list[
             "install the same tactibench, numpy and plugins on both."
         )
     png: Callable[[Draft], bytes] = lambda d: png_bytes(d.image, header, f"press {d.id}")  # noqa: E731
-    return [replace(draft, image=png(draft)) for draft in drafts(source, shard)]
+    return [replace(draft, image=png(draft)) for draft in press_shard(source, shard)]
 
 
 @lru_cache(maxsize=4)
-def _source(asked: Asked) -> Source:
+def _source(asked: GenerationRequest) -> SensorSource:
     """Opened once a worker, not once a shard; what it depends on does not change."""
     return asked.source()

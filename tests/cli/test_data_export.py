@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.cli.data.export import FORMATS
-from tactibench.datasets import Header, Writer, exporting
+from tactibench.cli.data import FORMATS
+from tactibench.datasets import EXPORT_FORMATS, Header, Writer
 
 
 @pytest.fixture
@@ -36,14 +36,14 @@ def taps(tmp_path: Path) -> Path:
 def test_it_says_what_was_written_and_what_was_left_out(
     taps: Path, cli: Any, tmp_path: Path
 ) -> None:
-    code, out, err = cli(
-        "data", "export", "taps", "tars", "--format", "webdataset", "--json", "figures.json"
-    )
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    command = ("data", "export", "taps", "out", "--format", "hf-parquet", "--json", "figures.json")
+    code, out, err = cli(*command)
     assert (code, err) == (0, "")
-    assert out.startswith("tars: 4 samples (train 2, test 2); 1 marked bad left out; 4 files, 0.")
+    assert out.startswith("out: 4 samples (train 2, test 2); 1 marked bad left out; 4 files, 0.")
     rows = json.loads((tmp_path / "figures.json").read_text("utf-8"))
     found = {(row["metric"], row["group"]): row["value"] for row in rows}
-    files = list((tmp_path / "tars").iterdir())
+    files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert found == {
         ("samples", "all"): 4,
         ("samples", "train"): 2,
@@ -56,7 +56,7 @@ def test_it_says_what_was_written_and_what_was_left_out(
 
 @pytest.mark.parametrize(
     ("format_", "file"),
-    [("bristol", "out/targets.csv"), ("card", "out"), ("webdataset", "out/test-000000.tar")],
+    [("bristol", "out/targets.csv"), ("card", "out")],
 )
 def test_a_second_export_to_the_same_place_is_refused(
     taps: Path, cli: Any, tmp_path: Path, format_: str, file: str
@@ -71,12 +71,11 @@ def test_a_second_export_to_the_same_place_is_refused(
     assert (tmp_path / file).read_bytes() == before
 
 
-def test_descriptions_go_into_the_folder(taps: Path, cli: Any) -> None:
-    for format_, name in (("card", "README.md"), ("croissant", "croissant.json")):
-        code, out, err = cli("data", "export", "taps", "taps", "--format", format_)
-        assert (code, err) == (0, "")
-        assert out.startswith(f"taps/{name}: 5 samples; 1 file, 0.0 MB")
-        assert (taps / name).is_file()
+def test_a_card_goes_into_the_folder(taps: Path, cli: Any) -> None:
+    code, out, err = cli("data", "export", "taps", "taps", "--format", "card")
+    assert (code, err) == (0, "")
+    assert out.startswith("taps/README.md: 5 samples; 1 file, 0.0 MB")
+    assert (taps / "README.md").is_file()
 
 
 @pytest.mark.parametrize(
@@ -87,7 +86,6 @@ def test_descriptions_go_into_the_folder(taps: Path, cli: Any) -> None:
         ((".", "out", "--format", "bristol"), "is no data set: it holds no dataset.json"),
         (("taps", "out", "--format", "bristol", "--split", "min"), "did you mean 'mine'?"),
         (("taps", "taps/out", "--format", "bristol"), "lies in the data set taps"),
-        (("taps", "out", "--format", "croissant"), "lies outside of taps"),
     ],
 )
 def test_a_mistake_gets_one_sentence(
@@ -101,12 +99,12 @@ def test_a_mistake_gets_one_sentence(
 
 
 def test_the_options_are_those_of_the_exporters() -> None:
-    assert FORMATS == exporting.FORMATS
+    assert FORMATS == EXPORT_FORMATS
 
 
 def test_help_loads_nothing_heavy() -> None:
     code = (
-        "import sys; from tactibench.cli.data.export import export; "
+        "import sys; from tactibench.cli.data import data; "
         "print(*{'numpy', 'pandas', 'torch', 'cv2', 'pyarrow'} & set(sys.modules))"
     )
     done = subprocess.run(

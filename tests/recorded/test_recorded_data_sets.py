@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Header, Writer, open_dataset
-from tactibench.datasets.importing import ImportOptions, import_folder
+from tactibench.datasets import Header, ImportOptions, Writer, import_folder, open_dataset
 from tactibench.datasets.splits import Split, write_split
 
 

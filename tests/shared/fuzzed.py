@@ -17,7 +17,7 @@ import mutated as m
 import numpy as np
 
 from tactibench import UserError
-from tactibench.training.weights import DamagedFileError
+from tactibench.training.container import DamagedFile
 
 ROOT = Path(__file__).parents[2]
 SENTENCES = (
@@ -25,9 +25,9 @@ SENTENCES = (
     click.ClickException,
     click.exceptions.Exit,
     click.exceptions.Abort,
-    DamagedFileError,
+    DamagedFile,
 )
-"""DamagedFileError is turned into one by all that read containers."""
+"""DamagedFile is turned into one by all that read containers."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +142,12 @@ def _answers_seeds(_: Path) -> list[bytes]:
 
 
 def _table(data: bytes, folder: Path) -> None:
-    from tactibench.datasets.importing.names import frame_names
-    from tactibench.datasets.importing.table import read_table
+    from tactibench.datasets.readers.files import frame_names
+    from tactibench.datasets.readers.table import read_table
 
     table = read_table(folder / "targets.csv", data)
     for column in table.columns:
-        table.numeric(column)
+        table.numeric_share(column)
         for use in (table.numbers, lambda name: frame_names(table.path, table.cells[name])):
             try:
                 use(column)
@@ -183,7 +183,7 @@ def _pngs(_: Path) -> list[bytes]:
 
 def _weights(data: bytes, folder: Path) -> None:
     from tactibench.training import load_weights
-    from tactibench.training.weights import read_container
+    from tactibench.training.container import read_container
 
     path = _in(folder, "weights.safetensors", data)
     try:

@@ -57,7 +57,7 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
 
     put: ``setattr``, or that of a patch, which takes everything back.
     """
-    from tactibench.datasets.generating import asked
+    from tactibench.datasets import generation
     from tactibench.frames import cache as generated
     from tactibench.plugins import host
     from tactibench.protocols import loader
@@ -67,7 +67,7 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
     time_briefly(put)
     put(loader, "shipped_folder", lambda name: protocols if name == "protocols" else shipped(name))
     put(host, "PluginHost", tiny_host)
-    put(asked, "PluginHost", tiny_host)
+    put(generation, "PluginHost", tiny_host)
 
 
 class Lab:

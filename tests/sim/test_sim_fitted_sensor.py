@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
-from tactibench.datasets.importing.pivot import lean_of
+from tactibench.datasets.pivot import lean_of
 from tactibench.markers import Tracker
 from tactibench_sim.real.calibration import Calibration, shipped
 from tactibench_sim.real.sensor import Fitted127, Fitted331
@@ -125,7 +125,7 @@ def test_the_frames_it_was_fitted_to_are_told():
 
 
 def test_the_shipped_frames_are_of_the_public_recording():
-    from tactibench.datasets.importing import open_recording
+    from tactibench.datasets import open_recording
 
     default = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
     folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default)) / "331" / "model_surface2d"

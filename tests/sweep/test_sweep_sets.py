@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from folder_files import CLOCKED, files
 
+from tactibench.datasets import generation as press
 from tactibench.datasets import verify
-from tactibench.datasets.generating import press
-from tactibench.datasets.generating.press import generate
+from tactibench.datasets.generation import generate
 from tactibench.errors import UserError
 from tactibench.sweep.engine import WorkersDied
 from tactibench.sweep.read import read_sweep

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from state_hash import state_hash
+
+from tactibench.training import state_hash
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.datasets.importing import open_recording
+from tactibench.datasets import open_recording
 from tactibench_sim.real.calibration import Calibration, Unknowns
 from tactibench_sim.real.fit import Fit, fit_best, rig_of
 from tactibench_sim.real.plate import Rig, directions, displacements, indentation, kinds

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tactibench import Indenter, Scene, UserError
-from tactibench.lab import Press, Pressing, Stretch, presses_of
+from tactibench.lab import Press, plan_presses, press_rows
 from tactibench_tactip.geometry.envelope import outside
 from tactibench_tactip.geometry.frames import matrix, pose_of, turned_by
 from tactibench_tactip.geometry.press import PressGeometry
@@ -35,7 +35,7 @@ class Plan:
 
     def rows(self) -> list[dict[str, Any]]:
         """The rows of plan.jsonl."""
-        return Pressing((Stretch(self.presses, ()),), {}).rows()
+        return press_rows(self.presses)
 
     def mounts(self) -> list[tuple[Indenter, tuple[Press, ...]]]:
         """What has to be mounted in turn, and what is pressed with it."""
@@ -66,7 +66,7 @@ def plan_of(
     draws: of the protocol, all by default. count: at most, of every indenter of every draw, evenly
     spread. Raises UserError.
     """
-    pressing = presses_of(what, _Dome(settings), seed=seed)
+    pressing = plan_presses(what, _Dome(settings), seed=seed)
     presses = list(pressing)
     known = list(dict.fromkeys(press.draw for press in presses))
     for name in draws:

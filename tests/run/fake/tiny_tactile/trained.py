@@ -11,15 +11,7 @@ import torch
 from torch import nn
 
 from tactibench import Contacts, FitReport, Frame, Model, ModelContext
-from tactibench.training import (
-    Examples,
-    Recipe,
-    Seeds,
-    load_weights,
-    save_weights,
-    torch_seed,
-    train,
-)
+from tactibench.training import Examples, Recipe, Seeds, load_weights, save_weights, seeded, train
 from tiny_tactile.parts import SCALE
 
 
@@ -40,7 +32,7 @@ class TrainedModel(Model):
         progress: Any,
     ) -> FitReport:
         seeds = Seeds.draw(rng)
-        with torch_seed(seeds.init):
+        with seeded(seeds.init):
             self.network = nn.Linear(1, 1)
         return train(
             self.network,

@@ -1,1 +1,0 @@
-# Names that vulture takes for unused, because they are called by others.

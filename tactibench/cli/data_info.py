@@ -1,0 +1,259 @@
+"""``tactibench data info``: the content of a folder, and the protocols that it can serve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactibench.cli.options import json_option, picture
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from tactibench.cli.output import Terminal
+    from tactibench.datasets import Recording
+    from tactibench.datasets.description import LabelSummary, PinSummary
+    from tactibench.frames.services import Service
+
+SHEET_ROWS, SHEET_COLUMNS = 6, 8
+_TILE, _GAP, _ABOVE = 180, 12, 40
+"""Pixels: side of a frame, between frames, for the caption above."""
+_HEAD_INCHES = 0.6
+_LONGEST_NAME = 20
+
+
+@click.command(short_help="what a folder holds, and what it can serve")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--sheet",
+    type=click.Path(path_type=Path, dir_okay=False, writable=True),
+    callback=picture,
+    metavar="FILE.png",
+    help="Draw frames spread over the labels.",
+)
+@json_option
+def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
+    r"""Show what FOLDER holds: a recording of any known format, or a data set.
+
+    \b
+    tactibench data info recordings/331 --sheet frames.png
+    """
+    from tactibench.cli.output import Terminal
+    from tactibench.datasets import open_recording
+    from tactibench.datasets.description import label_values, summarize_labels, summarize_pins
+    from tactibench.frames.services import services
+    from tactibench.records.files import write_json
+
+    terminal = Terminal()
+    recording = open_recording(folder)
+    labels = summarize_labels(label_values(recording))
+    _print_facts(terminal, folder, recording)
+    _print_labels(terminal, labels)
+    pins = summarize_pins(recording)
+    _print_pins(terminal, pins)
+    protocols = services(recording)
+    terminal.say("\nprotocols")
+    for service in protocols:
+        served = "yes" if service.served else "no"
+        terminal.say(f"  {service.protocol:<10} {served:<4} {service.reason}")
+    for note in recording.notes:
+        terminal.say(f"note: {note}")
+    if sheet is not None:
+        draw_sheet(sheet, recording)
+        terminal.say(f"picture: {sheet}")
+    if json_file is not None:
+        write_json(json_file, _rows(recording, labels, pins, protocols))
+
+
+def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:
+    from tactibench.cli.report.cells import print_grid
+
+    presses = len(set(recording.presses))
+    rest = "none"
+    if recording.rest is not None:
+        rest = recording.rest.name
+    elif recording.rest_image() is not None:
+        rest = "there"
+    known = sum(scene is not None for scene in recording.scenes)
+    facts = [
+        ("format", f"{recording.format} ({recording.generation})"),
+        ("frames", f"{len(recording):,} of {recording.kind}, {presses:,} presses"),
+        ("rest frame", rest),
+        ("contacts", f"{known:,} frames" if known else "none, labels only"),
+    ]
+    if recording.dataset is not None:
+        header = recording.dataset.header
+        facts.insert(0, ("name", header.name))
+        facts.append(("sensor", str(header.sensor.get("name", "unknown"))))
+        facts.append(("licence", header.licence or "unknown"))
+    if recording.about:
+        facts.append(("says more", ", ".join(recording.about)))
+    terminal.say(str(folder))
+    print_grid(terminal.out, ("", ""), [(f"  {a}", b) for a, b in facts], show_heads=False)
+
+
+def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
+    from tactibench.cli.report.cells import print_grid
+
+    changing = [label for label in labels if not label.constant]
+    terminal.say("")
+    if changing:
+        print_grid(
+            terminal.out,
+            ("label", "least", "mean", "most", "", "histogram"),
+            [
+                (
+                    label.name,
+                    f"{label.low:.2f}",
+                    f"{label.mean:.2f}",
+                    f"{label.high:.2f}",
+                    label.unit,
+                    label.bars,
+                )
+                for label in changing
+            ],
+            right=frozenset({"least", "mean", "most"}),
+        )
+    same = [f"{label.name} {label.low:g}" for label in labels if label.constant]
+    if same:
+        terminal.say(f"the same in all frames: {', '.join(same)}")
+
+
+def _print_pins(terminal: Terminal, pins: PinSummary) -> None:
+    counts = sorted(pins.counts)
+    median = counts[len(counts) // 2]
+    count = f"{counts[0]}" if counts[0] == counts[-1] else f"{counts[0]} to {counts[-1]}"
+    text = f"\npins in {pins.frames} frames: {count} found, {median} in the median"
+    if pins.rest is not None:
+        text += f"; {pins.rest} in the rest frame"
+    if pins.visible_share is not None and pins.moved_px is not None:
+        text += f", all of them seen in {pins.visible_share:.0%} of the frames, moved up to "
+        text += f"{pins.moved_px:.1f} px in the median frame"
+    terminal.say(text)
+
+
+def _rows(
+    recording: Recording,
+    labels: Sequence[LabelSummary],
+    pins: PinSummary,
+    protocols: Sequence[Service],
+) -> list[dict[str, Any]]:
+    """Return rows of metric, group, value, unit."""
+
+    def row(metric: str, group: str, value: Any, unit: str = "") -> dict[str, Any]:
+        if isinstance(value, float) and not math.isfinite(value):
+            value = None
+        return {"metric": metric, "group": group, "value": value, "unit": unit}
+
+    rows = [
+        row("format", "all", recording.format),
+        row("generation", "all", recording.generation),
+        row("frames", "all", len(recording)),
+        row("presses", "all", len(set(recording.presses))),
+        row("height", "all", recording.kind.height, "px"),
+        row("width", "all", recording.kind.width, "px"),
+        row("channels", "all", recording.channels),
+        row("contacts known", "all", sum(s is not None for s in recording.scenes)),
+        row("sha256", "all", recording.sha256),
+    ]
+    for label in labels:
+        rows += [
+            row("least", label.name, label.low, label.unit),
+            row("mean", label.name, label.mean, label.unit),
+            row("most", label.name, label.high, label.unit),
+            row("histogram", label.name, list(label.counts), "frames"),
+        ]
+    rows += [
+        row("pins found, least", "all", min(pins.counts)),
+        row("pins found, most", "all", max(pins.counts)),
+        row("pins at rest", "all", pins.rest),
+        row("all pins seen", "all", pins.visible_share, "share"),
+        row("largest displacement, median", "all", pins.moved_px, "px"),
+    ]
+    rows += [
+        row("served", service.protocol, service.served) | {"reason": service.reason}
+        for service in protocols
+    ]
+    return rows + [row("note", "all", note) for note in recording.notes]
+
+
+def draw_sheet(path: Path, recording: Recording) -> None:
+    """Write a sheet of frames as PNG.
+
+    From top to bottom the first label grows, along a row the second.
+    """
+    import numpy as np
+
+    from tactibench.board.figures.style import DPI, figure, headline, save
+    from tactibench.datasets.description import (
+        changing_labels,
+        label_values,
+        spread_rows,
+        unit_of,
+    )
+
+    labels = changing_labels(label_values(recording))
+    rows = spread_rows(
+        list(labels.values()), len(recording), SHEET_ROWS * SHEET_COLUMNS, SHEET_COLUMNS
+    )
+    width, height = SHEET_COLUMNS * (_TILE + _GAP), SHEET_ROWS * (_TILE + _ABOVE)
+    paper = np.full((height, width, 3), 255, dtype=np.uint8)
+    picture = figure(width / DPI, height / DPI + _HEAD_INCHES)
+    picture.set_layout_engine("none")
+    axes = picture.add_axes((0, 0, 1, height / (height + _HEAD_INCHES * DPI)))
+    axes.set_axis_off()
+    for place, row in enumerate(rows):
+        top = (place // SHEET_COLUMNS) * (_TILE + _ABOVE)
+        left = (place % SHEET_COLUMNS) * (_TILE + _GAP)
+        tile = _tile(recording.image(row))
+        y, x = top + _ABOVE, left + _GAP // 2
+        paper[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
+        axes.text(
+            left + (_TILE + _GAP) / 2,
+            y - 4,
+            _caption(recording, labels, row),
+            fontsize=6,
+            ha="center",
+            va="bottom",
+        )
+    axes.imshow(paper, interpolation="nearest", aspect="auto")
+    title = recording.folder.resolve().name
+    if recording.dataset is not None:
+        title = recording.dataset.header.name
+    above = ", ".join(f"{name} {unit_of(name)}".strip() for name in labels) or "no labels"
+    headline(
+        picture,
+        f"{title}: {len(recording):,} frames of {recording.kind}",
+        f"{len(rows)} of them, spread over the labels; above each: {above}",
+    )
+    save(picture, path)
+
+
+def _tile(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Return a frame shrunk to a tile, (h, w, 3), its sides in proportion."""
+    import cv2
+    import numpy as np
+
+    scale = _TILE / max(image.shape[:2])
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+    tile = cv2.resize(image, size, interpolation=how)
+    return np.asarray(tile if tile.ndim == 3 else np.repeat(tile[..., None], 3, axis=2), np.uint8)
+
+
+def _caption(recording: Recording, labels: Mapping[str, npt.NDArray[np.float64]], row: int) -> str:
+    """Return two short lines: the labels that are shown, and the frame's name."""
+    from tactibench.datasets.description import unit_of
+
+    name = Path(recording.names[row]).name
+    name = name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"
+    numbers = ", ".join(
+        f"{column[row]:.1f}°" if unit_of(label) == "deg" else f"{column[row]:.2f}"
+        for label, column in labels.items()
+    )
+    return f"{numbers}\n{name}" if numbers else name

@@ -1,1 +1,0 @@
-"""What a recording holds: labels, pins, a sheet of frames."""

@@ -1,0 +1,144 @@
+"""Export to Parquet as the Hugging Face ``datasets`` library writes it: PNG bytes embedded.
+
+The feature types stand in the schema's metadata under ``huggingface``, so that
+``datasets.load_dataset("parquet", data_dir=...)`` shows images instead of bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactibench.datasets.dataset import Dataset
+from tactibench.datasets.export.selection import Selection, image_bytes, image_size
+from tactibench.datasets.rows import write_row
+from tactibench.datasets.schema import Sample
+from tactibench.errors import UserError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+SHARD_BYTES = 500_000_000
+"""Size to which Hugging Face divides its own Parquet files."""
+ROW_GROUP = 100
+"""Rows that are read at once: what the Hub's viewer asks of images."""
+
+_POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
+
+
+def write_parquet(
+    dataset: Dataset,
+    folder: Path,
+    selection: Selection,
+    advance: Callable[[int], None],
+    shard_bytes: int = SHARD_BYTES,
+) -> None:
+    """Write ``data/train-00000-of-00001.parquet`` ...: the columns of the journal and ``image``.
+
+    Columns that no sample has are left out; ``extra`` is JSON text.
+
+    Args:
+        dataset: The data set.
+        folder: A new, empty folder.
+        selection: The samples that are written; every subset becomes files of its own.
+        advance: Called with the number of samples that were written.
+        shard_bytes: Most bytes of images in one file.
+
+    Raises:
+        UserError: pyarrow is not installed.
+    """
+    try:
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise UserError(
+            "Parquet files are written by pyarrow, which is not installed; "
+            "run `pip install 'tactibench[hf]'`."
+        ) from None
+    schema = parquet_schema(selection.samples)
+    (folder / "data").mkdir()
+    for subset, samples in selection.subsets.items():
+        shards = divide([image_size(dataset, sample) for sample in samples], shard_bytes)
+        for number, shard in enumerate(shards):
+            name = f"{subset}-{number:05d}-of-{len(shards):05d}.parquet"
+            with pq.ParquetWriter(folder / "data" / name, schema) as writer:
+                for start in range(shard.start, shard.stop, ROW_GROUP):
+                    group = samples[start : min(start + ROW_GROUP, shard.stop)]
+                    writer.write_table(_table(dataset, group, schema), row_group_size=ROW_GROUP)
+                    advance(len(group))
+
+
+def divide(sizes: Sequence[int], limit: int) -> list[range]:
+    """Return consecutive ranges whose sizes add up to at most ``limit``, or hold a single item."""
+    shards: list[range] = []
+    start, total = 0, 0
+    for item, size in enumerate(sizes):
+        if item > start and total + size > limit:
+            shards.append(range(start, item))
+            start, total = item, 0
+        total += size
+    if sizes:
+        shards.append(range(start, len(sizes)))
+    return shards
+
+
+def parquet_schema(samples: Sequence[Sample]) -> pa.Schema:
+    """Return the types of the columns that the samples have, with the types of ``datasets``."""
+    import pyarrow as pa
+
+    number, text = pa.float64(), pa.string()
+    columns: dict[str, pa.DataType] = {
+        "image": pa.struct({"bytes": pa.binary(), "path": text}),
+        "id": pa.int64(),
+        **dict.fromkeys(("sha256", "press", "session"), text),
+        "attempt": pa.int64(),
+    }
+    if any(sample.t_frame_ns is not None for sample in samples):
+        columns["t_frame_ns"] = pa.int64()
+    if any(sample.scene is not None for sample in samples):
+        columns |= {
+            "indenter": text,
+            "indenter_radius_mm": number,
+            "indenter_offsets_mm": pa.list_(pa.list_(number)),
+            **dict.fromkeys(_POSE, number),
+            "n_contacts": pa.int64(),
+            "contacts_xy_mm": pa.list_(pa.list_(number)),
+            "contacts_depth_mm": pa.list_(number),
+        }
+    labels = dict.fromkeys(name for sample in samples for name in sample.labels)
+    if labels:
+        columns["labels"] = pa.struct(dict.fromkeys(labels, number))
+    if any(sample.extra for sample in samples):
+        columns["extra"] = text
+    features = {
+        name: {"_type": "Image"} if name == "image" else _feature(kind)
+        for name, kind in columns.items()
+    }
+    metadata = json.dumps({"info": {"features": features}}, ensure_ascii=False)
+    return pa.schema(columns, metadata={"huggingface": metadata})
+
+
+def _feature(kind: pa.DataType) -> Any:
+    """Return a type as ``datasets.Features.to_dict`` does; lists as all its versions read."""
+    import pyarrow as pa
+
+    if pa.types.is_struct(kind):
+        return {field.name: _feature(field.type) for field in kind}
+    if pa.types.is_list(kind):
+        return [_feature(kind.value_type)]
+    return {"_type": "Value", "dtype": {"double": "float64"}.get(str(kind), str(kind))}
+
+
+def _table(dataset: Dataset, samples: Iterable[Sample], schema: pa.Schema) -> pa.Table:
+    import pyarrow as pa
+
+    rows = []
+    for sample in samples:
+        row = json.loads(write_row(sample, dataset.header.dome_radius_mm))
+        name = Path(row.pop("file_name")).name
+        row["image"] = {"bytes": image_bytes(dataset, sample), "path": name}
+        if "extra" in row:
+            row["extra"] = json.dumps(row["extra"], ensure_ascii=False)
+        rows.append(row)
+    return pa.Table.from_pylist(rows, schema=schema)

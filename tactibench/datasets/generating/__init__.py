@@ -1,1 +1,0 @@
-"""Data sets that a sensor presses: what is to be pressed, and pressing it."""

@@ -1,0 +1,277 @@
+"""Generation of a data set: a sensor is pressed, and what is there already is not pressed again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tactibench.datasets.image_files import Image
+from tactibench.datasets.press_plan import Press, PressPlan, plan_of_file, plan_of_protocol
+from tactibench.datasets.rows import plan_hash, plan_lines
+from tactibench.datasets.schema import Draft, Header, is_dataset, read_header
+from tactibench.datasets.writer import Writer
+from tactibench.errors import UserError
+from tactibench.geometry import DOME_RADIUS_MM
+from tactibench.plugins.base import Sensor, SensorContext
+from tactibench.plugins.host import PluginHost
+from tactibench.plugins.specs import SensorSpec, Value
+from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.split import CHUNK
+from tactibench.records.identity import code_hash, digest, installed_versions
+
+DEFAULT_SENSOR = "tactip-127"
+"""The sensor where no protocol names one."""
+GROUP = 50
+"""Samples that are acknowledged together."""
+
+Advance = Callable[[int], None]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A chunk of a series of presses.
+
+    Its seed is its own: whoever presses a shard, and whenever, the frames are the same.
+
+    Attributes:
+        presses: The presses.
+        seed: Root seed and spawn key of the sensor's randomness.
+    """
+
+    presses: tuple[Press, ...]
+    seed: tuple[int, ...]
+
+
+ShardPresser = Callable[[Sequence[Shard], Header], Iterator[Iterable[Draft]]]
+"""Presses shards of a data set with that header; gives the drafts of each, in order."""
+
+
+@dataclass(frozen=True)
+class SensorSource:
+    """The sensor that presses.
+
+    Attributes:
+        build: Opens the sensor with a seed.
+        identity: Name, parameters, code and description of the sensor.
+        dome_radius_mm: Radius of its surface, inf where it is flat.
+        request: What was asked for, as the header's ``source`` says it.
+    """
+
+    build: Callable[[SensorContext], Sensor]
+    identity: dict[str, Any]
+    dome_radius_mm: float
+    request: dict[str, Any] = field(default_factory=dict)
+
+
+def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource:
+    """Return the sensor of a spec with its parameters.
+
+    Raises:
+        UserError: The sensor does not load.
+    """
+    target = spec.load()
+
+    def build(context: SensorContext) -> Sensor:
+        sensor: Sensor = target(context, **values)
+        return sensor
+
+    sensor = build(SensorContext(np.random.SeedSequence(0)))
+    identity = {
+        "name": spec.name,
+        "origin": spec.origin,
+        "parameters": dict(values),
+        "code": code_hash(spec.target.partition(":")[0].partition(".")[0]),
+        "describe": sensor.describe(),
+        "versions": installed_versions("tactibench", "numpy"),
+    }
+    radius = DOME_RADIUS_MM if sensor.dome_radius_mm is None else sensor.dome_radius_mm
+    return SensorSource(build, identity, radius)
+
+
+@dataclass(frozen=True)
+class GenerationRequest:
+    """What ``tactibench data generate`` is asked for.
+
+    Attributes:
+        protocol: Name or file of a protocol; None with a plan.
+        plan: File of a plan; None with a protocol.
+        sensor: Name of the sensor; None takes the protocol's.
+        parameters: Name and value of the sensor's parameters, see ``sensor_parameters``.
+        count: Most presses of each set.
+        seed: Seed of other presses than the protocol's, and of the sensor's randomness.
+    """
+
+    protocol: str | None = None
+    plan: Path | None = None
+    sensor: str | None = None
+    parameters: tuple[tuple[str, str], ...] = ()
+    count: int | None = None
+    seed: int | None = None
+
+    def resolve(self) -> tuple[PressPlan, SensorSource]:
+        """Return what is pressed, and the sensor that presses it.
+
+        Raises:
+            UserError: A name is unknown, or protocol and plan are both given or both missing.
+        """
+        if (self.protocol is None) == (self.plan is None):
+            raise UserError(
+                "name what is to be pressed: either a protocol, such as exp1, or --plan FILE."
+            )
+        request: dict[str, Any] = {"importer": "tactibench data generate", "count": self.count}
+        source = self.source()
+        if self.plan is not None:
+            plan = plan_of_file(self.plan, self.seed or 0, self.count)
+            request |= {"plan": self.plan.name, "seed": self.seed or 0}
+            return plan, replace(source, request=request)
+        assert self.protocol is not None, "checked above"  # noqa: S101
+        loaded = load_protocol(self.protocol)
+        protocol = loaded.keys
+        if self.seed is not None:
+            protocol = protocol.model_copy(update={"data_seed": self.seed})
+        sensor = source.build(SensorContext(np.random.SeedSequence(0)))
+        plan = plan_of_protocol(protocol, sensor, self.count)
+        request |= {"protocol": loaded.label, "sha256": loaded.hash, "seed": protocol.data_seed}
+        return plan, replace(source, request=request)
+
+    def source(self) -> SensorSource:
+        """Return the sensor that presses.
+
+        Raises:
+            UserError: There is no such sensor or parameter, or the sensor reads recordings.
+        """
+        name = self.sensor
+        if name is None and self.protocol is not None:
+            name = load_protocol(self.protocol).keys.defaults.sensor
+        name = name or DEFAULT_SENSOR
+        spec = PluginHost().sensors[name]
+        if spec.needs_data:
+            raise UserError(
+                f"sensor {name!r} presses nothing, it reads what was recorded; take "
+                "`tactibench data import`."
+            )
+        return sensor_source(spec, spec.settings(dict(self.parameters)))
+
+
+def sensor_parameters(
+    parameters: Mapping[str, Mapping[str, str]],
+) -> tuple[tuple[str, str], ...]:
+    """Return names and values of the sensor's parameters.
+
+    Args:
+        parameters: Kind of plugin -> parameter -> value.
+
+    Raises:
+        UserError: Another kind than the sensor has parameters.
+    """
+    for kind in set(parameters) - {"sensor"}:
+        raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
+    return tuple(parameters.get("sensor", {}).items())
+
+
+def is_complete(folder: Path, source: SensorSource, plan: PressPlan) -> bool:
+    """Return whether the folder holds just this data set, closed."""
+    if not is_dataset(folder):
+        return False
+    header = read_header(folder)
+    facts, expected = [header.sensor, header.source], [source.identity, source.request]
+    return (
+        header.status == "closed"
+        and digest(facts) == digest(expected)
+        and header.plan_sha256 == plan_hash(plan_lines(plan.rows()))
+    )
+
+
+def generate(
+    folder: Path,
+    source: SensorSource,
+    plan: PressPlan,
+    advance: Advance,
+    press_shards: ShardPresser | None = None,
+) -> None:
+    """Write the frames of all presses into a data set and close it; an open one is continued.
+
+    Args:
+        folder: Folder of the data set.
+        source: The sensor.
+        plan: The presses.
+        advance: Called with the number of presses that are there.
+        press_shards: What presses; None presses in this process.
+
+    Raises:
+        UserError: The folder holds something else.
+    """
+    rest = _rest_image(source, plan)
+    header = Header(
+        source.identity["name"],
+        source.identity,
+        (rest.shape[0], rest.shape[1]),
+        3 if rest.ndim == 3 else 1,
+        source.dome_radius_mm,
+        source=source.request,
+    )
+    with Writer(folder, header, plan.rows()) as writer:
+        writer.reference(rest)
+        shards = divide_plan(plan)
+        missing = [
+            shard
+            for shard in shards
+            if not writer.done.issuperset(press.id for press in shard.presses)
+        ]
+        advance(sum(len(s.presses) for s in shards) - sum(len(s.presses) for s in missing))
+        if press_shards is None:
+            batches: Iterator[Iterable[Draft]] = (press_shard(source, s) for s in missing)
+        else:
+            batches = press_shards(missing, header)
+        for shard, drafts in zip(missing, batches, strict=True):
+            done = writer.done
+            for group in _batched((draft for draft in drafts if draft.id not in done), GROUP):
+                writer.add_many(group)
+            advance(len(shard.presses))
+        for name, subsets in plan.splits.items():
+            writer.split(name, **subsets)
+
+
+def divide_plan(plan: PressPlan) -> list[Shard]:
+    """Return all presses in chunks.
+
+    A chunk's randomness depends on its number alone. One that was begun is pressed again from its
+    start, so that its frames are what they would have been.
+    """
+    return [
+        Shard(tuple(presses), (*series.seed, number))
+        for series in plan.series
+        for number, presses in enumerate(_batched(series.presses, CHUNK))
+    ]
+
+
+def press_shard(source: SensorSource, shard: Shard) -> Iterator[Draft]:
+    """Press a shard, and give its samples in order, each as soon as it is there."""
+    with source.build(SensorContext(_seed_sequence(shard.seed))) as sensor:
+        frames = sensor.press_many([press.scene for press in shard.presses])
+        for press, frame in zip(shard.presses, frames, strict=True):
+            scene = replace(press.scene, pose=frame.pose)
+            extra = {"draw": press.draw} if press.draw else {}
+            yield Draft(frame.image, press.id, scene, press=press.name, extra=extra)
+
+
+def _rest_image(source: SensorSource, plan: PressPlan) -> Image:
+    with source.build(SensorContext(_seed_sequence((*plan.series[0].seed, 0)))) as sensor:
+        return sensor.rest().image
+
+
+def _seed_sequence(seed: tuple[int, ...]) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed[0], spawn_key=seed[1:])
+
+
+def _batched(things: Iterable[T], count: int) -> Iterator[list[T]]:
+    """Give lists of ``count`` things, the last one shorter (itertools.batched of Python 3.12)."""
+    rest = iter(things)
+    while batch := list(islice(rest, count)):
+        yield batch

@@ -1,0 +1,134 @@
+"""Import of a recording into a new data set: whole, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import tactibench
+from tactibench.datasets.dataset import Dataset, open_dataset
+from tactibench.datasets.image_files import Image, is_plain_png
+from tactibench.datasets.readers.formats import V1, open_recording
+from tactibench.datasets.readers.options import ImportOptions
+from tactibench.datasets.readers.recording import SOURCE_NAME, Recording
+from tactibench.datasets.schema import Draft, Header
+from tactibench.datasets.splits import SUBSETS
+from tactibench.datasets.storage import new_folder
+from tactibench.datasets.writer import Writer
+from tactibench.errors import UserError
+from tactibench.png import decode_png, read_file
+
+_BATCH = 250
+"""Frames that are read, checked and written together."""
+
+Advance = Callable[[int], None]
+
+
+def import_folder(
+    source: Path | Recording,
+    target: Path,
+    options: ImportOptions | None = None,
+    advance: Advance = lambda _: None,
+    format: str | None = None,  # noqa: A002
+) -> Dataset:
+    """Import a recording into a new data set.
+
+    Frames that are 8-bit gray or RGB PNG files are copied byte for byte. Everything is written
+    beside the target and takes its name at the end.
+
+    Args:
+        source: A folder, or a recording that was opened with the same options.
+        target: Folder of the new data set.
+        options: Where labels are and what they mean.
+        advance: Called with the number of frames that were written.
+        format: Format of the folder; None: what it looks like.
+
+    Raises:
+        UserError: Something is missing or damaged; the sentence names file and row.
+    """
+    options = options or ImportOptions()
+    recording = source if isinstance(source, Recording) else open_recording(source, options, format)
+    if recording.format == V1:
+        raise UserError(f"{recording.folder} is a data set of this format already; copy it.")
+    try:
+        with new_folder(target, recording.folder) as folder:
+            _write(recording, folder, options, advance)
+    except OSError as error:
+        raise UserError(
+            f"{target} cannot be written: {error.strerror or error}; name another place."
+        ) from None
+    return open_dataset(target)
+
+
+def _header(recording: Recording, options: ImportOptions) -> Header:
+    """Return the header: what the options say, then what the folder says."""
+    stated: dict[str, Any] = dict(recording.header)
+    name = options.name or stated.pop("name", "") or recording.folder.resolve().name
+    sensor = stated.pop("sensor", {"name": options.sensor})
+    if options.sensor != ImportOptions().sensor:
+        sensor = {"name": options.sensor}
+    licence = options.licence or stated.pop("licence", "")
+    return Header(
+        name,
+        sensor,
+        (recording.kind.height, recording.kind.width),
+        recording.channels,
+        recording.dome_radius_mm,
+        licence=licence,
+        source={
+            "importer": f"tactibench {tactibench.__version__}",
+            "format": recording.format,
+            "generation": recording.generation,
+            "options": options.changed(),
+            "columns": dict(recording.columns),
+            "sha256": recording.sha256,
+            "notes": list(recording.notes),
+            "files": dict(recording.about),
+        },
+        **{key: stated[key] for key in ("units", "axes", "frames") if key in stated},
+    )
+
+
+def _write(recording: Recording, folder: Path, options: ImportOptions, advance: Advance) -> None:
+    with Writer(folder, _header(recording, options), fsync=False) as writer:
+        if recording.rest is not None:
+            recording.rest_image()  # names the file if it cannot be decoded
+            writer.reference(_file_or_image(recording, recording.rest))
+        for start in range(0, len(recording), _BATCH):
+            rows = range(start, min(start + _BATCH, len(recording)))
+            try:
+                writer.add_many([_draft(recording, row) for row in rows])
+            except UserError:
+                for row in rows:  # names the file
+                    recording.image(row)
+                raise
+            advance(len(rows))
+        ids = [sample.id for sample in writer.samples]
+        for name, split in recording.splits.items():
+            subsets = {subset: [ids[row] for row in getattr(split, subset)] for subset in SUBSETS}
+            writer.split(name, **subsets)
+
+
+def _draft(recording: Recording, row: int) -> Draft:
+    stated = dict(recording.samples[row]) if recording.samples else {}
+    extra: dict[str, Any] = {name: cells[row] for name, cells in recording.extra.items()}
+    return Draft(
+        _file_or_image(recording, recording.paths[row]),
+        stated.pop("id", row),
+        recording.scenes[row],
+        {
+            name: float(values[row])
+            for name, values in recording.labels.items()
+            if values[row] == values[row]  # NaN: this frame has no such label
+        },
+        recording.presses[row],
+        extra={**extra, **stated.pop("extra", {}), SOURCE_NAME: recording.names[row]},
+        **stated,
+    )
+
+
+def _file_or_image(recording: Recording, path: Path) -> bytes | Image:
+    """Return the file as it is, where a data set may hold it; otherwise its image."""
+    data = read_file(path)
+    return data if is_plain_png(data) else decode_png(path, data, recording.kind)

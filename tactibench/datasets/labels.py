@@ -1,0 +1,154 @@
+"""Labels of a robot turned into contacts: which column means what, and which scene it describes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Indenter, Pose, Scene
+from tactibench.datasets.readers.options import AUTO, NONE, PLATE, SINGLE, ImportOptions
+from tactibench.datasets.readers.recording import Recording
+from tactibench.errors import UserError
+
+FloatArray = npt.NDArray[np.float64]
+
+CONTACT_COLUMNS = ("x_mm", "y_mm", "depth_mm")
+NUMBERED = tuple(f"pose_{axis}" for axis in "123456")
+LETTERED = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
+ALIAS = dict(zip(NUMBERED + LETTERED, LETTERED + NUMBERED, strict=True))
+"""Names of the same column in the two generations of the Bristol convention."""
+
+
+def indentation(
+    depth: npt.ArrayLike, tilt: npt.ArrayLike, offset_mm: float, pivot_mm: float
+) -> FloatArray:
+    """Return how deep a plate is in the dome, along its normal: z + a + p (1 - cos t).
+
+    A robot turns the sensor about a point p away from the dome's centre, which lifts the centre by
+    p (1 - cos t). a is the travel between label 0 and first touch.
+
+    Args:
+        depth: (N,) depth labels z, mm.
+        tilt: (N,) tilt labels t, deg.
+        offset_mm: a.
+        pivot_mm: p.
+
+    Returns:
+        (N,) mm.
+    """
+    turned = np.radians(np.asarray(tilt, dtype=np.float64))
+    lowered: FloatArray = np.asarray(depth, dtype=np.float64) + offset_mm
+    return lowered + pivot_mm * (1 - np.cos(turned))
+
+
+def signed_column(labels: Mapping[str, FloatArray], column: str) -> FloatArray:
+    """Return the values of a column, negated where its name begins with '-'."""
+    sign = -1.0 if column.startswith("-") else 1.0
+    return np.asarray(sign * labels[column.removeprefix("-")], dtype=np.float64)
+
+
+def scenes_of(
+    labels: Mapping[str, FloatArray],
+    columns: Mapping[str, str],
+    options: ImportOptions,
+    indenter: str,
+) -> tuple[Scene, ...] | None:
+    """Return what was pressed in every frame; None where labels stay labels.
+
+    Args:
+        labels: Column -> (N,) values.
+        columns: Role (depth, tilt, x, y) -> column.
+        options: Geometry behind the labels.
+        indenter: "plate", "single" or "none".
+    """
+    values = {role: signed_column(labels, column) for role, column in columns.items()}
+    if indenter == PLATE:
+        depth = indentation(values["depth"], values["tilt"], options.offset_mm, options.pivot_mm)
+        return tuple(
+            Scene(Indenter.plate(), Pose(yaw=options.yaw_deg, tilt=t, depth=d))
+            for t, d in zip(values["tilt"].tolist(), depth.tolist(), strict=True)
+        )
+    if indenter == SINGLE:
+        tip = Indenter.single(options.radius_mm)
+        rows = zip(values["x"], values["y"], values["depth"] + options.offset_mm, strict=True)
+        return tuple(Scene(tip, Pose(float(x), float(y), depth=float(d))) for x, y, d in rows)
+    return None
+
+
+def plate_scenes(
+    recording: Recording, options: ImportOptions
+) -> tuple[tuple[Scene, ...], dict[str, str]]:
+    """Read the labels of a recording as those of a plate.
+
+    Returns:
+        The scene of every frame, and role -> column.
+
+    Raises:
+        UserError: A column is missing, or the depth column never changes.
+    """
+    labels = recording.complete_labels()
+    columns = role_columns(options, PLATE, labels, recording.table)
+    return scenes_of(labels, columns, options, PLATE) or (), columns
+
+
+def choose_indenter(options: ImportOptions, columns: Sequence[str]) -> str:
+    """Return the indenter that the option "auto" stands for."""
+    if options.indenter != AUTO:
+        return options.indenter
+    return SINGLE if set(CONTACT_COLUMNS) <= set(columns) else NONE
+
+
+def role_columns(
+    options: ImportOptions, indenter: str, labels: Mapping[str, FloatArray], table: Path
+) -> dict[str, str]:
+    """Return role -> column, as far as the indenter needs it.
+
+    pose_x ... pose_Rz are the same columns as pose_1 ... pose_6.
+
+    Args:
+        options: Columns that were named.
+        indenter: "plate", "single" or "none".
+        labels: Column -> (N,) values.
+        table: The file, for errors.
+
+    Raises:
+        UserError: A column is missing, or the depth never changes while other lengths do: it is
+            the wrong column.
+    """
+    if indenter == NONE:
+        return {}
+    plate = indenter == PLATE
+    depth = options.depth
+    if depth == AUTO:
+        depth = "pose_2" if plate else "depth_mm"
+    named = {"depth": depth}
+    if plate:
+        named["tilt"] = "pose_6" if options.tilt == AUTO else options.tilt
+    else:
+        named |= {"x": options.x, "y": options.y}
+    roles = {role: _find_column(column, tuple(labels), table) for role, column in named.items()}
+    lengths = [name for name in (*NUMBERED[:3], *LETTERED[:3]) if name in labels]
+    changing = [name for name in lengths if np.ptp(labels[name]) > 0]
+    depth = roles["depth"].removeprefix("-")
+    if plate and changing and depth in lengths and depth not in changing:
+        raise UserError(
+            f"{table}: the depth column {depth} has the same value in every row, while "
+            f"{', '.join(changing)} changes; name the right one with the parameter depth=COLUMN."
+        )
+    return roles
+
+
+def _find_column(column: str, columns: Sequence[str], table: Path) -> str:
+    sign = "-" if column.startswith("-") else ""
+    names = [column.removeprefix("-")]
+    names += [ALIAS[name] for name in names if name in ALIAS]
+    for name in names:
+        if name in columns:
+            return f"{sign}{name}"
+    raise UserError(
+        f"{table} has no column {' or '.join(names)} of numbers; its columns are "
+        f"{', '.join(columns) or 'none'}."
+    )

@@ -1,0 +1,333 @@
+"""Offset and pivot behind the labels of a plate, from how far its presses move the pins.
+
+indentation = z + a + p (1 - cos t), z the depth label, t the tilt label. The spread of a press is
+the root mean square displacement of its pins about their mean, which an even shift of all pins
+leaves alone. It vanishes at first touch, grows with a power of the indentation, and depends on the
+tilt besides only through the perspective of the camera:
+
+    log spread = b + k log(z + a + p (1 - cos t)) + c1 t + c2 t^2 + c3 t^3 + c4 t^4 + shear
+
+Labels rarely reach first touch, and then the exponent k and the offset a cannot be told apart: k is
+taken from simulated plate presses of known indentation, and its uncertainty is part of the result.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from tactibench.datasets.labels import role_columns, signed_column
+from tactibench.datasets.readers.options import PLATE, ImportOptions
+from tactibench.datasets.readers.recording import Recording
+from tactibench.errors import UserError
+from tactibench.records.cache import cache_folder
+from tactibench.records.files import read_json, write_json
+from tactibench.records.identity import code_hash, combined, digest
+
+FloatArray = npt.NDArray[np.float64]
+
+EXPONENT, EXPONENT_STD = 1.37, 0.05
+"""k of plates on simulated domes with 331 (1.42) and 127 pins (1.32), 1 to 5 mm deep, up to 20 deg;
+with an offset of 5 mm the recordings of Tac-VGNN have 1.37 and 1.39."""
+PIVOT_BIAS_STD = 1.2
+"""mm by which p is off on those simulated presses: perspective changes more than a factor."""
+LEAST_SHEARED = 0.3
+"""Share of the presses that is taken where the table says how the plate was dragged along."""
+MOST = 1500
+"""Presses; more make the scatter smaller than the rest of the uncertainty."""
+FEWEST = 50
+"""Presses below which the fit is not stable."""
+FAINT = 0.05
+"""A press that moves the pins by less than this share of the strongest does not touch for sure."""
+
+_BATCH = 64
+"""Frames whose pins are followed at once."""
+_DEGREE = 4
+_NEAREST_MM = 1e-3
+"""The smallest indentation in the logarithm, which has no value at 0."""
+_ROUNDS = 3
+"""Fits in turn, each with the scale of the residuals that the one before left."""
+_SHEAR = re.compile(r"(move|shear)_([1-6]|[xyz]|R[xyz])")
+_TRAVEL = re.compile(r"(move|shear)_[123xyz]")
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """Offset a and pivot p of a plate's labels.
+
+    Attributes:
+        offset_mm: a.
+        pivot_mm: p.
+        offset_std: Standard deviation of a, mm.
+        pivot_std: Standard deviation of p, mm.
+        offset_scatter: Share of ``offset_std`` that more presses make smaller, mm.
+        pivot_scatter: Share of ``pivot_std`` that more presses make smaller, mm.
+        exponent: k.
+        residual: Median relative misfit of the spread.
+        presses: Number of presses that were fitted.
+    """
+
+    offset_mm: float
+    pivot_mm: float
+    offset_std: float
+    pivot_std: float
+    offset_scatter: float
+    pivot_scatter: float
+    exponent: float
+    residual: float
+    presses: int
+
+
+@dataclass(frozen=True)
+class RecordingFit:
+    """The fit to a recording.
+
+    Attributes:
+        pivot: Offset and pivot.
+        columns: Role -> column.
+        shear: Columns that say how the plate was dragged along.
+        pins: Number of pins that were followed.
+        lean_deg: Direction on the frame in which a positive tilt moves the contact, 0: right,
+            90: down.
+    """
+
+    pivot: Pivot
+    columns: Mapping[str, str]
+    shear: tuple[str, ...]
+    pins: int
+    lean_deg: float
+
+    def options(self) -> dict[str, str]:
+        """Return the options with which an import uses the fit."""
+        return {
+            "indenter": PLATE,
+            **{role: self.columns[role] for role in ("depth", "tilt")},
+            "offset_mm": f"{self.pivot.offset_mm:.3f}",
+            "pivot_mm": f"{self.pivot.pivot_mm:.2f}",
+        }
+
+
+def presses_to_fit(recording: Recording) -> int:
+    """Return how many frames ``fit_recording`` reads."""
+    return len(_least_sheared(recording, _changing(recording.labels, _TRAVEL)))
+
+
+def fit_recording(
+    recording: Recording, options: ImportOptions, advance: Callable[[int], None] = lambda _: None
+) -> RecordingFit:
+    """Follow the pins of a recording, and fit offset and pivot.
+
+    Args:
+        recording: Presses of a flat plate.
+        options: Columns of depth and tilt.
+        advance: Called with the number of frames that were read.
+
+    Raises:
+        UserError: There is no rest frame, frames have colours, or labels or presses do not suffice.
+    """
+    from tactibench.markers import Tracker
+
+    labels = recording.complete_labels()
+    columns = role_columns(options, PLATE, labels, recording.table)
+    rest = recording.rest_image()
+    if rest is None:
+        raise UserError(
+            f"{recording.folder} has no frame of the undeformed sensor, from which pins are "
+            "followed; add one as init_0.png."
+        )
+    tracker = Tracker(rest)
+    shear_columns = _changing(labels, _SHEAR)
+    rows = _least_sheared(recording, _changing(labels, _TRAVEL))
+    spread, shift = np.empty(len(rows)), np.empty((len(rows), 2))
+    for start in range(0, len(rows), _BATCH):
+        batch = rows[start : start + _BATCH]
+        tracks = tracker.track(np.stack([recording.image(int(row)) for row in batch]))
+        moved = tracks.xy - tracker.rest
+        spread[start : start + _BATCH] = spread_of(moved)
+        shift[start : start + _BATCH] = moved.mean(axis=1)
+        advance(len(batch))
+    depth, tilt = (signed_column(labels, columns[role])[rows] for role in ("depth", "tilt"))
+    shear = None
+    if shear_columns:
+        shear = np.column_stack([labels[name][rows] for name in shear_columns])
+    return RecordingFit(
+        fit_pivot(spread, depth, tilt, shear),
+        columns,
+        shear_columns,
+        len(tracker.rest),
+        lean_of(shift, tilt, shear),
+    )
+
+
+def indentation_options(recording: Recording, options: ImportOptions) -> ImportOptions:
+    """Return the options with the offset and pivot of ``fit_recording``, which the cache holds.
+
+    Raises:
+        UserError: As ``fit_recording``.
+    """
+    columns = {"depth": options.depth, "tilt": options.tilt}
+    code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
+    key = digest({"recording": recording.sha256, "columns": columns, "code": code})
+    path = cache_folder() / "fits" / f"{key[:24]}.json"
+    try:
+        cached = read_json(path)
+        offset, pivot = float(cached["offset_mm"]), float(cached["pivot_mm"])
+    except (UserError, KeyError, TypeError, ValueError):
+        fit = fit_recording(recording, options).pivot
+        offset, pivot = fit.offset_mm, fit.pivot_mm
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, {"offset_mm": offset, "pivot_mm": pivot})
+    return replace(options, offset_mm=offset, pivot_mm=pivot)
+
+
+def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tuple[str, ...]:
+    """Return the columns that the pattern fits and that are not constant."""
+    return tuple(n for n, v in labels.items() if pattern.fullmatch(n) and np.ptp(v) > 0)
+
+
+def _least_sheared(recording: Recording, travels: tuple[str, ...]) -> npt.NDArray[np.intp]:
+    """Return rows of the least sheared presses, thinned evenly."""
+    rows = np.arange(len(recording))
+    if travels:
+        square = np.zeros(len(recording))
+        for name in travels:
+            square += recording.labels[name] ** 2
+        rows = np.flatnonzero(square <= np.quantile(square, LEAST_SHEARED))
+    if len(rows) > MOST:
+        rows = rows[np.linspace(0, len(rows) - 1, MOST).round().astype(np.intp)]
+    return rows
+
+
+def spread_of(moved: FloatArray) -> FloatArray:
+    """Return the root mean square distance of pins' displacements from their mean.
+
+    Args:
+        moved: (N, P, 2) displacements of P pins, px.
+
+    Returns:
+        (N,) px.
+    """
+    centred = moved - moved.mean(axis=1, keepdims=True)
+    spread: FloatArray = np.sqrt((centred**2).sum(axis=2).mean(axis=1))
+    return spread
+
+
+def lean_of(shift: FloatArray, tilt: FloatArray, shear: FloatArray | None = None) -> float:
+    """Return where on the frame a positive tilt moves the contact, deg: 0 right, 90 down.
+
+    Args:
+        shift: (N, 2) mean displacement of a press's pins, px; they lean away from the contact.
+        tilt: (N,) deg.
+        shear: (N, S) labels of how the plate was dragged along.
+    """
+    columns = np.zeros((len(tilt), 0)) if shear is None else shear
+    terms = np.column_stack([np.ones(len(tilt)), np.sin(np.radians(tilt)), columns])
+    away = np.linalg.lstsq(terms, shift, rcond=None)[0][1]
+    return math.degrees(math.atan2(-away[1], -away[0]))
+
+
+def fit_pivot(
+    spread: FloatArray,
+    depth: FloatArray,
+    tilt: FloatArray,
+    shear: FloatArray | None = None,
+    exponent: float = EXPONENT,
+    exponent_std: float = EXPONENT_STD,
+) -> Pivot:
+    """Fit offset and pivot to the spreads of presses.
+
+    Args:
+        spread: (N,) of any unit.
+        depth: (N,) labels, mm; larger is deeper.
+        tilt: (N,) labels, deg.
+        shear: (N, S) labels of how the plate was dragged along.
+        exponent: k.
+        exponent_std: Standard deviation of k.
+
+    Raises:
+        UserError: Too few presses touch, or depth or tilt never changes.
+    """
+    touching = spread > FAINT * np.quantile(spread, 0.95)
+    if np.count_nonzero(touching) < FEWEST:
+        raise UserError(
+            f"{np.count_nonzero(touching)} presses move the pins; at least {FEWEST} are needed to "
+            "fit offset and pivot."
+        )
+    columns = np.zeros((len(spread), 0)) if shear is None else shear
+    spread, depth, tilt, columns = (values[touching] for values in (spread, depth, tilt, columns))
+    for name, values in (("depth", depth), ("tilt", tilt)):
+        if np.ptp(values) < 1e-6:
+            raise UserError(
+                f"the {name} label is the same in all presses, so that offset and pivot cannot be "
+                "told apart; fit a recording in which it changes, or name another column."
+            )
+    best, low, high = (
+        _fit_exponent(spread, depth, tilt, columns, exponent + change)
+        for change in (0.0, -exponent_std, exponent_std)
+    )
+    return replace(
+        best,
+        offset_std=math.hypot(best.offset_scatter, (high.offset_mm - low.offset_mm) / 2),
+        pivot_std=math.hypot(
+            best.pivot_scatter, (high.pivot_mm - low.pivot_mm) / 2, PIVOT_BIAS_STD
+        ),
+    )
+
+
+def _fit_exponent(
+    spread: FloatArray, depth: FloatArray, tilt: FloatArray, shear: FloatArray, exponent: float
+) -> Pivot:
+    """Fit with one exponent; the tails of the residuals weigh linearly (soft l1)."""
+    log = np.log(spread)
+    lifted = 1 - np.cos(np.radians(tilt))
+    linear = _linear_terms(tilt / np.abs(tilt).max(), shear)
+
+    def residuals(x: FloatArray) -> FloatArray:
+        indented = np.maximum(depth + x[0] + x[1] * lifted, _NEAREST_MM)
+        return np.asarray(exponent * np.log(indented) + linear @ x[2:] - log, dtype=np.float64)
+
+    start = np.zeros(2 + linear.shape[1])
+    start[0] = 1.0 - depth.min()  # the shallowest press about 1 mm deep
+    start[2] = float(log.mean())
+    x, scale = start, 0.1
+    for _ in range(_ROUNDS):
+        solved = least_squares(residuals, x, loss="soft_l1", f_scale=scale, x_scale="jac")
+        x = solved.x
+        # 1.4826 times the median absolute residual is the standard deviation of a normal law.
+        scale = max(float(1.4826 * np.median(np.abs(residuals(x)))), 1e-9)
+    misfit = residuals(x)
+    # Huber's sandwich for an M-estimate: psi of soft l1 is r / sqrt(1 + (r / scale)^2).
+    tail = 1 + (misfit / scale) ** 2
+    slope = exponent / np.maximum(depth + x[0] + x[1] * lifted, _NEAREST_MM)
+    jacobian = np.column_stack([slope, slope * lifted, linear])
+    inverse = np.linalg.pinv((jacobian * tail[:, None] ** -1.5).T @ jacobian)
+    half = jacobian * (misfit * tail**-0.5)[:, None]
+    scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))
+    return Pivot(
+        offset_mm=float(x[0]),
+        pivot_mm=float(x[1]),
+        offset_std=float(scatter[0]),
+        pivot_std=float(scatter[1]),
+        offset_scatter=float(scatter[0]),
+        pivot_scatter=float(scatter[1]),
+        exponent=exponent,
+        residual=float(np.median(np.abs(misfit))),
+        presses=len(spread),
+    )
+
+
+def _linear_terms(tilt: FloatArray, shear: FloatArray) -> FloatArray:
+    """Return (N, T): one, powers of the tilt (-1..1), and of each shear s, s^2 and s t."""
+    columns = [tilt**power for power in range(_DEGREE + 1)]
+    for values in shear.T:
+        largest = np.abs(values).max()
+        if largest > 0:
+            scaled = values / largest
+            columns += [scaled, scaled**2, scaled * tilt]
+    return np.column_stack(columns)

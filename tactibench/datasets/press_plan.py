@@ -1,0 +1,206 @@
+"""Plans of presses: series of presses, each with a seed of its own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, NonNegativeInt, TypeAdapter, ValidationError
+
+from tactibench.contacts import Scene
+from tactibench.datasets.rows import SceneKeys, read_plan, scene_keys
+from tactibench.errors import UserError
+from tactibench.protocols.draws import SensorShape, draw_scenes, pressable
+from tactibench.protocols.mistakes import first_mistake
+from tactibench.protocols.schema import Draw, Protocol, Split
+from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
+
+
+@dataclass(frozen=True)
+class Press:
+    """A press that is to be made.
+
+    Attributes:
+        id: Id of its sample.
+        name: Name of the press, which its samples share.
+        scene: What is pressed.
+        draw: Name of the draw that it comes from.
+    """
+
+    id: int
+    name: str
+    scene: Scene
+    draw: str = ""
+
+
+@dataclass(frozen=True)
+class PressSeries:
+    """Presses in order.
+
+    Attributes:
+        presses: The presses.
+        seed: Root seed and spawn key of the sensor's randomness.
+    """
+
+    presses: tuple[Press, ...]
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class PressPlan:
+    """All presses of a data set.
+
+    Attributes:
+        series: Series of presses.
+        splits: Name of a split -> subset -> ids.
+    """
+
+    series: tuple[PressSeries, ...]
+    splits: Mapping[str, Mapping[str, Sequence[int]]]
+
+    def __iter__(self) -> Iterator[Press]:
+        return (press for series in self.series for press in series.presses)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows of plan.jsonl."""
+        return press_rows(self)
+
+
+def press_rows(presses: Iterable[Press]) -> list[dict[str, Any]]:
+    """Return the rows of plan.jsonl for presses."""
+    return [{"id": p.id, "press": p.name, "draw": p.draw, **scene_keys(p.scene)} for p in presses]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Row(SceneKeys):
+    """A line of a plan that a person wrote: angles may be left out."""
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    id: NonNegativeInt
+    press: str = ""
+    draw: str = ""
+    yaw_deg: float | None = 0.0
+    tilt_deg: float | None = 0.0
+
+
+_ROW_FILE = TypeAdapter(_Row)
+
+
+def plan_of_file(path: Path, seed: int, count: int | None) -> PressPlan:
+    """Return the presses of a plan.jsonl.
+
+    Args:
+        path: The file.
+        seed: Seed of the sensor's randomness.
+        count: Most presses to take; None takes all.
+
+    Raises:
+        UserError: A line is wrong; the sentence names it.
+    """
+    if not path.is_file():
+        raise UserError(f"--plan {path} is no file; name a file of lines as in plan.jsonl.")
+    presses = []
+    for number, row in enumerate(read_plan(path), start=1):
+        where = f"{path} line {number}"
+        try:
+            planned = _ROW_FILE.validate_json(json.dumps(row))
+        except ValidationError as error:
+            raise UserError(f"{where}: {first_mistake(error, _Row)}") from None
+        scene = planned.scene(where)
+        if scene is None:
+            raise UserError(f"{where}: the key 'indenter' is missing; add it.")
+        presses.append(Press(planned.id, planned.press or str(planned.id), scene, planned.draw))
+    if not presses:
+        raise UserError(f"--plan {path} is empty; it needs a line for every press.")
+    return PressPlan((PressSeries(tuple(presses[:count]), (seed,)),), {})
+
+
+@dataclass(frozen=True)
+class _Subset:
+    """Rows of a draw that are pressed with one seed."""
+
+    draw: str
+    rows: Sequence[int]
+    seed: int
+
+
+def plan_of_protocol(protocol: Protocol, sensor: SensorShape, count: int | None) -> PressPlan:
+    """Return every press that a protocol trains, validates and tests on.
+
+    The frames are those of ``tactibench run``: presses, their order and their seeds are the same.
+
+    Args:
+        protocol: The protocol.
+        sensor: The sensor whose surface is pressed.
+        count: Most presses of each set; None takes all.
+
+    Raises:
+        UserError: The protocol presses nothing, or the sensor cannot be pressed so.
+    """
+    split = protocol.split
+    if split is None:
+        raise UserError(
+            f"protocol {protocol.id!r} takes the presses of a recorded folder and draws none; name "
+            "another protocol, or the presses with --plan FILE."
+        )
+    if protocol.families:
+        raise UserError(
+            f"protocol {protocol.id!r} tests frames with faults, which no data set holds; its "
+            "training presses are those of exp1: generate these."
+        )
+    pressed = pressable(protocol, sensor)
+    ids: dict[tuple[str, int], list[int]] = {}
+    all_series = []
+    start = 0
+    for subset in _subsets(protocol, split):
+        scenes = draw_scenes(pressed, subset.draw).scenes
+        presses = tuple(
+            Press(number, f"{subset.draw}-{row}", scenes[row], subset.draw)
+            for number, row in enumerate(subset.rows[:count], start)
+        )
+        start += len(presses)
+        seed = (protocol.data_seed, protocol.draw(subset.draw).stream, subset.seed)
+        all_series.append(PressSeries(presses, seed))
+        ids[subset.draw, subset.seed] = [press.id for press in presses]
+    return PressPlan(tuple(all_series), _splits(protocol, split, ids))
+
+
+def _subsets(protocol: Protocol, split: Split) -> list[_Subset]:
+    sizes = {draw.name: _size(draw) for draw in protocol.draws}
+    divided = split_presses(sizes[split.draw], split, protocol.data_seed)
+    subsets = [
+        _Subset(split.draw, divided.fit, FIT),
+        _Subset(split.draw, divided.validation, VALIDATION),
+    ]
+    if split.draw in protocol.test.sets:
+        subsets.append(_Subset(split.draw, divided.test, TEST))
+    others = [*(name for names in protocol.regimes.values() for name in names)]
+    others += protocol.test.sets
+    whole = [name for name in dict.fromkeys(others) if name != split.draw]
+    return subsets + [_Subset(name, range(sizes[name]), WHOLE) for name in whole]
+
+
+def _size(draw: Draw) -> int:
+    return draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
+
+
+def _splits(
+    protocol: Protocol, split: Split, ids: Mapping[tuple[str, int], list[int]]
+) -> dict[str, dict[str, list[int]]]:
+    """Return one split a regime: what ``fit`` gets in it, and what the protocol tests on."""
+    test = [ids.get((name, TEST), []) + ids.get((name, WHOLE), []) for name in protocol.test.sets]
+    return {
+        f"{protocol.id}-{regime}": {
+            "train": [
+                *ids[split.draw, FIT],
+                *(number for name in names for number in ids[name, WHOLE]),
+            ],
+            "validation": ids[split.draw, VALIDATION],
+            "test": [number for numbers in test for number in numbers],
+        }
+        for regime, names in protocol.regimes.items()
+    }

@@ -1,0 +1,93 @@
+"""The format of a folder, and reading it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactibench.datasets.readers.bristol import TARGETS, find_targets, read_bristol
+from tactibench.datasets.readers.csv import read_csv
+from tactibench.datasets.readers.folder import read_recording
+from tactibench.datasets.readers.huggingface import metadata_files, read_huggingface
+from tactibench.datasets.readers.options import ImportOptions
+from tactibench.datasets.readers.recording import Recording, read_dataset
+from tactibench.datasets.schema import is_dataset
+from tactibench.errors import UserError, did_you_mean
+
+BRISTOL, HUGGINGFACE, CSV, V1 = "bristol", "huggingface", "csv", "v1"
+_READERS = {BRISTOL: read_bristol, HUGGINGFACE: read_huggingface, CSV: read_csv}
+FORMATS = tuple(_READERS)
+"""Formats that can be imported."""
+
+
+def find_format(folder: Path) -> str:
+    """Return the format of a folder: "v1" or one of FORMATS.
+
+    Raises:
+        UserError: The folder has none of them.
+    """
+    _check_folder(folder)
+    if is_dataset(folder):
+        return V1
+    if find_targets(folder) or _inner_recordings(folder):
+        return BRISTOL
+    if metadata_files(folder):
+        return HUGGINGFACE
+    if any(folder.glob("*.csv")):
+        return CSV
+    raise UserError(
+        f"{folder} holds no {TARGETS[0]}, nor does any folder directly in it, and neither a "
+        "dataset.json, a metadata.jsonl nor another CSV file; name a folder of recorded frames."
+    )
+
+
+def open_recording(
+    folder: Path,
+    options: ImportOptions | None = None,
+    format: str | None = None,  # noqa: A002
+) -> Recording:
+    """Read the labels of a folder and check all its files.
+
+    Args:
+        folder: A recording of any format, or a data set.
+        options: Where labels are and what they mean; a data set needs none.
+        format: One of FORMATS or "v1"; None: what the folder looks like.
+
+    Raises:
+        UserError: Something is missing or damaged; the sentence names file and row.
+    """
+    options = options or ImportOptions()
+    format = format or find_format(folder)  # noqa: A001
+    _check_folder(folder)
+    if format == V1:
+        return read_dataset(folder)
+    if format not in _READERS:
+        raise UserError(f"there is no format {format!r}; {did_you_mean(format, FORMATS)}")
+    if format == BRISTOL and not (options.table or find_targets(folder)):
+        folder = _only_recording(folder)
+    return read_recording(_READERS[format](folder, options), options)
+
+
+def _check_folder(folder: Path) -> None:
+    if not folder.exists():
+        raise UserError(f"{folder} does not exist; give a folder of recorded frames.")
+    if not folder.is_dir():
+        raise UserError(f"{folder} is a file; give the folder that holds it.")
+    try:
+        next(folder.iterdir(), None)
+    except OSError as error:
+        raise UserError(f"{folder} cannot be listed: {error.strerror}.") from None
+
+
+def _inner_recordings(folder: Path) -> list[Path]:
+    """Return the Bristol folders directly in a folder."""
+    return sorted(child for child in folder.iterdir() if child.is_dir() and find_targets(child))
+
+
+def _only_recording(folder: Path) -> Path:
+    recordings = _inner_recordings(folder)
+    if not recordings:
+        raise UserError(f"{folder} holds no {TARGETS[0]}, nor does any folder directly in it.")
+    if len(recordings) > 1:
+        names = ", ".join(child.name for child in recordings)
+        raise UserError(f"{folder} holds several recordings ({names}); give one of them.")
+    return recordings[0]

@@ -1,0 +1,110 @@
+"""Options of an import: where labels and frames are, and the geometry behind the labels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from tactibench.errors import UserError, did_you_mean
+from tactibench.geometry import DOME_RADIUS_MM
+from tactibench.plugins.specs import Parameter
+
+FRAME_FOLDERS = ("frames_bw", "images", "sensor_images", "processed_images")
+AUTO = "auto"
+PLATE, SINGLE, NONE = "plate", "single", "none"
+"""Indenters behind labels: a plate, one spherical tip, or nothing that is known."""
+REFUSE, SKIP = "refuse", "skip"
+"""Ways to treat a row whose frame is no file."""
+
+_MM = {"low": -1000.0, "high": 1000.0}
+
+
+def _option(default: Any, text: str, **limits: Any) -> Any:
+    return field(default=default, metadata={"help": text, "limits": limits})
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """Options of an import, each with its help.
+
+    Columns are named as in the table. A depth column with a '-' in front counts the other way.
+    With indenter "none" labels stay labels; "auto" means spherical tips where the table has x_mm,
+    y_mm and depth_mm, and "none" otherwise.
+    """
+
+    name: str = _option("", "of the data set; default: the source's folder")
+    table: str = _option("", "the table in the folder; default: targets.csv, or the only CSV file")
+    frames: str = _option(
+        AUTO, "folder of the frames; auto: the first known one, or the table's own"
+    )
+    column: str = _option("", "column that names the frames; default: the first known one")
+    labels: str = _option(
+        AUTO, "label columns, separated by commas; auto: all numbers, of Bristol's its own"
+    )
+    press: str = _option(
+        "", "column that frames of one press share; default: every frame is a press"
+    )
+    missing: str = _option(REFUSE, "rows whose frame is no file", choices=(REFUSE, SKIP))
+    indenter: str = _option(
+        AUTO, "what pressed, so that labels become contacts", choices=(AUTO, NONE, PLATE, SINGLE)
+    )
+    radius_mm: float = _option(3.0, "of the spherical tip", low=0.01, high=1000.0)
+    dome_radius_mm: float = _option(DOME_RADIUS_MM, "of the sensor", low=0.1, high=10_000.0)
+    x: str = _option("x_mm", "column of the tip's x, mm")
+    y: str = _option("y_mm", "column of the tip's y, mm")
+    depth: str = _option(
+        AUTO, "column of the depth, mm; auto: pose_2 of a plate, depth_mm of a tip"
+    )
+    tilt: str = _option(AUTO, "column of the plate's tilt, deg; auto: pose_6")
+    offset_mm: float = _option(
+        0.0, "added to the depth column: its value at first touch, negated", **_MM
+    )
+    pivot_mm: float = _option(0.0, "p of indentation = depth + offset + p (1 - cos tilt)", **_MM)
+    yaw_deg: float = _option(
+        0.0,
+        "direction in the image in which the contact of a tilted plate moves",
+        low=-360.0,
+        high=360.0,
+    )
+    sensor: str = _option("unknown", "name of the sensor that was recorded")
+    licence: str = _option("", "of the frames, an SPDX name such as CC-BY-4.0")
+
+    def changed(self) -> dict[str, Any]:
+        """Return the options that differ from their defaults."""
+        defaults = asdict(ImportOptions())
+        return {name: value for name, value in asdict(self).items() if value != defaults[name]}
+
+
+PARAMETERS = tuple(
+    Parameter(
+        option.name,
+        getattr(ImportOptions(), option.name),
+        option.metadata["help"],
+        **option.metadata["limits"],
+    )
+    for option in fields(ImportOptions)
+)
+
+
+def read_options(texts: Iterable[str]) -> ImportOptions:
+    """Return the options of texts such as ``("indenter=plate", "offset_mm=5")``.
+
+    Raises:
+        UserError: A text is no NAME=VALUE, a name is unknown or repeated, or a value not allowed.
+    """
+    known: Mapping[str, Parameter] = {parameter.name: parameter for parameter in PARAMETERS}
+    values: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise UserError(
+                f"--param {text!r} is not understood; write NAME=VALUE, for example "
+                "--param indenter=plate."
+            )
+        if name not in known:
+            raise UserError(f"there is no parameter {name!r}; {did_you_mean(name, known)}")
+        if name in values:
+            raise UserError(f"--param {name} is given twice; give it once.")
+        values[name] = known[name].parse(value)
+    return ImportOptions(**values)

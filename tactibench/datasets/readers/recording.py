@@ -1,0 +1,166 @@
+"""A recording of any format: frames on the disk with their labels."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Scene
+from tactibench.datasets.dataset import Dataset, open_dataset
+from tactibench.datasets.image_files import Image, kind_of
+from tactibench.datasets.schema import IMAGES, JOURNAL, Sample
+from tactibench.datasets.splits import Split
+from tactibench.errors import UserError
+from tactibench.png import ImageKind, decode_png, read_file
+
+FloatArray = npt.NDArray[np.float64]
+
+SOURCE_NAME = "source_name"
+"""Key of a sample's ``extra``: the name of its frame in the folder it was imported from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """N frames with what is known of them; every file was read once and is sound.
+
+    Attributes:
+        format: "bristol", "csv", "huggingface" or "v1".
+        generation: The variant of the format, in words.
+        folder: The folder that was opened.
+        table: The file of the labels.
+        names: Unique names of the frames, in the order of the table.
+        paths: Files of the frames.
+        frames: The folder that they lie in.
+        kind: Size and colours of every frame.
+        rest: File of the undeformed frame.
+        labels: Column -> (N,) mm or deg, NaN where a frame has no such label.
+        scenes: What was pressed in every frame, None where only labels are known.
+        presses: Name of the press of every frame; frames of one press share it.
+        sha256: Hash over the table and the frames.
+        columns: Role, such as "depth" -> column.
+        extra: Other columns -> (N,) texts.
+        samples: Fields of every frame's sample that the table holds: id, session, attempt,
+            t_frame_ns, extra. Empty where it holds none.
+        header: Fields of a data set's header that the folder holds.
+        splits: Name -> split of row numbers.
+        about: File name -> what files beside the table say.
+        dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
+        notes: Sentences about what was left out or is missing.
+        dataset: The data set that this is, with the numbers of its samples in ``rows``.
+    """
+
+    format: str
+    generation: str
+    folder: Path
+    table: Path
+    names: tuple[str, ...]
+    paths: tuple[Path, ...]
+    frames: Path
+    kind: ImageKind
+    rest: Path | None
+    labels: Mapping[str, FloatArray]
+    scenes: tuple[Scene | None, ...]
+    presses: tuple[str, ...]
+    sha256: str
+    columns: Mapping[str, str] = field(default_factory=dict)
+    extra: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    samples: tuple[Mapping[str, Any], ...] = ()
+    header: Mapping[str, Any] = field(default_factory=dict)
+    splits: Mapping[str, Split] = field(default_factory=dict)
+    about: Mapping[str, Any] = field(default_factory=dict)
+    dome_radius_mm: float | None = None
+    notes: tuple[str, ...] = ()
+    dataset: Dataset | None = None
+    rows: tuple[int, ...] = ()
+
+    @property
+    def channels(self) -> Literal[1, 3]:
+        """1 for gray, 3 for RGB."""
+        return 3 if self.kind.colour else 1
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def image(self, row: int) -> Image:
+        """Return a frame, (H, W) or RGB (H, W, 3) uint8.
+
+        Raises:
+            UserError: The file is not what it was when the recording was opened.
+        """
+        if self.dataset is not None:
+            return self.dataset.image(self.dataset.samples[self.rows[row]])
+        return self._decode(self.paths[row])
+
+    def rest_image(self) -> Image | None:
+        """Return the undeformed frame; None where there is none.
+
+        Raises:
+            UserError: The file cannot be decoded.
+        """
+        if self.dataset is not None:
+            return self.dataset.rest
+        return None if self.rest is None else self._decode(self.rest)
+
+    def complete_labels(self) -> dict[str, FloatArray]:
+        """Return the labels that every frame has."""
+        return {name: values for name, values in self.labels.items() if not np.isnan(values).any()}
+
+    def _decode(self, path: Path) -> Image:
+        return decode_png(path, read_file(path), self.kind)
+
+
+def read_dataset(folder: Path) -> Recording:
+    """Read the good samples of a data set as a recording.
+
+    Raises:
+        UserError: There are none, or something is damaged.
+    """
+    dataset = open_dataset(folder)
+    header = dataset.header
+    rows = [row for row, sample in enumerate(dataset.samples) if sample.status == "ok"]
+    samples = [dataset.samples[row] for row in rows]
+    if not samples:
+        raise UserError(f"{folder} holds no sample that is not bad; record or import some.")
+    bad = len(dataset.samples) - len(samples)
+    notes = [*dataset.repaired]
+    if bad:
+        notes.append(f"{bad:,} bad sample{'s' if bad > 1 else ''} left out.")
+    if dataset.rest is None:
+        notes.append("no frame of the undeformed sensor.")
+    return Recording(
+        format="v1",
+        generation=f"schema {header.schema_version}, {header.status}",
+        folder=folder,
+        table=folder / JOURNAL,
+        names=_frame_names(samples),
+        paths=tuple(folder / sample.file_name for sample in samples),
+        frames=folder / IMAGES,
+        kind=kind_of(header),
+        rest=None,
+        labels={
+            name: np.array([sample.labels.get(name, np.nan) for sample in samples], np.float64)
+            for name in dict.fromkeys(name for sample in samples for name in sample.labels)
+        },
+        scenes=tuple(sample.scene for sample in samples),
+        presses=tuple(sample.press for sample in samples),
+        sha256=dataset.sha256,
+        about=dict(header.source),
+        dome_radius_mm=header.dome_radius_mm,
+        notes=tuple(notes),
+        dataset=dataset,
+        rows=tuple(rows),
+    )
+
+
+def _frame_names(samples: Sequence[Sample]) -> tuple[str, ...]:
+    """Return the names of frames before an import, or the files where these are not unique."""
+    names = [str(sample.extra.get(SOURCE_NAME, sample.file_name)) for sample in samples]
+    if max(Counter(names).values()) > 1:
+        names = [sample.file_name for sample in samples]
+    return tuple(names)

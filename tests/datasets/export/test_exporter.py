@@ -1,0 +1,151 @@
+"""An export is whole or absent, and nothing is overwritten."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tactibench import UserError
+from tactibench.datasets import Dataset, export_dataset, is_dataset, open_dataset, verify
+from tactibench.datasets.splits import write_split
+from tactibench.datasets.storage import new_folder
+
+Make = Callable[..., Dataset]
+FOLDERS = ("bristol", "hf-parquet")
+
+
+@pytest.fixture(scope="module")
+def dataset(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return make(tmp_path_factory.mktemp("place") / "v1")
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("format_", FOLDERS)
+def test_an_empty_folder_is_taken_with_the_usual_rights(
+    dataset: Dataset, tmp_path: Path, format_: str
+) -> None:
+    if format_ == "hf-parquet":
+        pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    (tmp_path / "out").mkdir()
+    rights = (tmp_path / "out").stat().st_mode
+    made = export_dataset(dataset, tmp_path / "out", format_)
+    assert names(tmp_path) == ["out"]
+    assert (tmp_path / "out").stat().st_mode == rights
+    files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert (made.files, made.size_bytes) == (len(files), sum(p.stat().st_size for p in files))
+    assert (made.samples, made.bad) == (5, 0)
+
+
+@pytest.mark.parametrize("format_", FOLDERS)
+def test_a_folder_that_holds_something_is_refused(
+    dataset: Dataset, tmp_path: Path, format_: str
+) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(UserError, match=r"holds files already; .* nothing is overwritten"):
+        export_dataset(dataset, tmp_path, format_)
+    assert names(tmp_path) == ["mine.txt"]
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "orphan", "inside"])
+def test_a_place_where_no_folder_can_be_is_refused(
+    dataset: Dataset, tmp_path: Path, kind: str
+) -> None:
+    target = tmp_path / "out"
+    if kind == "file":
+        target.write_text("mine")
+    elif kind == "link":
+        target.symlink_to(tmp_path / "elsewhere")
+    elif kind == "orphan":
+        target = target / "deeper"
+    else:
+        target = dataset.folder / "out"
+    sentence = {"orphan": r"out is not there; make it first", "inside": r"lies in the data set"}
+    with pytest.raises(UserError, match=sentence.get(kind, "is a file or a link")):
+        export_dataset(dataset, target, "bristol")
+    assert names(tmp_path) == ([] if kind in {"orphan", "inside"} else ["out"])
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt, UserError])
+def test_an_interrupted_export_leaves_nothing(
+    dataset: Dataset, tmp_path: Path, error: type[BaseException]
+) -> None:
+    done = 0
+
+    def advance(number: int) -> None:
+        nonlocal done
+        done += number
+        assert names(tmp_path)[0].startswith(".out."), "written beside its place"
+        if done == 3:
+            raise error("stop")
+
+    with pytest.raises(error):
+        export_dataset(dataset, tmp_path / "out", "bristol", advance=advance)
+    assert names(tmp_path) == []
+
+
+def test_a_place_that_was_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "source").mkdir()
+    target = tmp_path / "out"
+
+    def meanwhile() -> None:
+        with new_folder(target, tmp_path / "source") as folder:
+            (folder / "ours").write_text("ours")
+            target.mkdir()
+            (target / "theirs").write_text("theirs")
+
+    with pytest.raises(OSError, match="not empty"):
+        meanwhile()
+    assert names(tmp_path) == ["out", "source"]
+    assert names(target) == ["theirs"]
+
+
+def test_a_card_is_written_once_and_the_data_set_stays_sound(make: Make, tmp_path: Path) -> None:
+    dataset = make(tmp_path / "v1")
+    assert export_dataset(dataset, dataset.folder, "card").path == dataset.folder / "README.md"
+    with pytest.raises(UserError, match=r"README\.md is there already"):
+        export_dataset(dataset, dataset.folder, "card")
+    assert verify(dataset.folder) == []
+
+
+def test_formats_and_splits_are_known_by_name(make: Make, tmp_path: Path) -> None:
+    dataset = make(tmp_path / "v1")
+    with pytest.raises(UserError, match=r"unknown format 'parquet'; did you mean 'hf-parquet'\?"):
+        export_dataset(dataset, tmp_path / "out", "parquet")
+    with pytest.raises(UserError, match=r"has no split 'mien'; did you mean 'mine'\?"):
+        export_dataset(dataset, tmp_path / "out", "bristol", split="mien")
+    made = export_dataset(dataset, tmp_path / "out", "bristol", split="mine")
+    assert made.subsets == {"test": 2, "unassigned": 3}
+
+
+def test_of_several_splits_one_must_be_named(make: Make, tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    folder = make(tmp_path / "v1").folder
+    (folder / "splits/other.json").write_text('{"train": [0], "validation": [], "test": []}')
+    (folder / "splits/mine.json").write_text('{"train": [0, 1], "validation": [4], "test": [2]}')
+    dataset = open_dataset(folder)
+    with pytest.raises(UserError, match=r"several splits \(mine, other\); choose one"):
+        export_dataset(dataset, tmp_path / "out", "hf-parquet")
+    made = export_dataset(dataset, tmp_path / "out", "hf-parquet", split="mine")
+    assert made.subsets == {"train": 2, "validation": 1, "test": 1, "unassigned": 1}
+    assert names(made.path) == ["README.md", "data", "header.json", "rest.png"]
+    assert not is_dataset(made.path)
+    assert export_dataset(dataset, tmp_path / "bristol", "bristol").subsets == {}
+
+
+def test_nothing_good_to_export_is_said(make: Make, tmp_path: Path) -> None:
+    dataset = make(tmp_path / "v1", count=0)
+    with pytest.raises(UserError, match="holds no good sample"):
+        export_dataset(dataset, tmp_path / "out", "bristol")
+
+
+@pytest.mark.parametrize("name", ["test", "my-test", "val_2", "2dev.x", "by-press.train"])
+def test_a_split_is_not_called_as_image_folders_call_a_part(dataset: Dataset, name: str) -> None:
+    """Hugging Face would take its file for all the data there is (shown in a slow test)."""
+    with pytest.raises(UserError, match="call the split after how it divides"):
+        write_split(dataset.folder, name, dataset.splits["mine"], dataset.samples)
+    assert list(dataset.splits) == ["mine"]

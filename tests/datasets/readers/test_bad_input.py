@@ -1,0 +1,249 @@
+"""Every mistake in a source is one sentence with file and row, and nothing is half imported."""
+
+from __future__ import annotations
+
+import errno
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from png_bytes import png
+
+from tactibench import UserError
+from tactibench.datasets import (
+    ImportOptions,
+    Writer,
+    find_format,
+    import_folder,
+    open_dataset,
+    open_recording,
+    verify,
+)
+
+
+@pytest.fixture
+def unimported(refused, tmp_path):
+    """Folder, words -> the import is refused with these words and leaves nothing behind."""
+
+    def check(folder, *words, options=None):
+        before = sorted(p.name for p in tmp_path.iterdir())
+        text = refused(lambda: import_folder(folder, tmp_path / "out", options), *words)
+        assert sorted(p.name for p in tmp_path.iterdir()) == before
+        return text
+
+    return check
+
+
+def edit(folder, row, old, new):
+    path = folder / "targets.csv"
+    lines = path.read_text().splitlines()
+    assert old in lines[row]
+    lines[row] = lines[row].replace(old, new)
+    path.write_text("\n".join(lines))
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda data: data[: len(data) // 2], "cut short"),
+        (lambda data: b"", "not a PNG"),
+        (lambda data: data[:60] + bytes([data[60] ^ 255]) + data[61:], "checksum"),
+        (lambda data: png(10, 12, b"junk"), "cannot be decoded"),
+        (lambda data: png(10, 12, zlib.compress(b"few")), "cannot be decoded"),
+        (lambda data: png(9, 12, zlib.compress(bytes(120))), "12x9 gray"),
+        (lambda data: png(10, 12, zlib.compress(bytes(252)), bits=16), "16 bits a pixel"),
+    ],
+)
+@pytest.mark.parametrize("name", ["frame_3_0.png", "init_0.png"])
+def test_damaged_frames(first, unimported, name, damage, words):
+    path = first / "frames_bw" / name
+    path.write_bytes(damage(path.read_bytes()))
+    unimported(first, name, words)
+
+
+def test_an_image_bomb_is_not_decoded(first, unimported):
+    for path in (first / "frames_bw").iterdir():
+        path.write_bytes(png(60_000, 60_000, zlib.compress(bytes(1000))))
+    unimported(first, "60,000 x 60,000 pixels", "64,000,000")
+
+
+def test_names_that_are_no_files(first, unimported):
+    for i in (1, 3):
+        (first / "frames_bw" / f"frame_{i}_0.png").unlink()
+    unimported(first, "targets.csv", "2 frames", "frame_1_0.png")
+    for path in (first / "frames_bw").glob("frame*"):
+        path.unlink()
+    unimported(first, "5 frames", options=ImportOptions(missing="skip"))
+
+
+@pytest.mark.parametrize("again", ["frame_0_0.png", "./frame_0_0.png", r".\frame_0_0.png"])
+def test_a_frame_that_is_named_twice(first, unimported, again):
+    edit(first, 4, "frame_3_0.png", again)
+    unimported(first, "targets.csv rows 1 and 4", "frame_0_0.png")
+
+
+@pytest.mark.parametrize("text", ["nan", "", "inf", "deep"])
+@pytest.mark.parametrize(("old", "column"), [("-0.75", "pose_2"), (",2", "move_1")])
+def test_labels_that_are_no_numbers(first, unimported, old, column, text):
+    lines = (first / "targets.csv").read_text().splitlines()
+    at = lines[3].rindex(old)
+    lines[3] = lines[3][:at] + ("," if old[0] == "," else "") + text + lines[3][at + len(old) :]
+    (first / "targets.csv").write_text("\n".join(lines))
+    unimported(first, "targets.csv row 3", column, repr(text))
+
+
+def test_a_decimal_comma_in_quotes_says_how_to_go_on(first, unimported):
+    edit(first, 3, "-0.75", '"-0,75"')
+    unimported(first, "row 3", "'-0,75'", "decimal commas", "';'")
+
+
+def test_unquoted_decimal_commas_say_how_to_go_on(first, unimported):
+    path = first / "targets.csv"
+    lines = path.read_text().splitlines()
+    tail = [line.replace(".25", ",25").replace("png,", ".png,") for line in lines[1:]]
+    path.write_text("\n".join([lines[0], *(f"{line},0,0" for line in tail)]))
+    unimported(first, "more fields than its header", "decimal commas", "';'")
+
+
+def test_mixed_decimal_commas(first, unimported):
+    path = first / "targets.csv"
+    path.write_text(path.read_text().replace(",", ";").replace("-0.75", "-0,75"))
+    unimported(first, "row 3", "'-0,75'", "row 1", "'-0.25'", "one way")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../secret.png", r"..\secret.png", "a/../../b.png", "/etc/x.png", r"C:\x.png", r"\\srv\x"],
+)
+def test_names_never_lead_outside(first, unimported, name):
+    cv2.imwrite(str(first / "secret.png"), np.zeros((12, 10), np.uint8))
+    edit(first, 2, "frame_1_0.png", name)
+    unimported(first, "row 2", repr(name), "inside the frames folder")
+
+
+def test_links_are_followed_inside_only(first, unimported, tmp_path):
+    frames = first / "frames_bw"
+    inside, outside = frames / "frame_1_0.png", tmp_path / "outside.png"
+    inside.rename(first / "moved.png")
+    inside.symlink_to(first / "moved.png")
+    assert len(open_recording(first)) == 5
+    (first / "moved.png").rename(outside)
+    inside.unlink()
+    inside.symlink_to(outside)
+    unimported(first, "frame_1_0.png", "leads out of")
+    inside.unlink()
+    inside.symlink_to(inside)
+    unimported(first, "frame_1_0.png", "circle")
+    inside.unlink()
+    inside.symlink_to(tmp_path / "nowhere.png")
+    unimported(first, "1 frame that is not in")
+
+
+def test_a_frames_folder_that_is_a_link_to_elsewhere(first, unimported, tmp_path):
+    (first / "frames_bw").rename(tmp_path / "elsewhere")
+    (first / "frames_bw").symlink_to(tmp_path / "elsewhere")
+    unimported(first, "frames_bw", "leads out of")
+
+
+@pytest.mark.parametrize("name", ["targets.csv", "meta.json"])
+def test_tables_and_descriptions_are_no_links_to_elsewhere(first, unimported, tmp_path, name):
+    (first / name).rename(tmp_path / name)
+    (first / name).symlink_to(tmp_path / name)
+    unimported(first, name, "leads out of")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("image_name,pose_2,pose_6\n", "no rows"),
+        ("image_name,pose_2,pose_2\nframe_0_0.png,1,2\n", "two columns 'pose_2'"),
+        ("name,pose_2\nframe_0_0.png,1\n", "image_name or sensor_image"),
+        ("image_name,pose_2\n ,1\n", "row 1 names no frame"),
+    ],
+)
+def test_tables_that_are_none(first, unimported, text, words):
+    (first / "targets.csv").write_text(text)
+    unimported(first, "targets.csv", words)
+
+
+def test_a_table_that_is_no_text(first, unimported):
+    (first / "targets.csv").write_bytes(b"\xff\xfe\x00junk,\xd8")
+    unimported(first, "targets.csv", "not a readable CSV")
+
+
+@pytest.mark.parametrize("text", ["{", '{"exposure": NaN}', "\x00"])
+def test_a_damaged_description(first, unimported, text):
+    (first / "meta.json").write_text(text)
+    unimported(first, "meta.json", "JSON")
+
+
+def test_columns_that_are_not_there(first, unimported):
+    unimported(
+        first, "pose_9", "its columns are", options=ImportOptions(indenter="plate", depth="pose_9")
+    )
+    unimported(first, "no column tap", options=ImportOptions(press="tap"))
+    unimported(first, "no column wrong", options=ImportOptions(labels="wrong"))
+    unimported(
+        first,
+        "pose_1 has the same value",
+        "pose_2 changes",
+        options=ImportOptions(indenter="plate", depth="pose_1"),
+    )
+
+
+def test_folders_that_are_none(tmp_path, refused, first):
+    refused(lambda: find_format(tmp_path / "no"), "does not exist")
+    refused(lambda: find_format(first / "targets.csv"), "is a file")
+    (tmp_path / "empty").mkdir()
+    refused(lambda: find_format(tmp_path / "empty"), "targets.csv", "metadata.jsonl")
+    refused(lambda: open_recording(first, format="zip"), "'zip'")
+
+
+def test_targets_that_cannot_be(first, tmp_path, unimported, refused):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("keep")
+    unimported(first, "out", "holds files already")
+    assert (tmp_path / "out" / "mine.txt").read_text() == "keep"
+    refused(lambda: import_folder(first, tmp_path / "no" / "out"), "is not there")
+    refused(lambda: import_folder(first, first / "out"), "lies in")
+    assert not (first / "out").exists()
+    import_folder(first, tmp_path / "set")
+    refused(lambda: import_folder(tmp_path / "set", tmp_path / "again"), "data set", "copy")
+
+
+def test_a_read_only_disk(first, tmp_path, unimported, monkeypatch):
+    make = Path.mkdir
+
+    def refuse(self, *args, **kwargs):
+        if self.parent == tmp_path:
+            raise OSError(errno.EROFS, "Read-only file system", str(self))
+        make(self, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    unimported(first, "out", "Read-only file system", "another place")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
+def test_an_interruption_leaves_nothing(first, tmp_path, monkeypatch, error):
+    def stop(self, drafts):
+        raise error
+
+    monkeypatch.setattr(Writer, "add_many", stop)
+    before = sorted(p.name for p in tmp_path.iterdir())
+    with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else UserError):
+        import_folder(first, tmp_path / "out")
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+def test_a_frame_that_changes_after_the_import_is_found(first, tmp_path, refused):
+    dataset = import_folder(first, tmp_path / "out")
+    path = tmp_path / "out" / dataset.samples[2].file_name
+    assert cv2.imwrite(str(path), np.zeros((12, 10), np.uint8))
+    (finding,) = verify(tmp_path / "out")
+    assert "000002.png" in finding
+    again = open_recording(tmp_path / "out")
+    refused(lambda: again.image(2), "000002.png", "changed")
+    assert open_dataset(tmp_path / "out").samples == dataset.samples

@@ -1,0 +1,140 @@
+"""Offset and pivot behind plate labels: exact on the law, close on simulated and real pins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.datasets import (
+    ImportOptions,
+    fit_recording,
+    indentation,
+    open_recording,
+    presses_to_fit,
+)
+from tactibench.datasets import (
+    pivot as pivot_module,
+)
+from tactibench.datasets.pivot import EXPONENT, fit_pivot, spread_of
+
+
+def presses(count=600, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(1, 5, count), rng.uniform(-20, 20, count), rng
+
+
+def label(depth, tilt, offset, pivot):
+    """The label that a robot writes at this indentation; the inverse of ``indentation``."""
+    return depth - offset - pivot * (1 - np.cos(np.radians(tilt)))
+
+
+def test_indentation_is_the_written_formula():
+    assert indentation(-1.0, 60.0, 5.0, 20.0) == pytest.approx(14.0)
+    np.testing.assert_allclose(indentation([-1, 2], [0, 90], 3, 7), [2, 12])
+
+
+@pytest.mark.parametrize(("offset", "pivot"), [(5.0, 20.0), (5.0, 0.0), (-2.0, -15.0)])
+def test_the_law_itself_gives_offset_and_pivot_back(offset, pivot):
+    depth, tilt, _ = presses()
+    spread = 0.7 * depth**EXPONENT * np.exp(0.1 * tilt / 20 - 0.2 * (tilt / 20) ** 2)
+    found = fit_pivot(spread, label(depth, tilt, offset, pivot), tilt)
+    assert found.offset_mm == pytest.approx(offset, abs=1e-4)
+    assert found.pivot_mm == pytest.approx(pivot, abs=1e-2)
+    assert found.residual < 1e-5
+
+
+def test_shear_is_taken_out():
+    depth, tilt, rng = presses()
+    shear = rng.uniform(-5, 5, (len(depth), 1))
+    spread = depth**EXPONENT * np.exp(0.2 * (shear[:, 0] / 5) ** 2 + 0.1 * shear[:, 0] / 5)
+    found = fit_pivot(spread, label(depth, tilt, 5, 20), tilt, shear)
+    assert (found.offset_mm, found.pivot_mm) == pytest.approx((5, 20), abs=1e-2)
+
+
+def test_the_stated_scatter_is_the_scatter():
+    found = []
+    for seed in range(25):
+        depth, tilt, rng = presses(250, seed)
+        spread = depth**EXPONENT * np.exp(rng.normal(0, 0.02, len(depth)))
+        found.append(fit_pivot(spread, label(depth, tilt, 5, 20), tilt))
+    for value, stated in (("offset_mm", "offset_scatter"), ("pivot_mm", "pivot_scatter")):
+        scatter = np.std([getattr(one, value) for one in found])
+        mean = np.mean([getattr(one, stated) for one in found])
+        assert 0.7 < scatter / mean < 1.4
+
+
+def test_a_wrong_exponent_moves_the_offset_by_its_stated_error():
+    depth, tilt, _ = presses()
+    found = fit_pivot(depth ** (EXPONENT + 0.05), label(depth, tilt, 5, 20), tilt)
+    assert abs(found.offset_mm - 5) == pytest.approx(found.offset_std, rel=0.2)
+
+
+def test_outliers_hardly_matter():
+    depth, tilt, rng = presses()
+    spread = depth**EXPONENT
+    spread[rng.permutation(len(spread))[:30]] *= 2
+    found = fit_pivot(spread, label(depth, tilt, 5, 20), tilt)
+    assert found.offset_mm == pytest.approx(5, abs=0.05)
+    assert found.pivot_mm == pytest.approx(20, abs=0.5)
+
+
+def test_what_cannot_be_fitted_is_refused():
+    depth, tilt, _ = presses()
+    with pytest.raises(UserError, match="the tilt label is the same"):
+        fit_pivot(depth**EXPONENT, depth, np.zeros(len(depth)))
+    with pytest.raises(UserError, match="the depth label is the same"):
+        fit_pivot(depth**EXPONENT, np.ones(len(depth)), tilt)
+    with pytest.raises(UserError, match="20 presses move the pins; at least 50"):
+        fit_pivot(depth[:20] ** EXPONENT, depth[:20], tilt[:20])
+
+
+def test_an_even_shift_of_all_pins_is_no_spread():
+    moved = np.random.default_rng(0).normal(size=(3, 50, 2))
+    np.testing.assert_allclose(spread_of(moved + np.array([3.0, -7.0])), spread_of(moved))
+    square = np.array([[[1, 0], [-1, 0], [0, 1], [0, -1]]], dtype=float)
+    np.testing.assert_allclose(spread_of(2 * square), [2.0])
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Spreads of simulated plate presses of known depth and tilt."""
+    from tactibench.markers import Tracker
+    from tactibench.plugins.host import PluginHost
+
+    spec = PluginHost().sensors["tactip-331"]
+    depth, tilt, _ = presses(120, 3)
+    sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({"size": "256"}))
+    scenes = [
+        Scene(Indenter.plate(), Pose(tilt=t, depth=d))
+        for d, t in zip(depth.tolist(), tilt.tolist(), strict=True)
+    ]
+    with sensor:
+        tracker = Tracker(sensor.rest().image)
+        images = np.stack([frame.image for frame in sensor.press_many(scenes)])
+    return spread_of(tracker.track(images).xy - tracker.rest), depth, tilt
+
+
+@pytest.mark.parametrize("pivot", [0.0, 20.0])
+def test_simulated_plates(simulated, pivot):
+    spread, depth, tilt = simulated
+    found = fit_pivot(spread, label(depth, tilt, 5, pivot), tilt)
+    assert abs(found.offset_mm - 5) < 2 * found.offset_std < 0.25
+    assert abs(found.pivot_mm - pivot) < 2 * found.pivot_std < 5
+
+
+@pytest.mark.parametrize(("name", "pivot"), [("331", 20.0), ("127", 0.0)])
+def test_public_recordings(tac_vgnn, name, pivot, monkeypatch):
+    monkeypatch.setattr(pivot_module, "MOST", 150)
+    recording = open_recording(tac_vgnn / name)
+    assert presses_to_fit(recording) == 150
+    found = fit_recording(recording, ImportOptions())
+    assert found.pivot.offset_mm == pytest.approx(5.0, abs=0.2)
+    assert found.pivot.pivot_mm == pytest.approx(pivot, abs=3)
+    assert (found.shear, found.pins) == (("move_1", "move_6"), int(name))
+    assert found.options()["depth"] == "pose_2"
+
+
+def test_a_recording_without_a_rest_frame_cannot_be_fitted(second):
+    with pytest.raises(UserError, match=r"no frame of the undeformed sensor.*init_0\.png"):
+        fit_recording(open_recording(second), ImportOptions())

@@ -1,0 +1,148 @@
+"""Plain CSV files and Hugging Face image folders."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from tactibench import Indenter, Pose, Scene
+from tactibench.datasets import find_format, import_folder, open_recording, read_options
+
+
+def frames(folder, count, stem="f"):
+    folder.mkdir(parents=True, exist_ok=True)
+    for i in range(count):
+        image = np.random.default_rng(i).integers(0, 256, (8, 9), dtype=np.uint8)
+        assert cv2.imwrite(str(folder / f"{stem}{i}.png"), image)
+
+
+@pytest.fixture
+def plain(tmp_path):
+    folder = tmp_path / "plain"
+    frames(folder / "images", 4)
+    text = "file_name,x_mm,y_mm,depth_mm,force,who\n"
+    text += "".join(f"f{i}.png,{i},-{i}.5,{i + 1},0.{i},me\n" for i in range(4))
+    (folder / "labels.csv").write_text(text)
+    return folder
+
+
+def test_contact_columns_become_presses_by_a_tip(plain, tmp_path):
+    assert find_format(plain) == "csv"
+    dataset = import_folder(plain, tmp_path / "out", read_options(["radius_mm=2.5"]))
+    assert [s.scene for s in dataset.samples] == [
+        Scene(Indenter.single(2.5), Pose(float(i), -i - 0.5, depth=float(i + 1))) for i in range(4)
+    ]
+    contacts = dataset.contacts(dataset.samples[2])
+    np.testing.assert_allclose([*contacts.xy[0], contacts.depth[0]], [2, -2.5, 3])
+    assert dataset.samples[2].labels["force"] == 0.2
+    assert dataset.samples[2].extra["who"] == "me"
+
+
+def test_labels_and_name_column_can_be_chosen(plain, tmp_path):
+    options = read_options(["labels=force", "indenter=none", "column=file_name"])
+    sample = import_folder(plain, tmp_path / "out", options).samples[1]
+    assert sample.labels == {"force": 0.1}
+    assert sample.scene is None
+    assert sample.extra["x_mm"] == "1"
+
+
+def test_other_contact_columns(plain, tmp_path):
+    text = (plain / "labels.csv").read_text().replace("x_mm", "u").replace("depth_mm", "w")
+    (plain / "labels.csv").write_text(text)
+    assert open_recording(plain).scenes == (None,) * 4
+    options = read_options(["indenter=single", "x=u", "depth=w", "offset_mm=-1"])
+    scenes = open_recording(plain, options).scenes
+    assert scenes[3].pose == Pose(3.0, -3.5, depth=3.0)
+
+
+def test_several_csv_files_ask_which(plain, refused):
+    (plain / "more.csv").write_text("a\n1\n")
+    refused(lambda: open_recording(plain), "labels.csv, more.csv", "--param table")
+    assert len(open_recording(plain, read_options(["table=labels.csv"]))) == 4
+
+
+def write_lines(path, rows):
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
+@pytest.mark.parametrize("kind", ["jsonl", "csv"])
+def test_image_folder(tmp_path, kind):
+    folder = tmp_path / "hf"
+    frames(folder, 3)
+    rows = [{"file_name": f"f{i}.png", "depth": i / 2, "text": "a,b"} for i in range(3)]
+    if kind == "jsonl":
+        write_lines(folder / "metadata.jsonl", rows)
+    else:
+        lines = "".join(f'{r["file_name"]},{r["depth"]},"a,b"\n' for r in rows)
+        (folder / "metadata.csv").write_text("file_name,depth,text\n" + lines)
+    assert find_format(folder) == "huggingface"
+    recording = open_recording(folder)
+    np.testing.assert_array_equal(recording.labels["depth"], [0, 0.5, 1])
+    assert recording.extra["text"] == ("a,b",) * 3
+
+
+def test_image_folder_with_splits_and_nested_labels(tmp_path):
+    folder = tmp_path / "hf"
+    for part, count in (("train", 4), ("validation", 2), ("test", 3)):
+        frames(folder / part, count)
+        rows = [{"file_name": f"f{i}.png", "labels": {"z": i, "t": -i}} for i in range(count)]
+        write_lines(folder / part / "metadata.jsonl", rows)
+    dataset = import_folder(folder, tmp_path / "out")
+    split = dataset.splits["imported"]
+    assert [len(p) for p in (split.train, split.validation, split.test)] == [4, 2, 3]
+    names = {s.id: s.extra["source_name"] for s in dataset.samples}
+    assert {names[i].partition("/")[0] for i in split.validation} == {"validation"}
+    assert dataset.samples[1].labels.keys() == {"labels.z", "labels.t"}
+
+
+def test_our_own_metadata_is_an_image_folder(plain, tmp_path):
+    import_folder(plain, tmp_path / "out")
+    (tmp_path / "out" / "dataset.json").unlink()
+    assert find_format(tmp_path / "out") == "huggingface"
+    recording = open_recording(tmp_path / "out")
+    np.testing.assert_array_equal(recording.labels["depth_mm"], [1, 2, 3, 4])
+    assert recording.scenes[1].pose == Pose(1.0, -1.5, depth=2.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("{", ("line 2", "no JSON")),
+        ("[1]", ("line 2", "no JSON object")),
+        ('{"file_name": "f0.png", "depth": 1}', ("rows 1 and 2", "f0.png")),
+        ('{"file_name": "f1.png", "depth": NaN}', ("row 2", "depth", "NaN")),
+        ('{"file_name": "../f1.png", "depth": 1}', ("row 2", "inside")),
+        ('{"depth": 1}', ("row 2", "names no frame")),
+    ],
+)
+def test_bad_lines(tmp_path, refused, line, words):
+    folder = tmp_path / "hf"
+    frames(folder, 2)
+    (folder / "metadata.jsonl").write_text(f'{{"file_name": "f0.png", "depth": 0.5}}\n{line}\n')
+    refused(lambda: import_folder(folder, tmp_path / "out"), "metadata.jsonl", *words)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["hf"]
+
+
+def test_no_lines(tmp_path, refused):
+    folder = tmp_path / "hf"
+    frames(folder, 1)
+    (folder / "metadata.jsonl").write_text("\n")
+    refused(lambda: open_recording(folder), "has no rows")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("indenter", ("NAME=VALUE",)),
+        ("indentr=plate", ("did you mean 'indenter'",)),
+        ("indenter=ball", ("'ball'", "plate")),
+        ("offset_mm=nan", ("offset_mm",)),
+        ("radius_mm=0", ("radius_mm", "0.01")),
+    ],
+)
+def test_options_that_are_not_understood(refused, text, words):
+    refused(lambda: read_options([text]), *words)
+    refused(lambda: read_options(["pivot_mm=1", "pivot_mm=2"]), "given twice")

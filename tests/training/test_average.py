@@ -1,0 +1,52 @@
+import numpy as np
+import torch
+from torch import nn
+
+from tactibench.training import Examples
+from tactibench.training.average import averaged
+
+
+def walk(steps, decay):
+    """The mean of a weight that is 1, 2, 3, ... after the steps."""
+    network = nn.Linear(1, 1, bias=False)
+    nn.init.zeros_(network.weight)
+    mean = averaged(network, decay)
+    for step in range(1, steps + 1):
+        nn.init.constant_(network.weight, float(step))
+        mean.update_parameters(network)
+    return mean.module.weight.item()
+
+
+def test_the_first_step_is_the_mean():
+    assert walk(1, 0.9) == 1.0
+
+
+def test_it_forgets_the_start_and_then_decays_evenly():
+    decay, expected = 0.8, 1.0
+    for step in range(2, 101):
+        kept = min(decay, step / (9 + step))
+        expected = kept * expected + (1 - kept) * step
+    assert abs(walk(100, decay) - expected) < 1e-3
+    assert abs(walk(100, decay) - (100 - decay / (1 - decay))) < 1e-3
+
+
+def test_it_is_a_network_of_its_own_that_no_gradient_reaches():
+    network = nn.Sequential(nn.Linear(2, 2), nn.Dropout(0.5)).train()
+    mean = averaged(network, 0.9)
+    assert not mean.module.training
+    assert not any(weight.requires_grad for weight in mean.parameters())
+    assert mean.module[0].weight is not network[0].weight
+    assert network[0].weight.requires_grad
+
+
+def test_statistics_come_from_rows_that_stand_for_all():
+    rng = np.random.default_rng(3)
+    depth = rng.permutation(np.linspace(0, 1, 3000)).astype(np.float32)
+    images = torch.zeros(len(depth), 1, 2, 2, dtype=torch.uint8)
+    examples = Examples(images, torch.from_numpy(depth)[:, None])
+    rows = examples.spread(100)
+    assert len(set(rows.tolist())) == 100
+    taken = depth[rows.numpy()]
+    assert abs(taken.mean() - depth.mean()) < 1e-3
+    assert abs(taken.std() - depth.std()) < 1e-2
+    assert sorted(examples.spread(5000).tolist()) == list(range(3000))
