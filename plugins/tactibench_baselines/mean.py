@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,7 +30,7 @@ class MeanModel(Model):
     contact when they have none). "plate": the mean depth and tilt.
     """
 
-    expected_failed_checks: ClassVar[dict[str, str]] = {
+    expected_failed_checks: ClassVar[Mapping[str, str]] = {
         "nan_frame": "answers the training mean and looks at no frame"
     }
 

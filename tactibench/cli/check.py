@@ -1,4 +1,4 @@
-"""``tactibench check``: whether a plugin behaves as every one of its kind must."""
+"""``tactibench check``: check that a plugin behaves as every one of its kind must."""
 
 from __future__ import annotations
 
@@ -55,48 +55,53 @@ def check(
     """
     from tactibench.plugins.host import PluginHost
     from tactibench.run.request import read_parameters
-    from tactibench.testing import expected_failures, properties, run_checks, subject_of
-    from tactibench.testing.report import known_names
+    from tactibench.testing import (
+        check_names,
+        expected_failures,
+        properties,
+        run_checks,
+        subject_of,
+    )
 
     host, given, reasons = PluginHost(), read_parameters(params), _reasons(expected)
     subjects = {
-        one: subject_of(one, name, parameters=given, host=host, **options)
-        for one in ([kind] if kind else _kinds(name, host))
+        subject_kind: subject_of(subject_kind, name, parameters=given, host=host, **options)
+        for subject_kind in ([kind] if kind else _kinds_of(name, host))
     }
-    for one in subjects:
-        known_names(properties(one), reasons)
+    for subject_kind in subjects:
+        check_names(properties(subject_kind), reasons)
     reports = []
-    for one, subject in subjects.items():
+    for subject_kind, subject in subjects.items():
         click.echo(f"{subject.title}:")
         expectations = expected_failures(subject, reasons)
-        report = run_checks(properties(one), subject, expectations, _tell)
+        report = run_checks(properties(subject_kind), subject, expectations, _print_finding)
         click.echo(report.summary())
         reports.append(report)
     if json_file is not None:
         _write(json_file, reports)
-    if not all(report.well for report in reports):
+    if not all(report.ok for report in reports):
         ctx.exit(1)
 
 
-def _tell(finding: Finding) -> None:
+def _print_finding(finding: Finding) -> None:
     click.echo(f"  {finding.line()}")
 
 
-def _kinds(name: str, host: PluginHost) -> list[str]:
-    """The kinds that have something of that name. Raises UserError for none."""
-    found = [one.kind for one in host.catalogues if name in one]
-    if not found:
+def _kinds_of(name: str, host: PluginHost) -> list[str]:
+    """Return the kinds that have something of that name. Raises UserError for none."""
+    kinds = [catalogue.kind for catalogue in host.catalogues if name in catalogue]
+    if not kinds:
         known = {spec.name for catalogue in host.catalogues for spec in catalogue}
         broken = "; `tactibench doctor` names plugins that do not load" if host.problems else ""
         raise UserError(
             f"no model, sensor or encoder is called {name!r}{broken}; {did_you_mean(name, known)}"
         )
-    return found
+    return kinds
 
 
 def _reasons(texts: tuple[str, ...]) -> dict[str, str]:
-    """``("nan_frame=looks at no frame",)`` -> property -> reason. Raises UserError."""
-    found = {}
+    """Return property -> reason of ``("nan_frame=looks at no frame",)``. Raises UserError."""
+    reasons = {}
     for text in texts:
         name, equals, reason = text.partition("=")
         if not equals:
@@ -104,8 +109,8 @@ def _reasons(texts: tuple[str, ...]) -> dict[str, str]:
                 f"--expect-failed {text!r} is not understood; write PROPERTY=REASON, for example "
                 "--expect-failed 'nan_frame=looks at no frame'."
             )
-        found[name] = reason
-    return found
+        reasons[name] = reason
+    return reasons
 
 
 def _write(path: Path, reports: list[Report]) -> None:
@@ -118,14 +123,14 @@ def _write(path: Path, reports: list[Report]) -> None:
             "properties": [
                 {
                     "subject": report.title,
-                    "property": one.asked.name,
-                    "asserts": one.asked.statement,
-                    "outcome": one.outcome,
-                    "found": one.found,
-                    "seconds": round(one.seconds, 3),
+                    "property": finding.checked.name,
+                    "asserts": finding.checked.statement,
+                    "outcome": finding.outcome,
+                    "found": finding.message,
+                    "seconds": round(finding.seconds, 3),
                 }
                 for report in reports
-                for one in report.findings
+                for finding in report.findings
             ],
         },
     )

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +37,10 @@ class Encoder(ABC):
         separation: Closest spacing of two contacts that are told apart, mm.
         tolerance: Largest round-trip error in x, y and depth of one contact away from the border,
             mm.
+        expected_failed_checks: Property of ``tactibench check`` -> reason why it does not hold.
     """
 
+    expected_failed_checks: ClassVar[Mapping[str, str]] = MappingProxyType({})
     channels: int
     separation: float
     tolerance: float
@@ -137,8 +139,10 @@ class Model(ABC):
         timed_as: Arithmetic of ``stages`` in words, such as "bf16, channels_last".
         configurations: Ways to compute the answers that are timed against each other, see
             ``configured``: name -> description, such as "float32, channels_last".
+        expected_failed_checks: Property of ``tactibench check`` -> reason why it does not hold.
     """
 
+    expected_failed_checks: ClassVar[Mapping[str, str]] = MappingProxyType({})
     timed_as: str = "as the model predicts"
     configurations: Mapping[str, str] = MappingProxyType({})
 
@@ -253,8 +257,10 @@ class Sensor(ABC):
         dome_radius_mm: Radius of the touched surface, mm; inf: flat; None: the protocol's dome.
         deepest_mm: Depth to which a tip may be pressed, mm; inf: as deep as the protocol asks.
         nuisances: Names of what ``covariance`` may take as unknown, such as "brightness".
+        expected_failed_checks: Property of ``tactibench check`` -> reason why it does not hold.
     """
 
+    expected_failed_checks: ClassVar[Mapping[str, str]] = MappingProxyType({})
     dome_radius_mm: float | None = None
     deepest_mm: float = math.inf
     nuisances: tuple[str, ...] = ()

@@ -9,13 +9,24 @@
 
 from __future__ import annotations
 
-from tactibench.testing.case import conformance
-from tactibench.testing.encoder import EncoderSubject
-from tactibench.testing.kinds import check, expected_failures, properties, subject_of
-from tactibench.testing.model import ModelSubject
-from tactibench.testing.property import Failed, NotApplicable, Property
-from tactibench.testing.report import Finding, Report, examine, run_checks
-from tactibench.testing.sensor import SensorSubject
+from tactibench.testing.checks import (
+    check,
+    conformance,
+    expected_failures,
+    properties,
+    subject_of,
+)
+from tactibench.testing.runner import (
+    Failed,
+    Finding,
+    NotApplicable,
+    Property,
+    Report,
+    check_names,
+    examine,
+    run_checks,
+)
+from tactibench.testing.subjects import EncoderSubject, ModelSubject, SensorSubject
 
 __all__ = [
     "EncoderSubject",
@@ -27,6 +38,7 @@ __all__ = [
     "Report",
     "SensorSubject",
     "check",
+    "check_names",
     "conformance",
     "examine",
     "expected_failures",

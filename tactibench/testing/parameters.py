@@ -1,4 +1,4 @@
-"""The declared parameters of any kind of plugin."""
+"""Check of the declared parameters, the same for every kind of plugin."""
 
 from __future__ import annotations
 
@@ -8,55 +8,57 @@ from typing import Any
 
 from tactibench.errors import UserError, describe_exception
 from tactibench.plugins.specs import Parameter, Value
-from tactibench.testing.property import Failed, refused
+from tactibench.testing.runner import Failed, must_refuse
 
 Build = Callable[[Mapping[str, Value]], Any]
 
 
 def check_parameters(spec: Any, values: Mapping[str, Value], build: Build) -> None:
-    """Every value that is declared as allowed builds or is refused; every other is refused.
+    """Check that every allowed value builds or is refused, and that every other is refused.
 
-    build: makes the target from the values of all parameters. Raises Failed.
+    Args:
+        spec: The spec whose parameters are checked.
+        values: Values of all parameters; one at a time is changed.
+        build: Makes the target from the values of all parameters.
+
+    Raises:
+        Failed: For a value that is treated otherwise.
     """
-    with refused("a parameter that is not declared"):
+    with must_refuse("a parameter that is not declared"):
         spec.settings({"no_such_parameter": "1"})
     for parameter in spec.parameters:
-        for text in _forbidden(parameter):
-            with refused(f"{parameter.name}={text}"):
+        for text in _forbidden_texts(parameter):
+            with must_refuse(f"{parameter.name}={text}"):
                 spec.settings({parameter.name: text})
-        for value in _edges(parameter):
-            _builds(build, {**values, parameter.name: value}, f"{parameter.name}={value!r}")
+        for value in _edge_values(parameter):
+            try:
+                build({**values, parameter.name: value})
+            except UserError:
+                continue
+            except Exception as error:
+                raise Failed(
+                    f"{parameter.name}={value!r} is allowed, but building with it raised "
+                    f"{describe_exception(error)}; narrow its bounds or refuse it with a UserError"
+                ) from error
 
 
-def _builds(build: Build, values: Mapping[str, Value], what: str) -> None:
-    try:
-        build(values)
-    except UserError:
-        return
-    except Exception as error:
-        raise Failed(
-            f"{what} is allowed, but building with it raised {describe_exception(error)}; narrow "
-            "its bounds or refuse it with a UserError"
-        ) from error
-
-
-def _forbidden(parameter: Parameter) -> Iterator[str]:
-    """Texts that no user may give."""
+def _forbidden_texts(parameter: Parameter) -> Iterator[str]:
+    default = parameter.default
     if parameter.choices:
         yield "no such choice"
-    elif not isinstance(parameter.default, str):
+    elif not isinstance(default, str):
         yield "word"
-    if isinstance(parameter.default, float):
+    if isinstance(default, float):
         yield "nan"
-    if isinstance(parameter.default, int | float) and not isinstance(parameter.default, bool):
+    if isinstance(default, int | float) and not isinstance(default, bool):
         if parameter.low is not None:
-            yield str(type(parameter.default)(parameter.low - 1))
+            yield str(type(default)(parameter.low - 1))
         if parameter.high is not None:
-            yield str(type(parameter.default)(parameter.high + 1))
+            yield str(type(default)(parameter.high + 1))
 
 
-def _edges(parameter: Parameter) -> Iterator[Value]:
-    """The allowed values that are likeliest not to have been thought of."""
+def _edge_values(parameter: Parameter) -> Iterator[Value]:
+    """Yield allowed values that an author is likely to have forgotten."""
     if parameter.choices:
         yield from parameter.choices
         return

@@ -62,15 +62,15 @@ def other_subject(name: str, **parameters: str) -> ModelSubject:
 def test_conformance(name: str, asked: Any) -> None:
     expected = expected_failures(subject(name)).get(asked.name)
     finding = examine(asked, subject(name), expected)
-    assert finding.well, finding.line()
+    assert finding.ok, finding.line()
 
 
 @pytest.mark.parametrize("encoder", ["axes", "depth", "offset"])
 def test_a_unet_learns_through_every_heat_encoder(encoder: str) -> None:
     parameters = {"model": {**TINY["unet"], "epochs": "2"}}
     report = check("model", "unet", encoder=encoder, parameters=parameters)
-    bad = {one.asked.name: one.line() for one in report.findings if not one.well}
-    bad.pop("answered", None)  # two epochs are too few
+    bad = {one.checked.name: one.line() for one in report.findings if not one.ok}
+    bad.pop("finds_contacts", None)  # two epochs are too few
     assert not bad
 
 
@@ -91,13 +91,13 @@ def test_the_declared_defaults_build(name: str) -> None:
 def test_size_and_operations_of_a_network_are_known(name: str) -> None:
     model = subject(name).trained()
     assert (model.parameter_count() or 0) > 100
-    assert (model.flops(subject(name).seen.frames[0]) or 0) > 1000
+    assert (model.flops(subject(name).test_examples.frames[0]) or 0) > 1000
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stages_end_in_the_answers_of_predict(name: str) -> None:
     """To 0.1 mm in the median: on some processors the stages compute in bf16."""
-    model, frames = subject(name).trained(), list(subject(name).seen.frames)
+    model, frames = subject(name).trained(), list(subject(name).test_examples.frames)
     value: Any = frames
     for _, stage in model.stages():
         value = stage(value)
@@ -214,7 +214,7 @@ def blank(frame: Frame) -> Frame:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_black_frame_is_answered_or_refused(name: str) -> None:
     """A camera that sees nothing is no reason to stop with a traceback."""
-    frame = blank(subject(name).seen.frames[0])
+    frame = blank(subject(name).test_examples.frames[0])
     try:
         (answer,) = subject(name).trained().predict([frame])
     except UserError:

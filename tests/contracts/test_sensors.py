@@ -39,7 +39,7 @@ def examine_once(asked: Property, name: str) -> Finding:
 @pytest.mark.parametrize("asked", properties("sensor"), ids=lambda one: one.name)
 def test_conformance(name: str, asked: Property) -> None:
     finding = examine_once(asked, name)
-    assert finding.well, finding.line()
+    assert finding.ok, finding.line()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -56,14 +56,14 @@ def test_the_declared_defaults_build(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_noise_follows_the_seed(name: str) -> None:
     scene = subject(name).scenes[0]
-    first, again, other = (subject(name).pressed(scene, seed=seed)[0] for seed in (0, 0, 1))
+    first, again, other = (subject(name).press(scene, seed=seed)[0] for seed in (0, 0, 1))
     assert (first.image == again.image).all()
     assert (first.image != other.image).any()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_bound_is_the_root_of_the_covariance_or_both_are_unknown(name: str) -> None:
-    sensor, scene = subject(name).described, Scene(Indenter.single(), Pose(1.0, 2.0, depth=2.0))
+    sensor, scene = subject(name).unopened, Scene(Indenter.single(), Pose(1.0, 2.0, depth=2.0))
     try:
         bound, covariance = sensor.bound(scene), sensor.covariance(scene)
     except UserError:
@@ -83,7 +83,7 @@ def test_the_bound_is_the_root_of_the_covariance_or_both_are_unknown(name: str) 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_presses_and_split_are_of_the_scenes(name: str) -> None:
-    sensor = subject(name).described
+    sensor = subject(name).unopened
     scenes = sensor.scenes() or {}
     assert set(sensor.presses()) <= set(scenes)
     assert set(sensor.split()) <= set(scenes)

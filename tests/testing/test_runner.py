@@ -11,14 +11,14 @@ from tactibench.testing import (
     Failed,
     NotApplicable,
     Property,
+    checks,
     conformance,
     examine,
     properties,
     run_checks,
     subject_of,
 )
-from tactibench.testing import case as cases
-from tactibench.testing.report import EXPECTED, FAILED, PASSED, SKIPPED, UNEXPECTED
+from tactibench.testing.runner import EXPECTED, FAILED, PASSED, SKIPPED, UNEXPECTED
 
 
 class Subject:
@@ -47,7 +47,7 @@ def crash(_: Any) -> None:
     raise SystemExit(4)
 
 
-GOOD, BAD, ELSEWHERE, CRASH = map(Property.of, (good, bad, elsewhere, crash))
+GOOD, BAD, ELSEWHERE, CRASH = map(Property.from_function, (good, bad, elsewhere, crash))
 
 
 def outcomes(*asked: Property, **expected: str) -> list[str]:
@@ -71,7 +71,7 @@ def test_outcomes() -> None:
     assert outcomes(GOOD, BAD, ELSEWHERE, CRASH) == [PASSED, FAILED, SKIPPED, FAILED]
     report = run_checks((GOOD, BAD, ELSEWHERE), Subject())
     assert report.summary() == "2 ran: 1 passed, 1 failed; 1 skipped"
-    assert not report.well
+    assert not report.ok
     assert report.rows()[0] == {
         "metric": "ran",
         "group": "model thing",
@@ -80,24 +80,24 @@ def test_outcomes() -> None:
     }
     (line,) = [one.line() for one in report.findings if one.outcome == FAILED]
     assert line.endswith("It is bad -- 3 where 4 was due")
-    assert "SystemExit: 4" in examine(CRASH, Subject()).found
+    assert "SystemExit: 4" in examine(CRASH, Subject()).message
 
 
 def test_an_expected_failure_is_none_and_a_surprise_is_one() -> None:
     assert outcomes(GOOD, BAD, bad="as designed") == [PASSED, EXPECTED]
     report = run_checks((GOOD, BAD), Subject(), {"bad": "as designed"})
-    assert report.well
+    assert report.ok
     assert report.summary() == "2 ran: 1 passed, 0 failed, 1 failed as expected; 0 skipped"
     assert outcomes(GOOD, good="as designed") == [UNEXPECTED]
-    assert not run_checks([GOOD], Subject(), {"good": "as designed"}).well
+    assert not run_checks([GOOD], Subject(), {"good": "as designed"}).ok
     assert outcomes(ELSEWHERE, elsewhere="as designed") == [SKIPPED]
 
 
 def test_nothing_that_ran_proves_nothing() -> None:
     report = run_checks([ELSEWHERE], Subject())
-    assert (report.ran, report.well) == (0, False)
+    assert (report.ran, report.ok) == (0, False)
     assert "nothing ran" in report.summary()
-    assert not run_checks([], Subject()).well
+    assert not run_checks([], Subject()).ok
 
 
 def test_expected_failures_must_be_known_and_reasoned() -> None:
@@ -112,15 +112,15 @@ def test_expected_failures_must_be_known_and_reasoned() -> None:
 
 
 def test_conformance_is_one_test_a_property(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cases, "properties", lambda kind: (GOOD, BAD, ELSEWHERE, CRASH))
+    monkeypatch.setattr(checks, "properties", lambda kind: (GOOD, BAD, ELSEWHERE, CRASH))
     made: list[str] = []
 
     def subject(kind: str, name: str, **options: Any) -> Any:
         made.append(name)
         return Subject()
 
-    monkeypatch.setattr(cases, "subject_of", subject)
-    monkeypatch.setattr(cases, "expected_failures", lambda _, given: dict(given or {}))
+    monkeypatch.setattr(checks, "subject_of", subject)
+    monkeypatch.setattr(checks, "expected_failures", lambda _, given: dict(given or {}))
     test = conformance("model", "thing", expected_failed_checks={"crash": "as designed"})
     (mark,) = test.pytestmark  # type: ignore[attr-defined]
     assert mark.args[1] == ["good", "bad", "elsewhere", "crash"]
@@ -141,7 +141,7 @@ def test_conformance_is_one_test_a_property(monkeypatch: pytest.MonkeyPatch) -> 
 def test_what_a_class_expects_of_itself_is_read(host: Any, target: Any) -> None:
     honest = type("Honest", (target("model"),), {"expected_failed_checks": {"seed": "by design"}})
     subject = subject_of("model", "good_model", host=host("model", honest))
-    assert cases.expected_failures(subject, {"batch": "too"}) == {
+    assert checks.expected_failures(subject, {"batch": "too"}) == {
         "seed": "by design",
         "batch": "too",
     }

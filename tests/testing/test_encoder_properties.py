@@ -10,9 +10,9 @@ import pytest
 
 from tactibench import Contacts, Grid
 from tactibench.testing import examine, properties, run_checks, subject_of
-from tactibench.testing.report import FAILED, SKIPPED
+from tactibench.testing.runner import FAILED, SKIPPED
 
-ASKED = {one.name: one for one in properties("encoder")}
+PROPERTIES = {one.name: one for one in properties("encoder")}
 
 
 def no_tolerance(good: Any) -> Any:
@@ -183,13 +183,13 @@ BROKEN = [
 
 
 def test_every_property_has_a_broken_example() -> None:
-    assert {name for name, _, _ in BROKEN} == set(ASKED)
+    assert {name for name, _, _ in BROKEN} == set(PROPERTIES)
 
 
 def test_the_good_one_holds_them_all(host: Any) -> None:
-    report = run_checks(ASKED.values(), subject_of("encoder", "good_encoder", host=host()))
+    report = run_checks(PROPERTIES.values(), subject_of("encoder", "good_encoder", host=host()))
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
-    assert [one.asked.name for one in report.findings if one.outcome == SKIPPED] == ["too_many"]
+    assert [one.checked.name for one in report.findings if one.outcome == SKIPPED] == ["too_many"]
 
 
 @pytest.mark.parametrize(("name", "broken", "fields"), BROKEN)
@@ -197,6 +197,6 @@ def test_a_broken_one_is_caught(
     host: Any, target: Any, name: str, broken: Any, fields: dict[str, Any]
 ) -> None:
     built = host("encoder", broken(target("encoder")), **fields)
-    finding = examine(ASKED[name], subject_of("encoder", "good_encoder", host=built))
+    finding = examine(PROPERTIES[name], subject_of("encoder", "good_encoder", host=built))
     assert finding.outcome == FAILED
-    assert finding.found
+    assert finding.message

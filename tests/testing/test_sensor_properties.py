@@ -11,9 +11,9 @@ import pytest
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
 from tactibench.testing import examine, properties, run_checks, subject_of
-from tactibench.testing.report import FAILED, PASSED, SKIPPED
+from tactibench.testing.runner import FAILED, PASSED, SKIPPED
 
-ASKED = {one.name: one for one in properties("sensor")}
+PROPERTIES = {one.name: one for one in properties("sensor")}
 KEPT = {
     f"press {number}": Scene(Indenter.single(), Pose(x, 0.5, 0, 0, depth))
     for number, (x, depth) in enumerate([(0.0, 1.0), (0.0, 2.0), (3.0, 4.0)])
@@ -133,7 +133,7 @@ def turned(frame: Frame, _: Scene) -> Frame:
 
 
 BROKEN = [
-    ("target", with_methods(describe=None)),
+    ("target", lambda _: type("NoSensor", (), {})),
     ("parameters", half_the_size_is_a_crash),
     ("context_manager", with_methods(__exit__=lambda *_: True)),
     ("context_manager", with_methods(__enter__=lambda self: None)),
@@ -178,22 +178,22 @@ BROKEN = [
 
 
 def test_every_property_has_a_broken_example() -> None:
-    assert {name for name, _ in BROKEN} == set(ASKED)
+    assert {name for name, _ in BROKEN} == set(PROPERTIES)
 
 
 def test_the_good_one_holds_them_all(host: Any) -> None:
-    report = run_checks(ASKED.values(), subject_of("sensor", "good_sensor", host=host()))
+    report = run_checks(PROPERTIES.values(), subject_of("sensor", "good_sensor", host=host()))
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
-    skipped = {one.asked.name for one in report.findings if one.outcome == SKIPPED}
+    skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
     assert skipped == {"scenes", "surface", "bound"}
 
 
 @pytest.mark.parametrize(("name", "broken"), BROKEN)
 def test_a_broken_one_is_caught(host: Any, target: Any, name: str, broken: Any) -> None:
     built = host("sensor", broken(target("sensor")))
-    finding = examine(ASKED[name], subject_of("sensor", "good_sensor", host=built))
+    finding = examine(PROPERTIES[name], subject_of("sensor", "good_sensor", host=built))
     assert finding.outcome == FAILED
-    assert finding.found
+    assert finding.message
 
 
 def test_a_sensor_that_has_scenes_is_asked_for_those(host: Any, target: Any) -> None:
@@ -204,8 +204,8 @@ def test_a_sensor_that_has_scenes_is_asked_for_those(host: Any, target: Any) -> 
 
     broken = with_methods(scenes=lambda self: dict(KEPT), press=press)
     built = host("sensor", broken(target("sensor")), origin="real")
-    report = run_checks(ASKED.values(), subject_of("sensor", "good_sensor", host=built))
-    outcomes = {one.asked.name: one.outcome for one in report.findings}
+    report = run_checks(PROPERTIES.values(), subject_of("sensor", "good_sensor", host=built))
+    outcomes = {one.checked.name: one.outcome for one in report.findings}
     assert [name for name, outcome in outcomes.items() if outcome == FAILED] == []
     assert outcomes["scenes"] == outcomes["determinism"] == outcomes["refusals"] == PASSED
     assert outcomes["deeper"] == outcomes["direction"] == SKIPPED
@@ -213,5 +213,5 @@ def test_a_sensor_that_has_scenes_is_asked_for_those(host: Any, target: Any) -> 
 
 def test_a_real_sensor_need_not_repeat_itself(host: Any, target: Any) -> None:
     subject = subject_of("sensor", "good_sensor", host=host("sensor", None, origin="real"))
-    assert examine(ASKED["determinism"], subject).outcome == SKIPPED
-    assert examine(ASKED["press_many"], subject).outcome == SKIPPED
+    assert examine(PROPERTIES["determinism"], subject).outcome == SKIPPED
+    assert examine(PROPERTIES["press_many"], subject).outcome == SKIPPED

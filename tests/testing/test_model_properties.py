@@ -11,17 +11,10 @@ import pytest
 
 from tactibench import Contacts, Frame, PlatePose, UserError
 from tactibench.testing import examine, properties, run_checks, subject_of
-from tactibench.testing.report import FAILED, PASSED, SKIPPED
+from tactibench.testing.runner import FAILED, PASSED, SKIPPED
 
-ASKED = {one.name: one for one in properties("model")}
+PROPERTIES = {one.name: one for one in properties("model")}
 SMALL = {"model": {"size": "8"}}
-
-
-def no_save(good: Any) -> Any:
-    class Broken(good):
-        save = None
-
-    return Broken
 
 
 def refuses_to_be_small(good: Any) -> Any:
@@ -222,7 +215,7 @@ def stages_for_one_frame(good: Any) -> Any:
 
 ANY, BOTH = {"max_contacts": None}, {"answers": ("contacts", "plate")}
 BROKEN = [
-    ("target", no_save, {}),
+    ("target", lambda _: type("NoModel", (), {}), {}),
     ("parameters", refuses_to_be_small, {}),
     ("fit", no_report, {}),
     ("fit", does_not_train, {}),
@@ -232,7 +225,7 @@ BROKEN = [
     ("shapes", answering(lambda answers, _: [None for _ in answers]), {}),
     ("shapes", answering(two), {}),
     ("shapes", answering(lambda answers, _: moved(answers, 4e5)), {}),
-    ("answered", answering(lambda answers, _: [Contacts.none() for _ in answers]), {}),
+    ("finds_contacts", answering(lambda answers, _: [Contacts.none() for _ in answers]), {}),
     ("empty", answering(lambda answers, frames: answers[:] if frames[0] else []), {}),
     ("batch", answering(lambda answers, _: moved(answers, len(answers) / 10)), {}),
     ("batch", answering(lambda answers, _: moved(answers, np.arange(len(answers)))), {}),
@@ -275,16 +268,16 @@ def plates(target: Callable[[str], Any]) -> Any:
 
 
 def test_every_property_has_a_broken_example() -> None:
-    assert {name for name, _, _ in BROKEN} == set(ASKED)
+    assert {name for name, _, _ in BROKEN} == set(PROPERTIES)
 
 
 def test_the_good_one_holds_them_all(host: Any) -> None:
     report = run_checks(
-        ASKED.values(), subject_of("model", "good_model", host=host(), parameters=SMALL)
+        PROPERTIES.values(), subject_of("model", "good_model", host=host(), parameters=SMALL)
     )
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
-    assert report.well
-    skipped = {one.asked.name for one in report.findings if one.outcome == SKIPPED}
+    assert report.ok
+    skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
     assert skipped == {"every_answer", "several", "maps"}
 
 
@@ -296,10 +289,10 @@ def test_a_broken_one_is_caught(
     subject = subject_of("model", "good_model", host=built, parameters=SMALL)
     if name == "every_answer":
         sensor = plates(_context())
-        subject = replace(subject, presser=replace(subject.presser, sensor=sensor))
-    finding = examine(ASKED[name], subject)
+        subject = replace(subject, presses=replace(subject.presses, sensor=sensor))
+    finding = examine(PROPERTIES[name], subject)
     assert finding.outcome == FAILED
-    assert finding.found
+    assert finding.message
 
 
 def _context() -> Any:
@@ -311,18 +304,18 @@ def _context() -> Any:
 def test_a_model_that_does_not_train_is_reported_once(host: Any, target: Any) -> None:
     built = host("model", does_not_train(target("model")))
     subject = subject_of("model", "good_model", host=built, parameters=SMALL)
-    report = run_checks(ASKED.values(), subject)
-    assert [one.asked.name for one in report.findings if one.outcome == FAILED] == ["fit"]
+    report = run_checks(PROPERTIES.values(), subject)
+    assert [one.checked.name for one in report.findings if one.outcome == FAILED] == ["fit"]
     assert report.count(PASSED) == 2
-    assert "RuntimeError: diverged" in next(f.found for f in report.findings if f.found)
+    assert "RuntimeError: diverged" in next(f.message for f in report.findings if f.message)
 
 
 def test_a_spec_whose_class_is_not_there_is_caught(host: Any) -> None:
     built = host("model", None, target="tactibench_good_model.model:NotThere")
-    finding = examine(ASKED["target"], subject_of("model", "good_model", host=built))
-    assert (finding.outcome, "NotThere" in finding.found) == (FAILED, True)
+    finding = examine(PROPERTIES["target"], subject_of("model", "good_model", host=built))
+    assert (finding.outcome, "NotThere" in finding.message) == (FAILED, True)
 
 
 def test_a_sensor_that_presses_no_plate_leaves_plates_out(host: Any, target: Any) -> None:
     subject = subject_of("model", "good_model", host=host("model", target("model"), **BOTH))
-    assert examine(ASKED["every_answer"], subject).outcome == SKIPPED
+    assert examine(PROPERTIES["every_answer"], subject).outcome == SKIPPED

@@ -1,0 +1,214 @@
+"""Entry points of the conformance kit: properties and subjects by kind and name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from tactibench.errors import UserError
+from tactibench.plugins.host import PluginHost
+from tactibench.plugins.specs import KINDS, EncoderSpec, Value
+from tactibench.protocols.loader import load_protocol
+from tactibench.testing import encoder as encoder_checks
+from tactibench.testing import model as model_checks
+from tactibench.testing import sensor as sensor_checks
+from tactibench.testing.presses import PROTOCOL, SensorPresses
+from tactibench.testing.runner import (
+    EXPECTED,
+    SKIPPED,
+    Finding,
+    Property,
+    Report,
+    check_names,
+    examine,
+    run_checks,
+)
+from tactibench.testing.subjects import EncoderSubject, ModelSubject, SensorSubject
+
+EPOCHS = "15"
+"""Epochs of a model under test that has such a parameter: enough for the shipped ones to answer a
+contact to frames like those of their training, and seconds on one core."""
+
+PROPERTIES = {
+    "model": model_checks.PROPERTIES,
+    "sensor": sensor_checks.PROPERTIES,
+    "encoder": encoder_checks.PROPERTIES,
+}
+OPTION_KINDS = {"sensor": "model", "encoder": "model", "data": "sensor"}
+"""Option of ``subject_of`` -> the kind of plugin that it belongs to."""
+
+Parameters = Mapping[str, Mapping[str, str]]
+"""Kind -> parameter -> text, as of ``--param``."""
+
+
+def properties(kind: str) -> tuple[Property, ...]:
+    """Return all properties of a kind, in the order of their checks. Raises UserError."""
+    if kind not in PROPERTIES:
+        raise UserError(f"there is no kind {kind!r}; allowed: {', '.join(KINDS)}.")
+    return PROPERTIES[kind]
+
+
+def subject_of(
+    kind: str,
+    name: str,
+    *,
+    parameters: Parameters | None = None,
+    sensor: str = "",
+    encoder: str = "",
+    data: Path | None = None,
+    host: PluginHost | None = None,
+) -> Any:
+    """Return the subject that the properties of a kind are checked on.
+
+    Args:
+        kind: "model", "sensor" or "encoder".
+        name: Name of the plugin's model, sensor or encoder.
+        parameters: Kind -> parameter -> text; of a model also those of its encoder.
+        sensor: Sensor that presses the frames of a model; "": the default one.
+        encoder: Encoder that a model is trained through; "": its own or the default one.
+        data: Folder of a sensor that needs one.
+        host: Plugins; None: all installed ones.
+
+    Raises:
+        UserError: For names, parameters and options that do not exist or fit.
+    """
+    properties(kind)
+    host, given = host or PluginHost(), parameters or {}
+    options = {"sensor": sensor, "encoder": encoder, "data": data}
+    for option, owner in OPTION_KINDS.items():
+        if options[option] and kind != owner:
+            raise UserError(
+                f"--{option} belongs to the check of a {owner}; leave it out, or say "
+                f"--kind {owner}."
+            )
+    for other in given:
+        if other != kind and not (kind == "model" and other == "encoder"):
+            raise UserError(
+                f"--param {other}.NAME does not belong to the check of a {kind}; leave it out, or "
+                f"say --kind {other}."
+            )
+    spec = host.catalogue(kind)[name]
+    title = f"{kind} {name} of plugin {host.catalogue(kind).origins[name]}"
+    if kind == "model":
+        return _model_subject(title, host, name, given, sensor, encoder)
+    values = spec.settings(given.get(kind, {}))
+    if kind == "encoder":
+        grid = load_protocol(PROTOCOL).keys.grid.grid()
+        return EncoderSubject(title, spec, values, grid)
+    if spec.needs_data and data is None:
+        raise UserError(
+            f"sensor {name!r} reads recorded frames; name their folder with --data DIR."
+        )
+    if data is not None and not spec.needs_data:
+        raise UserError(f"sensor {name!r} makes its own frames and takes no --data; leave it out.")
+    return SensorSubject(title, spec, values, data)
+
+
+def _model_subject(
+    title: str, host: PluginHost, name: str, given: Parameters, sensor: str, encoder: str
+) -> ModelSubject:
+    spec = host.models[name]
+    own = dict(given.get("model", {}))
+    if any(parameter.name == "epochs" for parameter in spec.parameters):
+        own.setdefault("epochs", EPOCHS)
+    trained_through: tuple[EncoderSpec, Mapping[str, Value]] | None = None
+    if spec.uses_encoder:
+        default = spec.default_encoder or load_protocol(PROTOCOL).keys.defaults.encoder
+        encoder_spec = host.encoders[encoder or default]
+        if encoder_spec.kind not in spec.encoders:
+            raise UserError(
+                f"encoder {encoder_spec.name!r} is of kind {encoder_spec.kind!r}, but model "
+                f"{name!r} learns {' and '.join(spec.encoders)}; take another encoder."
+            )
+        trained_through = encoder_spec, encoder_spec.settings(given.get("encoder", {}))
+    elif encoder or given.get("encoder"):
+        raise UserError(f"model {name!r} uses no encoder; leave the encoder options out.")
+    presses = SensorPresses.by_name(host, sensor)
+    title = f"{title} on frames of {presses.name}"
+    return ModelSubject(title, spec, spec.settings(own), presses, trained_through)
+
+
+def expected_failures(subject: Any, given: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Return the expected failures that a class declares, and those given.
+
+    A class that cannot be loaded declares nothing: the property ``target`` says why.
+    """
+    try:
+        declared = subject.spec.load().expected_failed_checks
+    except UserError:
+        declared = {}
+    return {**declared, **(given or {})}
+
+
+def check(
+    kind: str,
+    name: str,
+    *,
+    expected_failed_checks: Mapping[str, str] | None = None,
+    on_finding: Callable[[Finding], None] = lambda _: None,
+    **options: Any,
+) -> Report:
+    """Check all properties of one plugin.
+
+    Args:
+        kind: "model", "sensor" or "encoder".
+        name: Name of the plugin's model, sensor or encoder.
+        expected_failed_checks: Property -> reason why it is expected to fail; what the class
+            declares under that name is added.
+        on_finding: Called with each finding as it comes.
+        options: Options of ``subject_of``.
+
+    Raises:
+        UserError: As ``subject_of``, and for an expected failure that names no property.
+    """
+    subject = subject_of(kind, name, **options)
+    expected = expected_failures(subject, expected_failed_checks)
+    return run_checks(properties(kind), subject, expected, on_finding)
+
+
+def conformance(
+    kind: str,
+    name: str,
+    *,
+    expected_failed_checks: Mapping[str, str] | None = None,
+    **options: Any,
+) -> Callable[[str], None]:
+    """Return a pytest test with a parameter for every property of a model, sensor or encoder.
+
+    Assign it to a name that pytest collects: ``test_conformance = conformance("model", "ridge")``.
+    The plugin must be installed; it is looked up, and trained, when the first test runs.
+
+    Args:
+        kind: "model", "sensor" or "encoder".
+        name: Name of the plugin's model, sensor or encoder.
+        expected_failed_checks: Property -> reason why it is expected to fail; one that holds all
+            the same is a failure.
+        options: Options of ``subject_of``.
+
+    Raises:
+        UserError: At once, for an unknown kind or property.
+    """
+    import pytest
+
+    by_name = {one_property.name: one_property for one_property in properties(kind)}
+    check_names(by_name.values(), expected_failed_checks or {})
+
+    @cache
+    def subject() -> Any:
+        return subject_of(kind, name, **options)
+
+    @pytest.mark.parametrize("property_name", list(by_name))
+    def test_conformance(property_name: str) -> None:
+        expected = expected_failures(subject(), expected_failed_checks)
+        finding = examine(by_name[property_name], subject(), expected.get(property_name))
+        if finding.outcome == SKIPPED:
+            pytest.skip(finding.message)
+        if finding.outcome == EXPECTED:
+            pytest.xfail(finding.message)
+        if not finding.ok:
+            pytest.fail(f"{finding.checked.statement}: {finding.message}", pytrace=False)
+
+    test_conformance.__doc__ = f"Every property of the {kind} {name!r}."
+    return test_conformance

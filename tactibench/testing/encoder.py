@@ -1,0 +1,406 @@
+"""The properties of an encoder: the name of a function is the name of its property."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from tactibench.contacts import Contacts, Grid
+from tactibench.errors import UserError, describe_exception
+from tactibench.testing.parameters import check_parameters
+from tactibench.testing.runner import (
+    Failed,
+    NotApplicable,
+    Property,
+    must_refuse,
+    must_work,
+    require,
+)
+from tactibench.testing.subjects import EncoderSubject
+
+NUMBERS = ("channels", "separation", "tolerance")
+NOISE = 0.02
+"""Standard deviation of the noise that a trained network leaves on its maps."""
+HALF_WIDTH = 6.4
+"""Contacts lie in +- this, mm, as in the experiments."""
+SHALLOW, DEEP = 0.5, 6.0
+"""Range of depths, mm."""
+DEPTH_SLACK = 0.05
+"""Largest error of a depth, mm, where contacts are near each other or the border."""
+
+
+def target(subject: EncoderSubject) -> None:
+    """The class behind the spec loads, inherits from tactibench.Encoder, builds, and has limits."""
+    with must_work(f"building {subject.spec.target}"):
+        encoder = subject.encoder
+    missing = [
+        name for name in NUMBERS if not isinstance(getattr(encoder, name, None), int | float)
+    ]
+    require(not missing, f"it has no {', '.join(missing)}")
+    require(encoder.channels >= 1, f"channels is {encoder.channels}")
+    require(encoder.tolerance > 0, f"tolerance is {encoder.tolerance} mm; it must be positive")
+    require(encoder.separation > 0, f"separation is {encoder.separation} mm; it must be positive")
+
+
+def parameters(subject: EncoderSubject) -> None:
+    """Every allowed value of a parameter builds or is refused in words; any other is refused."""
+    check_parameters(subject.spec, subject.values, subject.build)
+
+
+def empty(subject: EncoderSubject) -> None:
+    """No contacts give empty maps, and empty maps no contacts, alone and in a batch."""
+    encoder, shape = subject.encoder, subject.grid.shape
+    maps = encoder.encode(Contacts.none(), subject.grid)
+    wanted = (encoder.channels, *shape)
+    require(maps.shape == wanted, f"maps of shape {maps.shape}, expected {wanted}")
+    require(not (subject.is_heat and maps[0].any()), "the first map is not 0 where nothing touches")
+    require(len(encoder.decode(maps, subject.grid)) == 0, "a contact was read from empty maps")
+    for count in (0, 1, 70):
+        read = [len(one) for one in subject.decode(np.repeat(maps[None], count, axis=0))]
+        require(read == [0] * count, f"a batch of {count} empty maps was read as {read}")
+    for value in (0.04, 0.5, 1.0) if subject.is_heat else ():
+        flat = np.full(wanted, value, np.float32)
+        count = len(encoder.decode(flat, subject.grid))
+        require(not count, f"{count} contacts were read from maps that are {value} everywhere")
+
+
+def round_trip(subject: EncoderSubject) -> None:
+    """One contact comes back alone and within the declared tolerance; maps are float32 in 0..1."""
+    rng = np.random.default_rng(2)
+    corners = [
+        Contacts.truth([[x, y]], [depth])
+        for x in (-HALF_WIDTH, HALF_WIDTH)
+        for y in (-HALF_WIDTH, 0.0)
+        for depth in (SHALLOW, DEEP)
+    ]
+    cells = [Contacts.truth([subject.grid.xy(row, row)], [2.0]) for row in (30, 30.5)]
+    encoder = subject.encoder
+    for truth in [*corners, *cells, *(_random_contact(rng) for _ in range(40))]:
+        maps = encoder.encode(truth, subject.grid)
+        wanted = (encoder.channels, *subject.grid.shape)
+        require(maps.dtype == np.float32, f"maps of {maps.dtype}, expected float32")
+        require(maps.shape == wanted, f"maps of shape {maps.shape}, expected {wanted}")
+        low, high = float(maps.min()), float(maps.max())
+        require(not subject.is_heat or (low >= 0 and high <= 1), f"maps from {low:g} to {high:g}")
+        found = encoder.decode(maps, subject.grid)
+        require(len(found) == 1, f"{_label(truth)} was read as {len(found)} contacts")
+        worst = max(_largest_errors(found, truth))
+        require(
+            worst <= encoder.tolerance,
+            f"{_label(truth)} came back off by {worst:.3g} mm, tolerance {encoder.tolerance:g}",
+        )
+
+
+def border(subject: EncoderSubject) -> None:
+    """A contact at the grid's edge, up to 0.4 cells outside it, is found within half a cell."""
+    grid, encoder = subject.grid, subject.encoder
+    allowed = max(encoder.tolerance, 0.5 * grid.pitch)
+    for beyond in (0.0, 0.375, -0.825, -2.75):
+        x, _ = grid.xy(0, -beyond)
+        _, low = grid.xy(grid.shape[0] - 1 + beyond, 0)
+        for y in (3.3, low):
+            truth = Contacts.truth([[x, y]], [2.5])
+            found = encoder.decode(encoder.encode(truth, grid), grid)
+            require(len(found) == 1, f"{_label(truth)} was read as {len(found)} contacts")
+            position, depth = _largest_errors(found, truth)
+            require(position <= allowed, f"{_label(truth)} came back off by {position:.3g} mm")
+            require(depth <= DEPTH_SLACK, f"the depth of {_label(truth)} is off by {depth:.3g} mm")
+
+
+def permutation(subject: EncoderSubject) -> None:
+    """The order of the contacts changes no map, and all of them come back."""
+    subject.skip_unless_several()
+    encoder, grid = subject.encoder, subject.grid
+    xy, depth = np.array([[-5.0, 4], [4.3, 4.9], [0.2, -5.1]]), np.array([1.0, 3.0, 5.5])
+    far = Contacts.truth(xy, depth), Contacts.truth(xy[[2, 0, 1]], depth[[2, 0, 1]])
+    near = Contacts.truth([[-1, 0], [1, 0]], [1, 5]), Contacts.truth([[1, 0], [-1, 0]], [5, 1])
+    for one, other in (far, near):
+        same = np.array_equal(encoder.encode(one, grid), encoder.encode(other, grid))
+        require(same, f"the maps of {_label(one)} depend on their order")
+    found = encoder.decode(encoder.encode(far[0], grid), grid)
+    require(len(found) == 3, f"{_label(far[0])} were read as {len(found)} contacts")
+    worst = max(_largest_errors(found, far[0]))
+    require(worst <= encoder.tolerance, f"{_label(far[0])} came back off by {worst:.3g} mm")
+
+
+def shift(subject: EncoderSubject) -> None:
+    """Moving the maps by whole cells moves the contact by whole pitches and keeps its depth."""
+    rng = np.random.default_rng(6)
+    encoder, grid = subject.encoder, subject.grid
+    for _ in range(15):
+        truth = Contacts.truth(rng.uniform(-5, 5, (1, 2)), rng.uniform(SHALLOW, DEEP, 1))
+        right, down = rng.integers(-6, 7, 2).tolist()
+        maps = encoder.encode(truth, grid)
+        here = encoder.decode(maps, grid)
+        there = encoder.decode(np.roll(maps, (down, right), axis=(1, 2)), grid)
+        require(len(here) == len(there), f"{_label(truth)} moved is {len(there)} contacts")
+        moved = np.abs(there.xy - here.xy - grid.pitch * np.array([right, down])).max()
+        require(
+            moved <= 1e-6, f"{_label(truth)} moved by {right}, {down} cells is off by {moved:.3g}"
+        )
+        deeper = np.abs(there.depth - here.depth).max()
+        require(deeper <= 1e-6, f"the depth of {_label(truth)} changed by {deeper:.3g} mm")
+
+
+def refine(subject: EncoderSubject) -> None:
+    """On clean maps positions are read fifty times more finely than cells alone would allow."""
+    rng = np.random.default_rng(3)
+    lists = [_random_contact(rng) for _ in range(200)]
+    found = subject.decode(subject.encode(lists))
+    require(all(map(len, found)), "a contact was not read")
+    away = [f.xy[0] - t.xy[0] for f, t in zip(found, lists, strict=True)]
+    rms, cells = float(np.sqrt(np.mean(np.square(away)))), subject.grid.pitch / np.sqrt(12)
+    require(rms < 0.02 * cells, f"rms error {rms:.3g} mm; that of cells is {cells:.3g} mm")
+
+
+def noise(subject: EncoderSubject) -> None:
+    """White noise of 0.02 moves the best contact little, and its depth by no more than 0.36 mm."""
+    subject.skip_unless_heat()
+    rng = np.random.default_rng(4)
+    lists = [_random_contact(rng, shallowest=2.0) for _ in range(200)]
+    maps = subject.encode(lists)
+    maps = maps + NOISE * rng.standard_normal(maps.shape, dtype=np.float32)
+    found = [one.top(1) for one in subject.decode(maps)]
+    depth = [_largest_errors(f, t)[1] for f, t in zip(found, lists, strict=True)]
+    away = np.array([f.xy[0] - t.xy[0] for f, t in zip(found, lists, strict=True)])
+    rms = float(np.sqrt(np.mean(np.square(away)))) / subject.grid.pitch
+    require(rms < subject.noise_cells, f"rms {rms:.3g} cells, at most {subject.noise_cells:g}")
+    off, most = float(np.sqrt(np.mean(np.square(depth)))), 3 * NOISE * DEEP
+    require(off < most, f"the depth is off by {off:.3g} mm rms, at most {most:.2g} mm")
+
+
+def close_pair(subject: EncoderSubject) -> None:
+    """Pairs as close as the declared separation are two, each within half a cell, at any depths."""
+    subject.skip_unless_several()
+    rng = np.random.default_rng(5)
+    encoder, allowed = subject.encoder, max(subject.encoder.tolerance, 0.5 * subject.grid.pitch)
+    for further in (0.0, 0.5, 1.5):
+        distance = encoder.separation + further
+        require(np.isfinite(distance), "separation is not finite, but several contacts are shown")
+        lists = [_random_pair(rng, distance, [SHALLOW, DEEP]) for _ in range(100)]
+        lists += [_random_pair(rng, distance, rng.uniform(SHALLOW, DEEP, 2)) for _ in range(150)]
+        found = subject.decode(subject.encode(lists))
+        for one, truth in zip(found, lists, strict=True):
+            require(len(one) == 2, f"{_label(truth)} were read as {len(one)} contacts")
+            position, depth = _largest_errors(one, truth)
+            require(position <= allowed, f"{_label(truth)} came back off by {position:.3g} mm")
+            require(
+                depth <= max(encoder.tolerance, DEPTH_SLACK),
+                f"the depths of {_label(truth)} came back off by {depth:.3g} mm",
+            )
+
+
+def pure(subject: EncoderSubject) -> None:
+    """Maps are left as they are, may be read-only, and are read alike in a batch and alone."""
+    rng = np.random.default_rng(7)
+    lists = [_random_contact(rng) for _ in range(70)]
+    maps = subject.encode(lists)
+    _same_batch(subject, lists, maps)
+    maps = maps + 0.01 * rng.random(maps.shape, dtype=np.float32)
+    before = maps.copy()
+    together = subject.decode(maps)
+    require(np.array_equal(maps, before), "decode_batch changed the maps")
+    alone = maps.copy()
+    for one in alone:
+        subject.encoder.decode(one, subject.grid)
+    require(np.array_equal(alone, before), "decode changed the maps")
+    maps.setflags(write=False)
+    with must_work("reading maps that may not be written to"):
+        found = [subject.encoder.decode(one, subject.grid) for one in maps]
+        subject.decode(maps)
+    for one, other in zip(found, together, strict=True):
+        _alike(one, other, 1e-9, "alone and in a batch")
+
+
+def dtype(subject: EncoderSubject) -> None:
+    """Maps of float16 and float64, strided or in Fortran order, are read as those of float32."""
+    encoder, grid = subject.encoder, subject.grid
+    maps = encoder.encode(Contacts.truth([[1.11, -2.22]], [4.0]), grid)
+    expected = encoder.decode(maps, grid)
+    for kind, slack in ((np.float64, 1e-6), (np.float16, 0.02)):
+        wide = np.empty((*maps.shape[:2], 2 * maps.shape[2]), kind)
+        wide[:, :, ::2] = maps
+        for given in (maps.astype(kind), wide[:, :, ::2], np.asfortranarray(maps.astype(kind))):
+            with must_work(f"reading {np.dtype(kind)} maps"):
+                found = encoder.decode(np.asanyarray(given), grid)
+            _alike(found, expected, slack, f"as {np.dtype(kind)}")
+
+
+def scores(subject: EncoderSubject) -> None:
+    """Scores lie in 0..1 and fall with the heat; noise is read as a bounded number of contacts."""
+    encoder, grid = subject.encoder, subject.grid
+    maps = encoder.encode(Contacts.truth([[1.2, -2.1]], [DEEP]), grid)
+    with must_work("a map 5 % above 1"):
+        full = encoder.decode(1.05 * maps, grid)
+    require(len(full) and full.score[0] == 1.0, f"maps 5 % above 1 have the scores {full.score}")
+    faint = [encoder.decode(np.float32(share) * maps, grid).score for share in (1.0, 0.8, 0.5)]
+    require(all(map(len, faint)), "at half its heat, a contact of 6 mm was not read")
+    best = [float(score[0]) for score in faint]
+    require(all(a > b for a, b in pairwise(best)), f"of heat 1, 0.8 and 0.5 scores are {best}")
+    noisy = np.random.default_rng(8).random((20, *maps.shape))
+    low, high = grid.xy(0, 0) - 2.5, grid.xy(grid.shape[0] - 1, grid.shape[1] - 1) + 2.5
+    for found in subject.decode(noisy):
+        require(len(found) <= subject.most_contacts, f"{len(found)} contacts were read from noise")
+        inside = ((found.xy >= low) & (found.xy <= high)).all()
+        require(inside, "a contact was read more than 2.5 mm outside the grid")
+
+
+def finite(subject: EncoderSubject) -> None:
+    """Maps that hold NaN or infinity are refused, alone and in a batch."""
+    for bad in (np.nan, np.inf, -np.inf):
+        maps = np.zeros((subject.encoder.channels, *subject.grid.shape), np.float32)
+        maps[-1, 5, 6] = bad
+        with must_refuse(f"a map that holds {bad}"):
+            subject.encoder.decode(maps, subject.grid)
+        with must_refuse(f"a batch that holds {bad}"):
+            subject.decode(maps[None])
+
+
+def shape(subject: EncoderSubject) -> None:
+    """Maps of another shape than the grid's are refused."""
+    channels, (rows, columns) = subject.encoder.channels, subject.grid.shape
+    for wrong in (
+        (rows, columns),
+        (channels + 1, rows, columns),
+        (channels, rows // 2, columns),
+        (1, channels, rows, columns),
+    ):
+        try:
+            found = subject.encoder.decode(np.zeros(wrong, np.float32), subject.grid)
+        except (ValueError, UserError):
+            continue
+        except Exception as error:
+            raise Failed(f"maps of shape {wrong} raised {describe_exception(error)}") from error
+        raise Failed(f"maps of shape {wrong} were read as {len(found)} contacts")
+
+
+def depth_range(subject: EncoderSubject) -> None:
+    """A contact deeper than can be shown, or above the skin, is refused or comes back as it is."""
+    encoder, grid = subject.encoder, subject.grid
+    deepest = float(subject.values.get("max_depth", DEEP))
+    for depth in (1.05 * deepest, -0.1):
+        truth = Contacts.truth([[0.0, 0.0]], [depth])
+        try:
+            found = encoder.decode(encoder.encode(truth, grid), grid)
+        except UserError:
+            continue
+        require(len(found) == 1, f"{_label(truth)} was taken, and read as {len(found)} contacts")
+        worst = max(_largest_errors(found, truth))
+        require(
+            worst <= encoder.tolerance,
+            f"{_label(truth)} was taken, and came back off by {worst:.3g} mm",
+        )
+
+
+def too_many(subject: EncoderSubject) -> None:
+    """An encoder of one contact refuses two in a frame."""
+    if subject.spec.max_contacts != 1:
+        raise NotApplicable("it shows several contacts")
+    with must_refuse("a frame with two contacts"):
+        subject.encoder.encode(Contacts.truth([[-4, 0], [4, 0]], [2, 2]), subject.grid)
+
+
+def another_grid(subject: EncoderSubject) -> None:
+    """Rows, columns, origin and pitch of the maps are those of any grid that is asked for."""
+    grid, encoder = Grid((40, 70), (-10.0, -3.0), 0.3), subject.encoder
+    truth = Contacts.truth([[2.34, 5.43]], [4.0])
+    maps = encoder.encode(truth, grid)
+    require(maps.shape[1:] == grid.shape, f"maps of shape {maps.shape} for {grid.shape} cells")
+    found = encoder.decode(maps, grid)
+    require(len(found) == 1, f"{_label(truth)} was read as {len(found)} contacts")
+    worst = max(_largest_errors(found, truth))
+    require(worst <= encoder.tolerance, f"{_label(truth)} came back off by {worst:.3g} mm")
+
+
+def several(subject: EncoderSubject) -> None:
+    """Three contacts 8 mm apart, as the triple indenter makes them, come back finely."""
+    subject.skip_unless_several()
+    rng = np.random.default_rng(9)
+    lists = []
+    for _ in range(60):
+        turn = rng.uniform(0, 2 * np.pi) + np.arange(3) * 2 * np.pi / 3
+        xy = 8 / np.sqrt(3) * np.column_stack([np.cos(turn), np.sin(turn)])
+        places = xy + rng.uniform(-1.5, 1.5, 2)
+        lists.append(Contacts.truth(places, rng.uniform(SHALLOW, DEEP, 3)))
+    tolerance = subject.encoder.tolerance
+    for one, truth in zip(subject.decode(subject.encode(lists)), lists, strict=True):
+        require(len(one) == 3, f"{_label(truth)} were read as {len(one)} contacts")
+        position, depth = _largest_errors(one, truth)
+        require(
+            position <= max(tolerance, 0.05) and depth <= max(tolerance, 0.01),
+            f"{_label(truth)} came back off by {position:.3g} mm, their depths by {depth:.3g} mm",
+        )
+
+
+def _random_contact(rng: np.random.Generator, shallowest: float = SHALLOW) -> Contacts:
+    """Return one contact, anywhere in the range."""
+    xy = rng.uniform(-HALF_WIDTH, HALF_WIDTH, (1, 2))
+    return Contacts.truth(xy, rng.uniform(shallowest, DEEP, 1))
+
+
+def _random_pair(rng: np.random.Generator, distance: float, depth: object) -> Contacts:
+    turn = rng.uniform(0, 2 * np.pi)
+    half = 0.5 * distance * np.array([np.cos(turn), np.sin(turn)])
+    centre = rng.uniform(-3, 3, 2)
+    return Contacts.truth(np.array([centre - half, centre + half]), np.asarray(depth, np.float64))
+
+
+def _largest_errors(found: Contacts, truth: Contacts) -> tuple[float, float]:
+    """Return the largest errors of position and depth of the predictions nearest to the truth.
+
+    Raises Failed when two true contacts have the same nearest prediction.
+    """
+    require(len(found), "no contact was read")
+    nearest = np.linalg.norm(found.xy[:, None] - truth.xy[None], axis=-1).argmin(axis=0)
+    require(len(set(nearest.tolist())) == len(truth), "two contacts were read as one")
+    depth = np.abs(found.depth[nearest] - truth.depth).max()
+    return float(np.abs(found.xy[nearest] - truth.xy).max()), float(depth)
+
+
+def _label(contacts: Contacts) -> str:
+    """Return ``x -6.40 y 3.00 depth 0.50 mm`` of every contact."""
+    rows = zip(contacts.xy.tolist(), contacts.depth.tolist(), strict=True)
+    return " and ".join(f"x {x:.2f} y {y:.2f} depth {d:.2f} mm" for (x, y), d in rows)
+
+
+def _same_batch(subject: EncoderSubject, lists: list[Contacts], maps: np.ndarray) -> None:
+    """Training encodes in batches."""
+    batch = subject.encoder.encode_batch
+    require(np.array_equal(batch(lists, subject.grid), maps), "encode_batch differs from encode")
+    none = np.asarray(batch([], subject.grid)).shape
+    wanted = (0, subject.encoder.channels, *subject.grid.shape)
+    require(none == wanted, f"encode_batch of no contacts has shape {none}, expected {wanted}")
+
+
+def _alike(found: Contacts, expected: Contacts, slack: float, how: str) -> None:
+    require(len(found) == len(expected), f"{how}: {len(found)} contacts, not {len(expected)}")
+    if len(found):
+        away = max(np.abs(found.xy - expected.xy).max(), np.abs(found.depth - expected.depth).max())
+        require(away <= slack, f"{how}: read {away:.3g} mm apart")
+
+
+PROPERTIES = tuple(
+    Property.from_function(function)
+    for function in (
+        target,
+        parameters,
+        empty,
+        round_trip,
+        border,
+        permutation,
+        shift,
+        refine,
+        noise,
+        close_pair,
+        pure,
+        dtype,
+        scores,
+        finite,
+        shape,
+        depth_range,
+        too_many,
+        another_grid,
+        several,
+    )
+)

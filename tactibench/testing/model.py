@@ -1,0 +1,314 @@
+"""The properties of a model: the name of a function is the name of its property."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Answer, Contacts, Frame, Pose
+from tactibench.errors import UserError, describe_exception
+from tactibench.images import resized
+from tactibench.plugins.base import FitReport
+from tactibench.run.predict import blinded
+from tactibench.testing.parameters import check_parameters
+from tactibench.testing.presses import changed_images, writable
+from tactibench.testing.runner import (
+    Failed,
+    NotApplicable,
+    Property,
+    must_refuse,
+    must_work,
+    require,
+)
+from tactibench.testing.subjects import FIT, ModelSubject, difference
+
+BATCH = 8
+EXACT = 1e-6
+"""Largest difference, in mm, deg and score, between answers of the same weights."""
+CLOSE = 1e-3
+"""Largest difference where only the order of additions differs."""
+SAME_PICTURE = 0.05
+"""Largest difference where the same picture is given in another form."""
+SIZES = ((96, 96), (64, 80), (200, 160))
+"""Rows and columns of frames of other sizes."""
+
+Image = npt.NDArray[Any]
+
+
+def target(subject: ModelSubject) -> None:
+    """The class behind the spec loads, inherits from tactibench.Model, and builds."""
+    with must_work(f"building {subject.spec.target}"):
+        subject.build()
+
+
+def parameters(subject: ModelSubject) -> None:
+    """Every allowed value of a parameter builds or is refused in words; any other is refused."""
+    check_parameters(subject.spec, subject.values, subject.build)
+
+
+def fit(subject: ModelSubject) -> None:
+    """Training on 40 frames ends, and gives a FitReport that can be written as JSON."""
+    report: object = subject.report()
+    if not isinstance(report, FitReport):
+        raise Failed(f"fit gave a {type(report).__name__}")
+    try:
+        json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())
+    except (ValueError, TypeError, AttributeError) as error:
+        raise Failed(f"the report cannot be written as JSON: {error}") from error
+
+
+def shapes(subject: ModelSubject) -> None:
+    """One answer for every frame, of the declared kind, finite, of no more than max_contacts."""
+    for answer in subject.answers:
+        if isinstance(answer, Contacts) and len(answer):
+            require(np.abs(answer.xy).max() < 1e3, f"a contact at {answer.xy[0]} mm; xy is in mm")
+
+
+def finds_contacts(subject: ModelSubject) -> None:
+    """After training, some frames are answered with a contact, so that answers can be compared."""
+    if subject.answer_kind != "contacts":
+        raise NotApplicable("plate poses are asked for")
+    count = sum(isinstance(one, Contacts) and len(one) > 0 for one in subject.answers)
+    require(
+        count,
+        f"no contact in {len(subject.answers)} answers after training with "
+        f"{dict(subject.values) or 'no parameters'}; where that is too short, give another "
+        "parameter, such as --param model.epochs=40",
+    )
+
+
+def empty(subject: ModelSubject) -> None:
+    """No frames give no answers, and a frame in which nothing is touched gives an allowed one."""
+    model = subject.trained()
+    with must_work("predict([])"):
+        subject.predict(model, [])
+    rest = subject.presses.rest()
+    with must_work("the frame of the undeformed sensor"):
+        subject.predict(model, [replace(rest, rest=rest.image)])
+
+
+def batch(subject: ModelSubject) -> None:
+    """A frame is answered alike alone and among seven others, to within 0.001 mm."""
+    model, frames = subject.trained(), subject.test_examples.frames[:BATCH]
+    together = subject.predict(model, frames)
+    alone = [subject.predict(model, [frame])[0] for frame in frames]
+    gap = difference(alone, together)
+    require(gap <= CLOSE, f"answers differ by {gap:.3g}")
+    reversed_order = subject.predict(model, frames[::-1])[::-1]
+    gap = difference(reversed_order, together)
+    require(gap <= CLOSE, f"in another order, answers differ by {gap:.3g}")
+
+
+def seed(subject: ModelSubject) -> None:
+    """Trainings from equal generator states answer alike, one of them with checkpoints kept."""
+    model, _ = subject.trained_again
+    gap = difference(subject.predict(model, subject.test_examples.frames), subject.answers)
+    require(gap <= EXACT, f"answers differ by {gap:.3g}; is a global generator used?")
+
+
+def save_load(subject: ModelSubject) -> None:
+    """What was saved into an empty folder answers alike when a new model has loaded it."""
+    model = subject.build()
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        subject.trained().save(folder)
+        require(any(p.is_file() for p in folder.rglob("*")), "nothing was written into the folder")
+        with must_work("load of what was saved"):
+            model.load(folder)
+    gap = difference(subject.predict(model, subject.test_examples.frames), subject.answers)
+    require(gap <= EXACT, f"answers differ by {gap:.3g}")
+
+
+def damaged_weights(subject: ModelSubject) -> None:
+    """Weights that are not there, or of which half is missing, are refused with a sentence."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        with must_refuse("an empty folder"):
+            subject.build().load(folder)
+        subject.trained().save(folder)
+        for path in [path for path in folder.rglob("*") if path.is_file()]:
+            whole = path.read_bytes()
+            path.write_bytes(whole[: len(whole) // 2])
+            with must_refuse(f"half of {path.name}"):
+                subject.build().load(folder)
+            path.write_bytes(whole)
+
+
+def input_unchanged(subject: ModelSubject) -> None:
+    """Training and predicting leave frames and truth as they were."""
+    model, changed = subject.trained_again
+    require(not changed, f"fit changed {changed}")
+    before = subject.test_examples.frames
+    frames = [writable(frame) for frame in before]
+    model.predict(frames)
+    changed = changed_images(before, frames)
+    require(not changed, f"predict changed {changed}")
+
+
+def truth_hidden(subject: ModelSubject) -> None:
+    """A frame's pose and time, from which the truth could be read, change no answer."""
+    model = subject.trained()
+    frames = [blinded(frame) for frame in subject.test_examples.frames]
+    gap = difference(subject.predict(model, frames), subject.answers)
+    require(gap <= CLOSE, f"without pose and time, answers differ by {gap:.3g}")
+    misleading = [
+        Frame(frame.image, 1e6 - k, Pose(-6.0 + k, 5.0 - k, 30.0, 3.0, 0.5 + k / 3), frame.rest)
+        for k, frame in enumerate(frames)
+    ]
+    gap = difference(subject.predict(model, misleading), subject.answers)
+    require(gap <= CLOSE, f"with the pose and time of other presses, they differ by {gap:.3g}")
+
+
+def frame_size(subject: ModelSubject) -> None:
+    """Frames of any other size, grey or colour, are answered, or refused with a sentence."""
+    frame = subject.test_examples.frames[0]
+    for shape in SIZES:
+        other = _with_images(frame, partial(_resize_to_gray, shape=shape))
+        _predict_or_refuse(subject, [other], f"a frame of {shape[0]} x {shape[1]} px")
+    colour = _with_images(frame, _swap_colour)
+    _predict_or_refuse(subject, [colour], f"a frame of shape {colour.image.shape}")
+
+
+def float_frame(subject: ModelSubject) -> None:
+    """Frames of floats 0..255 are answered as the same ones of bytes are, or refused."""
+    floats = [
+        _with_images(frame, lambda image: image.astype(np.float32))
+        for frame in subject.test_examples.frames
+    ]
+    answers = _predict_or_refuse(subject, floats, "frames of float32 values 0..255")
+    if answers is not None:
+        gap = difference(answers, subject.answers)
+        require(gap <= SAME_PICTURE, f"answers differ by {gap:.3g} from those to the same bytes")
+
+
+def nan_frame(subject: ModelSubject) -> None:
+    """A frame with a NaN in it is refused with a sentence."""
+    model, frame = subject.trained(), subject.test_examples.frames[0]
+    image: Image = frame.image.astype(np.float32)
+    image[3, 4] = np.nan
+    with must_refuse("a frame with a NaN in it"):
+        model.predict([replace(frame, image=image)])
+
+
+def every_answer(subject: ModelSubject) -> None:
+    """A model that declares contacts and plate poses can be trained for both."""
+    if len(subject.spec.answers) == 1:
+        raise NotApplicable(f"the model answers {subject.spec.answers[0]} only")
+    other = next(kind for kind in subject.spec.answers if kind != subject.answer_kind)
+    brief = subject.briefly(other)
+    brief.report()
+    _ = brief.answers
+
+
+def several(subject: ModelSubject) -> None:
+    """A model of several contacts can be trained on presses of one, two and three tips."""
+    if subject.spec.max_contacts == 1 or subject.answer_kind != "contacts":
+        raise NotApplicable("the model answers at most one contact")
+    if subject.encoder is not None and subject.encoder[0].max_contacts == 1:
+        raise NotApplicable("its encoder shows at most one contact")
+    try:
+        presses = subject.presses.several(20)
+    except UserError as error:
+        raise NotApplicable(f"{subject.presses.name} presses one tip only ({error})") from None
+    model = subject.briefly().build()
+    with must_work("training on presses of one, two and three tips"):
+        subject.fit(model, subject.examples[:FIT] + presses)
+    subject.predict(model, presses.frames[:BATCH])
+
+
+def maps(subject: ModelSubject) -> None:
+    """The shown maps are (N, C, H, W) of the grid and finite, and read_maps gives the answers."""
+    model = subject.trained()
+    if subject.answer_kind != "contacts":
+        raise NotApplicable("a run asks for maps of contacts only")
+    frames = subject.test_examples.frames
+    given = model.maps(list(frames))
+    if given is None:
+        raise NotApplicable("the model shows no maps")
+    shown = np.asarray(given)
+    expected = (len(frames), *subject.presses.protocol.grid.grid().shape)
+    require(
+        shown.ndim == 4 and (len(shown), *shown.shape[2:]) == expected,
+        f"maps of shape {shown.shape} for {expected[0]} frames on a grid of {expected[1:]}",
+    )
+    require(np.isfinite(shown).all(), "a map holds a value that is not finite")
+    read = subject.check_answers(model.read_maps(shown), len(frames))
+    gap = difference(read, subject.answers)
+    require(gap <= CLOSE, f"answers read from the maps differ by {gap:.3g}")
+
+
+def stages(subject: ModelSubject) -> None:
+    """The timed stages, one after the other, give one allowed answer for every frame."""
+    for frames in (subject.test_examples.frames[:1], subject.test_examples.frames[:BATCH]):
+        value: object = list(frames)
+        for name, stage in subject.trained().stages():
+            with must_work(f"stage {name!r} of {len(frames)} frames"):
+                value = stage(value)
+        if not isinstance(value, list):
+            raise Failed(f"the last stage gave a {type(value).__name__}, no list")
+        subject.check_answers(value, len(frames))
+
+
+def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:
+    """Return the frame with image and rest image changed alike."""
+    rest = None if frame.rest is None else change(frame.rest)
+    return replace(frame, image=change(frame.image), rest=rest)
+
+
+def _resize_to_gray(image: Image, shape: tuple[int, int]) -> Image:
+    return resized(np.asarray(image[..., 1] if image.ndim == 3 else image), shape)
+
+
+def _swap_colour(image: Image) -> Image:
+    """Return RGB for a grey image, grey for an RGB one."""
+    return image[..., 1].copy() if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
+def _predict_or_refuse(
+    subject: ModelSubject, frames: list[Frame], case: str
+) -> list[Answer | None] | None:
+    """Return the answers; None: refused in words. Raises Failed for anything else."""
+    model = subject.trained()
+    try:
+        return subject.predict(model, frames)
+    except UserError as error:
+        require(str(error).strip(), f"{case} was refused without a word")
+        return None
+    except Failed:
+        raise
+    except Exception as error:
+        raise Failed(f"{case} raised {describe_exception(error)} instead of a UserError") from error
+
+
+PROPERTIES = tuple(
+    Property.from_function(function)
+    for function in (
+        target,
+        parameters,
+        fit,
+        shapes,
+        finds_contacts,
+        empty,
+        batch,
+        seed,
+        save_load,
+        damaged_weights,
+        input_unchanged,
+        truth_hidden,
+        frame_size,
+        float_frame,
+        nan_frame,
+        every_answer,
+        several,
+        maps,
+        stages,
+    )
+)

@@ -1,0 +1,229 @@
+"""Properties of plugins, and the runner that checks them one by one."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from tactibench.errors import UserError, describe_exception, did_you_mean
+
+PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
+EXPECTED, UNEXPECTED = "failed as expected", "passed unexpectedly"
+RAN = (PASSED, FAILED, EXPECTED, UNEXPECTED)
+
+
+class Failed(AssertionError):  # noqa: N818 - the name of an outcome
+    """A property does not hold; the message says what was seen."""
+
+
+class NotApplicable(Exception):  # noqa: N818 - the name of an outcome
+    """A property says nothing about this subject; the message says why."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """A behaviour that every plugin of a kind must have.
+
+    Attributes:
+        name: Short name, as in ``expected_failed_checks``.
+        statement: One line that says what is asserted.
+        check: Function of the subject that raises `Failed` or `NotApplicable`, or returns.
+    """
+
+    name: str
+    statement: str
+    check: Callable[[Any], None]
+
+    @classmethod
+    def from_function(cls, check: Callable[[Any], None]) -> Property:
+        """Make a property of a function: its name, and the first paragraph of its docstring."""
+        first_paragraph = (check.__doc__ or "").strip().partition("\n\n")[0]
+        return cls(check.__name__, " ".join(first_paragraph.split()).rstrip("."), check)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome of one property for one subject.
+
+    Attributes:
+        checked: The property.
+        outcome: One of the words at the top of this module.
+        message: On failure what was seen; else why it was skipped or expected to fail, or "".
+        seconds: Time that the check took.
+    """
+
+    checked: Property
+    outcome: str
+    message: str
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the outcome is the wanted one."""
+        return self.outcome not in (FAILED, UNEXPECTED)
+
+    def line(self) -> str:
+        """Return outcome, name, statement and message on one line."""
+        message = f" -- {self.message}" if self.message else ""
+        return f"{self.outcome:<19} {self.checked.name:<16} {self.checked.statement}{message}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """All findings about one subject.
+
+    Attributes:
+        title: Kind, name and plugin of the subject.
+        findings: One for each property, in their order.
+    """
+
+    title: str
+    findings: tuple[Finding, ...]
+
+    def count(self, *outcomes: str) -> int:
+        """Return the number of findings with one of the outcomes."""
+        return sum(finding.outcome in outcomes for finding in self.findings)
+
+    @property
+    def ran(self) -> int:
+        """Number of properties that were not skipped."""
+        return self.count(*RAN)
+
+    @property
+    def ok(self) -> bool:
+        """Whether something ran, and all of it came out as it should."""
+        return self.ran > 0 and all(finding.ok for finding in self.findings)
+
+    def summary(self) -> str:
+        """Return ``20 ran: 18 passed, 1 failed, 1 failed as expected; 2 skipped``."""
+        counts = Counter(finding.outcome for finding in self.findings)
+        always = (PASSED, FAILED)
+        parts = [f"{counts[name]} {name}" for name in RAN if counts[name] or name in always]
+        text = f"{self.ran} ran: {', '.join(parts)}; {counts[SKIPPED]} skipped"
+        return text if self.ran else f"{text}; nothing ran, which proves nothing"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the counts as ``--json`` writes them."""
+        counts = {"ran": self.ran, **{name: self.count(name) for name in (*RAN, SKIPPED)}}
+        return [
+            {
+                "metric": name.replace(" ", "_"),
+                "value": value,
+                "group": self.title,
+                "unit": "properties",
+            }
+            for name, value in counts.items()
+        ]
+
+
+def require(condition: object, message: str) -> None:
+    """Raise `Failed` with the message unless the condition is true."""
+    if not condition:
+        raise Failed(message)
+
+
+@contextmanager
+def must_refuse(case: str) -> Iterator[None]:
+    """Require that the block ends in a UserError with a message.
+
+    Args:
+        case: Words for what is done inside, the beginning of the message of `Failed`.
+    """
+    try:
+        yield
+    except UserError as error:
+        require(str(error).strip(), f"{case} was refused without a word")
+        return
+    except Exception as error:
+        raise Failed(f"{case} raised {describe_exception(error)} instead of a UserError") from error
+    raise Failed(f"{case} was taken without a word")
+
+
+@contextmanager
+def must_work(case: str) -> Iterator[None]:
+    """Turn whatever the block raises into `Failed`; `Failed` and `NotApplicable` pass.
+
+    Args:
+        case: Words for what is done inside, the beginning of the message.
+    """
+    try:
+        yield
+    except (Failed, NotApplicable):
+        raise
+    except Exception as error:
+        raise Failed(f"{case} raised {describe_exception(error)}") from error
+
+
+def examine(checked: Property, subject: Any, expected: str | None = None) -> Finding:
+    """Check one property of a subject.
+
+    Args:
+        checked: The property.
+        subject: Argument of its function.
+        expected: Reason why it is expected to fail; None: it is not.
+    """
+    start = time.perf_counter()
+    outcome, message = _outcome(checked, subject)
+    if expected is not None and outcome == FAILED:
+        outcome, message = EXPECTED, f"{expected} ({message})"
+    elif expected is not None and outcome == PASSED:
+        outcome = UNEXPECTED
+        message = f"it was expected to fail ({expected}), but holds: take it off the list"
+    return Finding(checked, outcome, message, time.perf_counter() - start)
+
+
+def _outcome(checked: Property, subject: Any) -> tuple[str, str]:
+    try:
+        checked.check(subject)
+    except NotApplicable as reason:
+        return SKIPPED, str(reason)
+    except Failed as failure:
+        return FAILED, str(failure)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's, and it is reported
+        return FAILED, f"raised {describe_exception(error)}"
+    return PASSED, ""
+
+
+def run_checks(
+    properties: Iterable[Property],
+    subject: Any,
+    expected_failed_checks: Mapping[str, str] | None = None,
+    on_finding: Callable[[Finding], None] = lambda _: None,
+) -> Report:
+    """Check properties one by one.
+
+    Args:
+        properties: What to check.
+        subject: Subject of all of them, with a ``title``.
+        expected_failed_checks: Name of a property -> reason why it is expected to fail.
+        on_finding: Called with each finding as it comes.
+
+    Raises:
+        UserError: For an expected failure that names no property, or has no reason.
+    """
+    checked, expected = tuple(properties), dict(expected_failed_checks or {})
+    check_names(checked, expected)
+    findings = []
+    for one_property in checked:
+        findings.append(examine(one_property, subject, expected.get(one_property.name)))
+        on_finding(findings[-1])
+    return Report(subject.title, tuple(findings))
+
+
+def check_names(properties: Iterable[Property], expected: Mapping[str, str]) -> None:
+    """Raise UserError for an expected failure of an unknown property, or without a reason."""
+    names = [one_property.name for one_property in properties]
+    for name, reason in expected.items():
+        if name not in names:
+            raise UserError(
+                f"expected_failed_checks names the property {name!r}, which is not among those "
+                f"checked; {did_you_mean(name, names)}"
+            )
+        if not isinstance(reason, str) or not reason.strip():
+            raise UserError(
+                f"the property {name!r} is expected to fail without a reason; say why in words."
+            )

@@ -1,0 +1,312 @@
+"""The properties of a sensor: the name of a function is the name of its property."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Frame, Indenter, Pose, Scene
+from tactibench.errors import UserError
+from tactibench.geometry import true_contacts
+from tactibench.testing.parameters import check_parameters
+from tactibench.testing.runner import (
+    Failed,
+    NotApplicable,
+    Property,
+    must_refuse,
+    must_work,
+    require,
+)
+from tactibench.testing.subjects import SensorSubject
+
+ASIDE_MM = 3.0
+"""Distance from the apex at which the direction of a contact is checked."""
+
+Array = npt.NDArray[np.float64]
+
+
+class Mishap(Exception):  # noqa: N818 - no error of the kit
+    """Raised inside a ``with`` block, to see it come out."""
+
+
+def target(subject: SensorSubject) -> None:
+    """The class behind the spec loads, inherits from tactibench.Sensor, and builds."""
+    with must_work(f"building {subject.spec.target}"):
+        _ = subject.unopened
+
+
+def parameters(subject: SensorSubject) -> None:
+    """Every allowed value of a parameter builds or is refused in words; any other is refused."""
+    check_parameters(subject.spec, subject.values, subject.build)
+
+
+def context_manager(subject: SensorSubject) -> None:
+    """`with` gives something to press, passes on what is raised inside, and can be entered anew."""
+    sensor = subject.build()
+    with sensor as opened:
+        require(opened is not None, "__enter__ returned None")
+        first = opened.press(subject.scenes[0])
+    caught = False
+    try:
+        with sensor:
+            raise Mishap
+    except Mishap:
+        caught = True
+    require(caught, "__exit__ swallowed an exception raised inside")
+    with must_work("pressing after the sensor was closed and opened again"), sensor as opened:
+        again = opened.press(subject.scenes[0])
+    require(again.image.shape == first.image.shape, "its frames have another shape")
+
+
+def frames(subject: SensorSubject) -> None:
+    """A press gives a frame of bytes, (H, W) or (H, W, 3), of one shape, with the pose pressed."""
+    pressed = subject.press(*subject.scenes)
+    for frame, scene in zip(pressed, subject.scenes, strict=True):
+        require(isinstance(frame, Frame), f"press gave a {type(frame).__name__}, no Frame")
+        require(frame.image.dtype == np.uint8, f"the image holds {frame.image.dtype}, no uint8")
+        shape = frame.image.shape
+        is_image = len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)
+        require(is_image and frame.image.size, f"an image of shape {shape}")
+        first_shape = pressed[0].image.shape
+        require(shape == first_shape, f"shapes {first_shape} and {shape}")
+        if frame.rest is not None:
+            require(frame.rest.shape == shape, f"rest {frame.rest.shape}, image {shape}")
+        if subject.spec.origin == "simulated":
+            require(frame.pose == scene.pose, f"{scene.pose} was pressed, {frame.pose} is said")
+    images = [frame.image for frame in pressed]
+    require(
+        not all(np.array_equal(image, images[0]) for image in images[1:]),
+        f"{len(images)} different presses gave the same image",
+    )
+
+
+def rest_frame(subject: SensorSubject) -> None:
+    """The rest frame is of the shape of a press, has depth 0, and a press does not change it."""
+    with subject.build() as sensor:
+        try:
+            before = sensor.rest()
+        except UserError as error:
+            raise NotApplicable(f"it has no rest frame ({error})") from None
+        press = sensor.press(subject.scenes[0])
+        after = sensor.rest()
+    shape = press.image.shape
+    require(before.image.dtype == np.uint8, f"the image holds {before.image.dtype}, no uint8")
+    require(before.image.shape == shape, f"rest {before.image.shape}, press {shape}")
+    require(before.pose.depth <= 0, f"the rest frame has a depth of {before.pose.depth} mm")
+    drift, moved = _change(after, before).mean(), _change(press, before).mean()
+    require(drift < 0.5 * moved, f"after a press, rest differs by {drift:.3g}, a press {moved:.3g}")
+
+
+def deeper(subject: SensorSubject) -> None:
+    """Depths are mm: at the apex, a tip pressed deeper changes the frame more."""
+    subject.skip_unless_any_scene()
+    space = subject.protocol.workspace
+    depths = np.linspace(max(1.0, space.depth_min_mm), min(5.0, space.depth_max_mm), 4)
+    with subject.build() as sensor:
+        rest = _gray(sensor.rest())
+        levels = [
+            float(np.abs(_gray(sensor.press(tip(0, 0, float(depth)))) - rest).mean())
+            for depth in depths
+        ]
+    shown = ", ".join(
+        f"{level:.3g} at {depth:.2g} mm" for level, depth in zip(levels, depths, strict=True)
+    )
+    require(all(a < b for a, b in pairwise(levels)), f"mean change in grey levels: {shown}")
+
+
+def direction(subject: SensorSubject) -> None:
+    """x points right and y down: a contact 3 mm that way changes the frame on that side."""
+    subject.skip_unless_any_scene()
+    space = subject.protocol.workspace
+    depth = 0.5 * (space.depth_min_mm + space.depth_max_mm)
+    with subject.build() as sensor:
+        rest = sensor.rest()
+        left, right, up, down = (
+            _centroid(_change(sensor.press(tip(x, y, depth)), rest))
+            for x, y in ((-ASIDE_MM, 0), (ASIDE_MM, 0), (0, -ASIDE_MM), (0, ASIDE_MM))
+        )
+    for axis, name, low, high in ((0, "x right", left, right), (1, "y down", up, down)):
+        along, across = high[axis] - low[axis], high[1 - axis] - low[1 - axis]
+        message = (
+            f"6 mm along {name} moved the change by {along:.1f} px, and {across:.1f} px across"
+        )
+        require(along > 1.0 and along > 2 * abs(across), message)
+
+
+def timestamps(subject: SensorSubject) -> None:
+    """The time of every press is finite and later than that of the press before."""
+    times = [frame.timestamp for frame in subject.press(*subject.scenes)]
+    require(np.isfinite(times).all(), f"times {times} s")
+    require(all(a < b for a, b in pairwise(times)), f"times {times} s do not increase")
+
+
+def determinism(subject: SensorSubject) -> None:
+    """Two sensors with the same seed see the same frames."""
+    subject.skip_unless_repeatable()
+    first, second = (subject.press(*subject.scenes, seed=7) for _ in range(2))
+    _require_equal(first, second, "two sensors with the same seed")
+
+
+def press_many(subject: SensorSubject) -> None:
+    """press_many gives the frames that press would give, in order, of any iterable."""
+    subject.skip_unless_repeatable()
+    one_by_one = subject.press(*subject.scenes)
+    with subject.build() as sensor:
+        require(list(sensor.press_many([])) == [], "no scenes gave frames")
+    with subject.build() as sensor:
+        together = list(sensor.press_many(iter(subject.scenes)))
+    _require_equal(one_by_one, together, "press and press_many")
+
+
+def refusals(subject: SensorSubject) -> None:
+    """A scene far too deep or not finite is refused, one far beside the sensor touches nothing."""
+    wrong = {
+        "a tip pressed 10 cm deep": tip(0.0, 0.0, 100.0),
+        "a scene at x = NaN": tip(float("nan"), 0.0, 2.0),
+        "a scene at infinite depth": tip(0.0, 0.0, float("inf")),
+    }
+    if subject.has_own_scenes:
+        there = set(_own_scenes(subject).values())
+        scene = subject.scenes[0]
+        other = replace(scene, pose=replace(scene.pose, depth=scene.pose.depth + 0.0123))
+        require(other not in there, "the check found no scene that is not there")
+        wrong["a scene that it does not have"] = other
+    with subject.build() as sensor:
+        for case, scene in wrong.items():
+            with must_refuse(case):
+                sensor.press(scene)
+            with must_refuse(f"{case}, by press_many,"):
+                list(sensor.press_many([scene]))
+        with must_work("a press after a refused one"):
+            press = sensor.press(subject.scenes[0])
+        try:
+            beside = sensor.press(tip(100.0, 0.0, 2.0))
+        except UserError:
+            return
+        rest = sensor.rest()
+    beyond, touched = _change(beside, rest).mean(), _change(press, rest).mean()
+    message = f"a tip 10 cm beside it changes the frame by {beyond:.3g}, a press by {touched:.3g}"
+    require(beyond < 0.5 * touched, message)
+
+
+def describe(subject: SensorSubject) -> None:
+    """describe gives JSON values, the same for equal parameters, before and after a press."""
+    sensor = subject.build()
+    before = _as_json(sensor.describe())
+    with sensor as opened:
+        opened.press(subject.scenes[0])
+    require(_as_json(sensor.describe()) == before, "a press changed the description")
+    require(_as_json(subject.build(seed=1).describe()) == before, "it depends on the seed")
+
+
+def scenes(subject: SensorSubject) -> None:
+    """A sensor that has scenes has some, no two alike, and presses each that it names."""
+    own = _own_scenes(subject)
+    require(own, "it has no scene")
+    require(len(set(own.values())) == len(own), "two names stand for one scene")
+    with must_work("pressing scenes that it has"):
+        subject.press(*subject.scenes)
+
+
+def surface(subject: SensorSubject) -> None:
+    """A known surface is (H, W) of the grid, finite, and deepest within 2 mm of the contact."""
+    subject.skip_unless_any_scene()
+    grid = subject.protocol.grid.grid()
+    known = subject.unopened.surface(tip(3.0, -2.0, 2.0), grid)
+    if known is None:
+        raise NotApplicable("it knows no surface")
+    depths = np.asarray(known)
+    require(depths.shape == grid.shape, f"shape {depths.shape}, expected {grid.shape}")
+    require(np.isfinite(depths).all(), "it is not finite")
+    row, column = np.unravel_index(int(depths.argmax()), depths.shape)
+    x, y = grid.xy(int(row), int(column)).tolist()
+    # On a dome the skin gives way inward along its normal, where the tip first touches.
+    distance = np.hypot(x - 3.0, y + 2.0)
+    require(distance <= 2.0, f"pressed at x 3, y -2 mm, it is deepest at x {x:.1f}, y {y:.1f} mm")
+
+
+def bound(subject: SensorSubject) -> None:
+    """A known bound is (K, 3) and positive for the K true contacts of a scene."""
+    subject.skip_unless_any_scene()
+    radius = subject.protocol.workspace.dome_radius_mm
+    for scene in (tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0))):
+        known = subject.unopened.bound(scene)
+        if known is None:
+            raise NotApplicable("it knows no bound")
+        deviations = np.asarray(known)
+        expected = (len(true_contacts(scene, radius)), 3)
+        require(deviations.shape == expected, f"shape {deviations.shape}, expected {expected}")
+        require((deviations > 0).all(), f"{deviations.tolist()} mm; a bound is positive")
+
+
+def tip(x: float, y: float, depth: float) -> Scene:
+    """Return a press by one spherical tip of 3 mm."""
+    return Scene(Indenter.single(), Pose(x, y, 0.0, 0.0, depth))
+
+
+def _own_scenes(subject: SensorSubject) -> Mapping[str, Scene]:
+    own = subject.unopened.scenes()
+    if own is None:
+        raise NotApplicable("it presses any scene")
+    return own
+
+
+def _gray(frame: Frame) -> Array:
+    """Return (H, W) grey levels, colours averaged."""
+    levels = np.asarray(frame.image, dtype=np.float64)
+    return levels.mean(axis=2) if levels.ndim == 3 else levels
+
+
+def _change(frame: Frame, rest: Frame) -> Array:
+    """Return the (H, W) squared change of every pixel against the undeformed sensor."""
+    return np.square(_gray(frame) - _gray(rest))
+
+
+def _centroid(change: Array) -> tuple[float, float]:
+    """Return column and row of the centroid of (H, W) change, px."""
+    total = float(change.sum())
+    rows, columns = np.indices(change.shape)
+    return float((change * columns).sum() / total), float((change * rows).sum() / total)
+
+
+def _require_equal(first: list[Frame], second: list[Frame], case: str) -> None:
+    require(len(first) == len(second), f"{case}: {len(first)} and {len(second)} frames")
+    for number, (one, other) in enumerate(zip(first, second, strict=True), 1):
+        require(np.array_equal(one.image, other.image), f"{case} differ in the image {number}")
+        require(one.pose == other.pose, f"{case} differ in pose {number}")
+
+
+def _as_json(description: dict[str, Any]) -> str:
+    require(isinstance(description, dict), f"describe gave a {type(description).__name__}")
+    try:
+        return json.dumps(description, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise Failed(f"describe cannot be written as JSON: {error}") from error
+
+
+PROPERTIES = tuple(
+    Property.from_function(function)
+    for function in (
+        target,
+        parameters,
+        context_manager,
+        frames,
+        rest_frame,
+        deeper,
+        direction,
+        timestamps,
+        determinism,
+        press_many,
+        refusals,
+        describe,
+        scenes,
+        surface,
+        bound,
+    )
+)
