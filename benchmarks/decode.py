@@ -22,9 +22,8 @@ from tactibench import Contacts, Grid
 from tactibench.run.latency import time_single
 from tactibench.run.latency_rows import speed_rows
 from tactibench_heatmaps.axes import Axes
-from tactibench_heatmaps.depth import HeatAndDepth
+from tactibench_heatmaps.discs import HeatAndDepth, Offsets
 from tactibench_heatmaps.hertz import HertzGaussian
-from tactibench_heatmaps.offset import Offsets
 
 GRID = Grid.centred(64, 0.4)
 MAPS = 1500

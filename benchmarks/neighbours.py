@@ -20,10 +20,11 @@ import numpy.typing as npt
 import tactibench.superposition as package
 from tactibench import Frame, Indenter, Pose, Scene, SensorContext
 from tactibench.geometry import DOME_RADIUS_MM, tip_depths
+from tactibench.markers import PinTracker
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
-from tactibench.superposition import Eye, Field, Neighbours, solve
+from tactibench.superposition import Field, NeighbourLaw, solve
 
 Array = npt.NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def free_contacts(
     return np.array(found)
 
 
-def report(name: str, law: Neighbours, given: Array, wanted: Array) -> None:
+def report(name: str, law: NeighbourLaw, given: Array, wanted: Array) -> None:
     for kind, found in (("added", given), ("law", given + law.shift(given))):
         off = found - wanted
         place = np.hypot(off[..., 0], off[..., 1])
@@ -80,11 +81,11 @@ def main() -> None:
     )
     singles = draw_scenes(load_protocol("exp1").keys, "singles").scenes
     with sensor:
-        eye = Eye.of([sensor.rest()])
+        pins = PinTracker.of([sensor.rest()])
 
         def watched(scenes: list[Scene]) -> tuple[Array, Array]:
             frames: list[Frame] = list(sensor.press_many(scenes))
-            moved, sure = eye.watch(eye.images(frames))
+            moved, sure = pins.track(pins.images(frames))
             return moved, np.tile(sure, (1, 2)).astype(np.float64)
 
         alone = np.array([[s.pose.x, s.pose.y, s.pose.depth] for s in singles])
@@ -106,8 +107,8 @@ def main() -> None:
             given.append(one[kept])
             wanted.append(other[kept] - one[kept])
         # What a third contact takes off is read from the law of pairs, so that comes first.
-        pairs = Neighbours.learn(given[:1], wanted[:1], Neighbours.none())
-        laws[name] = Neighbours.learn(given, wanted, pairs)
+        pairs = NeighbourLaw.learn(given[:1], wanted[:1], NeighbourLaw.none())
+        laws[name] = NeighbourLaw.learn(given, wanted, pairs)
         for (contacts, fitted), label in zip(sets, ("pairs", "triples"), strict=True):
             held = np.arange(len(contacts)) % HELD_OUT == 0
             ends = (contacts, fitted) if name == "forward" else (fitted, contacts)

@@ -46,14 +46,12 @@ def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
     Networks that read other maps, mix or add plainly have rows of their own on the boards.
     """
     section = of_sensor(gathered(protocol, board, None), None, protocol)
-    return [
-        row for row in section.rows if row.first["model"]["name"] not in TRIVIAL and _plain(row)
-    ]
+    return [row for row in section.rows if row.first.model.name not in TRIVIAL and _plain(row)]
 
 
 def _plain(row: Row) -> bool:
     return (
-        row.model == row.first["model"]["name"]
+        row.model == row.first.model.name
         and not row.mixing
         and not ({"depth", "offset", "axes"} & {row.encoder.partition(",")[0]})
     )
@@ -61,7 +59,7 @@ def _plain(row: Row) -> bool:
 
 def looks(rows: Iterable[Row]) -> dict[str, dict[str, Any]]:
     """Model -> colour and marker."""
-    models = sorted({row.first["model"]["name"] for row in rows})
+    models = sorted({row.first.model.name for row in rows})
     return {m: {"color": SERIES[k % 7], "marker": MARKERS[k % 7]} for k, m in enumerate(models)}
 
 
@@ -71,7 +69,7 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
     axes = made.subplots()
     look = looks(rows)
     for row in rows:
-        own = look[row.first["model"]["name"]]
+        own = look[row.first.model.name]
         x = [100 * _value(record, "missed") for record in row.records]
         y = [_value(record, "position_mean_mm") for record in row.records]
         face = own["color"] if row.regime == MOST else "white"
@@ -103,7 +101,7 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
     look = looks(rows)
     for k, row in enumerate(drawn):
         times = row.over(_p90)
-        own = look[row.first["model"]["name"]]
+        own = look[row.first.model.name]
         axes.plot([min(times), max(times)], [k, k], color=GREY, linewidth=1.2, zorder=1)
         axes.plot(times, [k] * len(times), linestyle="none", markersize=8, **own)
         axes.text(

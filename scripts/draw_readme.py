@@ -7,14 +7,14 @@ python scripts/draw_readme.py --check    # exit code 1 when the table is not wha
 
 from __future__ import annotations
 
-import json
 import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import click
+
+from tactibench.records.record import Record
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, PICTURE = ROOT / "README.md", ROOT / "docs" / "images" / "instances.png"
@@ -41,11 +41,11 @@ class Model:
     """The committed records of one model trained on single presses, by protocol."""
 
     name: str
-    records: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    records: dict[str, list[Record]] = field(default_factory=dict)
 
     def mean(self, protocol: str, metric: str, group: str) -> float | None:
         """Return the mean over training seeds, None where there is no record or no value."""
-        values = [_metric(record, metric, group) for record in self.records.get(protocol, [])]
+        values = [record.value(metric, group) for record in self.records.get(protocol, [])]
         known = [value for value in values if value is not None]
         return statistics.fmean(known) if known else None
 
@@ -60,10 +60,10 @@ class Model:
     def latency(self) -> float | None:
         """p90 of one frame on one thread, ms, of the least disturbed seed."""
         rows = [
-            row["p90_ms"]
+            row.p90_ms
             for record in self.records.get("exp1", [])
-            for row in record["speed"]
-            if (row["scenario"], row["threads"], row["phase"]) == ("single", 1, "total")
+            for row in record.speed
+            if (row.scenario, row.threads, row.phase) == ("single", 1, "total")
         ]
         return min(rows, default=None)
 
@@ -72,41 +72,30 @@ def read_models() -> list[Model]:
     """Return all models, those with the smallest error on other instances first."""
     models: dict[str, Model] = {}
     for path in sorted(SUBMISSIONS.glob("*/*.json")):
-        record = json.loads(path.read_text(encoding="utf-8"))
-        if not _plain(record):
-            continue
-        name = record["model"]["name"]
-        model = models.setdefault(name, Model(name))
-        model.records.setdefault(record["protocol"]["id"], []).append(record)
+        record = Record.model_validate_json(path.read_text(encoding="utf-8"))
+        if _plain(record):
+            model = models.setdefault(record.model.name, Model(record.model.name))
+            model.records.setdefault(record.protocol.id, []).append(record)
     shown = [model for model in models.values() if model.instances is not None]
     return sorted(shown, key=lambda model: model.instances or 0.0)
 
 
-def _plain(record: dict[str, Any]) -> bool:
+def _plain(record: Record) -> bool:
     """Whether a run is one of the README: single presses, defaults, the nominal sensor."""
-    recorded = record["protocol"]["id"] == "surface"
-    sensor, parameters = record["sensor"], record["model"]["parameters"]
-    encoder = record["encoder"]["name"] if record["encoder"] else None
+    parameters = record.model.parameters
+    encoder = record.encoder.name if record.encoder else None
     return (
-        record["protocol"]["id"] in ("exp1", "exp2", "stability", "surface")
-        and record["regime"] in ("single", "recorded")
-        and sensor.get("tested") is None
-        and not sensor["parameters"].get("instance")
-        and record["limits"].get("presses") is None
+        record.protocol.id in ("exp1", "exp2", "stability", "surface")
+        and record.regime in ("single", "recorded")
+        and record.sensor.test_sensor is None
+        and not record.sensor.parameters.get("instance")
+        and record.limits.presses is None
         and not parameters.get("mixing")
         and parameters.get("recipe", "default") == "default"
         and parameters.get("neighbours", "dome") == "dome"
-        and encoder in (None, NETWORKS.get(record["model"]["name"]))
-        and (not recorded or record["data"].get("published_frames", False))
+        and encoder in (None, NETWORKS.get(record.model.name))
+        and (record.protocol.id != "surface" or record.data.published_frames)
     )
-
-
-def _metric(record: dict[str, Any], metric: str, group: str) -> float | None:
-    for row in record["metrics"]:
-        if (row["metric"], row["group"]) == (metric, group):
-            value: float | None = row["value"]
-            return value
-    return None
 
 
 def table_lines(models: list[Model]) -> Iterator[str]:

@@ -42,14 +42,18 @@ class CNNNetwork(nn.Module):
         self.presence = presence
 
     @torch.no_grad()
-    def start_from(self, images: torch.Tensor, with_contact: int, without: int) -> None:
-        """Fix the input scale to the training frames (uint8), and begin with a presence as likely
-        as it is among them (one of each added: Laplace's rule)."""
+    def initialise(self, images: torch.Tensor, with_contact: int, without: int) -> None:
+        """Fix the input scale to the training frames (uint8), and the first presence to theirs.
+
+        One frame with and one without a contact are added (Laplace's rule).
+        """
         values = images.float()
         self.mean.copy_(values.mean())
         self.scale.copy_(1 / values.std(correction=0).clamp_min(1.0))
         if self.presence:
-            self.head[-1].bias[-1] = math.log((with_contact + 1) / (without + 1))
+            last = self.head[-1]
+            assert isinstance(last, nn.Linear)  # noqa: S101
+            last.bias[-1] = math.log((with_contact + 1) / (without + 1))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         normal: torch.Tensor = self.head(self.features((images.float() - self.mean) * self.scale))

@@ -20,10 +20,10 @@ from tactibench.training import (
     LearnedModel,
     Normalisation,
     answer_vectors,
+    answers_from_vectors,
     image_tensor,
-    regressable,
+    regression_rows,
     resting_frames,
-    vector_answers,
 )
 from tactibench_cnn.architecture import CNNNetwork
 
@@ -33,9 +33,9 @@ _RECIPES = RECIPES | {
 """As many epochs as fit into eight minutes on one core of an AMD EPYC; 8 at 4e-3 end 7 % worse."""
 _HIDDEN = 128
 """Units of the dense layer."""
-_RESTING = 0.05
+_RESTING_SHARE = 0.05
 """Frames at rest that are added to a training, as a share of its frames."""
-_THERE = 0.5
+_PRESENT = 0.5
 """Probability from which a contact is reported."""
 
 
@@ -79,50 +79,53 @@ class CNN(LearnedModel):
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         return image_tensor(frames, self.architecture["size"])
 
-    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:
-        return resting_frames(frames, _RESTING) if self._contacts else []
+    def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
+        return resting_frames(frames, _RESTING_SHARE) if self._contacts else []
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        """(N, T) in standard deviations, rows of NaN where there is no contact."""
-        known = answer_vectors(truth, self.context.answer, self.name)
-        return torch.from_numpy(self._normalisation.apply(known)).float()
+        """Return (N, T) in standard deviations, rows of NaN where there is no contact."""
+        values = answer_vectors(truth, self.context.answer, self.name)
+        return torch.from_numpy(self._normalisation.apply(values)).float()
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """Huber with a knee at a tenth of a deviation, for the metric is an absolute error, where
-        there is an answer; for contacts also the cross-entropy of their presence."""
-        there = ~targets.isnan().any(dim=1)
+        """Return the Huber loss of the answers, plus the cross-entropy of a contact's presence.
+
+        The knee is at a tenth of a deviation, for the metric is an absolute error.
+        """
+        present = ~targets.isnan().any(dim=1)
         values = outputs[:, : targets.shape[1]]
-        error = F.huber_loss(values[there], targets[there], delta=0.1, reduction="sum")
-        regression = error * 10 / max(1, int(there.sum()) * targets.shape[1])
+        error = F.huber_loss(values[present], targets[present], delta=0.1, reduction="sum")
+        regression = error * 10 / max(1, int(present.sum()) * targets.shape[1])
         if not self._contacts:
             return regression
-        return regression + F.binary_cross_entropy_with_logits(outputs[:, -1], there.float())
+        return regression + F.binary_cross_entropy_with_logits(outputs[:, -1], present.float())
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
         values = self._normalisation.invert(outputs[:, : ANSWER_WIDTH[self.context.answer]])
-        found = vector_answers(values, self.context.answer)
         if not self._contacts:
-            return found
-        there = expit(outputs[:, -1].astype(np.float64))
+            return answers_from_vectors(values, self.context.answer)
+        presence = expit(outputs[:, -1].astype(np.float64))
         return [
-            Contacts(one.xy, one.depth, np.array([sure])) if sure >= _THERE else Contacts.none()
-            for one, sure in zip(found, there, strict=True)
+            Contacts(row[np.newaxis, :2], row[2:], np.array([p]))
+            if p >= _PRESENT
+            else Contacts.none()
+            for row, p in zip(values, presence, strict=True)
         ]
 
-    def usable(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
-        rows = regressable(truth, self.context.answer, self.name)
-        return super().usable(truth) if self._contacts and len(rows) else rows
+    def usable_rows(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
+        rows = regression_rows(truth, self.context.answer, self.name)
+        return super().usable_rows(truth) if self._contacts and len(rows) else rows
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
-        known = answer_vectors(truth, self.context.answer, self.name)
-        self._normalisation = Normalisation.of(known[np.isfinite(known).all(axis=1)])
+        values = answer_vectors(truth, self.context.answer, self.name)
+        self._normalisation = Normalisation.of(values[np.isfinite(values).all(axis=1)])
 
-    def start(self, network: CNNNetwork, training: Examples) -> None:
-        there = ~training.targets.isnan().any(dim=1)
-        network.start_from(training.images, int(there.sum()), int((~there).sum()))
+    def initialise(self, network: CNNNetwork, training: Examples) -> None:
+        present = ~training.targets.isnan().any(dim=1)
+        network.initialise(training.images, int(present.sum()), int((~present).sum()))
 
     def extra(self) -> dict[str, Any]:
-        return self._normalisation.plain()
+        return self._normalisation.to_json()
 
-    def use_extra(self, extra: dict[str, Any]) -> None:
-        self._normalisation = Normalisation.of_plain(extra)
+    def restore(self, extra: dict[str, Any]) -> None:
+        self._normalisation = Normalisation.from_json(extra)

@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps.encoder import MapEncoder, MapStack
-from tactibench_heatmaps.kernel import relative_depth
-from tactibench_heatmaps.peaks import FloatArray, split
+from tactibench_heatmaps.encoder import MapEncoder, MapStack, relative_depth
+from tactibench_heatmaps.peaks import FloatArray, split_contacts
 
 _STEPS = 3
 _RIDGE = 1e-12
@@ -63,14 +62,14 @@ class Axes(MapEncoder):
                 f"encoder 'axes' shows one contact a frame, but a frame holds {counts.max()}; take "
                 "encoder 'hertz', or train in regime 'single'."
             )
-        touched = np.flatnonzero(counts)
-        if len(touched):
+        pressed = np.flatnonzero(counts)
+        if len(pressed):
             x, y = grid.axes()
             xy = np.concatenate([c.xy for c in contacts])
             depth = np.concatenate([c.depth for c in contacts])
-            out[touched, 0] = self._profile(x - xy[:, :1])[:, None, :]
-            out[touched, 1] = self._profile(y - xy[:, 1:])[:, :, None]
-            out[touched, 2] = relative_depth(depth, self.max_depth)[:, None, None]
+            out[pressed, 0] = self._profile(x - xy[:, :1])[:, None, :]
+            out[pressed, 1] = self._profile(y - xy[:, 1:])[:, :, None]
+            out[pressed, 2] = relative_depth(depth, self.max_depth)[:, None, None]
         return out
 
     def _profile(self, away: FloatArray) -> FloatArray:
@@ -82,16 +81,16 @@ class Axes(MapEncoder):
         column, high = _peak(stack[:, 0].mean(axis=1), variance, self.window)
         row, wide = _peak(stack[:, 1].mean(axis=2), variance, self.window)
         heat = np.minimum(high, wide)
-        there = heat >= self.threshold
-        depth = self.max_depth * stack[:, 2].mean(axis=(1, 2))[there].astype(np.float64)
-        xy = grid.xy(row[there], column[there])
-        return split(there.astype(np.int64), xy, depth, np.minimum(heat[there], 1.0))
+        present = heat >= self.threshold
+        depth = self.max_depth * stack[:, 2].mean(axis=(1, 2))[present].astype(np.float64)
+        xy = grid.xy(row[present], column[present])
+        return split_contacts(present.astype(np.int64), xy, depth, np.minimum(heat[present], 1.0))
 
 
 def _peak(
     profiles: npt.NDArray[Any], variance: float, window: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Where (N, L) profiles are highest, between the cells, and (N,) how high they are.
+    """Return (N,) places between cells where profiles (N, L) are highest, and (N,) heights.
 
     Gauss-Newton on heat for the parabola l(u) = t . [1, u, u^2] of log-heat, as ``least-squares``
     of ``peaks``; the highest cell where it is not concave or strays. A flat profile is 0 high.

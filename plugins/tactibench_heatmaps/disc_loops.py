@@ -1,7 +1,7 @@
 """Discs around contacts, drawn and read: the loops over cells. Compiled, all lengths in cells.
 
 They stand in a file of their own because numba's cache on disk follows changes of one file only.
-What the channels mean is told in ``discs``.
+The channels are described in ``discs``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _SEAM = 1.5
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw(place, ends, variance, reach, out):  # type: ignore[no-untyped-def]
+def draw_discs(place, ends, variance, reach, out):  # type: ignore[no-untyped-def]
     """Fill out (N, C, H, W) from place (M, 3), row, column and depth channel of the contacts.
 
     ends: (N + 1,), contacts ends[n] to ends[n + 1] are those of map n. C is 2, or 4 with offsets.
@@ -47,7 +47,7 @@ def _shown(step, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def read(maps, counts, place, inner, reach, value):  # type: ignore[no-untyped-def]
+def read_discs(maps, counts, place, inner, reach, value):  # type: ignore[no-untyped-def]
     """Fill value (N, most), the depth channel at place (N, most, 3); with offsets, move place.
 
     Means over the cells within ``inner`` of a peak that belong to no other, weighted by heat.

@@ -1,7 +1,7 @@
-"""What ``depth`` and ``offset`` share: a heat that only says where, and discs that say the rest.
+"""The encoders ``depth`` and ``offset``: a heat of where contacts are, and discs of the rest.
 
 The heat of every contact is a Gaussian of height 1 and one width, so that a shallow contact stands
-out as much as a deep one. In a disc around the contact other channels hold what is asked of it,
+out as much as a deep one. In a disc around the contact other channels hold its depth and place,
 the same everywhere in the disc or falling linearly; outside they are neutral. A cell between two
 contacts belongs to the nearer one. Every cell can be learned on its own, by cross-entropy.
 
@@ -16,10 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps.disc_loops import draw, read
-from tactibench_heatmaps.encoder import MapEncoder, MapStack
-from tactibench_heatmaps.kernel import relative_depth
-from tactibench_heatmaps.peaks import PeakReader, split
+from tactibench_heatmaps.disc_loops import draw_discs, read_discs
+from tactibench_heatmaps.encoder import MapEncoder, MapStack, relative_depth
+from tactibench_heatmaps.peaks import TOLERANCE, PeakReader, split_contacts
 
 _RIM = 1.0  # cells inside the rim of a disc that are not read
 _LEAST_REACH = 2.0  # cells
@@ -46,17 +45,17 @@ class DiscEncoder(MapEncoder):
         xy = np.concatenate([np.empty((0, 2)), *(c.xy for c in contacts)])
         depth = np.concatenate([np.empty(0), *(c.depth for c in contacts)])
         place = np.column_stack([*grid.cells(xy), relative_depth(depth, self.max_depth)])
-        draw(place, ends, self.peaks.base / grid.pitch**2, self._reach(grid), out)
+        draw_discs(place, ends, self.peaks.base / grid.pitch**2, self._reach(grid), out)
         return out
 
     def _decode(self, stack: MapStack, grid: Grid) -> list[Contacts]:
-        found = self.peaks.read(stack[:, 0], grid.pitch)
-        value = np.empty(found.place.shape[:2])
+        peaks = self.peaks.read(stack[:, 0], grid.pitch)
+        value = np.empty(peaks.place.shape[:2])
         reach = self._reach(grid)
-        read(stack, found.counts, found.place, reach - _RIM, reach, value)
-        row, column, heat = found.flat(found.place).T
-        depth = self.max_depth * found.flat(value)
-        return split(found.counts, grid.xy(row, column), depth, np.minimum(heat, 1.0))
+        read_discs(stack, peaks.counts, peaks.place, reach - _RIM, reach, value)
+        row, column, heat = peaks.flat(peaks.place).T
+        depth = self.max_depth * peaks.flat(value)
+        return split_contacts(peaks.counts, grid.xy(row, column), depth, np.minimum(heat, 1.0))
 
     def _reach(self, grid: Grid) -> float:
         cells = self.reach / grid.pitch
@@ -66,3 +65,79 @@ class DiscEncoder(MapEncoder):
                 f"{grid.pitch:g} mm; raise its parameter 'reach'."
             )
         return cells
+
+
+class HeatAndDepth(DiscEncoder):
+    """Contacts <-> (2, H, W): a heat of height 1 at every contact, and discs of its depth.
+
+    Parameters as declared in ``hooks``; the heat is read by the decoders of ``peaks``. The score
+    of a contact is the heat of its peak, cut to 0..1.
+
+    separation and tolerance, mm, hold for the default parameters on a 64 x 64 grid of 0.4 mm pitch
+    and any depths.
+    """
+
+    channels = 2
+
+    def __init__(
+        self,
+        *,
+        max_depth: float = 6.0,
+        sigma: float = 0.8,
+        reach: float = 2.0,
+        decoder: str = "least-squares",
+        threshold: float = 0.3,
+        min_distance: float = 1.2,
+        max_count: int = 6,
+        window: int = 11,
+    ) -> None:
+        peaks = PeakReader(
+            slope=0.0,
+            base=sigma**2,
+            decoder=decoder,
+            threshold=threshold,
+            min_distance=min_distance,
+            max_count=max_count,
+            window=window,
+            flanks=decoder != "maximum",
+        )
+        super().__init__(max_depth, reach, peaks)
+        self.separation = 3.0 if decoder == "dark" else 2.0
+        self.tolerance = TOLERANCE[decoder]
+
+
+class Offsets(DiscEncoder):
+    """Contacts <-> (4, H, W): heat, and discs of the steps dx, dy to the contact and of its depth.
+
+    A step of -reach..reach is shown as 0..1, none (outside the discs, too) as 0.5. The contact is
+    read from the mean of the steps of all cells around a peak of the heat, as in G-RMI (Papandreou
+    et al., "Towards Accurate Multi-person Pose Estimation in the Wild", CVPR 2017), whose offsets
+    vote around the peaks of discs. The score is the heat of the peak, cut to 0..1.
+
+    Parameters as declared in ``hooks``. separation and tolerance, mm, hold for their defaults on a
+    64 x 64 grid of 0.4 mm pitch and any depths.
+    """
+
+    channels = 4
+    separation = 2.0
+    tolerance = 0.002
+
+    def __init__(
+        self,
+        *,
+        max_depth: float = 6.0,
+        sigma: float = 0.8,
+        reach: float = 2.0,
+        threshold: float = 0.3,
+        min_distance: float = 1.2,
+        max_count: int = 6,
+    ) -> None:
+        peaks = PeakReader(
+            slope=0.0,
+            base=sigma**2,
+            decoder="maximum",
+            threshold=threshold,
+            min_distance=min_distance,
+            max_count=max_count,
+        )
+        super().__init__(max_depth, reach, peaks)

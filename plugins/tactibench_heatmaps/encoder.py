@@ -1,7 +1,4 @@
-"""What all encoders here share: batches are what counts, and maps are checked before they are read.
-
-An encoder gives ``encode_batch`` and ``_decode``, the reading of maps that were checked.
-"""
+"""The base of the encoders: maps of whole batches, checked before they are read."""
 
 from __future__ import annotations
 
@@ -74,3 +71,18 @@ def _checked(maps: npt.ArrayLike, shape: tuple[int | None, ...]) -> MapStack:
         )
     # a compiled loop for arrays that may not be written to would be compiled apart
     return stack if stack.flags.writeable else stack.copy()
+
+
+def relative_depth(depth: npt.NDArray[np.float64], max_depth: float) -> npt.NDArray[np.float64]:
+    """Return depths in units of ``max_depth``.
+
+    Raises:
+        UserError: for a depth that is not between 0 and ``max_depth``.
+    """
+    bad = (depth < 0) | (depth > max_depth + 1e-9)
+    if bad.any():
+        raise UserError(
+            f"a contact is {depth[bad][0]:.4g} mm deep, but heatmaps hold 0 to "
+            f"{max_depth:g} mm; raise the encoder's parameter 'max_depth'."
+        )
+    return np.minimum(depth / max_depth, 1.0)

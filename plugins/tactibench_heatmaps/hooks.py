@@ -11,23 +11,23 @@ _MAX_COUNT = Parameter("max_count", 6, "most contacts in a frame", low=1, high=6
 
 
 def _threshold(default: float) -> Parameter:
-    words = "heat below which a peak is no contact"
-    return Parameter("threshold", default, words, low=1e-3, high=1.0, decode_only=True)
+    summary = "heat below which a peak is no contact"
+    return Parameter("threshold", default, summary, low=1e-3, high=1.0, decode_only=True)
 
 
 def _min_distance(default: float) -> Parameter:
-    words = "peaks closer than this are one, mm"
-    return Parameter("min_distance", default, words, low=0.0, decode_only=True)
+    summary = "peaks closer than this are one, mm"
+    return Parameter("min_distance", default, summary, low=0.0, decode_only=True)
 
 
-def _window(words: str) -> Parameter:
+def _window(summary: str) -> Parameter:
     sides = (5, 7, 9, 11, 13, 15, 17)
-    return Parameter("window", 11, words, choices=sides, decode_only=True)
+    return Parameter("window", 11, summary, choices=sides, decode_only=True)
 
 
 @hookimpl
 def tactibench_encoders() -> list[EncoderSpec]:
-    """The heatmap of TactiVerse, and maps that show more than where and how high."""
+    """Return the heatmap of TactiVerse, and encoders with further maps."""
     return [
         EncoderSpec(
             name="hertz",
@@ -61,7 +61,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
         ),
         EncoderSpec(
             name="depth",
-            target="tactibench_heatmaps.depth:HeatAndDepth",
+            target="tactibench_heatmaps.discs:HeatAndDepth",
             summary="a Gaussian of height 1 per contact, and depth on a map of its own",
             parameters=(
                 _MAX_DEPTH,
@@ -83,7 +83,7 @@ def tactibench_encoders() -> list[EncoderSpec]:
         ),
         EncoderSpec(
             name="offset",
-            target="tactibench_heatmaps.offset:Offsets",
+            target="tactibench_heatmaps.discs:Offsets",
             summary="heat, steps from every cell near a contact to it, and depth",
             parameters=(
                 _MAX_DEPTH,

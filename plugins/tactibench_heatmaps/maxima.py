@@ -1,8 +1,8 @@
-"""Which cells of a map are peaks: the loops over cells. Compiled, without the interpreter's lock.
+"""Peaks among the cells of a map: the loops over cells, compiled.
 
 They stand in a file of their own because numba's cache on disk follows changes of one file only.
-Everything is in cells; the variance of a peak of heat h is ``slope * h + base``. What a peak is is
-told in ``peaks``.
+Everything is in cells; the variance of a peak of heat h is ``slope * h + base``. A peak is
+defined in ``peaks``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _FLANK = 1.1  # a network's flanks are not quite the kernel's
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def find(maps, threshold, near, flanks, most, slope, base, counts, found):  # type: ignore[no-untyped-def]
+def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, found):  # type: ignore[no-untyped-def]
     """Fill counts (N,) and found (N, most, 3), the row, column and heat of every map's peaks.
 
     near: square of the distance below which two peaks are one. flanks: whether a bump on a higher

@@ -1,4 +1,4 @@
-"""The encoder ``mixture``: per cell the probability of a contact, where, how deep, how sure."""
+"""The encoder ``mixture``: per cell the probability, place and depth of a contact, with std."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ IntArray = npt.NDArray[np.intp]
 class Mixture(MapEncoder):
     """Contacts <-> 7 maps: presence, dx, dy, depth, and the std of x, y and depth.
 
-    The cell nearest to a contact speaks of it: with which probability there is one, how far it lies
+    The cell nearest to a contact reports it: the probability that there is one, how far it lies
     from the cell's centre, how deep it is, and how sure that is. All but the probability are mm.
     Maps like these are learned by the likelihood of ``tactibench.training.mixture_loss``, not cell
     by cell; coarse grids are enough. A contact without std has the std 0 on the map, and is read
     back without.
 
-    Neighbouring cells whose contacts lie within ``merge`` of each other speak of the same one
+    Neighbouring cells whose contacts lie within ``merge`` of each other report the same one
     (``tactibench.training.MixtureReader``), so closer contacts are not told apart. The score of a
     contact is the sum of their probabilities; a contact below ``threshold`` is none.
 
@@ -44,16 +44,16 @@ class Mixture(MapEncoder):
         Raises UserError for more contacts than cells.
         """
         maps = np.zeros((len(contacts), self.channels, *grid.shape), dtype=np.float32)
-        frame = np.repeat(np.arange(len(contacts)), [len(one) for one in contacts])
+        frame = np.repeat(np.arange(len(contacts)), [len(each) for each in contacts])
         if not len(frame):
             return maps
-        xy = np.concatenate([one.xy for one in contacts])
+        xy = np.concatenate([each.xy for each in contacts])
         row, column = _cells(frame, xy, grid)
         columns = [
-            np.concatenate([one.score for one in contacts]),
+            np.concatenate([each.score for each in contacts]),
             *(xy - grid.xy(row, column)).T,
-            np.concatenate([one.depth for one in contacts]),
-            *np.concatenate([_stated(one) for one in contacts]).T,
+            np.concatenate([each.depth for each in contacts]),
+            *np.concatenate([_stated_std(each) for each in contacts]).T,
         ]
         maps[frame, :, row, column] = np.stack(columns, axis=1)
         return maps
@@ -63,8 +63,8 @@ class Mixture(MapEncoder):
         cells = stack[frame, :, row, column].astype(np.float64)
         mean = cells[:, 1:4]
         mean[:, :2] += grid.xy(row, column)
-        found = self._reader.read(len(stack), frame, cells[:, 0], mean, cells[:, 4:])
-        return [_without_empty_std(contacts) for contacts in found]
+        frames = self._reader.read(len(stack), frame, cells[:, 0], mean, cells[:, 4:])
+        return [_without_empty_std(contacts) for contacts in frames]
 
 
 def _cells(frame: IntArray, xy: FloatArray, grid: Grid) -> tuple[IntArray, IntArray]:
@@ -86,7 +86,7 @@ def _cells(frame: IntArray, xy: FloatArray, grid: Grid) -> tuple[IntArray, IntAr
     return row, column
 
 
-def _stated(contacts: Contacts) -> FloatArray:
+def _stated_std(contacts: Contacts) -> FloatArray:
     return np.zeros((len(contacts), 3)) if contacts.std is None else contacts.std
 
 

@@ -42,29 +42,29 @@ import numpy.typing as npt
 
 from tactibench import Contacts
 from tactibench_heatmaps.encoder import MapStack
-from tactibench_heatmaps.maxima import find
-from tactibench_heatmaps.subcell import DARK, LEAST_SQUARES, refine
+from tactibench_heatmaps.least_squares import fit_maps
+from tactibench_heatmaps.maxima import find_peaks
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 WIDE = 17
-_DECODERS = {"least-squares": LEAST_SQUARES, "wide": LEAST_SQUARES, "dark": DARK}
 # round-trip error, mm on cells of 0.4 mm: half a cell; differences of a blurred map; two steps
 TOLERANCE = {"maximum": 0.201, "dark": 0.01, "least-squares": 0.002, "wide": 0.002}
 _STRAY = 0.6  # of the narrowest kernel's sigma: noise moves the highest cell this far at most
 
 
 @dataclass(frozen=True)
-class Found:
-    """Peaks of N maps. counts: (N,). place: (N, most, 3) row, column, heat, best first; the rest
-    of a map's rows mean nothing."""
+class Peaks:
+    """Peaks of N maps."""
 
     counts: IntArray
+    """(N,)."""
     place: FloatArray
+    """(N, most, 3) row, column, heat, best first; the rows behind a map's count mean nothing."""
 
     def flat(self, values: FloatArray) -> FloatArray:
-        """(K, ...) of (N, most, ...) values of the peaks, those of all maps one after another."""
+        """Return (K, ...) of (N, most, ...) values of the peaks, those of all maps in turn."""
         if len(self.counts) == 1:
             return values[0, : self.counts[0]]
         return values[np.arange(values.shape[1]) < self.counts[:, None]]
@@ -72,13 +72,19 @@ class Found:
 
 @dataclass(frozen=True)
 class PeakReader:
-    """How peaks are read.
+    """The way in which peaks are read.
 
-    slope, base: sigma^2 = slope * heat + base of the kernels, mm^2. decoder: one of the four.
-    threshold: least heat. min_distance: between peaks, mm. max_count: of a map. window: cells a
-    side of "least-squares", odd. free: whether the fit finds the width of a peak, or holds it at
-    the kernel's. flanks: whether a peak must also rise above the flanks that the kernel predicts
-    for the higher peaks of its map, by a tenth of them and half the threshold.
+    Attributes:
+        slope: sigma^2 = slope * heat + base of the kernels, mm^2.
+        base: see slope.
+        decoder: one of the four.
+        threshold: least heat.
+        min_distance: between peaks, mm.
+        max_count: of a map.
+        window: cells a side of "least-squares", odd.
+        free: whether the fit finds the width of a peak, or holds it at the kernel's.
+        flanks: whether a peak must also rise above the flanks that the kernel predicts for the
+            higher peaks of its map, by a tenth of them and half the threshold.
     """
 
     slope: float
@@ -91,28 +97,31 @@ class PeakReader:
     free: bool = True
     flanks: bool = True
 
-    def read(self, stack: MapStack, pitch: float) -> Found:
-        """Peaks of (N, H, W) maps."""
+    def read(self, stack: MapStack, pitch: float) -> Peaks:
+        """Return the peaks of (N, H, W) maps with cells of this pitch, mm."""
         counts = np.empty(len(stack), dtype=np.int64)
         place = np.empty((len(stack), self.max_count, 3))
-        cells = np.ascontiguousarray(stack)
-        square = pitch * pitch
-        slope, base = self.slope / square, self.base / square
-        near = self.min_distance**2 / square
-        find(
-            *(cells, self.threshold, near, self.flanks, self.max_count),
-            *(slope, base, counts, place),
+        maps = np.ascontiguousarray(stack)
+        slope, base = self.slope / (pitch * pitch), self.base / (pitch * pitch)
+        near = self.min_distance**2 / (pitch * pitch)
+        find_peaks(
+            maps, self.threshold, near, self.flanks, self.max_count, slope, base, counts, place
         )
-        if self.decoder != "maximum":
+        stray = max(_STRAY**2 * base, 1.0)
+        if self.decoder == "dark":
+            from tactibench_heatmaps.dark import expand_maps
+
+            expand_maps(maps, stray, slope, base, counts, place)
+        elif self.decoder != "maximum":
             half = (WIDE if self.decoder == "wide" else self.window) // 2
-            stray = max(_STRAY**2 * base, 1.0)
-            decoder = _DECODERS[self.decoder]
-            refine(cells, decoder, half, self.free, stray, slope, base, counts, place)
-        return Found(counts, place)
+            fit_maps(maps, half, self.free, stray, slope, base, counts, place)
+        return Peaks(counts, place)
 
 
-def split(counts: IntArray, xy: FloatArray, depth: FloatArray, score: FloatArray) -> list[Contacts]:
-    """Contacts of every map from those of all maps one after the other."""
+def split_contacts(
+    counts: IntArray, xy: FloatArray, depth: FloatArray, score: FloatArray
+) -> list[Contacts]:
+    """Return the contacts of every map from those of all maps in turn."""
     if len(counts) == 1:
         return [Contacts(xy, depth, score)]
     ends = [0, *np.cumsum(counts).tolist()]

@@ -1,4 +1,4 @@
-"""The network of ``mixture``: from a displacement field to what coarse cells say."""
+"""The network of ``mixture``: from a displacement field to raw outputs of coarse cells."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench.training import mirrored, random_turns
+from tactibench.training import draw_flips, flip_maps
 
 CHANNELS = 7
 """Raw outputs of a cell, as ``tactibench.training.mixture_values`` reads them."""
 _FIRST_LOG_STD = 0.3
-"""Of a cell that knows nothing yet, log mm."""
+"""Log std of a cell before anything is learned, log mm."""
 _PRESENCE_GAIN = 4.0
 """Factor on the logit of presence. It has the longest way to go, but an optimiser that divides by
 the size of the gradients (Adam) moves all weights at the same pace."""
@@ -56,7 +56,7 @@ class MixtureNetwork(nn.Module):
         self.head = Head(deep)
 
     @torch.no_grad()
-    def start_from(self, fields: torch.Tensor, contacts: torch.Tensor) -> None:
+    def initialise(self, fields: torch.Tensor, contacts: torch.Tensor) -> None:
         """Fix the scale to the training fields (N, 2, S, S) and start at their count of contacts.
 
         contacts: (N, K, 3), rows of NaN for none.
@@ -64,14 +64,14 @@ class MixtureNetwork(nn.Module):
         self.scale.copy_(1 / fields.square().mean().sqrt().clamp_min(1e-6))
         cells = self.place[0, 0].numel() / 4
         count = float((~contacts[..., 0].isnan()).sum()) / len(contacts)
-        self.head.start(min(max(count, 0.1) / cells, 0.5))
+        self.head.initialise(min(max(count, 0.1) / cells, 0.5))
 
     def forward(self, fields: torch.Tensor) -> torch.Tensor:
         if not self.training:
             return self._cells(fields)
-        turned = random_turns(len(fields), self.mirror, fields.device)
-        signs = 1 - 2 * turned.to(fields.dtype)
-        raw = mirrored(self._cells(mirrored(fields, turned) * signs[:, :, None, None]), turned)
+        flips = draw_flips(len(fields), self.mirror, fields.device)
+        signs = 1 - 2 * flips.to(fields.dtype)
+        raw = flip_maps(self._cells(flip_maps(fields, flips) * signs[:, :, None, None]), flips)
         steps = raw[:, 1:3] * signs[:, :, None, None]
         return torch.cat([raw[:, :1], steps, raw[:, 3:]], dim=1)
 
@@ -100,13 +100,15 @@ class Residual(nn.Module):
             nn.init.zeros_(convolution.bias)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        found: torch.Tensor = x + self.second(F.relu(self.first(F.relu(x))))
-        return found
+        changed: torch.Tensor = x + self.second(F.relu(self.first(F.relu(x))))
+        return changed
 
 
 class Head(nn.Module):
-    """Linear layer to the raw outputs, in float32 also within autocast: bf16 has 8 bits, and a
-    depth of 6 mm would be rounded to 0.02 mm."""
+    """Linear layer to the raw outputs, in float32 also within autocast.
+
+    bf16 has 8 bits: it would round a depth of 6 mm to 0.02 mm.
+    """
 
     gain: torch.Tensor
 
@@ -119,8 +121,8 @@ class Head(nn.Module):
         self.bias = nn.Parameter(torch.zeros(CHANNELS))
 
     @torch.no_grad()
-    def start(self, presence: float) -> None:
-        """Begin with this probability in every cell."""
+    def initialise(self, presence: float) -> None:
+        """Set the probability that every cell begins with."""
         self.bias.zero_()
         self.bias[0] = math.log(presence / (1 - presence)) / _PRESENCE_GAIN
         self.bias[4:] = _FIRST_LOG_STD

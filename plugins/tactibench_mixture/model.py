@@ -20,18 +20,19 @@ RECIPE = Recipe(
 _FINER = 2
 """Cells of the displacement field along a cell of the mixture."""
 _REACH = 0.75
-"""Cells that a contact may lie from the centre of the cell that speaks of it, in x and in y. The
-nearest cell needs half a cell; the further others reach, the later they agree on who speaks."""
+"""Cells that a contact may lie from the centre of the cell that reports it, in x and in y. The
+nearest cell needs half a cell; the further others reach, the later they agree on who reports."""
 
 
 class Mixture(MixtureModel):
-    """Each of some coarse cells says with which probability it holds a contact, where and how deep
-    that is, and how sure it is; compare DECODE (Speiser et al. 2021).
+    """A network that reports contacts cell by cell; compare DECODE (Speiser et al. 2021).
 
-    What goes in is the displacement field of the pins, tracked from the rest image of the first
-    training frame or from the frame that is pressed least.
+    Each of some coarse cells gives the probability that it holds a contact, where and how deep
+    that is, and how sure it is. The input is the displacement field of the pins, tracked from the
+    rest image of the first training frame or from the frame that is pressed least.
 
-    Raises UserError without an encoder of this kind and for a grid that ``cells`` do not divide.
+    Raises:
+        UserError: without an encoder of this kind and for a grid that ``cells`` do not divide.
     """
 
     name = "mixture"
@@ -59,24 +60,24 @@ class Mixture(MixtureModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)
-        self._field = DisplacementField(self._resting_eye(frames, truth), _FINER * self._cells)
+        self._field = DisplacementField(self._track_pins(frames, truth), _FINER * self._cells)
 
     def build(self) -> MixtureNetwork:
         mirror = (False, False)
         if self._field is not None and self.architecture["mirror"] == "auto":
-            mirror = self._field.symmetric
+            mirror = self._field.symmetry
         return MixtureNetwork(self.architecture["width"], _FINER * self._cells, mirror)
 
-    def start(self, network: MixtureNetwork, training: Examples) -> None:
-        network.start_from(training.images, training.targets)
+    def initialise(self, network: MixtureNetwork, training: Examples) -> None:
+        network.initialise(training.images, training.targets)
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         if self._field is None:
             raise UserError("model 'mixture' knows no pins yet; train it or load weights first.")
-        return torch.from_numpy(self._field(self._field.eye.images(frames)))
+        return torch.from_numpy(self._field(self._field.pins.images(frames)))
 
     def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
-        """(N, 7, cells, cells) float32 maps as the encoder reads them."""
+        """Return (N, 7, cells, cells) float32 maps as the encoder reads them."""
         values = super().outputs(raw)
         values[..., 1:3] -= self._anchors.numpy()
         return values.transpose(0, 2, 1).reshape(len(raw), CHANNELS, *self._grid.shape)
@@ -85,12 +86,14 @@ class Mixture(MixtureModel):
         return self._encoder.decode_batch(outputs, self._grid)
 
     def extra(self) -> dict[str, Any]:
-        field = None if self._field is None else self._field.plain()
+        field = None if self._field is None else self._field.to_json()
         return {**super().extra(), "field": field}
 
-    def use_extra(self, extra: dict[str, Any]) -> None:
-        super().use_extra(extra)
-        self._field = None if extra["field"] is None else DisplacementField.of_plain(extra["field"])
+    def restore(self, extra: dict[str, Any]) -> None:
+        super().restore(extra)
+        self._field = (
+            None if extra["field"] is None else DisplacementField.from_json(extra["field"])
+        )
 
     @property
     def _cells(self) -> int:
@@ -98,7 +101,7 @@ class Mixture(MixtureModel):
 
 
 def _coarse(grid: Grid, cells: int) -> Grid:
-    """A grid of cells x cells over the same square."""
+    """Return a grid of cells x cells over the same square."""
     rows, columns = grid.shape
     if rows != columns or rows % cells:
         raise UserError(

@@ -15,12 +15,12 @@ from torch.nn import functional as F  # noqa: N812
 from tactibench_pins.components import Components
 
 _LAST = 0.1
-"""Of the usual size of the last layer's first weights: answers start near the mean."""
+"""Share of the usual size of the last layer's first weights: answers start near the mean."""
 
 
 class Members(nn.Module):
-    """(B, 2 P) displacements, px -> (B, M, T + 1): normalised targets of every member, and how far
-    the pins went, rms.
+    """(B, 2 P) displacements, px -> (B, M, T + 1): normalised targets of every member, and the rms
+    displacement.
 
     The displacements are first turned into K whitened components. While it trains, every member
     sees them with noise of its own, as if every pin had been found that much elsewhere. Hidden
@@ -50,17 +50,17 @@ class Members(nn.Module):
             self.biases.append(nn.Parameter(torch.zeros(members * outside)))  # no weight decay
 
     @torch.no_grad()
-    def start_from(self, components: Components, whitening: float, noise_px: float) -> None:
-        """Fix what the displacements are turned into. noise_px: of one coordinate of a pin."""
+    def initialise(self, components: Components, whitening: float, noise_px: float) -> None:
+        """Fix the components of displacements. noise_px: of one coordinate of a pin."""
         weights = torch.from_numpy(components.weights(whitening)).float()
-        found = len(components)  # frames that hardly differ have fewer than K
+        count = len(components)  # frames that hardly differ have fewer than K
         self.mean.copy_(torch.from_numpy(components.mean))
-        self.basis[:, :found] = torch.from_numpy(components.basis).float() * weights
-        self.noise[:found] = noise_px * weights
+        self.basis[:, :count] = torch.from_numpy(components.basis).float() * weights
+        self.noise[:count] = noise_px * weights
 
     @torch.no_grad()
     def show_through(self, views: Sequence[npt.NDArray[np.float64]]) -> None:
-        """Views (2 P, 2 P) of displacements while it trains; after ``start_from``."""
+        """Set views (2 P, 2 P) of displacements while it trains; after ``initialise``."""
         seen = [torch.from_numpy(view.T).float() @ self.basis.cpu() for view in views]
         self.through = torch.stack(seen).to(self.basis)
 
@@ -68,11 +68,11 @@ class Members(nn.Module):
         hidden = self.hidden(moved)
         bias = self.biases[-1].view(self.members, 1, -1)
         values = torch.baddbmm(bias, hidden, self.weights[-1]).transpose(0, 1)
-        far = moved.square().mean(dim=1).sqrt()[:, None, None].expand(-1, self.members, 1)
-        return torch.cat([values, far.to(values)], dim=2)
+        rms = moved.square().mean(dim=1).sqrt()[:, None, None].expand(-1, self.members, 1)
+        return torch.cat([values, rms.to(values)], dim=2)
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
-        """(M, B, U) last hidden layer of every member."""
+        """Return (M, B, U) the last hidden layer of every member."""
         hidden = self._components(moved).expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)

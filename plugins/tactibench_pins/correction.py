@@ -1,7 +1,7 @@
-"""What a few labelled frames of another sensor change of a trained model's answers.
+"""The correction of a trained model's answers by a few labelled frames of another sensor.
 
 The trained model sees the frames as features h (its last hidden layer, or its kernel). The
-correction is a ridge regression of what the answers lack,
+correction is a ridge regression of the answers' errors,
 
     y - f(x) = c + w h(x),    |w|^2 ridge + sum of squares least,
 
@@ -46,7 +46,7 @@ class Correction:
         scale = max(float(np.sqrt(np.square(centred).sum(axis=1).mean())), 1e-12)
         places = centred / scale
         values, vectors = np.linalg.eigh(1.0 + places @ places.T)
-        chosen = [_left_out(values, vectors, column) for column in lacking.T]
+        chosen = [_choose_ridge(values, vectors, column) for column in lacking.T]
         alpha = np.stack([alpha for _, _, alpha in chosen], axis=1)
         return cls(places, alpha, middle, scale, tuple(ridge for _, ridge, _ in chosen))
 
@@ -56,11 +56,11 @@ class Correction:
         return np.asarray((1.0 + places @ self.features.T) @ self.alpha, dtype=np.float64)
 
 
-def _left_out(values: Array, vectors: Array, lacking: Array) -> tuple[float, float, Array]:
+def _choose_ridge(values: Array, vectors: Array, lacking: Array) -> tuple[float, float, Array]:
     """(error, ridge, alpha) of the ridge with the least error of leaving one frame out."""
-    found = []
+    candidates = []
     for ridge in RIDGES:
         inverse = (vectors / (np.maximum(values, 0.0) + ridge)) @ vectors.T
         alpha = inverse @ lacking
-        found.append((float(np.abs(alpha / np.diag(inverse)).mean()), ridge, alpha))
-    return min(found, key=lambda one: one[:2])
+        candidates.append((float(np.abs(alpha / np.diag(inverse)).mean()), ridge, alpha))
+    return min(candidates, key=lambda candidate: candidate[:2])

@@ -13,23 +13,38 @@ import numpy.typing as npt
 import torch
 
 from tactibench import Answer, FitReport, Frame, Model, ModelContext, Progress, UserError
+from tactibench.markers import PinTracker
 from tactibench.training import (
     ANSWER_WIDTH,
     Normalisation,
     answer_vectors,
     load_weights,
     pack_image,
-    regressable,
+    regression_rows,
     save_weights,
     unpack_image,
 )
-from tactibench_pins.choose import MOST, START, Features, best
 from tactibench_pins.components import Components
 from tactibench_pins.correction import Correction
-from tactibench_pins.eye import LATTICE, Sight, displacements, sight, sight_at
-from tactibench_pins.presence import answers_of, least, went
-from tactibench_pins.ridge import Setting, kernel, weights
-from tactibench_pins.views import views
+from tactibench_pins.displacements import (
+    LATTICE,
+    OwnPins,
+    contact_threshold,
+    displacements,
+    find_pins,
+    read_answers,
+    read_pins,
+    rms_displacement,
+)
+from tactibench_pins.regression import (
+    MOST,
+    Features,
+    Setting,
+    choose_setting,
+    kernel,
+    kernel_weights,
+)
+from tactibench_pins.views import draw_views
 
 Array = npt.NDArray[np.float64]
 
@@ -37,14 +52,14 @@ _BATCH = 32
 """Frames that are tracked at once in ``predict``."""
 _VIEWS = 64
 _UNLIKE = 0.003
-"""As in ``model``: where other sensors are read, frames are learned through views, with noise."""
+"""Noise in units of the layout, as in ``model``: transfer learns frames through views."""
 
 
 class Kernel(Model):
     """Kernel ridge regression with reweighting towards the median; no contact where the pins
     hardly moved.
 
-    Its setting is chosen on the validation frames; without such frames it is ``START``.
+    Its setting is chosen on the validation frames; without such frames it is the usual one.
     """
 
     name = "kernel"
@@ -52,14 +67,14 @@ class Kernel(Model):
     def __init__(self, context: ModelContext) -> None:
         self.context = context
         count = ANSWER_WIDTH[context.answer]
-        self._sight: Sight | None = None
+        self._pins: OwnPins | None = None
         self._correction: Correction | None = None
-        self._setting = START
+        self._setting = Setting()
         self._scale = Normalisation(np.zeros(count), np.ones(count))
         self._components = Components(np.zeros(1), np.zeros((1, 1)), np.ones(1))
         self._places, self._alpha = np.zeros((0, 1)), np.zeros((0, count))
         self._length = 1.0
-        self._least = 0.0
+        self._threshold = 0.0
 
     def fit(
         self,
@@ -72,32 +87,35 @@ class Kernel(Model):
     ) -> FitReport:
         """Choose the setting, then fit. Raises UserError for frames it cannot learn from."""
         began = time.perf_counter()
-        given = len(frames)
-        frames, known = self._known(frames, truth)
+        count = len(frames)
+        frames, targets = self._usable(frames, truth)
         if len(frames) < 2:
             raise UserError(
                 f"model {self.name!r} was given {len(frames)} training frames that it can learn "
                 "from, but needs two; raise the training count."
             )
-        self._sight = sight(frames, known, self.context.transfers)
-        self._scale = Normalisation.of(known)
-        moved = displacements(self._sight, frames, self.name)
-        self._least = least(moved, self.context.answer)
+        self._pins = find_pins(frames, targets, self.context.transfers)
+        self._scale = Normalisation.of(targets)
+        moved = displacements(self._pins, frames, self.name)
+        self._threshold = contact_threshold(moved, self.context.answer)
         components = Components.fit(moved, min(MOST, len(frames) - 1))
-        seen, wanted = self._known(*validation)
-        held = displacements(self._sight, seen, self.name) if seen else moved[:0]
+        held_out, wanted = self._usable(*validation)
+        held = displacements(self._pins, held_out, self.name) if held_out else moved[:0]
         if self.context.transfers:
-            shown = views(LATTICE, _VIEWS, np.random.default_rng(0))  # the same for every seed
-            moved, held = (_through(shown, one, rng) for one in (moved, held))
+            views = draw_views(LATTICE, _VIEWS, np.random.default_rng(0))  # the same for every seed
+            moved, held = (_show_through(views, each, rng) for each in (moved, held))
             components = Components.fit(moved, min(MOST, len(frames) - 1))
-        learned = Features(components, moved, self._scale.apply(known))
-        self._setting = best(learned, held, self._scale.apply(wanted)) if seen else START
+        learned = Features(components, moved, self._scale.apply(targets))
+        if held_out:
+            self._setting = choose_setting(learned, held, self._scale.apply(wanted))
+        else:
+            self._setting = Setting()
         self._components = components.first(self._setting.components)
         self._places, self._length = learned.places(self._setting)
-        self._alpha = weights(
+        self._alpha = kernel_weights(
             kernel(self._places, self._places, self._length), learned.targets, self._setting
         )
-        notes = {"left_out": given - len(frames), **asdict(self._setting)}
+        notes = {"left_out": count - len(frames), **asdict(self._setting)}
         return FitReport(seconds=time.perf_counter() - began, notes=notes)
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
@@ -107,37 +125,40 @@ class Kernel(Model):
         ones. Returns what was chosen, for the record.
         """
         self._correction = None
-        frames, known = self._known(frames, truth)
+        frames, targets = self._usable(frames, truth)
         if not frames:
             return {"frames": 0}
-        moved = displacements(self._sight, frames, self.name)
-        lacking = self._scale.apply(known) - self._scale.apply(self._regress(moved))
-        self._correction = Correction.fit(self._near(moved), lacking)
+        moved = displacements(self._pins, frames, self.name)
+        lacking = self._scale.apply(targets) - self._scale.apply(self._regress(moved))
+        self._correction = Correction.fit(self._similarities(moved), lacking)
         return {"frames": len(frames), "ridge": list(self._correction.ridges)}
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
-        """One answer per frame, computed in float64."""
-        found: list[Answer | None] = []
+        """Return one answer a frame, computed in float64."""
+        answers: list[Answer | None] = []
         for start in range(0, len(frames), _BATCH):
             value: Any = frames[start : start + _BATCH]
             for _, stage in self.stages():
                 value = stage(value)
-            found += value
-        return found
+            answers += value
+        return answers
 
     timed_as = "float64"
 
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
-        """Pins, regression, answers."""
+        """Return the phases of ``predict``: pins, regression, answers."""
         return [
-            ("preprocess", lambda frames: displacements(self._sight, frames, self.name)),
-            ("forward", lambda moved: np.column_stack([self._regress(moved), went(moved)])),
-            ("decode", lambda values: answers_of(values, self.context.answer, self._least)),
+            ("preprocess", lambda frames: displacements(self._pins, frames, self.name)),
+            (
+                "forward",
+                lambda moved: np.column_stack([self._regress(moved), rms_displacement(moved)]),
+            ),
+            ("decode", lambda values: read_answers(values, self.context.answer, self._threshold)),
         ]
 
     def save(self, directory: Path) -> None:
         """Write all that ``predict`` needs into the folder. Raises UserError before a training."""
-        if self._sight is None:
+        if self._pins is None:
             raise UserError(f"model {self.name!r} has learned nothing yet; train it first.")
         arrays = {
             "places": self._places,
@@ -152,11 +173,11 @@ class Kernel(Model):
             model=self.name,
             architecture=self._architecture,
             extra={
-                "rest": pack_image(self._sight.still),
+                "rest": pack_image(self._pins.rest_image),
                 "setting": asdict(self._setting),
-                "scale": self._scale.plain(),
+                "scale": self._scale.to_json(),
                 "length": self._length,
-                "least": self._least,
+                "least": self._threshold,
             },
         )
 
@@ -164,24 +185,25 @@ class Kernel(Model):
         """Read weights. Raises UserError for those of another model or answer."""
         tensors, extra = load_weights(directory, model=self.name, architecture=self._architecture)
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
-        self._sight = sight_at(unpack_image(extra["rest"]), self.context.transfers)
+        pins = PinTracker(unpack_image(extra["rest"]))
+        self._pins = read_pins(pins, self.context.transfers)
         self._setting = Setting(**extra["setting"])
-        self._scale = Normalisation.of_plain(extra["scale"])
+        self._scale = Normalisation.from_json(extra["scale"])
         self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
-        self._least = extra["least"]
+        self._threshold = extra["least"]
 
     @property
     def _architecture(self) -> dict[str, Any]:
-        """Weights of the common lattice are none of one sensor's pins."""
+        """Weights of the common lattice differ from those of one sensor's pins."""
         shared = {"transfers": True} if self.context.transfers else {}
         return {"answer": self.context.answer, **shared}
 
     def parameter_count(self) -> int:
         """Return how many numbers a training leaves: places, their weights, the components."""
-        kept = (self._places, self._alpha, self._components.mean, self._components.basis)
-        return sum(array.size for array in kept)
+        arrays = (self._places, self._alpha, self._components.mean, self._components.basis)
+        return sum(array.size for array in arrays)
 
     def flops(self, frame: Frame) -> int | None:  # noqa: ARG002 - the same for every frame
         """Of the two products and the distances; exponentials and the tracking are not counted."""
@@ -189,26 +211,28 @@ class Kernel(Model):
 
     def _regress(self, moved: Array) -> Array:
         """(N, T) in mm and deg of displacements (N, 2 P)."""
-        near = self._near(moved)
-        found = near @ self._alpha
+        similarities = self._similarities(moved)
+        values = similarities @ self._alpha
         if self._correction is not None:
-            found = found + self._correction(near)
-        return self._scale.invert(found)
+            values = values + self._correction(similarities)
+        return self._scale.invert(values)
 
-    def _near(self, moved: Array) -> Array:
-        """(N, M) how near frames are to each of the M training frames."""
+    def _similarities(self, moved: Array) -> Array:
+        """(N, M) kernel of frames with each of the M training frames."""
         places = self._components.of(moved, self._setting.whitening)
         return kernel(places, self._places, self._length)
 
-    def _known(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> tuple[list[Frame], Array]:
-        rows = regressable(truth, self.context.answer, self.name)
-        known = answer_vectors(truth, self.context.answer, self.name)[rows]
-        return [frames[row] for row in rows], known
+    def _usable(
+        self, frames: Sequence[Frame], truth: Sequence[Answer]
+    ) -> tuple[list[Frame], Array]:
+        rows = regression_rows(truth, self.context.answer, self.name)
+        targets = answer_vectors(truth, self.context.answer, self.name)[rows]
+        return [frames[row] for row in rows], targets
 
 
-def _through(shown: Sequence[Array], moved: Array, rng: np.random.Generator) -> Array:
+def _show_through(views: Sequence[Array], moved: Array, rng: np.random.Generator) -> Array:
     """(N, 2 L) each frame as some sensor like the trained one would have seen it."""
     out = moved + _UNLIKE * rng.standard_normal(moved.shape)
-    for number, chosen in enumerate(np.array_split(rng.permutation(len(moved)), len(shown))):
-        out[chosen] = out[chosen] @ shown[number].T
+    for number, chosen in enumerate(np.array_split(rng.permutation(len(moved)), len(views))):
+        out[chosen] = out[chosen] @ views[number].T
     return out

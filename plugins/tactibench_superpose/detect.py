@@ -1,4 +1,4 @@
-"""How many contacts, and roughly where: greedy insertion, every time with all refined together."""
+"""Detection of contacts by greedy insertion, every time with all refined together."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.superposition import Eye, Field, Solution, solve
-from tactibench_superpose.unexplained import Unexplained
+from tactibench.markers import PinTracker
+from tactibench.superposition import Field, Solution, solve
+from tactibench_superpose.model_error import ModelError
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -32,9 +33,9 @@ starts from where it was; one that ends farther off than the other stays doubtfu
 SHALLOWEST_MM = (0.15, 0.35)
 """A fit shallower than this is no contact: alone, and beside others, whose misfit it may take."""
 FIRM = 0.3
-"""Share of the misfit that a contact takes away from which it is surely there: of training pairs
+"""Share of the misfit that a contact explains from which it is surely there: of training pairs
 with a third contact too many, that had less in 99 of 100. Fainter ones, which may be none, are
-answered but do not shift the firm ones."""
+reported but do not shift the firm ones."""
 CLOSEST_MM = 4.0
 """Two fits closer than this are one."""
 _WORTH = 0.1
@@ -56,127 +57,142 @@ _FIRST = 50.0
 
 @dataclass(frozen=True, eq=False)
 class Detector:
-    """field: of what one contact does to the pins of ``eye``. weight: (Q,) 1 / variance.
-
-    gain, most: as declared. places: contacts on a lattice, with their shapes (M, Q) px and squares.
-    unexplained: what the fields leave of several contacts, where that could be learned.
-    """
+    """A search for the contacts of a frame."""
 
     field: Field
-    eye: Eye
+    """Of one contact."""
+    pins: PinTracker
     weight: Array
+    """(Q,) 1 / variance of the displacements, 1 / px^2."""
     gain: float
+    """Factor by which a further contact must lower the misfit."""
     most: int
+    """Most contacts of a frame."""
     places: Array
+    """(M, 3) contacts on a lattice, mm."""
     shapes: npt.NDArray[np.float32]
+    """(M, Q) px, their displacements."""
     squares: npt.NDArray[np.float32]
-    unexplained: Unexplained
+    model_error: ModelError
 
     @classmethod
-    def of(cls, field: Field, eye: Eye, weight: Array, gain: float, most: int) -> Self:
-        """Fields of contacts on a lattice over the workspace are computed once."""
+    def of(cls, field: Field, pins: PinTracker, weight: Array, gain: float, most: int) -> Self:
+        """Compute the fields of contacts on a lattice over the workspace once."""
         low, high = field.low, field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
         sides = [np.arange(a, b + 1e-9, _PITCH_MM) for a, b in zip(low[:2], high[:2], strict=True)]
         depths = np.array([d for d in _DEPTHS_MM if d < high[2]])
         places = np.stack(np.meshgrid(*sides, depths, indexing="ij"), axis=-1).reshape(-1, 3)
         shapes = field(places).astype(np.float32)
-        unexplained = Unexplained.unknown(weight)
-        return cls(field, eye, weight, gain, most, places, shapes, shapes**2, unexplained)
+        model_error = ModelError.unknown(weight)
+        return cls(field, pins, weight, gain, most, places, shapes, shapes**2, model_error)
 
     def find(self, image: Image, moved: Array, sure: Flags) -> tuple[Solution, Array]:
-        """The contacts of one frame, and (K,) the share of the misfit that each one takes away.
+        """Return the contacts of one frame, and (K,) the share of the misfit that each explains.
 
-        image: (H, W), moved: (Q,) px, sure: (P,), as ``Eye.watch`` gives them. Doubtful pins wait
-        until contacts are found, which then say where each one is to be looked for.
+        Doubtful pins wait until contacts are found, which then predict where each one is.
+
+        Args:
+            image: (H, W) gray.
+            moved: (Q,) px, as ``PinTracker.track`` gives them.
+            sure: (P,) alike.
         """
         weight = self.weight * np.tile(np.where(sure, 1.0, _DOUBT), 2)
         nothing = Solution(np.zeros((1, 0, 3)), moved[None].copy(), np.zeros((1, 0, 0)))
-        best = self._grown(moved, weight, nothing)
+        best = self._insert(moved, weight, nothing)
         if best.contacts.size and not sure.all():
-            moved, sure, _ = self._again(image, moved, sure, self._likeliest(moved, sure, best))
+            moved, sure, _ = self._retrack(image, moved, sure, self._likeliest(moved, sure, best))
             weight = self.weight * np.tile(sure, 2)
             # From nothing: a contact may have been put where pins had been taken for others.
-            best = self._grown(moved, weight, replace(nothing, left=moved[None].copy()))
+            best = self._insert(moved, weight, replace(nothing, left=moved[None].copy()))
         if not best.contacts.size:
             return best, np.empty(0)
-        found = solve(self.field, moved[None], best.contacts, weight, _FINISH)
-        without = found.left + self.field(found.contacts[0])
-        taken = 1 - _cost(found, weight) / (weight * without**2).sum(axis=1)
-        return found, taken
+        solution = solve(self.field, moved[None], best.contacts, weight, _FINISH)
+        without = solution.left + self.field(solution.contacts[0])
+        share = 1 - _cost(solution, weight) / (weight * without**2).sum(axis=1)
+        return solution, share
 
     def explain(self, images: Image, contacts: Array) -> tuple[Array, Array]:
-        """(S, K, 3) equivalents of contacts that are known, of frames (S, H, W), and what they
-        leave (C, Q) px of those frames whose pins were all surely themselves."""
-        moved, sure = self.eye.watch(images)
-        best = solve(self.field, moved, contacts, self.weight * np.tile(sure, (1, 2)), _FINISH)
-        found, clear = best.contacts, sure.all(axis=1)
-        for row in np.flatnonzero(~clear):
-            one = Solution(found[row : row + 1], best.left[row : row + 1], best.normal[:0])
-            found[row] = self._again(images[row], moved[row], sure[row], one)[2].contacts[0]
-        return found, best.left[clear]
+        """Return the equivalents of true contacts in their frames, and what these leave.
 
-    def _grown(self, moved: Array, weight: Array, best: Solution) -> Solution:
+        Args:
+            images: (S, H, W).
+            contacts: (S, K, 3) mm.
+
+        Returns:
+            (S, K, 3) equivalents, mm, and (C, Q) px of the frames whose pins were all sure.
+        """
+        moved, sure = self.pins.track(images)
+        best = solve(self.field, moved, contacts, self.weight * np.tile(sure, (1, 2)), _FINISH)
+        equivalents, clear = best.contacts, sure.all(axis=1)
+        for row in np.flatnonzero(~clear):
+            own = slice(row, row + 1)
+            start = Solution(equivalents[own], best.left[own], best.normal[:0])
+            _, _, end = self._retrack(images[row], moved[row], sure[row], start)
+            equivalents[row] = end.contacts[0]
+        return equivalents, best.left[clear]
+
+    def _insert(self, moved: Array, weight: Array, best: Solution) -> Solution:
         """The solution with as many contacts as are worth it."""
         while best.contacts.shape[1] < self.most:
-            more = self._with_more(moved, weight, best)
+            more = self._add_contact(moved, weight, best)
             if more is None:
                 break
             best = more
         return best
 
     def _surer(self, moved: Array, weight: Array, known: Solution, more: Solution) -> bool:
-        """Whether more contacts explain what several usually leave unexplained, too."""
-        if not self.unexplained.known or known.contacts.shape[1] < 2:
+        """Whether more contacts explain the usual residual of several, too."""
+        if not self.model_error.known or known.contacts.shape[1] < 2:
             return True
         sure = (weight >= self.weight)[: len(weight) // 2]
-        before, after = (self._unusual(moved, sure, one)[1] for one in (known, more))
+        before, after = (self._solve_whitened(moved, sure, start)[1] for start in (known, more))
         return before >= _SURER * after
 
     def _likeliest(self, moved: Array, sure: Flags, best: Solution) -> Solution:
-        """Several contacts where the pins that are sure put them, given what is usually left.
+        """Several contacts where the sure pins put them, given the usual residual.
 
         With the pins of a crowd missing, plain least squares puts deep contacts up to 3 mm wrong.
         """
-        if not self.unexplained.known or best.contacts.shape[1] < 2:
+        if not self.model_error.known or best.contacts.shape[1] < 2:
             return best
-        contacts, _ = self._unusual(moved, sure, best)
+        contacts, _ = self._solve_whitened(moved, sure, best)
         return replace(best, contacts=contacts, left=moved[None] - self.field(contacts[0]).sum(0))
 
-    def _unusual(self, moved: Array, sure: Flags, start: Solution) -> tuple[Array, float]:
-        """(1, K, 3) contacts that leave the least that is not usual, and how much, as chi^2."""
-        whitener = self.unexplained.whitener(sure)
+    def _solve_whitened(self, moved: Array, sure: Flags, start: Solution) -> tuple[Array, float]:
+        """(1, K, 3) contacts that leave the least unusual residual, and its chi^2."""
+        whitener = self.model_error.whitener(sure)
         ones = np.ones(whitener.shape[1])
-        found = solve(self.field, moved[None], start.contacts, ones, _STEPS, whitener)
-        return found.contacts, _cost(found, ones)
+        solution = solve(self.field, moved[None], start.contacts, ones, _STEPS, whitener)
+        return solution.contacts, _cost(solution, ones)
 
-    def _again(
+    def _retrack(
         self, image: Image, moved: Array, sure: Flags, best: Solution
     ) -> tuple[Array, Flags, Solution]:
-        """Pins, those that are sure and the contacts, all pins followed from where these put them.
+        """Displacements, which are sure, and contacts: pins tracked from where these put them.
 
         Repeated, because better contacts put the pins of a crowd better.
         """
         for turn in range(_ROUNDS):
             expected = self.field(best.contacts[0]).sum(axis=0)
-            kept = sure if turn == 0 else self._off(moved, expected) < _KEPT
-            start = np.where(np.tile(kept, 2), moved, expected)
-            again, found = self.eye.again(image[None], start[None])
-            if not found.any():  # pins without a profile: only places that were seen can be taken
-                moved, sure = self._named(moved, sure, expected)
+            near = sure if turn == 0 else self._distance(moved, expected) < _KEPT
+            start = np.where(np.tile(near, 2), moved, expected)
+            again, seen = self.pins.retrack(image[None], start[None])
+            if not seen.any():  # pins without a profile: only places that were seen can be taken
+                moved, sure = self._assign_seen(moved, sure, expected)
             else:
-                moved, sure = again[0], found[0] & (self._off(again[0], expected) < _NEAR)
+                moved, sure = again[0], seen[0] & (self._distance(again[0], expected) < _NEAR)
             weight = self.weight * np.tile(sure, 2)
             best = solve(self.field, moved[None], best.contacts, weight, _STEPS)
-            if not found.any():
+            if not seen.any():
                 break
         return moved, sure, best
 
-    def _off(self, moved: Array, expected: Array) -> Array:
-        """(P,) how far pins are from where they are expected, in spacings."""
-        off: Array = np.hypot(*(moved - expected).reshape(2, -1)) / self.eye.pitch
-        return off
+    def _distance(self, moved: Array, expected: Array) -> Array:
+        """(P,) distances of pins from their expected places, in spacings."""
+        distance: Array = np.hypot(*(moved - expected).reshape(2, -1)) / self.pins.pitch
+        return distance
 
-    def _with_more(self, moved: Array, weight: Array, known: Solution) -> Solution | None:
+    def _add_contact(self, moved: Array, weight: Array, known: Solution) -> Solution | None:
         """The best solution with one contact more: a new one or, failing that, one split in two."""
         cost = _cost(known, weight)
         if cost < _NOISE * (weight / self.weight).sum():
@@ -188,9 +204,9 @@ class Detector:
         ]
         for starts in (new, self._splits(moved, weight, known)):
             ends = [solve(self.field, moved[None], start, weight, _STEPS) for start in starts]
-            found = self._accepted(ends, moved, weight, known)
-            if found is not None:
-                return found
+            accepted = self._accept(ends, moved, weight, known)
+            if accepted is not None:
+                return accepted
         return None
 
     def _splits(self, moved: Array, weight: Array, known: Solution) -> list[Array]:
@@ -217,7 +233,7 @@ class Detector:
             starts.append(np.concatenate([others, pairs[best]])[None])
         return starts
 
-    def _accepted(
+    def _accept(
         self, ends: list[Solution], moved: Array, weight: Array, known: Solution
     ) -> Solution | None:
         """The plausible solution of least misfit that is better than the known one by enough."""
@@ -229,18 +245,18 @@ class Detector:
                 return end
         return None
 
-    def _named(self, moved: Array, sure: Flags, expected: Array) -> tuple[Array, Flags]:
-        """Doubtful pins at the seen places nearest to where the contacts put them, where near."""
-        seen = self.eye.rest + moved.reshape(2, -1).T
-        wanted = self.eye.rest + expected.reshape(2, -1).T
+    def _assign_seen(self, moved: Array, sure: Flags, expected: Array) -> tuple[Array, Flags]:
+        """Assign doubtful pins the seen places near to where the contacts put them."""
+        seen = self.pins.rest + moved.reshape(2, -1).T
+        wanted = self.pins.rest + expected.reshape(2, -1).T
         doubtful = np.flatnonzero(~sure)
         apart = np.hypot(*(wanted[doubtful, None] - seen).transpose(2, 0, 1))
         nearest = apart.argmin(axis=1)
-        near = apart[np.arange(len(doubtful)), nearest] < _OWN * self.eye.pitch
-        named, known = moved.reshape(2, -1).copy(), sure.copy()
-        named[:, doubtful[near]] = (seen[nearest[near]] - self.eye.rest[doubtful[near]]).T
-        known[doubtful[near]] = True
-        return named.reshape(-1), known
+        near = apart[np.arange(len(doubtful)), nearest] < _OWN * self.pins.pitch
+        assigned, assured = moved.reshape(2, -1).copy(), sure.copy()
+        assigned[:, doubtful[near]] = (seen[nearest[near]] - self.pins.rest[doubtful[near]]).T
+        assured[doubtful[near]] = True
+        return assigned.reshape(-1), assured
 
     def _candidates(self, known: Solution, weight: Array, worth: float) -> list[Array]:
         """Lattice contacts (1, 1, 3) that lower the misfit most, apart from each other."""
@@ -248,15 +264,15 @@ class Detector:
         gained = 2 * (self.shapes @ left) - self.squares @ weight.astype(np.float32)
         for contact in known.contacts[0]:
             gained[np.hypot(*(self.places[:, :2] - contact[:2]).T) < CLOSEST_MM] = -np.inf
-        found: list[Array] = []
-        while len(found) < (_STARTS if len(known.contacts[0]) else 1):
+        candidates: list[Array] = []
+        while len(candidates) < (_STARTS if len(known.contacts[0]) else 1):
             best = int(np.argmax(gained))
             if gained[best] < worth:
                 break
             place = self.places[best]
-            found.append(place[None, None])
+            candidates.append(place[None, None])
             gained[np.hypot(*(self.places[:, :2] - place[:2]).T) < _APART_MM] = -np.inf
-        return found
+        return candidates
 
     def _plausible(self, contacts: Array) -> bool:
         if (contacts[:, 2] < SHALLOWEST_MM[len(contacts) > 1]).any():

@@ -14,20 +14,20 @@ import torch
 from scipy.optimize import linear_sum_assignment
 
 from tactibench import Answer, Contacts, FitReport, Frame, Model, ModelContext, Progress, UserError
+from tactibench.markers import PinTracker
 from tactibench.superposition import (
-    Eye,
     Field,
-    Neighbours,
-    Remainder,
+    NeighbourLaw,
+    Residual,
     Solution,
-    as_rows,
-    single_presses,
+    contact_array,
+    single_press_rows,
 )
 from tactibench.training import load_weights, save_weights
 from tactibench_superpose.detect import FIRM, Detector
-from tactibench_superpose.several import Several, by_count, laws
-from tactibench_superpose.spread import GROUPS, Clues, Spread, shipped
-from tactibench_superpose.unexplained import Unexplained
+from tactibench_superpose.model_error import ModelError
+from tactibench_superpose.multi_contact import MultiContactPresses, learn_laws, rows_by_count
+from tactibench_superpose.spread import GROUPS, Clues, Spread, nominal_spread
 
 Array = npt.NDArray[np.float64]
 _Pins = tuple[npt.NDArray[np.uint8], Array, npt.NDArray[np.bool_]]
@@ -35,21 +35,21 @@ _Pins = tuple[npt.NDArray[np.uint8], Array, npt.NDArray[np.bool_]]
 
 _QUIETEST_PX = 0.003
 """No displacement is believed to be known better than this."""
-_EVERY = 8
-"""Every so many training presses with several contacts are left out of the law and answered, to see
-the errors. With every fourth left out the law is a quarter farther off than the one from all."""
+_HELD_OUT = 8
+"""One of so many training presses with several contacts is left out of the law, to measure the
+errors of answers. With every fourth left out the law is a quarter worse than the one from all."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Learned:
     detector: Detector
-    law: Neighbours
-    remainder: Remainder
+    law: NeighbourLaw
+    residual: Residual
     spread: Spread
 
     def shift(self, equivalents: Array) -> Array:
-        """(1, K, 3) mm from equivalents (1, K, 3) to the contacts behind them."""
-        return self.law.shift(equivalents) + self.remainder.shift(equivalents)
+        """Return (1, K, 3) mm from equivalents (1, K, 3) to their contacts."""
+        return self.law.shift(equivalents) + self.residual.shift(equivalents)
 
 
 class Superpose(Model):
@@ -58,7 +58,7 @@ class Superpose(Model):
     The displacement of all pins is a smooth function of one contact's x, y and depth (``Field``).
     A frame is explained by as many contacts as it takes, found greedily and refined together by
     Gauss-Newton; each one found is the *equivalent* of a contact, from which its neighbours'
-    influence is then taken back (``Neighbours``).
+    influence is then taken back (``NeighbourLaw``).
     """
 
     def __init__(
@@ -87,86 +87,94 @@ class Superpose(Model):
     ) -> FitReport:
         """Learn the field from the single presses, and the law from the others where it may.
 
-        Nothing is drawn at random. Raises UserError for too few single presses or no rest image.
+        Nothing is drawn at random.
+
+        Raises:
+            UserError: for too few single presses or no rest image.
         """
         del rng
         began = time.perf_counter()
         progress.start(1, 1)
-        rows = single_presses(truth)
-        eye = Eye.of(frames)
-        single = _of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
-        field = Field.learn(single, eye.moved(eye.images([frames[int(row)] for row in rows])))
-        held = single_presses(validation[1])
-        seen = eye.moved(eye.images([validation[0][int(row)] for row in held]))
-        wanted = _of(validation[1], held) if len(held) else np.empty((0, 1, 3))
-        off = seen - field(wanted[:, 0])
-        weight = np.full(field.coefficients.shape[-1], 1 / _QUIETEST_PX**2)
-        if len(off):
-            # Robust: a pin that was mistaken for another in one frame is no noise.
-            weight = 1 / np.maximum(1.4826 * np.median(np.abs(off), axis=0), _QUIETEST_PX) ** 2
-        detector = Detector.of(
-            field, eye, weight, self._settings["gain"], self._settings["max_count"]
+        rows = single_press_rows(truth)
+        pins = PinTracker.of(frames)
+        single = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
+        field = Field.learn(
+            single, pins.displacements(pins.images([frames[int(row)] for row in rows]))
         )
-        groups = self._several(detector, frames, truth)
+        held = single_press_rows(validation[1])
+        moved = pins.displacements(pins.images([validation[0][int(row)] for row in held]))
+        wanted = _contacts_of(validation[1], held) if len(held) else np.empty((0, 1, 3))
+        residual = moved - field(wanted[:, 0])
+        weight = np.full(field.coefficients.shape[-1], 1 / _QUIETEST_PX**2)
+        if len(residual):
+            # Robust: a pin that was mistaken for another in one frame is no noise.
+            weight = 1 / np.maximum(1.4826 * np.median(np.abs(residual), axis=0), _QUIETEST_PX) ** 2
+        detector = Detector.of(
+            field, pins, weight, self._settings["gain"], self._settings["max_count"]
+        )
+        groups = self._explain_groups(detector, frames, truth)
         if groups:
             left = np.concatenate([group.left for group in groups])
-            detector = replace(detector, unexplained=Unexplained.learn(left, weight))
-        spread = shipped()
-        # Presses that a law was learned from are answered better than others: how far off answers
-        # are is seen on presses that it was not learned from, and then it is learned from all.
-        self._learned = _Learned(detector, *self._laws(groups, _EVERY), spread)
+            detector = replace(detector, model_error=ModelError.learn(left, weight))
+        spread = nominal_spread()
+        # A law answers the presses that it was learned from better than others: errors are measured
+        # on presses that were left out, and then the law is learned from all.
+        self._learned = _Learned(detector, *self._learn_laws(groups, _HELD_OUT), spread)
         held_frames = [validation[0][int(row)] for row in held]
         spread = spread.with_group(1, *self.errors(held_frames, wanted))
-        for rows in by_count(truth):
-            some = rows[::_EVERY]
-            known = _of(truth, some)
-            found = self.errors([frames[int(row)] for row in some], known)
-            spread = spread.with_group(min(known.shape[1], GROUPS), *found)
-        self._learned = _Learned(detector, *self._laws(groups), spread)
-        progress.step(float(np.mean(off**2)) if len(off) else 0.0)
-        progress.epoch(1, float(np.mean(off**2)) if len(off) else 0.0, None)
+        for rows in rows_by_count(truth):
+            tested = rows[::_HELD_OUT]
+            true = _contacts_of(truth, tested)
+            errors = self.errors([frames[int(row)] for row in tested], true)
+            spread = spread.with_group(min(true.shape[1], GROUPS), *errors)
+        self._learned = _Learned(detector, *self._learn_laws(groups), spread)
+        progress.step(float(np.mean(residual**2)) if len(residual) else 0.0)
+        progress.epoch(1, float(np.mean(residual**2)) if len(residual) else 0.0, None)
         notes = {"single_presses": len(single), "others": len(frames) - len(single)}
         return FitReport(1, time.perf_counter() - began, notes=notes)
 
-    def _several(
+    def _explain_groups(
         self, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer]
-    ) -> list[Several]:
-        """Presses with several contacts; none of them is looked at where no law is wanted."""
+    ) -> list[MultiContactPresses]:
+        """Explain the presses with several contacts; none where no law is wanted."""
         if self._settings["neighbours"] == "none":
             return []
-        return [Several.of(detector, frames, truth, rows) for rows in by_count(truth)]
+        return [
+            MultiContactPresses.of(detector, frames, truth, rows) for rows in rows_by_count(truth)
+        ]
 
-    def _laws(
-        self, groups: Sequence[Several], without: int | None = None
-    ) -> tuple[Neighbours, Remainder]:
+    def _learn_laws(
+        self, groups: Sequence[MultiContactPresses], held_out: int | None = None
+    ) -> tuple[NeighbourLaw, Residual]:
         if self._settings["neighbours"] == "none":
-            return Neighbours.none(), Remainder.none()
-        return laws(groups, without)
+            return NeighbourLaw.none(), Residual.none()
+        return learn_laws(groups, held_out)
 
     def errors(self, frames: Sequence[Frame], wanted: Array) -> tuple[list[Clues], list[Array]]:
-        """What the stated errors hang on, and the errors (K, 3) mm, of frames with contacts wanted.
+        """Return the causes of errors, and the errors (K, 3) mm, of frames with known contacts.
 
-        wanted: (N, K, 3) x, y, depth mm. Frames in which as many were found.
+        Frames in which another number of contacts is found are left out. wanted: (N, K, 3) x, y,
+        depth mm.
         """
         clues, errors = [], []
-        for (solution, taken), true in zip(self._found(self._pins(frames)), wanted, strict=True):
-            if len(taken) != len(true):
+        for (solution, share), true in zip(self._fit(self._pins(frames)), wanted, strict=True):
+            if len(share) != len(true):
                 continue
-            contacts, clue = self._corrected(solution, taken)
+            contacts, clue = self._correct(solution, share)
             apart = np.hypot(*(contacts[:, None, :2] - true[None, :, :2]).transpose(2, 0, 1))
             clues.append(clue)
             errors.append(contacts - true[linear_sum_assignment(apart)[1]])
         return clues, errors
 
     def predict(self, frames: Sequence[Frame]) -> list[Contacts]:
-        """Contacts of every frame, with their standard deviations."""
-        return self._contacts(self._found(self._pins(frames)))
+        """Return the contacts of every frame, with their standard deviations."""
+        return self._contacts(self._fit(self._pins(frames)))
 
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
-        """The phases of ``predict``: pins, fit, neighbours."""
+        """Return the phases of ``predict``: pins, fit, neighbours."""
         return [
             ("preprocess", self._pins),
-            ("forward", self._found),
+            ("forward", self._fit),
             ("decode", self._contacts),
         ]
 
@@ -176,36 +184,36 @@ class Superpose(Model):
         """Numbers that were learned."""
         learned = self._ready()
         law = learned.law.pair.size + learned.law.crowd.size
-        law += learned.remainder.along.size + learned.remainder.across.size
+        law += learned.residual.along.size + learned.residual.across.size
         return int(learned.detector.field.coefficients.size + law)
 
     def _pins(self, frames: Sequence[Frame]) -> _Pins:
-        eye = self._ready().detector.eye
-        images = eye.images(frames)
-        return images, *eye.watch(images)
+        pins = self._ready().detector.pins
+        images = pins.images(frames)
+        return images, *pins.track(images)
 
-    def _found(self, pins: _Pins) -> list[tuple[Solution, Array]]:
-        return [self._ready().detector.find(*one) for one in zip(*pins, strict=True)]
+    def _fit(self, pins: _Pins) -> list[tuple[Solution, Array]]:
+        return [self._ready().detector.find(*frame) for frame in zip(*pins, strict=True)]
 
-    def _contacts(self, found: list[tuple[Solution, Array]]) -> list[Contacts]:
+    def _contacts(self, solutions: list[tuple[Solution, Array]]) -> list[Contacts]:
         spread, deepest = self._ready().spread, self._context.max_depth * 1.2
         out = []
-        for solution, taken in found:
-            if not len(taken):
+        for solution, share in solutions:
+            if not len(share):
                 out.append(Contacts.none())
                 continue
-            contacts, clues = self._corrected(solution, taken)
+            contacts, clues = self._correct(solution, share)
             depth = contacts[:, 2].clip(0.0, deepest)
-            out.append(Contacts(contacts[:, :2], depth, taken.clip(0, 1), spread.std(clues)))
+            out.append(Contacts(contacts[:, :2], depth, share.clip(0, 1), spread.std(clues)))
         return out
 
-    def _corrected(self, solution: Solution, taken: Array) -> tuple[Array, Clues]:
-        """(K, 3) contacts behind the equivalents that were found, and what their errors hang on.
+    def _correct(self, solution: Solution, share: Array) -> tuple[Array, Clues]:
+        """(K, 3) contacts behind the equivalents that were found, and the causes of their errors.
 
         Faint contacts do not shift the firm ones.
         """
         learned, equivalents = self._ready(), solution.contacts
-        count, firm = equivalents.shape[1], taken >= FIRM
+        count, firm = equivalents.shape[1], share >= FIRM
         shift = learned.shift(equivalents)[0]
         if 0 < np.count_nonzero(firm) < count:
             shift[firm] = learned.shift(equivalents[:, firm])[0]
@@ -222,15 +230,15 @@ class Superpose(Model):
             "low": field.low,
             "step": field.step,
             "weight": learned.detector.weight,
-            "still": learned.detector.eye.still,
+            "still": learned.detector.pins.rest_image,
             "pair": learned.law.pair,
             "crowd": learned.law.crowd,
-            "pairs": learned.remainder.known,
-            "pairs_along": learned.remainder.along,
-            "pairs_across": learned.remainder.across,
-            "pairs_length": np.array(learned.remainder.length),
+            "pairs": learned.residual.known,
+            "pairs_along": learned.residual.along,
+            "pairs_across": learned.residual.across,
+            "pairs_length": np.array(learned.residual.length),
             "spread": learned.spread.terms,
-            "unexplained": learned.detector.unexplained.covariance,
+            "unexplained": learned.detector.model_error.covariance,
         }
         save_weights(
             directory,
@@ -244,20 +252,20 @@ class Superpose(Model):
         tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
         read = {name: value.numpy() for name, value in tensors.items()}
         field = Field(read["coefficients"], read["low"], read["step"])
-        eye = Eye.at(read["still"])
+        pins = PinTracker(read["still"])
         detector = Detector.of(
             field,
-            eye,
+            pins,
             read["weight"],
             self._settings["gain"],
             self._settings["max_count"],
         )
-        usual = Unexplained(read["unexplained"], np.sqrt(read["weight"]))
-        detector = replace(detector, unexplained=usual)
+        model_error = ModelError(read["unexplained"], np.sqrt(read["weight"]))
+        detector = replace(detector, model_error=model_error)
         self._learned = _Learned(
             detector,
-            Neighbours(read["pair"], read["crowd"]),
-            Remainder(
+            NeighbourLaw(read["pair"], read["crowd"]),
+            Residual(
                 read["pairs"],
                 read["pairs_along"],
                 read["pairs_across"],
@@ -272,5 +280,5 @@ class Superpose(Model):
         return self._learned
 
 
-def _of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:
-    return as_rows([truth[int(row)] for row in rows])
+def _contacts_of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:
+    return contact_array([truth[int(row)] for row in rows])

@@ -1,8 +1,8 @@
-"""How far off the answers are: what noise leaves open, and what the model of several contacts does.
+"""The standard deviations of answers: from noise, and from the model of several contacts.
 
     variance = floor^2 + (a noise)^2 + (b shift)^2 + (c misfit)^2
 
-noise: deviation of the least-squares fit, mm. shift: how far a contact lies from its equivalent,
+noise: deviation of the least-squares fit, mm. shift: distance of a contact from its equivalent,
 mm. misfit: chi^2 by degree of freedom. One set of (floor, a, b, c) for x and y and one for depth,
 of contacts alone, in pairs and in larger groups. Depth takes the noise of x and y: what is left
 unexplained there is seldom the camera's.
@@ -32,7 +32,7 @@ _NORMAL_95, _PLANE_95 = 1.959964, 2.447747
 
 @dataclass(frozen=True, eq=False)
 class Clues:
-    """What the deviations of the K contacts of one frame follow from.
+    """Causes of the deviations of the K contacts of one frame.
 
     noise, shift: (K, 2) of x and y together and of depth, mm; misfit: (K, 2).
     """
@@ -43,7 +43,13 @@ class Clues:
 
     @classmethod
     def of(cls, normal: Array, misfit: float, shift: Array) -> Clues:
-        """normal: (3 K, 3 K) of the fit. misfit: chi^2 by degree of freedom. shift: (K, 3) mm."""
+        """Return those of one frame.
+
+        Args:
+            normal: (3 K, 3 K) of the fit.
+            misfit: chi^2 by degree of freedom.
+            shift: (K, 3) mm.
+        """
         count = len(shift)
         # Before a fit a contact is known to lie within the dome: nothing is known worse than that.
         known = normal + np.eye(3 * count) / _LARGEST_MM**2
@@ -66,19 +72,20 @@ class Clues:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """terms: (3, 2, 4) floor, a, b, c by group and for x and y, and depth."""
+    """The size of each cause."""
 
     terms: Array
+    """(3, 2, 4) floor, a, b, c by group and for x and y, and depth."""
 
     def std(self, clues: Clues) -> Array:
-        """(K, 3) mm."""
+        """Return (K, 3) mm of the contacts of one frame."""
         terms = self.terms[min(len(clues.noise), GROUPS) - 1]
         plane, depth = np.sqrt((clues.squares * terms**2).sum(axis=-1)).T
         out: Array = np.stack([plane, plane, depth], axis=1).clip(1e-4, _LARGEST_MM)
         return out
 
     def with_group(self, count: int, clues: list[Clues], errors: list[Array]) -> Spread:
-        """Terms of the group of ``count`` contacts fitted to errors (K, 3) of answered frames."""
+        """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames."""
         if sum(len(error) for error in errors) < _FEWEST:
             return self
         squares, error = np.concatenate([c.squares for c in clues]), np.concatenate(errors)
@@ -86,13 +93,13 @@ class Spread:
             squares[..., 2:] = 0.0
         plane = np.hypot(error[:, 0], error[:, 1])
         terms = self.terms.copy()
-        terms[count - 1, 0] = _fitted(squares[:, 0], plane**2 / 2, plane, _PLANE_95)
+        terms[count - 1, 0] = _fit_terms(squares[:, 0], plane**2 / 2, plane, _PLANE_95)
         depth = np.abs(error[:, 2])
-        terms[count - 1, 1] = _fitted(squares[:, 1], depth**2, depth, _NORMAL_95)
+        terms[count - 1, 1] = _fit_terms(squares[:, 1], depth**2, depth, _NORMAL_95)
         return Spread(terms)
 
 
-def _fitted(squares: Array, wanted: Array, size: Array, quantile: float) -> Array:
+def _fit_terms(squares: Array, wanted: Array, size: Array, quantile: float) -> Array:
     """(4,) terms whose variance follows ``wanted``; 95 % of the sizes lie within the quantile.
 
     Non-negative least squares weighted by 1 / variance, errors beyond three deviations cut there.
@@ -100,19 +107,19 @@ def _fitted(squares: Array, wanted: Array, size: Array, quantile: float) -> Arra
     from scipy.optimize import nnls
 
     variance = np.full(len(wanted), np.median(wanted) + 1e-12)
-    found = np.zeros(squares.shape[1])
+    solution = np.zeros(squares.shape[1])
     scale = squares.mean(axis=0) + 1e-300
     for _ in range(_ROUNDS):
         cut = np.minimum(wanted, _WINSOR * variance)
-        found = nnls(squares / scale / variance[:, None], cut / variance)[0] / scale
-        variance = np.maximum(squares @ found, 1e-10)
+        solution = nnls(squares / scale / variance[:, None], cut / variance)[0] / scale
+        variance = np.maximum(squares @ solution, 1e-10)
     ratio = float(np.quantile(size / np.sqrt(variance), 0.95)) / quantile
-    terms: Array = np.sqrt(found) * ratio
+    terms: Array = np.sqrt(solution) * ratio
     return terms
 
 
 @cache
-def shipped() -> Spread:
-    """The terms that come with the package: errors on the nominal dome (benchmarks/spread.py)."""
+def nominal_spread() -> Spread:
+    """Return the terms that come with the package: the nominal dome (benchmarks/spread.py)."""
     stored = json.loads(files(__package__).joinpath("spread.json").read_text(encoding="utf-8"))
     return Spread(np.array(stored["terms"]))

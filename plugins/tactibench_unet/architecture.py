@@ -6,13 +6,13 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench.training import mirrored, random_turns
+from tactibench.training import draw_flips, flip_maps
 
 LEVELS = 4
 
 
 class UNetNetwork(nn.Module):
-    """(B, seen, S, S) uint8 frames -> (B, channels, H, W) logits of the heatmap.
+    """(B, images, S, S) uint8 frames -> (B, channels, H, W) logits of the heatmap.
 
     A stem brings the frame to the heatmap's cells: a convolution of the given stride, then
     pooling or resizing for what is left. Level k has ``width * 2**k`` channels. Weights are those
@@ -30,12 +30,18 @@ class UNetNetwork(nn.Module):
         cells: tuple[int, int],
         channels: int,
         *,
-        seen: int = 1,
+        images: int = 1,
         mirror: tuple[bool, bool] = (False, False),
     ) -> None:
-        """seen: images of a frame: itself, or itself and the sensor at rest.
+        """Build the layers.
 
-        mirror: whether frames may be seen with x, and with y, reversed while it is trained.
+        Args:
+            width: channels of the first level.
+            stem: stride of the first convolution.
+            cells: rows and columns of the heatmap.
+            channels: maps of the encoder.
+            images: of a frame: itself, or itself and the sensor at rest.
+            mirror: whether x, and y, of frames may be reversed while it is trained.
         """
         super().__init__()
         self.cells = cells
@@ -43,7 +49,7 @@ class UNetNetwork(nn.Module):
         widths = [width * 2**level for level in range(LEVELS + 1)]
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
-        self.stem = _convolution(seen, width, stride=stem)
+        self.stem = _convolution(images, width, stride=stem)
         self.down = nn.ModuleList(
             _block(width if level == 0 else widths[level - 1], widths[level])
             for level in range(LEVELS)
@@ -57,7 +63,7 @@ class UNetNetwork(nn.Module):
         self.head = nn.Conv2d(width, channels, 1)
 
     @torch.no_grad()
-    def start_from(self, images: torch.Tensor, targets: torch.Tensor) -> None:
+    def initialise(self, images: torch.Tensor, targets: torch.Tensor) -> None:
         """Fix the input scale to the training frames (uint8) and the output to their mean heat.
 
         The head starts at the logit of the mean target, so that the first steps are not spent on
@@ -73,8 +79,8 @@ class UNetNetwork(nn.Module):
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         if not (self.training and any(self.mirror)):
             return self._logits(images)
-        turned = random_turns(len(images), self.mirror, images.device)
-        return mirrored(self._logits(mirrored(images, turned)), turned)
+        flips = draw_flips(len(images), self.mirror, images.device)
+        return flip_maps(self._logits(flip_maps(images, flips)), flips)
 
     def _logits(self, images: torch.Tensor) -> torch.Tensor:
         x = self.stem((images.float() - self.mean) * self.scale)

@@ -1,4 +1,4 @@
-"""What every level of the U-Net makes of a frame."""
+"""Activations of every level of the U-Net, for pictures."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ LAYERS = {
     "bottleneck": "bottleneck",
     **{f"up.{level}": f"up {level + 1}" for level in reversed(range(LEVELS))},
 }
-"""Module -> how a reader calls it, in the order of the forward pass."""
+"""Module -> its name in pictures, in the order of the forward pass."""
 
 
 @torch.inference_mode()
 def layer_features(network: nn.Module, images: torch.Tensor) -> dict[str, npt.NDArray[np.float32]]:
-    """Layer -> (C, H, W) activations of the first image, after normalisation and ReLU."""
-    found: dict[str, npt.NDArray[np.float32]] = {}
+    """Return layer -> (C, H, W) activations of the first image, after normalisation and ReLU."""
+    activations: dict[str, npt.NDArray[np.float32]] = {}
 
     def keep(name: str) -> Any:
         def hook(_module: nn.Module, _inputs: Any, output: torch.Tensor) -> None:
-            found[name] = output[0].float().cpu().numpy()
+            activations[name] = output[0].float().cpu().numpy()
 
         return hook
 
@@ -40,4 +40,4 @@ def layer_features(network: nn.Module, images: torch.Tensor) -> dict[str, npt.ND
     finally:
         for hook in hooks:
             hook.remove()
-    return found
+    return activations

@@ -11,21 +11,21 @@ import numpy.typing as npt
 import torch
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench import Answer, Contacts, Encoder, Frame, Grid, ModelContext, UserError
+from tactibench import Answer, Contacts, Encoder, Frame, Grid, ModelContext, Pose, UserError
 from tactibench.training import (
     RECIPES,
     Examples,
     LearnedModel,
     PlateScale,
+    find_symmetry,
     heatmaps,
     image_tensor,
-    own_mirror,
     pack_image,
     unpack_image,
 )
 from tactibench_unet.architecture import LEVELS, UNetNetwork
-from tactibench_unet.features import layer_features
-from tactibench_unet.rest import rest_image, rest_images
+
+Image = npt.NDArray[np.uint8]
 
 _RECIPES = RECIPES | {
     "default": replace(
@@ -38,9 +38,12 @@ infinite logits, and a short training leaves them too shallow; published is 1.""
 
 
 class UNet(LearnedModel):
-    """U-Net of TactiVerse behind the interface of tactibench.
+    """U-Net of TactiVerse: from a frame, and the sensor at rest beside it, to heatmaps.
 
-    Raises UserError without an encoder and for a grid that four poolings do not divide.
+    With the rest image the first convolutions see what moved.
+
+    Raises:
+        UserError: without an encoder and for a grid that four poolings do not divide.
     """
 
     name = "unet"
@@ -79,10 +82,10 @@ class UNet(LearnedModel):
         self._encoder = context.encoder
         self._scale = PlateScale()
         self._headroom = _HEADROOM[recipe]
-        self._may_mirror = mirror == "auto" or (mirror == "recipe" and recipe == "default")
+        self._try_mirror = mirror == "auto" or (mirror == "recipe" and recipe == "default")
         self._mirror = (False, False)
-        self._may_compare = rest == "auto" or (rest == "recipe" and recipe == "default")
-        self._rest: npt.NDArray[np.uint8] | None = None
+        self._try_rest = rest == "auto" or (rest == "recipe" and recipe == "default")
+        self._rest: Image | None = None
 
     def build(self) -> UNetNetwork:
         shape = self.architecture
@@ -92,59 +95,65 @@ class UNet(LearnedModel):
             shape["stem"],
             (rows, columns),
             shape["channels"],
-            seen=1 if self._rest is None else 2,
+            images=1 if self._rest is None else 2,
             mirror=self._mirror,
         )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        """(N, 1 or 2, S, S) uint8: the frames and, if the network compares, the sensor at rest."""
+        """Return (N, 1 or 2, S, S) uint8: the frames and, where it is shown, the sensor at rest."""
         images = image_tensor(frames, self.architecture["size"])
         if self._rest is None:
             return images
-        return torch.cat([images, rest_images(frames, self._rest)], dim=1)
+        return torch.cat([images, _rest_images(frames, self._rest)], dim=1)
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         contacts = [self._scale.contacts(answer) for answer in truth]
         return torch.from_numpy(heatmaps(self._encoder, contacts, self.context.grid))
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """Binary cross-entropy, as published; of heat within its headroom."""
+        """Return the binary cross-entropy, as published, of heat within its headroom."""
         return F.binary_cross_entropy_with_logits(outputs, targets * self._headroom)
 
     def outputs(self, raw: torch.Tensor) -> np.ndarray:
-        """(N, C, H, W) float32 heat in 0..1."""
+        """Return (N, C, H, W) float32 heat in 0..1."""
         return super().outputs((raw.float().sigmoid() / self._headroom).clamp_max(1.0))
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
-        """Contacts of every map, or its plate pose (None where the map shows no contact)."""
+        """Return the contacts of every map, or its plate pose (None without a contact)."""
         contacts = self._encoder.decode_batch(outputs, self.context.grid)
         if self.context.answer == "plate":
-            return [self._scale.plate(found) for found in contacts]
+            return [self._scale.plate(each) for each in contacts]
         return list(contacts)
 
     def maps(self, frames: Sequence[Frame]) -> np.ndarray:
-        """(N, C, H, W) float32 heatmaps in 0..1, computed in float32."""
+        """Return (N, C, H, W) float32 heatmaps in 0..1, computed in float32."""
         return self.evaluate(frames)
 
     def read_maps(self, maps: np.ndarray) -> list[Answer | None]:
-        """Answers that (N, C, H, W) maps stand for."""
+        """Return the answers that (N, C, H, W) maps stand for."""
         return self.answers(maps)
 
     def features(self, frame: Frame) -> dict[str, np.ndarray]:
-        """Layer -> (C, H, W) activations, see ``features``."""
+        """Return layer -> (C, H, W) activations, in the order of the forward pass."""
+        from tactibench_unet.features import layer_features
+
         return layer_features(self.network, self.inputs([frame]).to(self.context.device))
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
-        rest = rest_image(frames, self.architecture["size"])
-        every = all(frame.rest is not None for frame in frames)
-        self._rest = rest if self._may_compare and every else None
+        rest = _rest_image(frames, self.architecture["size"])
+        every_frame = all(frame.rest is not None for frame in frames)
+        self._rest = rest if self._try_rest and every_frame else None
         self._mirror = (False, False)
-        if self._may_mirror and rest is not None and _mirrors(self._encoder, self.context.grid):
-            self._mirror = own_mirror(rest)
+        if (
+            self._try_mirror
+            and rest is not None
+            and _is_symmetric(self._encoder, self.context.grid)
+        ):
+            self._mirror = find_symmetry(rest)
 
-    def start(self, network: UNetNetwork, training: Examples) -> None:
-        network.start_from(training.images, training.targets * self._headroom)
+    def initialise(self, network: UNetNetwork, training: Examples) -> None:
+        network.initialise(training.images, training.targets * self._headroom)
 
     def extra(self) -> dict[str, Any]:
         return {
@@ -153,16 +162,37 @@ class UNet(LearnedModel):
             "rest": None if self._rest is None else pack_image(self._rest),
         }
 
-    def use_extra(self, extra: dict[str, Any]) -> None:
+    def restore(self, extra: dict[str, Any]) -> None:
         self._scale = PlateScale(extra["depth_offset_mm"])
         self._headroom = extra["headroom"]
         self._rest = None if extra["rest"] is None else unpack_image(extra["rest"])
 
 
-def _mirrors(encoder: Encoder, grid: Grid) -> bool:
+def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:
     """Whether a mirrored contact gives the mirrored maps; not where maps hold steps."""
     x, y = grid.xy(0.6 * grid.shape[0], 0.7 * grid.shape[1])
-    middle = grid.xy((grid.shape[0] - 1) / 2, (grid.shape[1] - 1) / 2)
-    across = encoder.encode(Contacts.truth([[2 * middle[0] - x, y]], [2.0]), grid)
-    own = encoder.encode(Contacts.truth([[x, y]], [2.0]), grid)
-    return bool(np.allclose(across[..., ::-1], own, atol=1e-4))
+    middle_x = grid.xy((grid.shape[0] - 1) / 2, (grid.shape[1] - 1) / 2)[0]
+    reflected = encoder.encode(Contacts.truth([[2 * middle_x - x, y]], [2.0]), grid)
+    maps = encoder.encode(Contacts.truth([[x, y]], [2.0]), grid)
+    return bool(np.allclose(reflected[..., ::-1], maps, atol=1e-4))
+
+
+def _rest_image(frames: Sequence[Frame], size: int) -> Image | None:
+    """Return the (size, size) rest image of the first frame that has one."""
+    rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+    return None if rest is None else _sized(rest, size)[0].numpy()
+
+
+def _rest_images(frames: Sequence[Frame], otherwise: Image) -> torch.Tensor:
+    """Return (N, 1, S, S) uint8, every frame's rest image; ``otherwise`` (S, S) without one."""
+    sized = {id(None): torch.from_numpy(otherwise)[None]}
+    for frame in frames:  # most share one array
+        if frame.rest is not None and id(frame.rest) not in sized:
+            sized[id(frame.rest)] = _sized(frame.rest, len(otherwise))
+    images = [sized[id(frame.rest)] for frame in frames]
+    return torch.stack(images) if images else torch.empty(0, 1, *otherwise.shape, dtype=torch.uint8)
+
+
+def _sized(rest: Image, size: int) -> torch.Tensor:
+    """(1, size, size) uint8 gray."""
+    return image_tensor([Frame(rest, 0.0, Pose())], size)[0]

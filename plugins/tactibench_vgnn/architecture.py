@@ -1,4 +1,4 @@
-"""The graph network: messages between neighbouring pins, and one token that hears them all."""
+"""The graph network: messages between neighbouring pins, and a token that pools them all."""
 
 from __future__ import annotations
 
@@ -14,32 +14,34 @@ from tactibench_vgnn.features import NEAREST, NODE
 _GEOMETRY = 3
 """Numbers about an edge: the step from a pin to its neighbour, in pitches, and its length."""
 _BASIS = 6
-"""Weights of an edge in a round of messages: a pin hears so many weighted sums."""
+"""Weights of an edge in a round of messages: a pin receives so many weighted sums."""
 _POOLS = 16
 """Weighted sums over all pins that the global token consists of."""
 _TOKEN = 256
-"""Units of the dense layers between these sums and what every pin is told of them."""
+"""Units of the dense layers between these sums and the features that pins get back."""
 _WAVES = (0.5, 1.0, 2.0)
 """A pin's place enters as sines and cosines with so many half periods over the layout's half."""
 _OUTPUTS = 7
 """Raw outputs of a pin, as ``tactibench.training.mixture_values`` reads them; the first is the
 logit of presence."""
-_FAINT = -4.0
+_FIRST_LOGIT = -4.0
 """First logit of presence: two contacts among 127 pins before anything is learned."""
 
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """Who listens to whom. near: (P, K) or (B, P, K) pins. there: the same with 1 at the end, 0
-    where there is no neighbour. apart: with 3 at the end, geometry of the edges at rest."""
+    """The neighbours of every pin."""
 
     near: torch.Tensor
+    """(P, K) or (B, P, K) pins."""
     there: torch.Tensor
+    """(..., P, K, 1), 0 where there is no neighbour."""
     apart: torch.Tensor
+    """(..., P, K, 3), geometry of the edges at rest."""
 
     @classmethod
     def of(cls, table: torch.Tensor, place: torch.Tensor) -> Edges:
-        """Edges of a table (..., P, K) with -1 for nobody; place: (P, 2) in pitches."""
+        """Return the edges of a table (..., P, K) with -1 for none; place: (P, 2) in pitches."""
         near = table.clamp_min(0)
         step = place[near] - place[:, None]
         apart = torch.cat([step, step.norm(dim=-1, keepdim=True)], dim=-1)
@@ -47,18 +49,18 @@ class Edges:
         return cls(near, there, apart * there)
 
     def gather(self, nodes: torch.Tensor) -> torch.Tensor:
-        """(B, P, K, W) features of every pin's neighbours, of nodes (B, P, W)."""
+        """Return (B, P, K, W) features of every pin's neighbours, of nodes (B, P, W)."""
         batch, pins, width = nodes.shape
         if self.near.ndim == 2:
-            found = nodes.index_select(1, self.near.flatten())
+            gathered = nodes.index_select(1, self.near.flatten())
         else:
             index = self.near.flatten(1)[..., None].expand(-1, -1, width)
-            found = nodes.gather(1, index)
-        return found.view(batch, pins, -1, width)
+            gathered = nodes.gather(1, index)
+        return gathered.view(batch, pins, -1, width)
 
 
 class EdgeEncoder(nn.Module):
-    """What a pin knows of the steps to its neighbours, at rest and since: W sum_j f(e_ij)."""
+    """Features of a pin from the steps to its neighbours, at rest and since: W sum_j f(e_ij)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -87,27 +89,27 @@ class Messages(nn.Module):
         self.mix = nn.Sequential(
             nn.Linear((1 + _BASIS) * width, width), nn.ReLU(), nn.Linear(width, width)
         )
-        self.known: torch.Tensor | None = None
+        self.fixed: torch.Tensor | None = None
 
     def weights(self, edges: Edges) -> torch.Tensor:
-        """(..., P, 6, K) weights of the edges."""
-        if self.known is not None:
-            return self.known
+        """Return (..., P, 6, K) weights of the edges."""
+        if self.fixed is not None:
+            return self.fixed
         weights: torch.Tensor = self.weigh(edges.apart) * edges.there / 2
         return weights.transpose(-1, -2)
 
     def forward(self, nodes: torch.Tensor, edges: Edges) -> torch.Tensor:
         normal = self.norm(nodes)
-        heard = torch.matmul(self.weights(edges), edges.gather(normal)).flatten(2)
-        told: torch.Tensor = nodes + self.mix(torch.cat([normal, heard], dim=-1))
-        return told
+        sums = torch.matmul(self.weights(edges), edges.gather(normal)).flatten(2)
+        updated: torch.Tensor = nodes + self.mix(torch.cat([normal, sums], dim=-1))
+        return updated
 
 
 class Token(nn.Module):
-    """What all pins say together, and what each is told of it.
+    """A global token: it pools the features of all pins and gives some back to each.
 
     The token is made of sums over the pins, weighted by learned functions of their place at rest;
-    what comes of it is handed back with such weights.
+    its features are handed back with such weights.
     """
 
     def __init__(self, width: int) -> None:
@@ -121,27 +123,27 @@ class Token(nn.Module):
             nn.ReLU(),
             nn.Linear(_TOKEN, _POOLS * width),
         )
-        self.known: torch.Tensor | None = None
+        self.fixed: torch.Tensor | None = None
 
     def weights(self, place: torch.Tensor) -> torch.Tensor:
-        """(P, 32) weights of the pins, half of them for the way back."""
-        if self.known is not None:
-            return self.known
+        """Return (P, 32) weights of the pins, half of them for the way back."""
+        if self.fixed is not None:
+            return self.fixed
         weights: torch.Tensor = self.weigh(place)
         return weights
 
     def forward(self, nodes: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-        there, back = self.weights(place).chunk(2, dim=-1)
-        sums = torch.matmul(there.t(), self.norm(nodes)) / math.sqrt(len(place))
-        thought = self.think(sums.flatten(1)).view_as(sums)
-        told: torch.Tensor = nodes + torch.matmul(back, thought) / math.sqrt(_POOLS)
-        return told
+        into, out_of = self.weights(place).chunk(2, dim=-1)
+        sums = torch.matmul(into.t(), self.norm(nodes)) / math.sqrt(len(place))
+        token = self.think(sums.flatten(1)).view_as(sums)
+        updated: torch.Tensor = nodes + torch.matmul(out_of, token) / math.sqrt(_POOLS)
+        return updated
 
 
 class GraphNetwork(nn.Module):
     """(B, P, F) features of pins -> (B, 7, P) raw outputs of a mixture with one anchor a pin.
 
-    place: (P, 2) of the pins at rest, any unit. table: (P, K) neighbours at rest, -1 for nobody;
+    place: (P, 2) of the pins at rest, any unit. table: (P, K) neighbours at rest, -1 for none;
     None: every frame brings its own after the features of its pins. Every second round of messages
     is followed by the token.
     """
@@ -184,7 +186,7 @@ class GraphNetwork(nn.Module):
         assert isinstance(last, nn.Linear)  # noqa: S101
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
-        nn.init.constant_(last.bias[:1], _FAINT)
+        nn.init.constant_(last.bias[:1], _FIRST_LOGIT)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         nodes = features[..., :NODE]
@@ -198,16 +200,16 @@ class GraphNetwork(nn.Module):
         raw: torch.Tensor = self.head(hidden).transpose(1, 2)
         return raw
 
-    def settled(self) -> GraphNetwork:
-        """A copy for inference that has worked out the weights which depend on the rest alone."""
+    def with_fixed_weights(self) -> GraphNetwork:
+        """Return a copy for inference with the weights computed that depend on the rest alone."""
         copied = copy.deepcopy(self).eval()
         with torch.no_grad():
             for token in copied.tokens:
                 assert isinstance(token, Token)  # noqa: S101
-                token.known = token.weights(copied.place)
+                token.fixed = token.weights(copied.place)
             for messages in copied.rounds if len(copied.table) else ():
                 assert isinstance(messages, Messages)  # noqa: S101
-                messages.known = messages.weights(Edges.of(copied.table, copied._place()))
+                messages.fixed = messages.weights(Edges.of(copied.table, copied._place()))
         return copied
 
     def _place(self) -> torch.Tensor:

@@ -15,15 +15,17 @@ NODE = 5
 """Features of a pin: displacement in x and y, growth of its Voronoi cell and of its own picture,
 and whether it was seen."""
 NEAREST = 8
-"""Neighbours that a pin listens to at most: in a Delaunay graph of pins it has 6 on average."""
-NOBODY = -1
+"""Most neighbours of a pin: in a Delaunay graph of pins it has 6 on average."""
+NO_PIN = -1
 _LONGEST = 2.0
 """Edges beyond this multiple of the median are long."""
 
 
 def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
-    """(N, P, 5) features of the pins; (N, P, 5 + 8) with their neighbours where each frame has its
-    own graph ("frame"): pin numbers, -1 for none.
+    """Return (N, P, 5) features of the pins.
+
+    Where each frame has its own graph ("frame") they are (N, P, 5 + 8), with the numbers of the
+    pin's neighbours, -1 for none.
 
     Displacement and growths are divided by their rms over the training frames; a growth is the
     logarithm of an area or a radius over that at rest.
@@ -32,33 +34,33 @@ def node_features(tracks: Tracks, layout: PinLayout, graph: str) -> Floats:
     features = np.zeros((count, len(layout.rest), NODE + NEAREST * (graph == "frame")), np.float32)
     areas = np.empty((count, len(layout.rest)))
     for frame, xy in enumerate(tracks.xy):
-        found = pin_graph(xy)
-        areas[frame] = found.area
+        voronoi = pin_graph(xy)
+        areas[frame] = voronoi.area
         if graph == "frame":
-            features[frame, :, NODE:] = neighbours(found.edges, xy)
+            features[frame, :, NODE:] = neighbour_table(voronoi.edges, xy)
     features[..., :2] = (tracks.xy - layout.rest) / layout.moved_px
     features[..., 2] = layout.growth(areas) / layout.grown
-    known = np.where(tracks.seen, tracks.radius, np.nan)  # a fit to no light has shrunk
-    features[..., 3] = layout.swelling(known) / layout.swollen
+    radius = np.where(tracks.seen, tracks.radius, np.nan)  # a fit to no light has shrunk
+    features[..., 3] = layout.swelling(radius) / layout.swollen
     features[..., 4] = tracks.seen
     return features
 
 
-def neighbours(edges: Table, xy: npt.NDArray[np.float64]) -> Table:
-    """(P, 8) pins at the other ends of the edges (E, 2) of each pin, nearest first; -1 for none.
+def neighbour_table(edges: Table, xy: npt.NDArray[np.float64]) -> Table:
+    """Return (P, 8) neighbours of each pin by edges (E, 2), nearest first; -1 for none.
 
     Long edges run along the hull between pins that are no neighbours on the skin; of them a pin
     keeps one where it has no other.
     """
-    table = np.full((len(xy), NEAREST), NOBODY, dtype=np.int64)
+    table = np.full((len(xy), NEAREST), NO_PIN, dtype=np.int64)
     if not len(edges):
         return table
     both = np.concatenate([edges, edges[:, ::-1]])
     length = np.linalg.norm(xy[both[:, 0]] - xy[both[:, 1]], axis=1)
     order = np.lexsort((both[:, 1], length, both[:, 0]))
-    here, there = both[order].T
-    rank = np.arange(len(here)) - np.searchsorted(here, here)
+    pin, neighbour = both[order].T
+    rank = np.arange(len(pin)) - np.searchsorted(pin, pin)
     short = length[order] <= _LONGEST * np.median(length)
     kept = (rank < NEAREST) & (short | (rank == 0))
-    table[here[kept], rank[kept]] = there[kept]
+    table[pin[kept], rank[kept]] = neighbour[kept]
     return table

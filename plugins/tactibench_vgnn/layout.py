@@ -1,4 +1,4 @@
-"""What the training frames say of the sensor: its pins, and where in mm each of them stands."""
+"""The layout of a sensor's pins, learned from training frames: where in mm each of them stands."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ _SHARPNESS = 3
 """Power of a pin's displacement with which it weighs in the centre of a press: at 3 the centre
 tells the contact best (0.21 mm on the default sensor; 0.29 at 1, 0.25 at 4)."""
 _REACH = 2.5
-"""A pin may speak of contacts this many times farther away than any is from its nearest pin."""
+"""A pin may report contacts this many times farther away than any is from its nearest pin."""
 _SMALLEST_AREA = 1e-3
 """Of a Voronoi cell, as a share of the median: pins on one spot have none."""
 
 
 @dataclass(frozen=True, eq=False)
 class PinLayout:
-    """Pins of a sensor at rest, and the scales of what they do.
+    """Pins of a sensor at rest, and the scales of their motion.
 
     rest: (P, 2) px. radius: (P,) px, of the pins' pictures, 0 where unknown. affine: (3, 2),
     [x, y, 1] px -> mm.
     moved_px, grown, swollen: rms displacement, px, and rms logarithms of the change of a Voronoi
     cell's area and of a picture's radius over the training frames. reach_mm: how far from a pin the
-    contacts may lie of which it speaks.
+    contacts may lie that it reports.
     """
 
     rest: Array
@@ -69,46 +69,45 @@ class PinLayout:
         return places
 
     def growth(self, areas: Array) -> Array:
-        """(N, P) logarithm of Voronoi areas (N, P) px^2 over those at rest."""
+        """Return (N, P) the logarithm of Voronoi areas (N, P) px^2 over those at rest."""
         usual = pin_graph(self.rest).area
         least = _SMALLEST_AREA * float(np.median(usual))
         ratio: Array = np.log(np.maximum(areas, least) / np.maximum(usual, least))
         return ratio
 
     def swelling(self, radius: Array) -> Array:
-        """(N, P) logarithm of radii (N, P) px over those at rest; 0 where either is unknown."""
+        """Return (N, P) the logarithm of radii (N, P) px over those at rest; 0 where unknown."""
         known = (radius > 0) & (self.radius > 0)  # NaN: not known
         ratio: Array = np.where(known, radius, 1.0) / np.where(known, self.radius, 1.0)
         return np.asarray(np.log(ratio), dtype=np.float64)
 
-    def plain(self) -> dict[str, Any]:
-        """JSON values from which ``of_plain`` makes the same layout."""
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values from which ``from_json`` makes the same layout."""
         return {name: np.asarray(value).tolist() for name, value in vars(self).items()}
 
     @classmethod
-    def of_plain(cls, values: dict[str, Any]) -> Self:
-        """The layout whose ``plain`` values these are."""
-        kept = dict(values)
-        rest, radius, affine = (np.array(kept.pop(name)) for name in ("rest", "radius", "affine"))
-        return cls(rest, radius, affine, **kept)
+    def from_json(cls, values: dict[str, Any]) -> Self:
+        """Return the layout of ``to_json``."""
+        arrays = {name: np.array(values[name]) for name in ("rest", "radius", "affine")}
+        return cls(**(values | arrays))
 
 
 def _affine(xy: Array, rest: Array, truth: Sequence[Contacts]) -> Array:
     """(3, 2) least-squares map from the centre of a single press, px, to its contact, mm."""
     single = np.array([len(contacts) == 1 for contacts in truth])
-    centre, moved = centres(xy[single], rest)
+    centre, moved = press_centres(xy[single], rest)
     if np.count_nonzero(moved) < 3:
         raise UserError(
             f"model 'vgnn' needs at least 3 training frames in which one contact moves pins, but "
             f"has {np.count_nonzero(moved)}; raise the training count."
         )
     contact = np.concatenate([contacts.xy for contacts in truth if len(contacts) == 1])
-    known = np.c_[centre[moved], np.ones(int(moved.sum()))]
-    return np.asarray(np.linalg.lstsq(known, contact[moved], rcond=None)[0], dtype=np.float64)
+    places = np.c_[centre[moved], np.ones(int(moved.sum()))]
+    return np.asarray(np.linalg.lstsq(places, contact[moved], rcond=None)[0], dtype=np.float64)
 
 
-def centres(xy: Array, rest: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """(N, 2) mean places of the pins at rest, weighted by their displacement cubed, px.
+def press_centres(xy: Array, rest: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return (N, 2) mean places of the pins at rest, weighted by their displacement cubed, px.
 
     Also (N,) whether any pin moved; the centre is the middle of the layout where none did.
     """

@@ -11,8 +11,7 @@ import torch
 from torch import nn
 
 from tactibench import Answer, Contacts, Frame, ModelContext, UserError
-from tactibench.markers import Tracks, pin_graph
-from tactibench.superposition import Eye
+from tactibench.markers import PinTracker, Tracks, pin_graph
 from tactibench.training import (
     MixtureModel,
     Recipe,
@@ -22,7 +21,7 @@ from tactibench.training import (
     unpack_image,
 )
 from tactibench_vgnn.architecture import GraphNetwork
-from tactibench_vgnn.features import NOBODY, neighbours, node_features
+from tactibench_vgnn.features import NO_PIN, neighbour_table, node_features
 from tactibench_vgnn.layout import PinLayout
 
 RECIPE = Recipe(
@@ -33,19 +32,19 @@ _THRESHOLD = 0.05
 a contact to the other: at 0.5 one press in 130 was missed on the default sensor (validation); on
 its test presses of exp1 one had 0.06."""
 _MERGE_MM = 3.0
-"""Pins whose contacts lie closer than a tip's radius speak of the same one."""
-_SURVEYED = 400
+"""Pins whose contacts lie closer than a tip's radius report the same one."""
+_SCALE_FRAMES = 400
 """Training frames, spread evenly, from which the scales of the layout are learned."""
-_BLANK = 0.02
+_RESTING_SHARE = 0.02
 """Frames at rest that are added to a training, as a share of its frames."""
 _NO_PINS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 """Stands for the layout until there is one."""
 
 
 class VGNN(MixtureModel):
-    """Voronoi graph network (compare Fan et al. 2023, Tac-VGNN) with a set of contacts as answer.
+    """Voronoi graph network (compare Fan et al. 2023, Tac-VGNN) that gives a set of contacts.
 
-    Every pin is an anchor of a mixture of Gaussians: it says with which probability it speaks of a
+    Every pin is an anchor of a mixture of Gaussians: it gives the probability that it reports a
     contact, and where and how deep that is. The pins and the graph of the undeformed sensor are
     taken from the rest image of the first training frame, or from the frame that is pressed least.
     """
@@ -64,32 +63,34 @@ class VGNN(MixtureModel):
     ) -> None:
         architecture = {"width": width, "layers": layers, "graph": graph, "answer": context.answer}
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
-        self._eye: Eye | None = None
+        self._pins: PinTracker | None = None
         self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
 
-    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:
-        """The sensor at rest, as the frames bring it: no contact, which is no plate pose."""
+    def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Return the sensor at rest: no contact, which is no plate pose."""
         if self.context.answer == "plate":
             return []
-        return resting_frames(frames, _BLANK)
+        return resting_frames(frames, _RESTING_SHARE)
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)
-        self._eye = self._resting_eye(frames, truth)
-        rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _SURVEYED)).astype(int))
+        self._pins = self._track_pins(frames, truth)
+        rows = np.unique(
+            np.linspace(0, len(frames) - 1, min(len(frames), _SCALE_FRAMES)).astype(int)
+        )
         tracks = self._track([frames[row] for row in rows])
-        known = [self._plate.contacts(truth[row]) for row in rows]
-        rest = self._eye.tracker.track(self._eye.still[None])
-        self._use_layout(PinLayout.learn(tracks, rest, known))
+        contacts = [self._plate.contacts(truth[row]) for row in rows]
+        rest = self._pins.tracker.track(self._pins.rest_image[None])
+        self._use_layout(PinLayout.learn(tracks, rest, contacts))
 
     def build(self) -> GraphNetwork:
         rest, shape = self._layout.rest, self.architecture
         edges = pin_graph(rest).edges
         pitch = float(np.median(np.linalg.norm(rest[edges[:, 0]] - rest[edges[:, 1]], axis=1)))
-        table = neighbours(edges, rest)
-        most = max(1, int((table != NOBODY).sum(axis=1).max()))
-        known = torch.from_numpy(table[:, :most]) if shape["graph"] == "rest" else None
-        return GraphNetwork(torch.from_numpy(rest), pitch, known, shape["width"], shape["layers"])
+        table = neighbour_table(edges, rest)
+        most = max(1, int((table != NO_PIN).sum(axis=1).max()))
+        fixed = torch.from_numpy(table[:, :most]) if shape["graph"] == "rest" else None
+        return GraphNetwork(torch.from_numpy(rest), pitch, fixed, shape["width"], shape["layers"])
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         features = node_features(self._track(frames), self._layout, self.architecture["graph"])
@@ -103,24 +104,24 @@ class VGNN(MixtureModel):
 
     def extra(self) -> dict[str, Any]:
         return {
-            "rest": None if self._eye is None else pack_image(self._eye.still),
-            "layout": self._layout.plain(),
+            "rest": None if self._pins is None else pack_image(self._pins.rest_image),
+            "layout": self._layout.to_json(),
             **super().extra(),
         }
 
-    def use_extra(self, extra: dict[str, Any]) -> None:
-        super().use_extra(extra)
-        self._eye = None if extra["rest"] is None else Eye.at(unpack_image(extra["rest"]))
-        self._use_layout(PinLayout.of_plain(extra["layout"]))
+    def restore(self, extra: dict[str, Any]) -> None:
+        super().restore(extra)
+        self._pins = None if extra["rest"] is None else PinTracker(unpack_image(extra["rest"]))
+        self._use_layout(PinLayout.from_json(extra["layout"]))
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
         assert isinstance(network, GraphNetwork)  # noqa: S101
-        return super().fold(network.settled(), precision)
+        return super().fold(network.with_fixed_weights(), precision)
 
     def _track(self, frames: Sequence[Frame]) -> Tracks:
-        if self._eye is None:
+        if self._pins is None:
             raise UserError("model 'vgnn' knows no pins yet; train it or load weights first.")
-        return self._eye.tracker.track(self._eye.images(frames))
+        return self._pins.tracker.track(self._pins.images(frames))
 
     def _use_layout(self, layout: PinLayout) -> None:
         self._layout = layout

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, store_option
+from tactibench.cli.options import board_option, json_option, store_option
 
 if TYPE_CHECKING:
     from tactibench.board.published import PublishedTable
@@ -25,43 +23,45 @@ Row = dict[str, Any]
 
 @click.command("list")
 @click.argument("kind", type=click.Choice(KINDS), required=False)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option
 @store_option
 @board_option
-def listing(kind: str | None, as_json: bool, store: Path, board_folder: Path) -> None:
+def listing(kind: str | None, json_file: Path | None, store: Path, board_folder: Path) -> None:
     """List plugins and protocols, or what is stored.
 
     models, sensors, encoders and protocols are listed by default; runs are those of --store,
     weights those in the cache, published the tables of papers.
     """
     if kind == "runs":
-        _list_runs(store, as_json)
+        rows: Any = _list_runs(store)
     elif kind == "weights":
-        _list_weights(as_json)
+        rows = _list_weights()
     elif kind == "published":
-        _list_published(board_folder, as_json)
+        rows = _list_published(board_folder)
     else:
-        _list_plugins((kind,) if kind else PLUGINS, as_json)
+        rows = _list_plugins((kind,) if kind else PLUGINS)
+    if json_file is not None:
+        from tactibench.records.files import write_json
+
+        write_json(json_file, rows)
 
 
-def _list_plugins(kinds: tuple[str, ...], as_json: bool) -> None:
+def _list_plugins(kinds: tuple[str, ...]) -> dict[str, list[Row]]:
     """Print names and summaries without importing what stands behind them."""
     from tactibench.plugins.host import PluginHost
 
     host = PluginHost()
     rows = {kind: _plugin_rows(host, kind) for kind in kinds}
-    if as_json:
-        click.echo(json.dumps(rows, indent=1))
-    else:
-        for kind, listed in rows.items():
-            width = max((len(row["name"]) for row in listed), default=0)
-            click.echo(f"{kind}:")
-            for row in listed:
-                click.echo(f"  {row['name']:<{width}}  {row['summary']}")
+    for kind, listed in rows.items():
+        width = max((len(row["name"]) for row in listed), default=0)
+        click.echo(f"{kind}:")
+        for row in listed:
+            click.echo(f"  {row['name']:<{width}}  {row['summary']}")
     count = len(host.problems)
     if count:
         plural = "s" if count > 1 else ""
         click.echo(f"{count} plugin problem{plural}: run `tactibench doctor`.", err=True)
+    return rows
 
 
 def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
@@ -84,7 +84,7 @@ def _plugin_rows(host: PluginHost, kind: str) -> list[Row]:
     ]
 
 
-def _list_runs(store: Path, as_json: bool) -> None:
+def _list_runs(store: Path) -> list[Row]:
     from tactibench.records.store import stored_runs
 
     rows: list[Row] = []
@@ -101,10 +101,11 @@ def _list_runs(store: Path, as_json: bool) -> None:
             }
         )
     heads = ("name", "protocol", "model", "seed", "created", "partial")
-    _print(rows, as_json, heads, f"no runs in {store}; `tactibench run` leaves its own there")
+    _print(rows, heads, f"no runs in {store}; `tactibench run` leaves its own there")
+    return rows
 
 
-def _list_weights(as_json: bool) -> None:
+def _list_weights() -> list[Row]:
     from tactibench.board.numbers import duration, number
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
@@ -112,51 +113,37 @@ def _list_weights(as_json: bool) -> None:
 
     folder = cache_folder()
     host = PluginHost()
-    rows: list[Row] = []
-    for weights in kept_weights(folder):
-        facts = {
-            "model": _weights_label(weights, host),
+    rows: list[Row] = [
+        {
+            "model": weights.model,
+            "label": _weights_label(weights, host),
+            "parameters": dict(weights.parameters),
             "encoder": weights.encoder or "none",
             "regime": weights.regime,
             "presses": weights.presses,
             "seed": weights.seed,
             "device": weights.device,
             "epochs": weights.epochs,
+            "training_s": weights.seconds,
+            "bytes": weights.bytes,
+            "hash": weights.hash,
+            "folder": weights.folder.name,
         }
-        if as_json:
-            values = {"training_s": weights.seconds, "bytes": weights.bytes, "hash": weights.hash}
-            parameters = dict(weights.parameters)
-            rows.append(
-                {
-                    **facts,
-                    "model": weights.model,
-                    "parameters": parameters,
-                    **values,
-                    "folder": weights.folder.name,
-                }
-            )
-        else:
-            rows.append(
-                {
-                    **facts,
-                    "training": duration(weights.seconds),
-                    "MiB": number(weights.bytes / MIB, 1),
-                    "folder": weights.folder.name,
-                }
-            )
-    heads = (
-        "model",
-        "encoder",
-        "regime",
-        "presses",
-        "seed",
-        "device",
-        "epochs",
-        "training",
-        "MiB",
-        "folder",
-    )
-    _print(rows, as_json, heads, f"no trained weights in {folder}; a run leaves its own there")
+        for weights in kept_weights(folder)
+    ]
+    shown = [
+        {
+            **row,
+            "model": row["label"],
+            "training": duration(row["training_s"]),
+            "MiB": number(row["bytes"] / MIB, 1),
+        }
+        for row in rows
+    ]
+    columns = "model encoder regime presses seed device epochs training MiB folder"
+    empty = f"no trained weights in {folder}; a run leaves its own there"
+    _print(shown, tuple(columns.split()), empty)
+    return rows
 
 
 def _weights_label(weights: KeptWeights, host: PluginHost) -> str:
@@ -171,18 +158,17 @@ def _weights_label(weights: KeptWeights, host: PluginHost) -> str:
     return f"{weights.model}({','.join(other)})" if other else weights.model
 
 
-def _list_published(board_folder: Path, as_json: bool) -> None:
+def _list_published(board_folder: Path) -> list[Row]:
     rows: list[Row] = []
     for table in _published_tables(board_folder):
-        if not as_json:
-            click.echo(f"{table.name}: {table.authors}, {table.title}, {table.year}")
-            click.echo(f"  measured on: {table.measured_on}")
+        click.echo(f"{table.name}: {table.authors}, {table.title}, {table.year}")
+        click.echo(f"  measured on: {table.measured_on}")
         rows += [
             {
                 "table": table.name,
                 "protocol": row.protocol,
                 "model": row.label,
-                "metrics": row.metrics if as_json else ", ".join(row.metrics),
+                "metrics": {name: dict(groups) for name, groups in row.metrics.items()},
                 "n": f"{row.n:,} {row.unit}" if row.n else "n/a",
                 "source": row.source,
                 "comparable": row.comparable,
@@ -190,7 +176,9 @@ def _list_published(board_folder: Path, as_json: bool) -> None:
             for row in table.rows
         ]
     heads = ("table", "protocol", "model", "metrics", "n", "comparable")
-    _print(rows, as_json, heads, f"no published tables in {board_folder}")
+    shown = [{**row, "metrics": ", ".join(row["metrics"])} for row in rows]
+    _print(shown, heads, f"no published tables in {board_folder}")
+    return rows
 
 
 def _published_tables(board_folder: Path) -> list[PublishedTable]:
@@ -202,11 +190,8 @@ def _published_tables(board_folder: Path) -> list[PublishedTable]:
     return load_published(published_names(folder), folder)
 
 
-def _print(rows: list[Row], as_json: bool, heads: tuple[str, ...], empty: str) -> None:
-    """Print rows as JSON or as aligned columns; without rows, say where they would come from."""
-    if as_json:
-        click.echo(json.dumps(rows, indent=1, default=_plain))
-        return
+def _print(rows: list[Row], heads: tuple[str, ...], empty: str) -> None:
+    """Print rows as aligned columns; without rows, say where they would come from."""
     if not rows:
         click.echo(empty)
         return
@@ -223,7 +208,3 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:,}" if isinstance(value, int) else str(value)
-
-
-def _plain(value: Any) -> Any:
-    return dict(value) if isinstance(value, Mapping) else str(value)

@@ -1,46 +1,219 @@
-"""The Voronoi graph of a frame's pins: who borders on whom, and how much room each has."""
+"""The Voronoi graph of a frame's pins: which pins are neighbours, and how large their cells are.
+
+The triangulation is Qhull's (scipy). The areas of the cells are summed up from its triangles, each
+of which gives the two ends of an edge the same triangle to its circumcentre.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
+from scipy.spatial import Delaunay, QhullError
 
 from tactibench.errors import UserError
 
 Array = npt.NDArray[np.float64]
+Edges = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+_SIDES = 48
+"""Sides of the polygon that stands for the circle around a cell at the border."""
+_ON_A_LINE = 1e-24
+"""Squared sine below which three pins have no circumcentre."""
 
 
 @dataclass(frozen=True, eq=False)
 class PinGraph:
-    """edges: (E, 2), lower pin first, sorted; area: (P,) px^2 of the Voronoi cells; border: (P,).
+    """The neighbours of pins and the room that each pin has.
 
     A cell is at the border where it is open or reaches beyond the convex hull of the pins. Its area
     is that of its part within the mean distance of its pin's three nearest neighbours.
+
+    Attributes:
+        edges: (E, 2) pins, lower number first, sorted.
+        area: (P,) px^2 of the Voronoi cells.
+        border: (P,) whether the cell is at the border.
     """
 
-    edges: npt.NDArray[np.int64]
+    edges: Edges
     area: Array
-    border: npt.NDArray[np.bool_]
+    border: Flags
 
 
 def pin_graph(xy: Array) -> PinGraph:
-    """Delaunay edges of pins (P, 2) px and the areas of their Voronoi cells, any P.
+    """Return the Delaunay edges of pins (P, 2) px and the areas of their Voronoi cells, any P.
 
     Pins that coincide are joined by an edge and share one cell equally. Pins on one line are joined
     along it, all of them at the border. A pin with NaN has no edge and area 0, as has a single one.
-    Raises UserError for any other shape.
-    """
-    from tactibench.markers.network import network
 
+    Raises:
+        UserError: for any other shape.
+    """
     xy = np.asarray(xy, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise UserError(f"the pins have shape {xy.shape}; a graph is made of pins (P, 2).")
-    there = np.flatnonzero(np.isfinite(xy).all(axis=1))
-    if len(there) == len(xy):
-        return PinGraph(*network(np.ascontiguousarray(xy)))
-    edges, area, border = network(xy[there])
-    wide, open_ = np.zeros(len(xy)), np.zeros(len(xy), dtype=np.bool_)
-    wide[there], open_[there] = area, border
-    return PinGraph(there[edges], wide, open_)
+    finite = np.flatnonzero(np.isfinite(xy).all(axis=1))
+    if len(finite) < len(xy):
+        part = pin_graph(xy[finite])
+        area, border = np.zeros(len(xy)), np.zeros(len(xy), dtype=np.bool_)
+        area[finite], border[finite] = part.area, part.border
+        return PinGraph(finite[part.edges], area, border)
+    corners, hull = _triangulate(xy)
+    if len(corners):
+        pairs = corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        twin = _nearest_corner(xy, corners)
+    else:
+        pairs, twin = _join_line(xy)
+    doubled = np.flatnonzero(twin != np.arange(len(xy)))
+    pairs = np.concatenate([pairs, np.stack([doubled, twin[doubled]], axis=1)])
+    number = np.unique(pairs.min(axis=1) * len(xy) + pairs.max(axis=1))
+    edges = np.stack(np.divmod(number, max(len(xy), 1)), axis=1)
+    both = np.sort(np.concatenate([number, edges[:, 1] * len(xy) + edges[:, 0]]))
+    pin, neighbour = np.divmod(both, max(len(xy), 1))
+    first = np.searchsorted(pin, np.arange(len(xy) + 1))
+    border = np.full(len(xy), not len(corners))
+    area = _cells(np.ascontiguousarray(xy), corners, hull, first, neighbour, border)
+    area /= np.bincount(twin, minlength=len(xy)).clip(1)
+    area[doubled], border[doubled] = area[twin[doubled]], border[twin[doubled]]
+    return PinGraph(edges, area, border)
+
+
+def _triangulate(xy: Array) -> tuple[Edges, Edges]:
+    """(T, 3) corners of triangles, none for pins on a line, and (H, 3) those with a side on the
+    hull, its two ends first."""
+    none = np.empty((0, 3), dtype=np.int64)
+    if len(xy) < 3:
+        return none, none
+    try:
+        # Centred: Qhull would round differences of large coordinates away.
+        triangulation = Delaunay(xy - xy.mean(axis=0))
+    except QhullError:
+        return none, none
+    corners = triangulation.simplices.astype(np.int64)
+    triangle, opposite = np.nonzero(triangulation.neighbors < 0)
+    turn = (opposite[:, None] + [1, 2, 0]) % 3
+    return corners, corners[triangle[:, None], turn]
+
+
+def _nearest_corner(xy: Array, corners: Edges) -> Edges:
+    """(P,) every pin itself; the nearest pin of a triangle for one that coincides with another."""
+    nearest = np.arange(len(xy))
+    left_out = np.flatnonzero(np.bincount(corners.ravel(), minlength=len(xy)) == 0)
+    if len(left_out):
+        used = np.unique(corners)
+        away = np.square(xy[left_out, None] - xy[used]).sum(axis=-1)
+        nearest[left_out] = used[away.argmin(axis=1)]
+    return nearest
+
+
+def _join_line(xy: Array) -> tuple[Edges, Edges]:
+    """(E, 2) pairs of successive pins on a line, and (P,) the first pin at the place of each."""
+    wide, high = np.ptp(xy, axis=0) if len(xy) else (0.0, 0.0)
+    along = xy if wide >= high else xy[:, ::-1]
+    _, first, place = np.unique(along, axis=0, return_index=True, return_inverse=True)
+    return np.stack([first[:-1], first[1:]], axis=1), first[place.ravel()]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cells(xy, corners, hull, first, neighbour, border):  # type: ignore[no-untyped-def]
+    """(P,) areas of the Voronoi cells; border (P,) is set.
+
+    neighbour[first[p] : first[p + 1]] are those of p. A cell at the border, open or reaching beyond
+    the hull of the pins, is bounded by a circle as far as its three nearest neighbours on the mean.
+    """
+    area = np.zeros(len(xy))
+    lines = np.empty((len(hull), 3))
+    for n in range(len(hull)):
+        a, b, c = hull[n]
+        border[a], border[b] = True, True
+        side = _side(xy, a, b, c)
+        lines[n, 0] = (xy[a, 1] - xy[b, 1]) * side
+        lines[n, 1] = (xy[b, 0] - xy[a, 0]) * side
+        lines[n, 2] = -(lines[n, 0] * xy[a, 0] + lines[n, 1] * xy[a, 1])
+    for t in range(len(corners)):
+        a, b, c = corners[t]
+        x, y = _circumcentre(xy, a, b, c)
+        beyond = not np.isfinite(x)
+        for n in range(len(lines)):
+            beyond |= lines[n, 0] * x + lines[n, 1] * y + lines[n, 2] < 0
+        if beyond:
+            border[a], border[b], border[c] = True, True, True
+            continue
+        side = _side(xy, a, b, c)
+        for k in range(3):
+            p, q = corners[t, k], corners[t, (k + 1) % 3]
+            mx, my = (xy[p, 0] + xy[q, 0]) / 2, (xy[p, 1] + xy[q, 1]) / 2
+            share = 0.5 * side * ((mx - xy[p, 0]) * (y - my) - (my - xy[p, 1]) * (x - mx))
+            area[p] += share
+            area[q] += share
+    for p in np.flatnonzero(border):
+        others = neighbour[first[p] : first[p + 1]]
+        step = np.sqrt((xy[others, 0] - xy[p, 0]) ** 2 + (xy[others, 1] - xy[p, 1]) ** 2)
+        step.sort()
+        near = step[step > 0][:3]
+        area[p] = _clipped_circle(xy, p, others, near.mean()) if len(near) else 0.0
+    return area
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _side(xy, a, b, c):  # type: ignore[no-untyped-def]
+    """1 where c lies to the left of the way from a to b, else -1."""
+    dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+    return 1.0 if dx * (xy[c, 1] - xy[a, 1]) - dy * (xy[c, 0] - xy[a, 0]) > 0 else -1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _circumcentre(xy, a, b, c):  # type: ignore[no-untyped-def]
+    """Centre of the circle through three pins; inf for pins on a line."""
+    dx, dy = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+    ex, ey = xy[c, 0] - xy[a, 0], xy[c, 1] - xy[a, 1]
+    first, second = dx * dx + dy * dy, ex * ex + ey * ey
+    area = dx * ey - dy * ex
+    if area * area <= _ON_A_LINE * first * second:
+        return np.inf, np.inf
+    x, y = (ey * first - dy * second) * 0.5 / area, (dx * second - ex * first) * 0.5 / area
+    return x + xy[a, 0], y + xy[a, 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clipped_circle(xy, p, others, reach):  # type: ignore[no-untyped-def]
+    """Area of the places within reach of p that are nearer to it than to others.
+
+    The circle is a polygon of the circle's area, clipped by one bisector after the other.
+    """
+    count = len(others)
+    x, y = np.empty(_SIDES + count + 1), np.empty(_SIDES + count + 1)
+    u, v = x.copy(), y.copy()
+    wide = reach * math.sqrt(math.pi / (0.5 * _SIDES * math.sin(2 * math.pi / _SIDES)))
+    sides = _SIDES
+    for k in range(sides):
+        x[k] = wide * math.cos(2 * math.pi * k / _SIDES)
+        y[k] = wide * math.sin(2 * math.pi * k / _SIDES)
+    for n in range(count):
+        dx, dy = xy[others[n], 0] - xy[p, 0], xy[others[n], 1] - xy[p, 1]
+        half = 0.5 * (dx * dx + dy * dy)
+        if half == 0.0:
+            continue
+        kept = 0
+        for k in range(sides):
+            m = k + 1 if k + 1 < sides else 0
+            here, there = half - x[k] * dx - y[k] * dy, half - x[m] * dx - y[m] * dy
+            if here >= 0:
+                u[kept], v[kept] = x[k], y[k]
+                kept += 1
+            if (here >= 0) != (there >= 0):
+                share = here / (here - there)
+                u[kept] = x[k] + share * (x[m] - x[k])
+                v[kept] = y[k] + share * (y[m] - y[k])
+                kept += 1
+        sides = kept
+        x[:sides], y[:sides] = u[:sides], v[:sides]
+    area = 0.0
+    for k in range(sides):
+        m = k + 1 if k + 1 < sides else 0
+        area += 0.5 * (x[k] * y[m] - x[m] * y[k])
+    return area

@@ -1,17 +1,21 @@
-"""What one contact does to the pins, learned from single presses: a smooth function of x, y, depth.
+"""The field of one contact: displacements of the pins as a smooth function of its x, y and depth.
 
-Gaussian-process regression (kriging) with a Matern-5/2 kernel gives the field; a cubic spline on a
-regular lattice keeps it, so that a value costs 64 products a pin, whatever the number of presses.
+It is learned from single presses. Gaussian-process regression (kriging) with a Matern-5/2 kernel
+gives the field; a cubic spline on a regular lattice keeps it, so that a value costs 64 products a
+pin, whatever the number of presses.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
+from tactibench.contacts import Answer, Contacts
 from tactibench.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -20,7 +24,7 @@ Lattice = npt.NDArray[np.float32]
 LENGTH_MM = 30.0
 """Length of the kernel: far longer than the workspace, so that the field is a stiff spline."""
 RIDGES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-"""Variances of noise against that of the field; the one that foretells held-out presses best."""
+"""Variances of noise against that of the field; the one that predicts held-out presses best."""
 FEWEST = 20
 PITCH_MM = (0.7, 0.7, 0.35)
 """Of the lattice in x, y and depth: over depth the field bends most, just after first touch."""
@@ -33,21 +37,21 @@ _HELD_OUT = 10
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """values(x, y, depth) of Q quantities that are 0 without contact.
-
-    coefficients: (X, Y, D, Q) of the cubic B-splines. low: (3,) mm of the first knot of each axis,
-    step: (3,) mm between knots.
-    """
+    """Q quantities as functions of x, y and depth; they are 0 without contact."""
 
     coefficients: Lattice
+    """(X, Y, D, Q) of the cubic B-splines."""
     low: Array
+    """(3,) mm, the first knot of each axis."""
     step: Array
+    """(3,) mm between knots."""
 
     @classmethod
     def learn(cls, contacts: Array, values: Array) -> Self:
         """Learn from single presses: contacts (N, 3) mm, values (N, Q).
 
-        Raises UserError for fewer than twenty presses.
+        Raises:
+            UserError: for fewer than twenty presses.
         """
         if len(contacts) < FEWEST:
             raise UserError(
@@ -72,22 +76,20 @@ class Field:
         return cls(_spline(lattice.reshape(*knots, -1)), low, step)
 
     def __call__(self, contacts: npt.ArrayLike) -> Array:
-        """(..., Q) values of contacts (..., 3) mm."""
+        """Return (..., Q) values of contacts (..., 3) mm."""
         return self.slopes(contacts)[..., 0, :]
 
     def slopes(self, contacts: npt.ArrayLike) -> Array:
-        """(..., 4, Q): the values and their derivatives by x, y and depth, 1/mm."""
-        from tactibench.superposition.lattice import evaluate
-
+        """Return (..., 4, Q): the values and their derivatives by x, y and depth, 1/mm."""
         given: Array = np.asarray(contacts, dtype=np.float64)
         flat = np.ascontiguousarray(given.reshape(-1, 3))
-        found = np.empty((len(flat), 4, self.coefficients.shape[3]), dtype=np.float32)
-        evaluate(self.coefficients, self.low, self.step, flat, found)
-        return found.reshape(*given.shape[:-1], *found.shape[1:]).astype(np.float64)
+        out = np.empty((len(flat), 4, self.coefficients.shape[3]), dtype=np.float32)
+        _evaluate(self.coefficients, self.low, self.step, flat, out)
+        return out.reshape(*given.shape[:-1], *out.shape[1:]).astype(np.float64)
 
 
 def matern(a: Array, b: Array, length: float) -> Array:
-    """Matern-5/2 kernel: (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length."""
+    """Return the Matern-5/2 kernel (1 + r + r^2 / 3) exp(-r), r = sqrt(5) |a - b| / length."""
     from scipy.spatial.distance import cdist
 
     r = cdist(a, b) * (np.sqrt(5.0) / length)
@@ -95,15 +97,15 @@ def matern(a: Array, b: Array, length: float) -> Array:
     return value
 
 
-def kriging(kernel: Array, wanted: Array, ridge: float) -> Array:
-    """(N, Q) weights with which kernel (M, N) values give what is wanted (N, Q).
+def kriging(kernel: Array, values: Array, ridge: float) -> Array:
+    """Return (N, Q) weights with which a kernel (M, N) gives the values (N, Q).
 
     kernel: (N, N) of the known places, which is overwritten. ridge: variance of the noise.
     """
     from scipy.linalg import cho_factor, cho_solve
 
     kernel[np.diag_indices(len(kernel))] += ridge
-    weights: Array = cho_solve(cho_factor(kernel, overwrite_a=True), wanted)
+    weights: Array = cho_solve(cho_factor(kernel, overwrite_a=True), values)
     return weights
 
 
@@ -145,3 +147,72 @@ def _spline(lattice: Array) -> Lattice:
         lattice = spline_filter1d(lattice, order=3, axis=axis, mode="mirror")
     out: Lattice = np.ascontiguousarray(lattice, dtype=np.float32)
     return out
+
+
+@njit(cache=True, fastmath=True, nogil=True)  # type: ignore[untyped-decorator]
+def _evaluate(coefficients: Lattice, low: Array, step: Array, places: Array, out: Lattice) -> None:
+    """Fill out (M, 4, Q): the value and its slopes along three axes, at places (M, 3).
+
+    coefficients: (X, Y, D, Q). Places outside the knots count as the nearest one inside; beyond the
+    ends the coefficients go on as their mirror image, as scipy's ``spline_filter`` has it.
+    """
+    weight, slope = np.empty((3, 4)), np.empty((3, 4))
+    index = np.empty((3, 4), np.int64)
+    for m in range(len(places)):
+        for axis in range(3):
+            last = coefficients.shape[axis] - 1
+            place = min(max((places[m, axis] - low[axis]) / step[axis], 0.0), float(last))
+            cell = min(int(place), last - 1)
+            t = place - cell
+            s = 1 - t
+            weight[axis, 0] = s**3 / 6
+            weight[axis, 1] = (4 - 3 * t * t * (1 + s)) / 6
+            weight[axis, 2] = (4 - 3 * s * s * (1 + t)) / 6
+            weight[axis, 3] = t**3 / 6
+            half = 0.5 / step[axis]
+            slope[axis, 0] = -s * s * half
+            slope[axis, 1] = t * (3 * t - 4) * half
+            slope[axis, 2] = s * (4 - 3 * s) * half
+            slope[axis, 3] = t * t * half
+            for k in range(4):
+                knot = abs(cell - 1 + k)
+                index[axis, k] = knot if knot <= last else 2 * last - knot
+        out[m] = 0
+        for i in range(4):
+            for j in range(4):
+                for k in range(4):
+                    value = np.float32(weight[0, i] * weight[1, j] * weight[2, k])
+                    along_x = np.float32(slope[0, i] * weight[1, j] * weight[2, k])
+                    along_y = np.float32(weight[0, i] * slope[1, j] * weight[2, k])
+                    along_d = np.float32(weight[0, i] * weight[1, j] * slope[2, k])
+                    row = coefficients[index[0, i], index[1, j], index[2, k]]
+                    for q in range(len(row)):
+                        out[m, 0, q] += value * row[q]
+                        out[m, 1, q] += along_x * row[q]
+                        out[m, 2, q] += along_y * row[q]
+                        out[m, 3, q] += along_d * row[q]
+
+
+def single_press_rows(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:
+    """Return the rows with exactly one contact.
+
+    Raises:
+        UserError: for answers that are no contacts.
+    """
+    if not all(isinstance(answer, Contacts) for answer in truth):
+        raise UserError(
+            "single presses are superposed by contacts, and these frames are labelled with plate "
+            "poses; use another model, or leave mixing out."
+        )
+    return np.flatnonzero([len(answer) == 1 for answer in truth])  # type: ignore[arg-type]
+
+
+def contact_array(truth: Sequence[Answer]) -> Array:
+    """Return (N, K, 3) x, y, depth mm of answers of K contacts each."""
+    return np.stack(
+        [
+            np.column_stack([answer.xy, answer.depth])
+            for answer in truth
+            if isinstance(answer, Contacts)
+        ]
+    )

@@ -1,4 +1,4 @@
-"""What contacts do to each other: every contact acts like a single one at another place and depth.
+"""The law of neighbouring contacts: each acts like a single one at another place and depth.
 
 The pins' displacements of a press are close to a sum of single-press fields, if contact i counts
 with its *equivalent* e_i instead of itself: a neighbour j has lowered the skin under it, so it
@@ -11,7 +11,7 @@ crowd a third contact takes load off both, which enters to first order.
 
 The shipped coefficients were fitted to finite-element mechanics of a nominal dome (radius 20 mm,
 tips of radius 3 mm, two and three at random places; benchmarks/neighbours.py makes them again).
-They hold lengths only, no camera and no pins, and no frame. ``Neighbours.learn`` fits them to
+They hold lengths only, no camera and no pins, and no frame. ``NeighbourLaw.learn`` fits them to
 labelled presses instead.
 """
 
@@ -41,29 +41,31 @@ _RIDGE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbours:
-    """pair: (T, 3) coefficients of s, p, h. crowd: (2 U, 3) of their change by a third contact."""
+class NeighbourLaw:
+    """The shifts of contacts by their neighbours."""
 
     pair: Array
+    """(T, 3) coefficients of s, p, h."""
     crowd: Array
+    """(2 U, 3) coefficients of their change by a third contact."""
 
     @classmethod
     def none(cls) -> Self:
-        """Contacts that do not feel each other."""
+        """Return the law of contacts that do not act on each other."""
         return cls(np.zeros((_terms(PAIR_DEGREE), 3)), np.zeros((2 * _terms(CROWD_DEGREE), 3)))
 
     def equivalents(self, contacts: Array) -> Array:
-        """(S, K, 3) contacts, mm -> (S, K, 3) single contacts that act alike. NaN rows stay NaN."""
+        """Return (S, K, 3) single contacts that act like contacts (S, K, 3), mm; NaN stays NaN."""
         return contacts + self.shift(contacts)
 
     def shift(self, contacts: Array) -> Array:
-        """(S, K, 3) mm from each contact to its equivalent."""
+        """Return (S, K, 3) mm from each contact to its equivalent."""
         out = np.zeros_like(contacts)
-        for pair in pairs(contacts):
-            out[:, pair.i] += pair.in_frame(self._of(pair, contacts))
+        for pair in contact_pairs(contacts):
+            out[:, pair.i] += pair.to_xy(self._value(pair, contacts))
         return out
 
-    def _of(self, pair: Pair, contacts: Array) -> Array:
+    def _value(self, pair: Pair, contacts: Array) -> Array:
         value = _powers(pair.features, PAIR_DEGREE) @ self.pair
         if contacts.shape[1] > 2:
             value = value + _crowd(pair, self._taken(contacts)) @ self.crowd
@@ -72,24 +74,29 @@ class Neighbours:
     def _taken(self, contacts: Array) -> Array:
         """(S, K, K) depth that contact k takes off contact i, mm, as a pair would have it."""
         taken = np.zeros((*contacts.shape[:2], contacts.shape[1]))
-        for pair in pairs(contacts):
+        for pair in contact_pairs(contacts):
             taken[:, pair.i, pair.j] = _powers(pair.features, PAIR_DEGREE) @ self.pair[:, 2]
         return taken
 
     @classmethod
     def learn(cls, contacts: list[Array], shifts: list[Array], start: Self) -> Self:
-        """Fit to contacts and what they are shifted by, one (S, K, 3) array for every K > 1.
+        """Return the law fitted to contacts and their shifts.
 
-        Pairs and crowds in one linear system (a third contact's part is linear in what ``start``
-        says it takes off), by iteratively reweighted least squares (Huber, 0.03 mm) with a small
-        ridge towards ``start``.
+        Pairs and crowds are fitted in one linear system (a third contact's part is linear in the
+        depth that ``start`` says it takes off), by iteratively reweighted least squares (Huber,
+        0.03 mm) with a small ridge towards ``start``.
+
+        Args:
+            contacts: one (S, K, 3) array for every K > 1, mm.
+            shifts: alike, from these contacts, mm.
+            start: the law to start from, which is returned without contacts.
         """
-        if not any(len(one) for one in contacts):
+        if not any(len(presses) for presses in contacts):
             return start
-        known = np.concatenate([start.pair, start.crowd])
-        rows = np.concatenate([start._design(one) for one in contacts])
-        wanted = np.concatenate([one.reshape(-1) for one in shifts])
-        fitted = _robust(rows, wanted, known.T.reshape(-1)).reshape(3, -1).T
+        before = np.concatenate([start.pair, start.crowd])
+        rows = np.concatenate([start._design(presses) for presses in contacts])
+        wanted = np.concatenate([presses.reshape(-1) for presses in shifts])
+        fitted = _robust(rows, wanted, before.T.reshape(-1)).reshape(3, -1).T
         return cls(*np.split(fitted, [len(start.pair)]))
 
     def _design(self, contacts: Array) -> Array:
@@ -98,39 +105,39 @@ class Neighbours:
         terms = len(self.pair) + len(self.crowd)
         taken = self._taken(contacts)
         design = np.zeros((frames, count, 3, 3, terms))
-        for pair in pairs(contacts):
+        for pair in contact_pairs(contacts):
             parts = [_powers(pair.features, PAIR_DEGREE), _crowd(pair, taken)]
             if count < 3:
                 parts[1] = np.zeros_like(parts[1])
             basis = np.concatenate(parts, axis=1)
             for k in range(3):
-                turned = pair.in_frame(np.tile(np.eye(3)[k], (frames, 1)))
+                turned = pair.to_xy(np.tile(np.eye(3)[k], (frames, 1)))
                 design[:, pair.i, :, k] += turned[:, :, None] * basis[:, None]
         return design.reshape(-1, 3 * terms)
 
 
 @cache
-def shipped() -> Neighbours:
-    """From contacts to their equivalents: the coefficients that come with the package."""
+def nominal_law() -> NeighbourLaw:
+    """Return the law from contacts to their equivalents on the nominal dome."""
     return _stored("forward")
 
 
 @cache
-def shipped_inverse() -> Neighbours:
-    """From equivalents to the contacts, fitted apart: shifts as functions of the equivalents."""
+def nominal_inverse_law() -> NeighbourLaw:
+    """Return the law from equivalents to the contacts, fitted apart, on the nominal dome."""
     return _stored("inverse")
 
 
-def _stored(name: str) -> Neighbours:
+def _stored(name: str) -> NeighbourLaw:
     with as_file(files(__package__).joinpath(FILE)) as path, np.load(path) as stored:
-        return Neighbours(
+        return NeighbourLaw(
             stored[f"{name}_pair"].astype(float), stored[f"{name}_crowd"].astype(float)
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Contact i as it sees j. features: (S, 5) scaled. towards, beside: (S, 2) unit vectors."""
+    """Contact i beside contact j. features: (S, 5) scaled. towards, beside: (S, 2) unit vectors."""
 
     i: int
     j: int
@@ -138,19 +145,19 @@ class Pair:
     towards: Array
     beside: Array
 
-    def in_frame(self, value: Array) -> Array:
-        """(S, 3) x, y, depth of (S, 3) towards, beside, depth."""
+    def to_xy(self, value: Array) -> Array:
+        """Return (S, 3) x, y, depth of (S, 3) towards, beside, depth."""
         xy = self.towards * value[:, :1] + self.beside * value[:, 1:2]
         return np.concatenate([xy, value[:, 2:]], axis=1)
 
-    def to_frame(self, value: Array) -> Array:
-        """(S, 3) towards, beside, depth of (S, 3) x, y, depth."""
+    def from_xy(self, value: Array) -> Array:
+        """Return (S, 3) towards, beside, depth of (S, 3) x, y, depth."""
         along, across = ((value[:, :2] * axis).sum(axis=1) for axis in (self.towards, self.beside))
         return np.stack([along, across, value[:, 2]], axis=1)
 
 
-def pairs(contacts: Array) -> list[Pair]:
-    """Every contact of (S, K, 3) as every other sees it."""
+def contact_pairs(contacts: Array) -> list[Pair]:
+    """Return every contact of (S, K, 3) beside every other."""
     return [
         _pair_of(contacts, i, j)
         for i in range(contacts.shape[1])
@@ -179,27 +186,28 @@ def _crowd(pair: Pair, taken: Array) -> Array:
 
 
 @cache
-def _exponents(degree: int) -> tuple[tuple[int, ...], ...]:
+def _products(degree: int) -> tuple[tuple[int, ...], ...]:
+    """The features of every product up to a degree, in rising degree."""
     return tuple(
-        which for d in range(degree + 1) for which in combinations_with_replacement(range(5), d)
+        product for d in range(degree + 1) for product in combinations_with_replacement(range(5), d)
     )
 
 
 @cache
 def _growth(degree: int) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]:
-    """For every degree from 1: which product of the one before it, and times which feature."""
-    ranks = [[one for one in _exponents(degree) if len(one) == d] for d in range(degree + 1)]
+    """For every degree from 1: a product of the one before it, and the feature to multiply."""
+    ranks = [[one for one in _products(degree) if len(one) == d] for d in range(degree + 1)]
     return [
         (
-            np.array([shorter.index(one[:-1]) for one in longer]),
-            np.array([one[-1] for one in longer]),
+            np.array([shorter.index(product[:-1]) for product in longer]),
+            np.array([product[-1] for product in longer]),
         )
         for shorter, longer in pairwise(ranks)
     ]
 
 
 def _terms(degree: int) -> int:
-    return len(_exponents(degree))
+    return len(_products(degree))
 
 
 def _powers(features: Array, degree: int) -> Array:

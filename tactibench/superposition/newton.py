@@ -14,18 +14,21 @@ Array = npt.NDArray[np.float64]
 _STEPS = 12
 _LONGEST = (0.8, 0.8, 0.8)
 """mm that one step may move a contact in x, y and depth."""
-_STILL_MM = 2e-4
+_SMALLEST_STEP_MM = 2e-4
 _DAMPING = 1e-4
 _SHALLOWEST_MM = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """contacts: (S, K, 3) mm. left: (S, Q) what they do not explain. normal: (S, 3 K, 3 K)."""
+    """Contacts of S frames."""
 
     contacts: Array
+    """(S, K, 3) x, y, depth mm."""
     left: Array
+    """(S, Q) displacements that they do not explain."""
     normal: Array
+    """(S, 3 K, 3 K) normal matrices."""
 
 
 def solve(
@@ -38,10 +41,17 @@ def solve(
 ) -> Solution:
     """Minimise sum_q weight_q (moved_q - sum_k field_q(contact_k))^2 over the contacts.
 
-    moved: (S, Q). start: (S, K, 3) mm. weight: (Q,) or (S, Q), 1 / variance. Levenberg-Marquardt
-    with one damping a frame; a step that does not help is taken back.
-    whitener: (Q, M) that what is left is multiplied by before it is weighted, weight then (M,) or
-    (S, M): displacements whose errors are not independent. ``left`` is then (S, M) as well.
+    Levenberg-Marquardt with one damping a frame; a step that does not help is taken back.
+
+    Args:
+        field: of one contact.
+        moved: (S, Q) displacements.
+        start: (S, K, 3) mm.
+        weight: (Q,) or (S, Q), 1 / variance.
+        steps: at most.
+        whitener: (Q, M) by which residuals are multiplied before they are weighted, for
+            displacements whose errors are not independent; weight is then (M,) or (S, M), and
+            ``left`` of the solution (S, M).
     """
     low = np.array([*field.low[:2], _SHALLOWEST_MM])
     high = field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
@@ -66,7 +76,7 @@ def solve(
         new_left, new_slopes = _residual(field, moved[active], tried, whitener)
         new_cost = (weights[active] * new_left**2).sum(axis=1)
         better = new_cost <= cost[active]
-        moving = np.abs(tried - contacts[active]).max(axis=(1, 2)) > _STILL_MM
+        moving = np.abs(tried - contacts[active]).max(axis=(1, 2)) > _SMALLEST_STEP_MM
         took = active[better]
         contacts[took], left[took], cost[took] = tried[better], new_left[better], new_cost[better]
         if len(took):
@@ -81,7 +91,7 @@ def solve(
 def _residual(
     field: Field, moved: Array, contacts: Array, whitener: Array | None
 ) -> tuple[Array, Array]:
-    """What is left (S, Q), and the slopes by every contact's x, y and depth (S, 3 K, Q)."""
+    """Residuals (S, Q), and the slopes by every contact's x, y and depth (S, 3 K, Q)."""
     values = field.slopes(contacts)
     slopes = values[:, :, 1:].reshape(len(contacts), -1, values.shape[-1])
     left = moved - values[:, :, 0].sum(axis=1)

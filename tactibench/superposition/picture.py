@@ -1,4 +1,4 @@
-"""How pins look in a sensor's frames, learned from frames, and frames drawn with pins elsewhere."""
+"""The picture of a sensor's pins, learned from frames, and frames drawn with pins elsewhere."""
 
 from __future__ import annotations
 
@@ -27,21 +27,22 @@ _WHITE = 255
 
 @dataclass(frozen=True, eq=False)
 class PinPicture:
-    """background: (H, W) grey levels. light: (Z, B) of a pin of a size at a distance, grey levels.
-
-    sizes: (Z,) as ``sizes`` measures them, rising. noise: (2,) variance of a pixel = noise[0] +
-    noise[1] * grey. reach: px, half a pin's window.
-    """
+    """A picture of the background and of pins of several sizes."""
 
     background: Array
+    """(H, W) grey levels."""
     light: Array
+    """(Z, B) grey levels of a pin of a size at a distance."""
     sizes: Array
+    """(Z,) as ``measure`` gives them, rising."""
     noise: Array
+    """(2,): the variance of a pixel is noise[0] + noise[1] * grey."""
     reach: int
+    """Half a pin's window, px."""
 
     @classmethod
     def learn(cls, images: Images, pins: Array) -> Self:
-        """From frames (N, H, W) and their pins (N, P, 2) px; a few hundred frames are enough."""
+        """Learn from frames (N, H, W) and their pins (N, P, 2) px; a few hundred are enough."""
         some = np.unique(np.linspace(0, len(images) - 1, min(_FRAMES, len(images))).astype(int))
         images, pins = images[some], pins[some]
         apart = _nearest(pins)
@@ -65,7 +66,7 @@ class PinPicture:
         return cls(background, drawn.light, sizes, noise, reach)
 
     def measure(self, images: Images, pins: Array) -> Array:
-        """(N, P) size of every pin: its light in a Gaussian window, grey levels x px^2."""
+        """Return (N, P) the size of every pin: its light in a Gaussian window, grey x px^2."""
         out = np.empty(pins.shape[:2])
         for k, (image, xy) in enumerate(zip(images, pins, strict=True)):
             light, distance, inside = self._windows((image - self.background)[None], xy[None])
@@ -74,7 +75,7 @@ class PinPicture:
         return out
 
     def draw(self, pins: Array, sizes: Array, rng: np.random.Generator) -> Images:
-        """(N, H, W) uint8 frames of pins (N, P, 2) px of sizes (N, P), with the camera's noise."""
+        """Return (N, H, W) uint8 frames of pins (N, P, 2) px of sizes (N, P), with noise."""
         clean = self._clean(pins, sizes)
         spread = np.sqrt(np.maximum(self.noise[0] + self.noise[1] * clean, 0.0))
         noisy = clean + spread * rng.standard_normal(clean.shape, dtype=np.float32)

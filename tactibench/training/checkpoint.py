@@ -1,8 +1,7 @@
-"""What a training needs to go on after a kill, written after every epoch."""
+"""Checkpoint of a training: all that it needs to go on after a kill, written after every epoch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from tactibench.training.container import DamagedFile, read_container, write_container
+from tactibench.training.weights import DamagedFileError, read_container, write_container
 
 FILE = "checkpoint.safetensors"
 _SCHEMA = 1
@@ -18,7 +17,7 @@ _SCHEMA = 1
 
 @dataclass
 class TrainingState:
-    """Where a training stands after ``epoch`` epochs. best: weights with the best validation loss.
+    """Progress of a training after ``epoch`` epochs.
 
     Shuffling and layer noise are functions of seed and epoch and the learning rate is one of the
     step, so there is no generator and no schedule to store.
@@ -30,6 +29,7 @@ class TrainingState:
     seconds: float = 0.0
     history: list[dict[str, float]] = field(default_factory=list)
     best: dict[str, torch.Tensor] = field(default_factory=dict)
+    """Weights with the best validation loss."""
 
 
 def save_checkpoint(
@@ -44,22 +44,21 @@ def save_checkpoint(
 
     mean: of the weights over the steps, where there is one.
     """
-    directory.mkdir(parents=True, exist_ok=True)
-    tensors = {f"network/{name}": value for name, value in network.state_dict().items()}
-    if mean is not None:
-        tensors |= {f"mean/{name}": value for name, value in mean.state_dict().items()}
-    tensors |= {f"best/{name}": value for name, value in state.best.items()}
-    tensors |= {f"optimiser/{name}": value for name, value in _optimiser_tensors(optimiser)}
-    header = {
-        "schema": _SCHEMA,
-        "identity": identity,
-        "epoch": state.epoch,
-        "best_loss": state.best_loss,
-        "best_epoch": state.best_epoch,
-        "seconds": state.seconds,
-        "history": state.history,
+    groups = {
+        "network": network.state_dict(),
+        "mean": {} if mean is None else mean.state_dict(),
+        "best": state.best,
+        "optimiser": {
+            f"{index}/{name}": value
+            for index, weight in enumerate(_weights(optimiser))
+            for name, value in optimiser.state.get(weight, {}).items()
+        },
     }
-    write_container(directory / FILE, tensors, header)
+    tensors = {
+        f"{group}/{name}": value for group, named in groups.items() for name, value in named.items()
+    }
+    facts = {name: value for name, value in vars(state).items() if name != "best"}
+    write_container(directory / FILE, tensors, {"schema": _SCHEMA, "identity": identity, **facts})
 
 
 def load_checkpoint(
@@ -71,52 +70,33 @@ def load_checkpoint(
 ) -> tuple[TrainingState, str | None]:
     """Put network, optimiser and mean where the checkpoint left them.
 
-    Returns the state and None; or a fresh state, nothing else touched, with a sentence that says
-    why a checkpoint that is there was not used (None where there is none).
+    Returns:
+        The state and None; or a fresh state, nothing else touched, with a sentence that says why
+        a checkpoint that is there was not used (None where there is none).
     """
     try:
         tensors, header = read_container(directory / FILE)
     except FileNotFoundError:
         return TrainingState(), None
-    except DamagedFile as error:
+    except DamagedFileError as error:
         return TrainingState(), f"the checkpoint in {directory} was ignored: {error}"
-    if header.get("schema") != _SCHEMA or header.get("identity") != identity:
+    if header.pop("schema", None) != _SCHEMA or header.pop("identity", None) != identity:
         return TrainingState(), f"the checkpoint in {directory} was ignored: it is of another run"
-    parts = _split(tensors)
-    network.load_state_dict(parts["network"])
-    _restore_optimiser(optimiser, parts["optimiser"])
-    if mean is not None:
-        mean.load_state_dict(parts["mean"])
-    return (
-        TrainingState(
-            epoch=header["epoch"],
-            best_loss=header["best_loss"],
-            best_epoch=header["best_epoch"],
-            seconds=header["seconds"],
-            history=header["history"],
-            best=parts["best"],
-        ),
-        None,
-    )
-
-
-def _split(tensors: dict[str, torch.Tensor]) -> dict[str, dict[str, torch.Tensor]]:
-    names = ("network", "mean", "best", "optimiser")
-    parts: dict[str, dict[str, torch.Tensor]] = {name: {} for name in names}
+    groups: dict[str, dict[str, torch.Tensor]] = {
+        group: {} for group in ("network", "mean", "best", "optimiser")
+    }
     for key, tensor in tensors.items():
-        part, _, name = key.partition("/")
-        parts[part][name] = tensor
-    return parts
+        group, _, name = key.partition("/")
+        groups[group][name] = tensor
+    network.load_state_dict(groups["network"])
+    _restore_optimiser(optimiser, groups["optimiser"])
+    if mean is not None:
+        mean.load_state_dict(groups["mean"])
+    return TrainingState(**header, best=groups["best"]), None
 
 
 def _weights(optimiser: torch.optim.Optimizer) -> list[torch.Tensor]:
     return [weight for group in optimiser.param_groups for weight in group["params"]]
-
-
-def _optimiser_tensors(optimiser: torch.optim.Optimizer) -> Iterator[tuple[str, torch.Tensor]]:
-    for index, weight in enumerate(_weights(optimiser)):
-        for key, value in optimiser.state.get(weight, {}).items():
-            yield f"{index}/{key}", value
 
 
 def _restore_optimiser(optimiser: torch.optim.Optimizer, tensors: dict[str, torch.Tensor]) -> None:

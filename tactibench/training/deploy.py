@@ -1,8 +1,8 @@
-"""The ways in which one network can compute its outputs, to be timed against each other.
+"""Configurations in which one network can compute its outputs, to be timed against each other.
 
-A forward pass here takes what a model's ``inputs`` gives and returns raw float32 outputs. The
-frozen graph is TorchScript: it needs no compiler where it runs, and what it spares is Python's part
-between the layers, which counts in a network that computes one frame in some milliseconds.
+A forward pass here takes a model's ``inputs`` and returns raw float32 outputs. The frozen graph is
+TorchScript: it needs no compiler where it runs and saves Python's part between the layers, which
+counts in a network that computes one frame in some milliseconds.
 """
 
 from __future__ import annotations
@@ -18,21 +18,10 @@ from typing import Any
 import torch
 from torch import nn
 
-from tactibench.training.precision import autocast, repeatable, resolve_precision
+from tactibench.training.inference import autocast, deterministic_kernels, resolve_precision
 
 Forward = Callable[[torch.Tensor], torch.Tensor]
 Fold = Callable[[nn.Module, str], nn.Module]
-
-CONFIGURATIONS = {
-    "float32": "float32, as trained",
-    "folded": "float32, normalisation folded, channels_last",
-    "frozen": "float32, normalisation folded, channels_last, frozen graph",
-    "bf16": "bf16, normalisation folded, channels_last",
-    "bf16-frozen": "bf16, normalisation folded, channels_last, frozen graph",
-    "compiled": "float32, normalisation folded, channels_last, torch.compile",
-    "onnxruntime": "float32, normalisation folded, ONNX Runtime",
-}
-"""Name -> what it is. All compute on the model's device; ONNX Runtime only on a CPU."""
 
 _TOLERANCE = 1e-3
 """Largest difference to the folded network, as a share of the largest output."""
@@ -40,19 +29,25 @@ _TOLERANCE_BF16 = 2e-2
 """The same where outputs are numbers of 8 bits."""
 
 
-class Unavailable(Exception):  # noqa: N818
+class UnavailableError(Exception):
     """A configuration that this machine or network cannot compute; the text says why."""
 
 
-def deployed(
+def prepare_forward(
     name: str, network: nn.Module, fold: Fold, example: torch.Tensor, device: str
 ) -> Forward:
-    """The forward pass of a configuration, made ready for inputs like ``example`` (N, ...).
+    """Return the forward pass of a configuration, made ready for any number of frames.
 
-    network: trained, in evaluation mode, on the device. fold(network, precision): a copy for
-    inference. Any number of frames may be asked for later.
+    Args:
+        name: one of CONFIGURATIONS.
+        network: trained, in evaluation mode, on the device.
+        fold: fold(network, precision), a copy for inference.
+        example: (N, ...) inputs.
+        device: "cpu" or "cuda".
 
-    Raises Unavailable with the reason, KeyError for a name that is none of CONFIGURATIONS.
+    Raises:
+        UnavailableError: with the reason.
+        KeyError: for a name that is none of CONFIGURATIONS.
     """
     make: dict[str, Callable[[], Forward]] = {
         "float32": lambda: network,
@@ -66,11 +61,11 @@ def deployed(
     with torch.no_grad():
         compute = make[name]()
     precision = "bf16" if name == "bf16" else "float32"  # a frozen graph holds its own casts
-    # What inductor compiled outside of inference mode it would compile again inside.
+    # inductor would compile again inside inference mode what it compiled outside of it.
     mode = torch.no_grad if name == "compiled" else torch.inference_mode
 
     def forward(inputs: torch.Tensor) -> torch.Tensor:
-        with mode(), repeatable(device, precision), autocast(precision, device):
+        with mode(), deterministic_kernels(device, precision), autocast(precision, device):
             return compute(inputs.to(device)).float()
 
     return forward
@@ -78,51 +73,51 @@ def deployed(
 
 def _bf16(network: nn.Module, fold: Fold, device: str) -> nn.Module:
     if resolve_precision("auto", device) != "bf16":
-        raise Unavailable("this machine does not compute bf16 natively, emulated it is slower")
+        raise UnavailableError("this machine does not compute bf16 natively, emulated it is slower")
     return fold(network, "bf16")
 
 
 def _frozen(network: nn.Module, example: torch.Tensor) -> Forward:
-    """The traced graph with weights as constants; refused where it does not give the same."""
-    with _quietly():
+    """Trace the network with weights as constants; refuse a graph that does not give the same."""
+    with _without_warnings():
         try:
             trace: Any = torch.jit.trace
             graph: Any = torch.jit.freeze(trace(network, example, check_trace=False))
         except Exception as error:
-            raise Unavailable(f"its network cannot be traced: {_first_line(error)}") from error
+            raise UnavailableError(f"its network cannot be traced: {_first_line(error)}") from error
         _check(graph, network, example)
     return graph  # type: ignore[no-any-return]
 
 
 def _frozen_bf16(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
-    """The casts of autocast become part of the graph, and are no longer looked up in each call."""
+    """Make the casts of autocast part of the graph: they are not looked up in each call."""
     with torch.autocast(device, dtype=torch.bfloat16, cache_enabled=False):
         return _frozen(network, example.to(device))
 
 
 def _compiled(network: nn.Module, example: torch.Tensor) -> Forward:
-    """It is compiled in its first call, so that is where a missing compiler shows."""
-    with _quietly(), torch.no_grad():
+    """Compile the network; a missing compiler shows in the first call, that of ``_check``."""
+    with _without_warnings(), torch.no_grad():
         try:
             compiled: Any = torch.compile(network, dynamic=False)
         except Exception as error:
-            raise Unavailable(f"torch.compile failed: {_first_line(error)}") from error
+            raise UnavailableError(f"torch.compile failed: {_first_line(error)}") from error
         _check(compiled, network, example)
     return compiled  # type: ignore[no-any-return]
 
 
 def _onnx(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
-    """A session with as many threads as torch has when it is called."""
+    """Compute in ONNX Runtime with as many threads as torch has when it is called."""
     if device != "cpu":
-        raise Unavailable("it is measured on a CPU only")
+        raise UnavailableError("it is measured on a CPU only")
     if not (find_spec("onnx") and find_spec("onnxruntime")):
-        raise Unavailable('ONNX Runtime is not installed; pip install "tactibench[onnx]"')
+        raise UnavailableError('ONNX Runtime is not installed; pip install "tactibench[onnx]"')
     import onnxruntime
 
     try:
         model = _exported(network, example)
     except Exception as error:
-        raise Unavailable(f"its network cannot be exported: {_first_line(error)}") from error
+        raise UnavailableError(f"its network cannot be exported: {_first_line(error)}") from error
     sessions: dict[int, Any] = {}
 
     def run(inputs: torch.Tensor) -> torch.Tensor:
@@ -140,13 +135,13 @@ def _onnx(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
 
 
 def _exported(network: nn.Module, example: torch.Tensor) -> bytes:
-    """The network as an ONNX model with a free number of frames."""
+    """Return the network as an ONNX model with a free number of frames."""
     plain = copy.deepcopy(network)
     for tensor in (*plain.parameters(), *plain.buffers()):
         tensor.data = tensor.data.contiguous()
     file = io.BytesIO()
     export: Any = torch.onnx.export  # its type does not know that it writes to memory, too
-    with _quietly(), torch.no_grad():
+    with _without_warnings(), torch.no_grad():
         export(
             plain,
             (example,),
@@ -159,26 +154,26 @@ def _exported(network: nn.Module, example: torch.Tensor) -> bytes:
     return file.getvalue()
 
 
-def _check(found: Forward, network: nn.Module, example: torch.Tensor) -> None:
+def _check(forward: Forward, network: nn.Module, example: torch.Tensor) -> None:
     """Compare with the network itself on one frame and on three, as batches differ later."""
     for inputs in (example[:1], example[:1].repeat(3, *(1 for _ in example.shape[1:]))):
         wanted = network(inputs)
         tolerance = _TOLERANCE if wanted.dtype == torch.float32 else _TOLERANCE_BF16
         try:
-            outputs = found(inputs)
+            outputs = forward(inputs)
         except Exception as error:
-            raise Unavailable(
+            raise UnavailableError(
                 f"its graph does not run on {len(inputs)} frames: {_first_line(error)}"
             ) from error
         same = outputs.shape == wanted.shape
         gap = float((outputs.float() - wanted.float()).abs().max()) if same else None
         if gap is None or gap > tolerance * max(1.0, float(wanted.abs().max())):
-            raise Unavailable("its graph does not give the outputs of the network")
+            raise UnavailableError("its graph does not give the outputs of the network")
 
 
 @contextmanager
-def _quietly() -> Iterator[None]:
-    """Without the warnings of tracers: what they fear is what ``_check`` looks at."""
+def _without_warnings() -> Iterator[None]:
+    """Silence tracers: ``_check`` looks at what they warn of."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -1,4 +1,4 @@
-"""Labelled frames as tensors, prepared once before the first epoch."""
+"""Labelled frames as tensors, prepared once before the first epoch, and mirrored while training."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from tactibench.contacts import Frame, Pose
 from tactibench.images import gray_frames
-from tactibench.training.network import tensor_bytes
+from tactibench.training.weights import tensor_bytes
+
+_SAME_RMS = 3.0
+"""Rms grey levels between a rest frame and its mirror image up to which they are the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """images: (N, ...) uint8 images or float features, as the network takes them.
+    """Frames and targets of a training.
 
-    targets: (N, ...) float16 or float32, used as float32.
+    images: (N, ...) uint8 images or float features, as the network takes them. targets: (N, ...)
+    float16 or float32, used as float32.
     """
 
     images: torch.Tensor
@@ -30,35 +35,60 @@ class Examples:
     def __len__(self) -> int:
         return len(self.images)
 
-    def take(self, index: torch.Tensor, device: str) -> tuple[torch.Tensor, torch.Tensor]:
-        """Images (B, ...) and targets (B, ...) float32 of one batch on the device."""
-        at = index.to(self.images.device)
-        return self.images[at].to(device), self.targets[at].to(device).float()
+    def take(self, rows: torch.Tensor, device: str) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return images (B, ...) and targets (B, ...) float32 of one batch on the device."""
+        rows = rows.to(self.images.device)
+        return self.images[rows].to(device), self.targets[rows].to(device).float()
 
-    def spread(self, count: int) -> torch.Tensor:
-        """At most ``count`` rows with the same means as all have: evenly spread over the frames
-        when these are ordered by their mean target."""
+    def spread_rows(self, count: int) -> torch.Tensor:
+        """Return at most ``count`` rows with the same means as all have.
+
+        They are spread evenly over the frames in the order of their mean target.
+        """
         order = self.targets.float().flatten(1).mean(dim=1).argsort(stable=True).cpu()
-        at = np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(np.int64)
-        return order[torch.from_numpy(at)]
+        ranks = np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(np.int64)
+        return order[torch.from_numpy(ranks)]
 
     def to(self, device: str) -> Examples:
-        """The same examples in the memory of a device: no copy in every step."""
+        """Return the same examples in the memory of a device: no copy in every step."""
         return Examples(self.images.to(device), self.targets.to(device))
 
     def bits(self) -> bytes:
-        """Everything the weights can depend on, for an identity."""
+        """Return everything the weights can depend on, for an identity."""
         shapes = f"{tuple(self.images.shape)} {tuple(self.targets.shape)} {self.targets.dtype}"
         return shapes.encode() + tensor_bytes(self.images) + tensor_bytes(self.targets)
 
 
 def resting_frames(frames: Sequence[Frame], share: float) -> list[Frame]:
-    """The rest images that the frames bring with them, as frames without contact: ``share`` of as
-    many as there are frames with one."""
+    """Return rest images that the frames carry, as frames without contact.
+
+    share: how many, as a share of the frames that carry one.
+    """
     rests = [(frame.rest, frame.timestamp) for frame in frames if frame.rest is not None]
     return [Frame(rest, when, Pose(), rest) for rest, when in rests[:: round(1 / share)]]
 
 
 def image_tensor(frames: Sequence[Frame], size: int) -> torch.Tensor:
-    """(N, 1, size, size) uint8 gray images of frames of any size and colour."""
+    """Return (N, 1, size, size) uint8 gray images of frames of any size and colour."""
     return torch.from_numpy(gray_frames(frames, size)[:, np.newaxis])
+
+
+def find_symmetry(image: npt.NDArray[np.uint8]) -> tuple[bool, bool]:
+    """Return whether a gray frame (H, W) is its own mirror image with x, and with y, reversed."""
+    grey = image.astype(np.float64)
+    in_x, in_y = (
+        bool(np.sqrt(np.square(grey - flipped).mean()) < _SAME_RMS)
+        for flipped in (grey[:, ::-1], grey[::-1])
+    )
+    return in_x, in_y
+
+
+def draw_flips(count: int, symmetry: tuple[bool, bool], device: torch.device) -> torch.Tensor:
+    """Return (count, 2) bool: whether x and y of a frame are reversed, at random where allowed."""
+    return (torch.rand(count, 2, device=device) < 0.5) & torch.tensor(symmetry, device=device)
+
+
+def flip_maps(maps: torch.Tensor, flips: torch.Tensor) -> torch.Tensor:
+    """Return maps (B, C, H, W) with x and y reversed in the frames that ``flips`` (B, 2) names."""
+    maps = torch.where(flips[:, 0, None, None, None], maps.flip(-1), maps)
+    return torch.where(flips[:, 1, None, None, None], maps.flip(-2), maps)

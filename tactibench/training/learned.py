@@ -1,9 +1,9 @@
-"""What all models that are one network share: fit, predict, timed stages, weights on disk."""
+"""The base of models that are one network: fit, predict, timed stages, weights on disk."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,15 +15,17 @@ from torch import nn
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import FitReport, Model, ModelContext, Progress
-from tactibench.training.deploy import CONFIGURATIONS, Unavailable, deployed
+from tactibench.plugins.base import FitReport, Model, ModelContext, Progress, Stage
 from tactibench.training.examples import Examples
-from tactibench.training.fold import fold_batch_norm
+from tactibench.training.inference import (
+    CONFIGURATIONS,
+    autocast,
+    deterministic_kernels,
+    fold_batch_norm,
+    resolve_precision,
+)
 from tactibench.training.loop import train
-from tactibench.training.network import count_flops, count_parameters
-from tactibench.training.precision import autocast, repeatable, resolve_precision
-from tactibench.training.recipe import Recipe
-from tactibench.training.seeds import Seeds, seeded
+from tactibench.training.recipe import Recipe, Seeds, torch_seed
 from tactibench.training.targets import position_error_mm
 from tactibench.training.weights import load_weights, save_weights
 
@@ -36,9 +38,13 @@ _BATCH = 32
 class LearnedModel(Model):
     """A model that is one network: a subclass says what goes in, what comes out and the loss.
 
-    context, recipe: as handed to the model. architecture: JSON values that determine the shape of
-    the network; weights of any other are refused. mixing: frames with several contacts that
-    ``fit`` makes from the single presses among its frames, as a share of the frames.
+    Attributes:
+        context: as handed to the model.
+        recipe: of its training.
+        architecture: JSON values that determine the shape of the network; weights of any other are
+            refused.
+        mixing: frames with several contacts that ``fit`` makes from the single presses among its
+            frames, as a share of the frames.
     """
 
     name: ClassVar[str]
@@ -61,65 +67,61 @@ class LearnedModel(Model):
         self._network: nn.Module | None = None
         self._folded: dict[str, nn.Module] = {}
 
-    # What a subclass gives.
+    # Methods that a subclass must define.
 
     @abstractmethod
     def build(self) -> nn.Module:
-        """A fresh network: what ``inputs`` gives -> raw outputs (B, ...). Called under a seed."""
+        """Return a fresh network, ``inputs`` -> raw outputs (B, ...). Called under a seed."""
 
     @abstractmethod
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        """(N, ...) uint8 images or float features, on the CPU."""
+        """Return (N, ...) uint8 images or float features, on the CPU."""
 
     @abstractmethod
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        """(N, ...) what the network is to learn, on the CPU."""
+        """Return (N, ...) values that the network is to learn, on the CPU."""
 
     @abstractmethod
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """Scalar from raw outputs (logits) and targets, both float32."""
+        """Return a scalar from raw outputs (logits) and targets, both float32."""
 
     @abstractmethod
     def answers(self, outputs: Array) -> list[Answer | None]:
-        """One answer per row of what ``outputs`` gave."""
+        """Return one answer a row of ``outputs``."""
 
-    # What a subclass may override.
+    # Methods that a subclass may override.
 
     def outputs(self, raw: torch.Tensor) -> Array:
-        """Raw outputs of the network as the numbers that ``answers`` reads, on the CPU."""
+        """Return raw outputs of the network as the numbers that ``answers`` reads, on the CPU."""
         array: Array = raw.float().cpu().numpy()
         return array
 
-    def error_mm(self, found: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
-        """The error of validation frames that a progress bar shows, mm."""
-        return position_error_mm(found, truth)
-
-    def usable(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
-        """Rows that can be learned from; the others are left out and counted."""
+    def usable_rows(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
+        """Return the rows that can be learned from; the others are left out and counted."""
         return np.arange(len(truth))
 
-    def blanks(self, frames: Sequence[Frame]) -> list[Frame]:  # noqa: ARG002
-        """Frames without a contact to learn from besides those given."""
+    def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:  # noqa: ARG002
+        """Return frames without a contact to learn from besides those given."""
         return []
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         """Learn what inputs and targets need (scales, a rest layout) before the training."""
 
-    def start(self, network: Any, training: Examples) -> None:
+    def initialise(self, network: Any, training: Examples) -> None:
         """Set what is known of the network's state before the first step."""
 
     def extra(self) -> dict[str, Any]:
-        """JSON values of ``prepare`` that are kept beside the weights."""
+        """Return JSON values of ``prepare`` that are kept beside the weights."""
         return {}
 
-    def use_extra(self, extra: dict[str, Any]) -> None:
-        """Take back what ``extra`` gave."""
+    def restore(self, extra: dict[str, Any]) -> None:
+        """Take back the values of ``extra``."""
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
-        """A copy for inference in "float32" or "bf16" (called under autocast in the latter)."""
+        """Return a copy for inference in "float32" or, called under autocast, in "bf16"."""
         return fold_batch_norm(network, precision)
 
-    # What it gives them.
+    # Methods that it defines.
 
     def fit(
         self,
@@ -130,9 +132,13 @@ class LearnedModel(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Train; same rng state, same weights. Raises UserError for frames it cannot learn from."""
+        """Train; the same rng state gives the same weights.
+
+        Raises:
+            UserError: for frames that it cannot learn from.
+        """
         seeds = Seeds.draw(rng)
-        given = len(frames)
+        count = len(frames)
         frames, truth = self._usable(frames, truth)
         if not frames:
             raise UserError(
@@ -140,10 +146,10 @@ class LearnedModel(Model):
                 "raise the training count."
             )
         notes: dict[str, Any] = {}
-        if len(frames) < given:
-            notes["without_contact"] = given - len(frames)
-        blanks = self.blanks(frames)
-        frames, truth = [*frames, *blanks], [*truth, *(Contacts.none() for _ in blanks)]
+        if len(frames) < count:
+            notes["without_contact"] = count - len(frames)
+        empty = self.empty_frames(frames)
+        frames, truth = [*frames, *empty], [*truth, *(Contacts.none() for _ in empty)]
         if self.mixing:
             from tactibench.superposition import mix
 
@@ -152,18 +158,18 @@ class LearnedModel(Model):
             frames, truth = [*frames, *mixed], [*truth, *contacts]
         self.prepare(frames, truth)
         training = Examples(self.inputs(frames), self.targets(truth))
-        seen, wanted = self._usable(*validation)
-        held_out = Examples(self.inputs(seen), self.targets(wanted))
-        network = self._built(seeds.init)
-        self.start(network, training)
+        held_out, held_out_truth = self._usable(*validation)
+        network = self._build(seeds.init)
+        self.initialise(network, training)
 
         def error_mm(raw: torch.Tensor, rows: npt.NDArray[np.int64]) -> float | None:
-            return self.error_mm(self.answers(self.outputs(raw)), [wanted[row] for row in rows])
+            predicted = self.answers(self.outputs(raw))
+            return position_error_mm(predicted, [held_out_truth[row] for row in rows])
 
         report = train(
             network,
             training,
-            held_out,
+            Examples(self.inputs(held_out), self.targets(held_out_truth)),
             recipe=self.recipe,
             loss=self.loss,
             error_mm=error_mm,
@@ -177,18 +183,18 @@ class LearnedModel(Model):
         return replace(report, notes={**report.notes, **notes})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
-        """One answer per frame, computed in float32."""
+        """Return one answer a frame, computed in float32."""
         return self.answers(self.evaluate(frames)) if frames else []
 
     @torch.inference_mode()
     def evaluate(self, frames: Sequence[Frame]) -> Array:
-        """(N, ...) outputs, computed in float32."""
+        """Return (N, ...) outputs, computed in float32."""
         starts = range(0, max(1, len(frames)), _BATCH)
         batches = (self.inputs(frames[start : start + _BATCH]) for start in starts)
         return np.concatenate([self._forward(batch, "float32") for batch in batches])
 
-    def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
-        """Phases of the fast configuration: bf16 where the device computes it natively."""
+    def stages(self) -> Sequence[Stage]:
+        """Return the phases of the fast configuration: bf16 where the device has it natively."""
         precision = resolve_precision("auto", self.context.device)
         self._inference(precision)
         return [
@@ -197,27 +203,24 @@ class LearnedModel(Model):
             ("decode", self.answers),
         ]
 
-    def configured(
-        self, name: str, frames: Sequence[Frame]
-    ) -> list[tuple[str, Callable[[Any], Any]]]:
-        """Phases of one way. Raises UserError with the reason where this machine cannot go it."""
+    def configured(self, name: str, frames: Sequence[Frame]) -> Sequence[Stage]:
+        """Return the phases of one way of ``configurations``, made ready for frames like these.
+
+        Raises:
+            UserError: with the reason where this machine cannot compute that way.
+        """
+        from tactibench.training.deploy import UnavailableError, prepare_forward
+
         example, device = self.inputs(frames), self.context.device
         try:
-            forward = deployed(name, self.network, self.fold, example, device)
-        except Unavailable as reason:
+            forward = prepare_forward(name, self.network, self.fold, example, device)
+        except UnavailableError as reason:
             raise UserError(f"model {self.name!r}, {CONFIGURATIONS[name]}: {reason}.") from reason
         return [
             ("preprocess", self.inputs),
             ("forward", lambda inputs: self.outputs(forward(inputs))),
             ("decode", self.answers),
         ]
-
-    def fast_predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
-        """The stages one after the other."""
-        value: Any = frames
-        for _, stage in self.stages():
-            value = stage(value)
-        return list(value)
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""
@@ -230,10 +233,14 @@ class LearnedModel(Model):
         )
 
     def load(self, directory: Path) -> None:
-        """Read weights. Raises UserError for those of another model or architecture."""
+        """Read weights from the folder.
+
+        Raises:
+            UserError: for those of another model or architecture.
+        """
         tensors, extra = load_weights(directory, model=self.name, architecture=self.architecture)
-        self.use_extra(extra)
-        network = self._built(seed=0)
+        self.restore(extra)
+        network = self._build(seed=0)
         network.load_state_dict(tensors)
         self._use(network)
 
@@ -241,19 +248,29 @@ class LearnedModel(Model):
     def network(self) -> nn.Module:
         """The network as trained or loaded; before that, one with weights of seed 0."""
         if self._network is None:
-            return self._use(self._built(seed=0))
+            return self._use(self._build(seed=0))
         return self._network
 
     def parameter_count(self) -> int:
         """Return the number of trained weights."""
-        return count_parameters(self.network)
+        return sum(weight.numel() for weight in self.network.parameters())
 
     def flops(self, frame: Frame) -> int | None:
-        """Floating-point operations of a forward pass of one frame."""
-        return count_flops(self.network, self.inputs([frame]).to(self.context.device))
+        """Return the floating-point operations of a forward pass of one frame.
 
-    def _built(self, seed: int) -> nn.Module:
-        with seeded(seed):
+        A product and a sum count as two. Convolutions and matrix products are counted; sums,
+        activations and poolings are not.
+        """
+        from torch.utils.flop_counter import FlopCounterMode
+
+        inputs = self.inputs([frame]).to(self.context.device)
+        counter = FlopCounterMode(display=False)
+        with torch.no_grad(), counter:
+            self.network(inputs)
+        return int(counter.get_total_flops())
+
+    def _build(self, seed: int) -> nn.Module:
+        with torch_seed(seed):
             return self.build()
 
     def _use(self, network: nn.Module) -> nn.Module:
@@ -270,12 +287,12 @@ class LearnedModel(Model):
     def _forward(self, inputs: torch.Tensor, precision: str) -> Array:
         device = self.context.device
         network = self._inference(precision)
-        with repeatable(device, precision), autocast(precision, device):
+        with deterministic_kernels(device, precision), autocast(precision, device):
             raw = network(inputs.to(device))
         return self.outputs(raw)
 
     def _usable(
         self, frames: Sequence[Frame], truth: Sequence[Answer]
     ) -> tuple[list[Frame], list[Answer]]:
-        rows = self.usable(truth)
+        rows = self.usable_rows(truth)
         return [frames[row] for row in rows], [truth[row] for row in rows]

@@ -1,4 +1,4 @@
-"""The training loop that all learned models share: deterministic, resumable, told to a Progress."""
+"""The training loop of all learned models: deterministic and resumable."""
 
 from __future__ import annotations
 
@@ -20,29 +20,26 @@ from torch.optim.swa_utils import AveragedModel
 
 from tactibench.errors import UserError
 from tactibench.plugins.base import FitReport, Progress
-from tactibench.training.average import averaged
+from tactibench.training.averaging import average_weights, measure_statistics
 from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 from tactibench.training.examples import Examples
-from tactibench.training.muon import Muon
-from tactibench.training.precision import autocast, repeatable, resolve_precision
-from tactibench.training.recipe import Recipe
-from tactibench.training.seeds import Seeds, seeded
-from tactibench.training.statistics import measure_statistics
+from tactibench.training.inference import autocast, deterministic_kernels, resolve_precision
+from tactibench.training.recipe import Recipe, Seeds, torch_seed
 
 Loss = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 ErrorMm = Callable[[torch.Tensor, npt.NDArray[np.int64]], float | None]
 
 _DECODED = 200
 """Validation frames that are decoded for the error in mm after each epoch."""
-_MEASURED = 512
+_STATISTICS = 512
 """Training frames over which the statistics of batch normalisation are measured. 256 that are
-taken evenly (``Examples.spread``) move the U-Net's error by 1 %, 512 at random by 14 %."""
+spread evenly (``Examples.spread_rows``) move the U-Net's error by 1 %, 512 at random by 14 %."""
 _EVALUATION_BATCH = 50
 
 
 @dataclass(frozen=True)
 class _Place:
-    """Where and in which arithmetic the network computes."""
+    """The device and the arithmetic in which the network computes."""
 
     device: str
     precision: str
@@ -56,11 +53,11 @@ class _Place:
 
 @dataclass(frozen=True, eq=False)
 class _Training:
-    """What stays the same from epoch to epoch, and the tensors that change. mean: of the weights
-    over the steps, None where the last ones are taken."""
+    """All that stays the same from epoch to epoch, and the tensors that change."""
 
     network: nn.Module
     mean: AveragedModel | None
+    """Of the weights over the steps; None where the last ones are taken."""
     optimiser: torch.optim.Optimizer
     recipe: Recipe
     loss: Loss
@@ -69,7 +66,7 @@ class _Training:
     examples: Examples
 
     @property
-    def predicting(self) -> nn.Module:
+    def result(self) -> nn.Module:
         """The network that the training is for."""
         return self.network if self.mean is None else self.mean.module
 
@@ -79,16 +76,16 @@ class _Training:
         return torch.split(order, self.recipe.batch)
 
     @cached_property
-    def representative(self) -> torch.Tensor:
-        """Rows of the examples over which statistics are measured."""
-        return self.examples.spread(_MEASURED)
+    def _representative(self) -> torch.Tensor:
+        return self.examples.spread_rows(_STATISTICS)
 
-    def measure(self, network: nn.Module) -> None:
-        """Measure the statistics of a network over batches that are each spread evenly."""
-        count = -(-len(self.representative) // self.recipe.batch)
-        few = (self.representative[first::count] for first in range(count))
-        images_of = (self.examples.take(index, self.place.device)[0] for index in few)
-        measure_statistics(network, images_of, self.place.outputs)
+    def measure_statistics(self) -> None:
+        """Measure the statistics of the mean network over batches that are each spread evenly."""
+        rows = self._representative
+        count = -(-len(rows) // self.recipe.batch)
+        batches = (rows[first::count] for first in range(count))
+        images = (self.examples.take(batch, self.place.device)[0] for batch in batches)
+        measure_statistics(self.result, images, self.place.outputs)
 
 
 def train(
@@ -107,22 +104,35 @@ def train(
 ) -> FitReport:
     """Train ``network`` in place; it ends in float32, evaluation mode, on the device.
 
-    network: freshly initialised, (B, 1, S, S) uint8 -> outputs. loss(outputs, targets): scalar
-    from raw outputs (logits). error_mm(outputs, rows): mean position error of those rows of the
-    validation set, mm, or None. identity: JSON values that, beside recipe, seeds and data,
-    determine the weights (architecture, parameters).
-
     With ``checkpoints`` the state is kept after every epoch; the same call takes it up again and
     ends in bit-identical weights (same machine and thread count, torch version). A damaged
     checkpoint or that of another training is not used, and ``notes["checkpoint"]`` says so. On
     resuming, ``progress.epoch`` is told the epochs that were done before.
+
+    Args:
+        network: freshly initialised, (B, 1, S, S) uint8 -> outputs.
+        training: examples to learn from.
+        validation: examples for the loss and error after each epoch; may be empty.
+        recipe: the schedule.
+        loss: loss(outputs, targets), a scalar from raw outputs (logits).
+        error_mm: error_mm(outputs, rows), the mean position error of those rows of the validation
+            set, mm, or None.
+        seeds: of the training.
+        identity: JSON values that, beside recipe, seeds and data, determine the weights
+            (architecture, parameters).
+        progress: told of every step and epoch.
+        device: "cpu" or "cuda".
+        checkpoints: a folder, or None.
+
+    Raises:
+        UserError: for a loss that is not finite.
     """
     place = _Place(device, resolve_precision(recipe.precision, device))
     layout = torch.channels_last if recipe.channels_last else torch.contiguous_format
     network.to(device=device, memory_format=layout)  # type: ignore[call-overload]
     run = _Training(
         network=network,
-        mean=averaged(network, recipe.average) if recipe.average else None,
+        mean=average_weights(network, recipe.average) if recipe.average else None,
         optimiser=_optimiser(network, recipe, place.precision),
         recipe=recipe,
         loss=loss,
@@ -140,22 +150,22 @@ def train(
     progress.start(recipe.epochs, -(-len(training) // recipe.batch))
     for row in state.history:
         progress.epoch(int(row["epoch"]), row["loss"], row.get("validation_mm"))
-    with repeatable(device, place.precision):
+    with deterministic_kernels(device, place.precision):
         while state.epoch < recipe.epochs and not _stalled(state, recipe):
-            began = time.perf_counter()
+            start = time.perf_counter()
             row = {"epoch": float(state.epoch + 1)}
-            row["loss"] = _epoch(run, state.epoch, progress)
+            row["loss"] = _train_epoch(run, state.epoch, progress)
             row |= _validate(run, validation, error_mm)
             state.epoch += 1
-            _keep_best(state, row, run.predicting, recipe)
-            row["seconds"] = time.perf_counter() - began
+            _keep_best(state, row, run.result, recipe)
+            row["seconds"] = time.perf_counter() - start
             state.seconds += row["seconds"]
             state.history.append(row)
             if checkpoints is not None:
                 save_checkpoint(checkpoints, key, state, network, run.optimiser, run.mean)
             progress.epoch(state.epoch, row["loss"], row.get("validation_mm"))
 
-    network.load_state_dict(state.best or run.predicting.state_dict())
+    network.load_state_dict(state.best or run.result.state_dict())
     network.eval()
     notes: dict[str, Any] = {"precision": place.precision}
     if recipe.patience is not None and state.best:
@@ -165,17 +175,17 @@ def train(
     return FitReport(state.epoch, state.seconds, resumed, tuple(state.history), notes)
 
 
-def _epoch(run: _Training, epoch: int, progress: Progress) -> float:
-    """One pass over the training frames; returns the mean loss of a frame."""
+def _train_epoch(run: _Training, epoch: int, progress: Progress) -> float:
+    """Pass once over the training frames; return the mean loss of a frame."""
     run.network.train()
     batches = run.batches(epoch)
     total = 0.0
-    with seeded(run.seeds.of_epoch(epoch), run.place.device):
-        for number, index in enumerate(batches):
+    with torch_seed(run.seeds.of_epoch(epoch), run.place.device):
+        for number, rows in enumerate(batches):
             step, steps = epoch * len(batches) + number, run.recipe.epochs * len(batches)
             for group in run.optimiser.param_groups:
                 group["lr"] = run.recipe.rate(step, steps)
-            images, targets = run.examples.take(index, run.place.device)
+            images, targets = run.examples.take(rows, run.place.device)
             run.optimiser.zero_grad(set_to_none=True)
             value = run.loss(run.place.outputs(run.network, images), targets)
             value.backward()  # type: ignore[no-untyped-call]
@@ -188,34 +198,36 @@ def _epoch(run: _Training, epoch: int, progress: Progress) -> float:
                     f"the training loss is {current} in epoch {epoch + 1}; train with "
                     "precision=float32 or another seed."
                 )
-            total += current * len(index)
+            total += current * len(rows)
             progress.step(current)
     if run.mean is not None:
-        run.measure(run.mean.module)
+        run.measure_statistics()
     return total / len(run.examples)
 
 
 @torch.inference_mode()
 def _validate(run: _Training, validation: Examples, error_mm: ErrorMm) -> dict[str, float]:
-    """Validation loss and position error, over all frames where the loss can stop the training.
+    """Return validation loss and position error.
 
-    Otherwise, and always for the decoding, over at most 200 frames spread evenly.
+    The loss is that of all frames where it can stop the training, else, as the error always, that
+    of at most 200 frames spread evenly.
     """
     if not len(validation):
         return {}
-    network, place = run.predicting.eval(), run.place
+    network, place = run.result.eval(), run.place
     count = len(validation)
-    few = np.unique(np.linspace(0, count - 1, min(count, _DECODED)).round().astype(np.int64))
-    rows = few if run.recipe.patience is None else np.arange(count)
+    decoded = np.unique(np.linspace(0, count - 1, min(count, _DECODED)).round().astype(np.int64))
+    rows = decoded if run.recipe.patience is None else np.arange(count)
     outputs, targets = [], []
-    for index in torch.split(torch.from_numpy(rows), _EVALUATION_BATCH):
-        images, wanted = validation.take(index, place.device)
+    for batch in torch.split(torch.from_numpy(rows), _EVALUATION_BATCH):
+        images, wanted = validation.take(batch, place.device)
         outputs.append(place.outputs(network, images))
         targets.append(wanted)
     output = torch.cat(outputs)
-    found = {"validation_loss": float(run.loss(output, torch.cat(targets)))}
-    error = error_mm(output[torch.from_numpy(np.searchsorted(rows, few)).to(place.device)], few)
-    return found if error is None else {**found, "validation_mm": error}
+    loss = {"validation_loss": float(run.loss(output, torch.cat(targets)))}
+    places = torch.from_numpy(np.searchsorted(rows, decoded)).to(place.device)
+    error = error_mm(output[places], decoded)
+    return loss if error is None else {**loss, "validation_mm": error}
 
 
 def _keep_best(
@@ -243,6 +255,8 @@ def _optimiser(network: nn.Module, recipe: Recipe, precision: str) -> torch.opti
         {"params": others, "weight_decay": 0.0},
     ]
     if recipe.optimiser == "muon":
+        from tactibench.training.muon import Muon
+
         dtype = torch.bfloat16 if precision == "bf16" else torch.float32
         return Muon(groups, lr=recipe.learning_rate, dtype=dtype)
     kind = torch.optim.AdamW if recipe.optimiser == "adamw" else torch.optim.Adam

@@ -1,6 +1,6 @@
-"""Contacts as a mixture of Gaussians: what a network says per anchor, and its likelihood.
+"""Contacts as a mixture of Gaussians: the outputs of a network per anchor, and their likelihood.
 
-An anchor is a place that may speak of one contact: a cell of a coarse grid, a node of a graph. It
+An anchor is a place that may report one contact: a cell of a coarse grid, a node of a graph. It
 gives a probability, a mean and standard deviations. The likelihood is that of localisation
 microscopy (Speiser et al. 2021, Nature Methods 18:1082): contacts are drawn independently from the
 mixture of the anchors' Gaussians, and their number from the anchors' probabilities.
@@ -29,13 +29,16 @@ _LOG_STD = (-12.0, 4.0)
 
 @dataclass(frozen=True)
 class MixtureScale:
-    """What raw outputs stand for. All mm.
+    """The lengths that turn raw outputs into mm.
 
-    reach: how far from its anchor a mean may lie, in x and in y. max_depth: raw depths of -1 and 1
-    are 0 and max_depth. floor: smallest standard deviation; below the noise of any sensor, it
-    only keeps the likelihood of a training frame finite.
+    Attributes:
+        reach_mm: how far from its anchor a mean may lie, in x and in y.
+        max_depth_mm: raw depths of -1 and 1 are 0 and this.
+        floor_mm: smallest standard deviation; below the noise of any sensor, it only keeps the
+            likelihood of a training frame finite.
 
-    Raises ValueError for a length that is not positive.
+    Raises:
+        ValueError: for a length that is not positive.
     """
 
     reach_mm: float
@@ -50,9 +53,12 @@ class MixtureScale:
 def mixture_values(
     raw: torch.Tensor, anchors: torch.Tensor, scale: MixtureScale
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Probability (B, M), mean (B, M, 3) and std (B, M, 3) of x, y and depth, mm.
+    """Return probability (B, M), mean (B, M, 3) and std (B, M, 3) of x, y and depth, mm.
 
-    raw: (B, 7, M) or more channels, of which the first 7 count. anchors: (M, 2) or (B, M, 2), mm.
+    Args:
+        raw: (B, 7, M) or more channels, of which the first 7 count.
+        anchors: (M, 2) or (B, M, 2), mm.
+        scale: of the raw outputs.
     """
     mean, std = _gaussians(_exact(raw), anchors, scale)
     return _exact(raw)[:, 0].sigmoid(), mean, std
@@ -61,7 +67,7 @@ def mixture_values(
 def mixture_loss(
     raw: torch.Tensor, anchors: torch.Tensor, contacts: torch.Tensor, scale: MixtureScale
 ) -> torch.Tensor:
-    """Negative log likelihood of the contacts of a frame, averaged over frames; mm as the unit.
+    """Return the negative log likelihood of a frame's contacts, averaged over frames, in mm.
 
     raw, anchors: as for ``mixture_values``. contacts: (B, K, 3) x, y, depth in mm; rows of NaN
     stand for no contact. With p_m, N_m of the anchors and n contacts c_k in a frame:
@@ -72,7 +78,7 @@ def mixture_loss(
     """
     raw = _exact(raw)
     contacts = contacts.to(raw.dtype)
-    there = ~contacts.isnan().any(dim=-1)
+    present = ~contacts.isnan().any(dim=-1)
     mean, std = _gaussians(raw, anchors, scale)
     z = (contacts.nan_to_num()[:, :, None] - mean[:, None]) / std[:, None]
     log_gaussian = (
@@ -81,12 +87,12 @@ def mixture_loss(
     log_p = F.logsigmoid(raw[:, 0])
     log_weight = log_p - log_p.logsumexp(dim=-1, keepdim=True)
     log_place = (log_weight[:, None] + log_gaussian).logsumexp(dim=-1)
-    places = torch.where(there, log_place, 0.0).sum(-1)
-    return (count_nll(raw[:, 0], there.sum(-1)) - places).mean()
+    places = torch.where(present, log_place, 0.0).sum(-1)
+    return (count_nll(raw[:, 0], present.sum(-1)) - places).mean()
 
 
 def count_nll(logits: torch.Tensor, count: torch.Tensor) -> torch.Tensor:
-    """(B,) negative log probability of a count of independent yes-no draws, as a Gaussian's.
+    """Return (B,) the negative log probability of a count of independent draws, as a Gaussian's.
 
     logits: (B, M) of the draws. count: (B,). The count of independent draws has the mean sum p and
     the variance sum p (1 - p).
@@ -98,7 +104,7 @@ def count_nll(logits: torch.Tensor, count: torch.Tensor) -> torch.Tensor:
 
 
 def pack_contacts(truth: Sequence[Contacts]) -> torch.Tensor:
-    """(N, K, 3) float32 x, y, depth in mm, rows of NaN where a frame has fewer than K.
+    """Return (N, K, 3) float32 x, y, depth in mm, rows of NaN where a frame has fewer than K.
 
     K is the largest count, at least 1.
     """

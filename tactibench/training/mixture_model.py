@@ -1,7 +1,8 @@
-"""What models share whose network gives a mixture of Gaussians, one of each anchor."""
+"""The base of models whose network gives a mixture of Gaussians, and calibration of their std."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,17 +13,23 @@ import numpy.typing as npt
 import torch
 
 from tactibench.contacts import Answer, Contacts, Frame
+from tactibench.markers import PinTracker
 from tactibench.plugins.base import FitReport, ModelContext, Progress
-from tactibench.superposition import Eye
-from tactibench.training.calibration import held_back, scale_std, std_factors
 from tactibench.training.learned import LearnedModel
 from tactibench.training.mixture import MixtureScale, mixture_loss, mixture_values, pack_contacts
 from tactibench.training.recipe import Recipe
 from tactibench.training.targets import PlateScale
 
 Array = npt.NDArray[Any]
+Rows = npt.NDArray[np.int64]
 
 _AS_STATED = np.ones((2, 3))
+_CALIBRATION_STEP = 20
+"""One of so many frames with several contacts is kept from a training, to calibrate the std."""
+_FEWEST = 20
+"""Contacts from which a 95 % quantile is read; with fewer the stated std stays as it is."""
+_AXIS_95 = 1.959964
+_PLANE_95 = math.sqrt(-2 * math.log(0.05))
 
 
 class MixtureModel(LearnedModel):
@@ -44,13 +51,9 @@ class MixtureModel(LearnedModel):
         self._plate = PlateScale()
         self._factors = _AS_STATED
 
-    # What a subclass gives.
-
     @abstractmethod
     def read(self, outputs: Array) -> list[Contacts]:
-        """Contacts of every row of what ``outputs`` gave, with the std as the network states it."""
-
-    # What it gives them.
+        """Return the contacts of every row of ``outputs``, with the std that the network states."""
 
     def fit(
         self,
@@ -61,26 +64,30 @@ class MixtureModel(LearnedModel):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Train, then scale the std. Frames with several contacts are kept back for the latter:
-        one of twenty of those given, and as many new mixtures as validation frames if it mixes."""
-        used, kept = held_back(truth)
-        seen = [*validation[0], *(frames[row] for row in kept)]
-        known = [*validation[1], *(truth[row] for row in kept)]
+        """Train, then scale the std.
+
+        Frames with several contacts are kept back for the latter: one of twenty of those given,
+        and as many new mixtures as validation frames if the model mixes.
+        """
+        learned, kept = split_calibration(truth)
+        calibration = [*validation[0], *(frames[row] for row in kept)]
+        answers = [*validation[1], *(truth[row] for row in kept)]
         report = super().fit(
-            [frames[row] for row in used],
-            [truth[row] for row in used],
-            validation=(seen, known),
+            [frames[row] for row in learned],
+            [truth[row] for row in learned],
+            validation=(calibration, answers),
             rng=rng,
             progress=progress,
         )
-        if self.mixing and seen:  # other frames than those that were learned from
+        if self.mixing and calibration:  # other frames than those that were learned from
             from tactibench.superposition import mix
 
-            mixed, contacts = mix(frames, truth, len(seen), rng)
-            seen, known = [*seen, *mixed], [*known, *contacts]
-        if seen:
-            found = self.read(self.evaluate(seen))
-            self._factors = std_factors(found, [self._plate.contacts(one) for one in known])
+            mixed, contacts = mix(frames, truth, len(calibration), rng)
+            calibration, answers = [*calibration, *mixed], [*answers, *contacts]
+        if calibration:
+            predicted = self.read(self.evaluate(calibration))
+            true = [self._plate.contacts(answer) for answer in answers]
+            self._factors = std_factors(predicted, true)
         notes = {"kept_for_std": len(kept), "std_factors": self._factors.round(4).tolist()}
         return replace(report, notes={**report.notes, **notes})
 
@@ -89,7 +96,7 @@ class MixtureModel(LearnedModel):
         self._plate = PlateScale.of(truth, self.context.max_depth)
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
-        """(N, K, 3) x, y and depth of the contacts, mm, rows of NaN for none."""
+        """Return (N, K, 3) x, y and depth of the contacts, mm, rows of NaN for none."""
         return pack_contacts([self._plate.contacts(answer) for answer in truth])
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
@@ -97,33 +104,86 @@ class MixtureModel(LearnedModel):
         return mixture_loss(outputs.flatten(2), anchors, targets, self._scale)
 
     def outputs(self, raw: torch.Tensor) -> Array:
-        """(N, anchors, 7) float32: probability, mean and std of x, y and depth, mm."""
+        """Return (N, anchors, 7) float32: probability, mean and std of x, y and depth, mm."""
         anchors = self._anchors.to(raw.device)
         probability, mean, std = mixture_values(raw.flatten(2), anchors, self._scale)
         return super().outputs(torch.cat([probability[..., None], mean, std], dim=-1))
 
     def answers(self, outputs: Array) -> list[Answer | None]:
-        """Contacts of every frame, or its plate pose (None where there is no contact)."""
-        found = [scale_std(contacts, self._factors) for contacts in self.read(outputs)]
+        """Return the contacts of every frame, or its plate pose (None without a contact)."""
+        frames = [scale_std(contacts, self._factors) for contacts in self.read(outputs)]
         if self.context.answer == "plate":
-            return [self._plate.plate(contacts) for contacts in found]
-        return list(found)
+            return [self._plate.plate(contacts) for contacts in frames]
+        return list(frames)
 
     def extra(self) -> dict[str, Any]:
-        """JSON values kept beside the weights; a subclass adds its own."""
+        """Return JSON values kept beside the weights; a subclass adds its own."""
         return {"depth_offset_mm": self._plate.offset, "std_factors": self._factors.tolist()}
 
-    def use_extra(self, extra: dict[str, Any]) -> None:
+    def restore(self, extra: dict[str, Any]) -> None:
         self._plate = PlateScale(extra["depth_offset_mm"])
         self._factors = np.array(extra["std_factors"])
 
-    def _resting_eye(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Eye:
-        """Follows the pins from their places in the rest image of the first frame that has one, or
-        else in the frame that is pressed least."""
+    def _track_pins(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> PinTracker:
+        """Return a tracker of the pins in the rest image of the first frame that has one.
+
+        Without one it starts from the frame that is pressed least.
+        """
         depths = [self._plate.contacts(answer).depth.sum() for answer in truth]
-        return Eye.of(frames, otherwise=frames[int(np.argmin(depths))])
+        return PinTracker.of(frames, otherwise=frames[int(np.argmin(depths))])
 
     def _use_anchors(self, anchors: npt.NDArray[np.float64], reach_mm: float) -> None:
         """anchors: (M, 2) mm. reach_mm: how far from its anchor a mean may lie, in x and in y."""
         self._anchors = torch.from_numpy(anchors).float()
         self._scale = MixtureScale(reach_mm, self.context.max_depth)
+
+
+def split_calibration(truth: Sequence[Answer]) -> tuple[Rows, Rows]:
+    """Return rows to learn from, and those with several contacts that are for ``std_factors``.
+
+    The validation frames of a protocol hold single contacts, whose errors are of another size.
+    """
+    several = [isinstance(answer, Contacts) and len(answer) > 1 for answer in truth]
+    kept = np.flatnonzero(several)[_CALIBRATION_STEP - 1 :: _CALIBRATION_STEP]
+    return np.setdiff1d(np.arange(len(truth)), kept), kept
+
+
+def std_factors(predicted: Sequence[Contacts], truth: Sequence[Contacts]) -> Array:
+    """Return (2, 3) factors for the std of x, y and depth: of contacts alone, and of others.
+
+    With them 95 % of the errors lie inside the 95 % ellipse in the plane and the 95 % interval of
+    depth. Frames in which the number of contacts is right are used. Where there are too few with
+    several contacts, the factors of single ones serve for both.
+    """
+    pairs = [pair for pair in zip(predicted, truth, strict=True) if len(pair[0]) == len(pair[1])]
+    alone = _factors([pair for pair in pairs if len(pair[0]) == 1], np.ones(3))
+    return np.stack([alone, _factors([pair for pair in pairs if len(pair[0]) > 1], alone)])
+
+
+def scale_std(contacts: Contacts, factors: Array) -> Contacts:
+    """Return the contacts with their std, where they have one, times ``std_factors``."""
+    if contacts.std is None:
+        return contacts
+    return replace(contacts, std=contacts.std * factors[int(len(contacts) > 1)])
+
+
+def _factors(pairs: Sequence[tuple[Contacts, Contacts]], default: Array) -> Array:
+    z = np.concatenate([np.empty((0, 3)), *(_standardised(*pair) for pair in pairs)])
+    if len(z) < _FEWEST:
+        return default
+    axes = np.maximum(np.quantile(np.abs(z), 0.95, axis=0) / _AXIS_95, 1e-3)
+    plane = np.quantile(np.hypot(*(z[:, :2] / axes[:2]).T), 0.95) / _PLANE_95
+    factors: Array = axes * [plane, plane, 1.0]
+    return factors
+
+
+def _standardised(predicted: Contacts, truth: Contacts) -> Array:
+    """(K, 3) error / std of the contact nearest to every true one; none without a std."""
+    if predicted.std is None:
+        return np.empty((0, 3))
+    away = np.linalg.norm(predicted.xy[:, None] - truth.xy, axis=-1)
+    nearest = away.argmin(axis=0)
+    error = np.column_stack([predicted.xy, predicted.depth])[nearest] - np.column_stack(
+        [truth.xy, truth.depth]
+    )
+    return np.asarray(error / predicted.std[nearest], dtype=np.float64)

@@ -26,8 +26,12 @@ class Muon(torch.optim.Optimizer):
     """Muon for kernels, AdamW for biases, scales and kernels of the first and last layer.
 
     A convolution's kernel is a matrix of output channels by everything else. Weight decay is
-    decoupled, as in AdamW. The state holds tensors only. dtype: of the orthogonalisation, bfloat16
-    where the machine computes in it.
+    decoupled, as in AdamW. The state holds tensors only.
+
+    Args:
+        params: groups of weights.
+        lr: learning rate.
+        dtype: of the orthogonalisation, bfloat16 where the machine computes in it.
     """
 
     def __init__(
@@ -38,24 +42,22 @@ class Muon(torch.optim.Optimizer):
     ) -> None:
         super().__init__(params, {"lr": lr, "weight_decay": 0.0})
         self._dtype = dtype
-        self._small = torch.optim.AdamW(
-            [
-                group | {"params": [w for w in group["params"] if not _has_directions(w)]}
-                for group in self.param_groups
-            ],
-            fused=True,
-        )
-        self._small.state = self.state  # what is kept of all weights is found in one place
+        small = [
+            group | {"params": [w for w in group["params"] if not _has_directions(w)]}
+            for group in self.param_groups
+        ]
+        self._small = torch.optim.AdamW(small, fused=True)
+        self._small.state = self.state  # one state of all weights, for checkpoints
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]
-        """One step; ``closure`` is not used."""
+        """Take one step; ``closure`` is not used."""
         del closure
         for group, small in zip(self.param_groups, self._small.param_groups, strict=True):
             small["lr"] = group["lr"]
             large = [w for w in group["params"] if w.grad is not None and _has_directions(w)]
             momenta = [_momentum(weight.grad, self.state[weight]) for weight in large]
-            for weight, even in zip(large, orthogonal(momenta, self._dtype), strict=True):
+            for weight, even in zip(large, orthogonalise(momenta, self._dtype), strict=True):
                 length = _RMS * math.sqrt(max(even.shape))
                 weight.mul_(1 - group["lr"] * group["weight_decay"])
                 weight.add_(even.reshape(weight.shape), alpha=-group["lr"] * length)
@@ -77,10 +79,12 @@ def _momentum(gradient: torch.Tensor, state: dict[str, torch.Tensor]) -> torch.T
     return _matrix(gradient.lerp(momentum, _MOMENTUM))
 
 
-def orthogonal(
+def orthogonalise(
     matrices: Sequence[torch.Tensor], dtype: torch.dtype = torch.float32
 ) -> list[torch.Tensor]:
-    """(R, C) U V^T of the singular value decomposition U S V^T of each, approximately, float32.
+    """Return U V^T (R, C) of each matrix's singular value decomposition U S V^T, approximately.
+
+    The result is float32 and comes in the order of the matrices.
 
     In float32 the steps are taken on the small square matrices by whose polynomials they multiply,
     all of one size together: 4 products of that size a step, not 2 with the long side. bfloat16,
@@ -88,27 +92,24 @@ def orthogonal(
     the norm end below 0.7.
     """
     wide = [matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T for matrix in matrices]
-    ones = [x / x.norm().clamp_min(1e-12) for x in (matrix.float() for matrix in wide)]
-    even = _on_the_whole(ones) if dtype == torch.bfloat16 else _by_polynomials(ones)
-    return [
-        found if found.shape == matrix.shape else found.T
-        for found, matrix in zip(even, matrices, strict=True)
-    ]
+    scaled = [x / x.norm().clamp_min(1e-12) for x in (matrix.float() for matrix in wide)]
+    even = _iterate_whole(scaled) if dtype == torch.bfloat16 else _iterate_gram(scaled)
+    return [x if x.shape == matrix.shape else x.T for x, matrix in zip(even, matrices, strict=True)]
 
 
-def _on_the_whole(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
-    found = []
+def _iterate_whole(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+    even = []
     for matrix in matrices:
         x = matrix.to(torch.bfloat16)
         for _ in range(_STEPS):
             square = x @ x.T
             x = torch.addmm(x, _B * square + _C * (square @ square), x, beta=_A)
-        found.append(x.float())
-    return found
+        even.append(x.float())
+    return even
 
 
-def _by_polynomials(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
-    found = list(matrices)
+def _iterate_gram(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+    even = list(matrices)
     for side in sorted({len(matrix) for matrix in matrices}):
         rows = [row for row, matrix in enumerate(matrices) if len(matrix) == side]
         gram = torch.stack([matrices[row] @ matrices[row].T for row in rows])
@@ -119,5 +120,5 @@ def _by_polynomials(matrices: Sequence[torch.Tensor]) -> list[torch.Tensor]:
             product = factor @ product
             gram = factor @ (factor @ gram)
         for row, polynomial in zip(rows, product, strict=True):
-            found[row] = polynomial @ matrices[row]
-    return found
+            even[row] = polynomial @ matrices[row]
+    return even

@@ -1,28 +1,38 @@
-"""How a network is trained: everything that is chosen, nothing that is measured."""
+"""Training recipes: the schedule of a training, and the seeds of its random numbers."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+import torch
 
 
 @dataclass(frozen=True)
 class Recipe:
     """A training schedule.
 
-    epochs: passes over the training frames. batch: frames a step. optimiser: "muon" is described
-    in its module. learning_rate: constant, or the peak of the one-cycle schedule. warmup: share of
-    all steps in which one-cycle climbs.
-    patience: epochs without a better validation loss after which training stops and the best
-    weights are taken; None: all epochs are run and the last weights are taken.
-    precision: of the training arithmetic, "float32", "bf16" or "auto": bf16 where the machine
-    computes it natively.
-    channels_last: memory layout of the convolutions.
-    average: of the weights over the steps, the decay a step (see ``average``); 0: the last weights
-    are taken.
+    Attributes:
+        epochs: passes over the training frames.
+        batch: frames a step.
+        optimiser: see module ``muon`` for "muon".
+        learning_rate: constant, or the peak of the one-cycle schedule.
+        warmup: share of all steps in which one-cycle climbs.
+        patience: epochs without a better validation loss after which training stops and the best
+            weights are taken; None: all epochs are run and the last weights are taken.
+        precision: of the training arithmetic, "float32", "bf16" or "auto": bf16 where the machine
+            computes it natively.
+        channels_last: memory layout of the convolutions.
+        average: decay a step of the mean of the weights that is taken (see module ``averaging``);
+            0: the last weights are taken.
 
-    Raises ValueError for values with which no training is possible.
+    Raises:
+        ValueError: for values with which no training is possible.
     """
 
     epochs: int
@@ -50,7 +60,7 @@ class Recipe:
             raise ValueError("warmup is a share of the steps, between 0 and 1")
 
     def rate(self, step: int, steps: int) -> float:
-        """Learning rate of the step'th of ``steps`` optimiser steps, counted from 0.
+        """Return the learning rate of the step'th of ``steps`` optimiser steps, counted from 0.
 
         One-cycle: half a cosine from peak / 25 up to the peak, half a cosine down to peak / 1e4
         (Smith and Topin 2018, with cosines as in fastai).
@@ -64,7 +74,7 @@ class Recipe:
         return _cosine(peak, end, (step - top) / max(1.0, steps - 1 - top))
 
     def with_choices(self, epochs: int = 0, precision: str = "recipe") -> Recipe:
-        """This recipe with what a user set: 0 and "recipe" leave the recipe's own value."""
+        """Return this recipe with the user's values; 0 and "recipe" leave the recipe's own."""
         return replace(
             self,
             epochs=epochs or self.epochs,
@@ -95,3 +105,40 @@ RECIPES = {
 
 default: the U-Net's own reaches 0.06 mm several times sooner than ``paper`` and ends at half its
 error (benchmarks/time_to_accuracy.py, leaderboards/exp1.md)."""
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """Seeds of the network's first weights, of the shuffling, and of noise in layers (dropout)."""
+
+    init: int
+    order: int
+    layers: int
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Self:
+        """Draw all seeds at once, so that the same rng state always gives the same training."""
+        return cls(*(int(value) for value in rng.integers(0, 2**62, size=3)))
+
+    def permutation(self, count: int, epoch: int) -> npt.NDArray[np.int64]:
+        """Return the (count,) order of the training frames in an epoch; no state to resume."""
+        return np.random.default_rng([self.order, epoch]).permutation(count)
+
+    def of_epoch(self, epoch: int) -> int:
+        """Return the seed of the layers' noise in an epoch, without a state to resume."""
+        sequence = np.random.SeedSequence([self.layers, epoch])
+        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(2))
+
+
+@contextmanager
+def torch_seed(seed: int, device: str = "cpu") -> Iterator[None]:
+    """Draw torch's own random numbers (layer initialisation, dropout) from a seed.
+
+    Afterwards the global generators are as they were.
+    """
+    cuda = list(range(torch.cuda.device_count())) if device == "cuda" else []
+    with torch.random.fork_rng(devices=cuda):
+        torch.default_generator.manual_seed(seed)
+        if cuda:
+            torch.cuda.manual_seed_all(seed)
+        yield

@@ -1,4 +1,4 @@
-"""One answer a frame as a vector that is regressed, and answers back from such vectors."""
+"""Regression of one contact or plate pose a frame: answers as vectors, and their scales."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from tactibench.errors import UserError
 
 Array = npt.NDArray[np.float64]
 ANSWER_WIDTH = {"contacts": 3, "plate": 2}
-"""Numbers of an answer: x, y, depth mm of a contact; depth mm, tilt deg of a plate."""
+"""Width of an answer: x, y, depth mm of a contact; depth mm, tilt deg of a plate."""
 
 
 def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
-    """(N, 3) x, y, depth mm of single contacts, or (N, 2) depth mm, tilt deg of plates.
+    """Return (N, 3) x, y, depth mm of single contacts, or (N, 2) depth mm, tilt deg of plates.
 
-    A frame without contact becomes a row of NaN. Raises UserError for a frame with several.
+    A frame without contact becomes a row of NaN.
+
+    Raises:
+        UserError: for a frame with several contacts.
     """
     rows = np.full((len(truth), ANSWER_WIDTH[answer]), np.nan)
     for row, true in zip(rows, truth, strict=True):
@@ -36,15 +39,15 @@ def answer_vectors(truth: Sequence[Answer], answer: str, model: str) -> Array:
     return rows
 
 
-def vector_answers(values: npt.NDArray[np.floating], answer: str) -> list[Answer | None]:
-    """One contact with score 1, or one plate pose, per row."""
+def answers_from_vectors(values: npt.NDArray[np.floating], answer: str) -> list[Answer | None]:
+    """Return one contact with score 1, or one plate pose, a row."""
     if answer == "plate":
         return [PlatePose(float(depth), float(tilt)) for depth, tilt in values]
     return [Contacts(row[np.newaxis, :2], row[2:], np.ones(1)) for row in values]
 
 
-def regressable(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
-    """Rows with something to regress."""
+def regression_rows(truth: Sequence[Answer], answer: str, model: str) -> npt.NDArray[np.int64]:
+    """Return the rows that hold a contact or a plate pose."""
     return np.flatnonzero(np.isfinite(answer_vectors(truth, answer, model)).all(axis=1))
 
 
@@ -57,20 +60,23 @@ class Normalisation:
 
     @classmethod
     def of(cls, values: Array) -> Self:
-        """Of (N, T) values; one that never varies keeps its unit."""
+        """Return that of (N, T) values; a column that never varies keeps its unit."""
         deviation = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(deviation > 1e-6, deviation, 1.0))
 
     def apply(self, values: Array) -> Array:
+        """Return values in deviations from their mean."""
         return np.asarray((values - self.mean) / self.deviation, dtype=np.float64)
 
     def invert(self, normal: npt.NDArray[np.floating]) -> Array:
+        """Return values in their own unit."""
         return np.asarray(normal * self.deviation + self.mean, dtype=np.float64)
 
-    def plain(self) -> dict[str, list[float]]:
-        """JSON values from which ``Normalisation(**values)`` is made again, as arrays."""
+    def to_json(self) -> dict[str, list[float]]:
+        """Return JSON values from which ``from_json`` makes the same normalisation."""
         return {"mean": self.mean.tolist(), "deviation": self.deviation.tolist()}
 
     @classmethod
-    def of_plain(cls, values: dict[str, list[float]]) -> Self:
+    def from_json(cls, values: dict[str, list[float]]) -> Self:
+        """Return the normalisation of ``to_json``."""
         return cls(np.array(values["mean"]), np.array(values["deviation"]))

@@ -1,4 +1,4 @@
-"""Truth as contacts that a heatmap can show, and answers back from them."""
+"""Truth as contacts and heatmaps to learn, plate poses read back from them, and errors in mm."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from tactibench.geometry import DOME_RADIUS_MM, plate_from_contacts
 from tactibench.plugins.base import Encoder
 
 _SHALLOWEST_MM = 0.5
-"""A plate's depth label may start anywhere (a robot's z); its smallest is drawn at this depth."""
+"""A plate's depth label may start anywhere (a robot's z); its smallest is shown at this depth."""
 
 
 @dataclass(frozen=True)
 class PlateScale:
-    """Depth shown on the map = label + offset, mm."""
+    """The shift from a plate's depth label to the depth shown on the map, mm."""
 
     offset: float = 0.0
 
     @classmethod
     def of(cls, truth: Sequence[Answer], max_depth: float) -> PlateScale:
-        """Shift labels that start below 0.5 mm. Raises UserError when they span too much."""
+        """Return the scale that shifts labels that start below 0.5 mm.
+
+        Raises:
+            UserError: for labels that span more than ``max_depth`` mm.
+        """
         depths = [pose.depth for pose in truth if isinstance(pose, PlatePose)]
         if not depths:
             return cls()
@@ -39,43 +43,43 @@ class PlateScale:
         return cls(offset)
 
     def contacts(self, answer: Answer) -> Contacts:
-        """A plate meets the dome at x = 20 mm * sin(tilt); contacts stay what they are."""
+        """Return the contact of a plate, at x = 20 mm * sin(tilt); contacts stay what they are."""
         if isinstance(answer, Contacts):
             return answer
         x = DOME_RADIUS_MM * math.sin(math.radians(answer.tilt))
         return Contacts.truth([[x, 0.0]], [answer.depth + self.offset])
 
     def plate(self, contacts: Contacts) -> PlatePose | None:
-        """The plate pose of the best contact, None without one."""
+        """Return the plate pose of the best contact, None without one."""
         pose = plate_from_contacts(contacts)
         return None if pose is None else PlatePose(pose.depth - self.offset, pose.tilt)
 
 
 def heatmaps(encoder: Encoder, truth: Sequence[Contacts], grid: Grid) -> np.ndarray:
-    """(N, C, H, W) float16 maps, encoded in one call."""
+    """Return (N, C, H, W) float16 maps, encoded in one call where the encoder can."""
     if not truth:
         return np.empty((0, encoder.channels, *grid.shape), dtype=np.float16)
     return np.asarray(encoder.encode_batch(truth, grid)).astype(np.float16)
 
 
-def touched(answer: Answer | None) -> np.ndarray:
+def position_error_mm(predicted: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
+    """Return the mean distance of true contacts (or plates) to the nearest predicted one, mm.
+
+    Frames without a prediction are left out; None when that is all of them.
+    """
+    distances = [
+        float(np.linalg.norm(xy - true, axis=1).min())
+        for xy, contacts in zip(map(_positions, predicted), map(_positions, truth), strict=True)
+        if len(xy)
+        for true in contacts
+    ]
+    return float(np.mean(distances)) if distances else None
+
+
+def _positions(answer: Answer | None) -> np.ndarray:
     """(K, 2) where contacts are, or where a plate touches the dome, mm; no rows for None."""
     if answer is None:
         return np.empty((0, 2))
     if isinstance(answer, PlatePose):
         return np.array([[DOME_RADIUS_MM * math.sin(math.radians(answer.tilt)), 0.0]])
     return answer.xy
-
-
-def position_error_mm(found: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
-    """Mean distance from each true contact (or plate) to the nearest one found in its frame, mm.
-
-    Frames in which nothing was found are left out; None when that is all of them.
-    """
-    distances = [
-        float(np.linalg.norm(prediction - xy, axis=1).min())
-        for prediction, contacts in zip(map(touched, found), map(touched, truth), strict=True)
-        if len(prediction)
-        for xy in contacts
-    ]
-    return float(np.mean(distances)) if distances else None

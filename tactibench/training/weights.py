@@ -1,18 +1,41 @@
-"""Trained weights on disk: one safetensors file whose header says what they are weights of."""
+"""Trained weights on disk: tensors and a JSON header in one safetensors file, without pickle."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+import safetensors
 import torch
+from safetensors.torch import save
 
 from tactibench.errors import UserError
-from tactibench.training.container import DamagedFile, read_container, write_container
+from tactibench.records.files import atomic
+
+Image = npt.NDArray[np.uint8]
 
 FILE = "weights.safetensors"
 _SCHEMA = 2
+_ENTRY = "tactibench"
+_UNREADABLE = (
+    safetensors.SafetensorError,
+    KeyError,
+    TypeError,
+    ValueError,
+    OSError,
+    RecursionError,  # JSON that is nested without an end
+)
+
+
+class DamagedFileError(Exception):
+    """A container that cannot be read or whose digest does not fit; the text says why."""
 
 
 def save_weights(
@@ -23,7 +46,15 @@ def save_weights(
     architecture: Mapping[str, Any],
     extra: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write tensors of a model with its name, architecture and extra JSON values."""
+    """Write the weights of a model.
+
+    Args:
+        directory: an existing folder.
+        tensors: by name.
+        model: the name that the model is declared by.
+        architecture: JSON values without which the tensors mean something else.
+        extra: further JSON values that ``load_weights`` returns.
+    """
     header = {
         "schema": _SCHEMA,
         "model": model,
@@ -36,9 +67,10 @@ def save_weights(
 def load_weights(
     directory: Path, *, model: str, architecture: Mapping[str, Any]
 ) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Return tensors and extra values of weights of exactly this model and architecture.
+    """Return the tensors and extra values of weights of exactly this model and architecture.
 
-    Raises UserError for a missing or damaged file and for weights of anything else.
+    Raises:
+        UserError: for a missing or damaged file and for weights of anything else.
     """
     path = directory / FILE
     again = "train the model again (--fresh)."
@@ -46,7 +78,7 @@ def load_weights(
         tensors, header = read_container(path)
     except FileNotFoundError:
         raise UserError(f"{path} is missing; {again}") from None
-    except DamagedFile as error:
+    except DamagedFileError as error:
         raise UserError(f"{path} holds no usable weights: {error}; {again}") from error
     if header.get("schema") != _SCHEMA:
         raise UserError(
@@ -58,10 +90,77 @@ def load_weights(
         )
     trained = header["architecture"]
     for name in sorted({*architecture, *trained}):
-        wanted, found = architecture.get(name), trained.get(name)
-        if found != wanted:
+        wanted, stored = architecture.get(name), trained.get(name)
+        if stored != wanted:
             raise UserError(
-                f"{path} was trained with {name}={found!r}, but {name}={wanted!r} is asked for; "
-                f"use --param {model}.{name}={found} or {again}"
+                f"{path} was trained with {name}={stored!r}, but {name}={wanted!r} is asked for; "
+                f"use --param {model}.{name}={stored} or {again}"
             )
     return tensors, header["extra"]
+
+
+def write_container(path: Path, tensors: Mapping[str, torch.Tensor], header: Any) -> None:
+    """Write tensors and a JSON header atomically, protected by a digest."""
+    text = json.dumps(header, sort_keys=True)
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    # One entry: safetensors writes several in an order that changes from call to call.
+    metadata = {_ENTRY: json.dumps({"digest": _digest(plain, text), "header": text})}
+    with atomic(path) as file:
+        file.write(save(plain, metadata=metadata))
+
+
+def read_container(path: Path) -> tuple[dict[str, torch.Tensor], Any]:
+    """Return tensors and header.
+
+    Raises:
+        FileNotFoundError: where there is no such file.
+        DamagedFileError: for a file that cannot be read or was changed.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(path)
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        entry = json.loads(metadata[_ENTRY])
+        text, digest = entry["header"], entry["digest"]
+        header = json.loads(text)
+    except _UNREADABLE as error:
+        raise DamagedFileError(f"it cannot be read ({error})") from error
+    if _digest(tensors, text) != digest:
+        raise DamagedFileError("its digest does not fit its content")
+    return tensors, header
+
+
+def tensor_bytes(tensor: torch.Tensor) -> bytes:
+    """Return the bits of a tensor in row-major order."""
+    flat = tensor.detach().cpu().contiguous().reshape(-1)
+    return flat.view(torch.uint8).numpy().tobytes()
+
+
+def _digest(tensors: Mapping[str, torch.Tensor], text: str) -> str:
+    digest = hashlib.sha256(text.encode())
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
+        digest.update(tensor_bytes(tensor))
+    return digest.hexdigest()
+
+
+def pack_image(image: Image) -> str:
+    """Return an (H, W) uint8 image as "H W levels", the levels compressed and in base 85."""
+    height, width = image.shape
+    levels = base64.b85encode(zlib.compress(image.tobytes(), 9)).decode("ascii")
+    return f"{height} {width} {levels}"
+
+
+def unpack_image(text: str) -> Image:
+    """Return the (H, W) uint8 image that ``pack_image`` wrote. Raises UserError for other text."""
+    try:
+        height, width, levels = text.split(" ")
+        flat = np.frombuffer(zlib.decompress(base64.b85decode(levels)), dtype=np.uint8)
+        return flat.reshape(int(height), int(width)).copy()
+    except (ValueError, zlib.error) as error:
+        raise UserError(
+            f"an image kept beside the weights cannot be read: {error}; train the model again."
+        ) from error

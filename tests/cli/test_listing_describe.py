@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -30,10 +31,10 @@ def test_list_names_everything_that_is_installed(cli: Any, host: PluginHost) -> 
 
 @pytest.mark.parametrize("kind", ["models", "sensors", "encoders", "protocols"])
 def test_list_of_one_kind(cli: Any, kind: str) -> None:
-    code, out, _ = cli("list", kind)
+    code, out, _ = cli("list", kind, "--json", "rows.json")
     assert code == 0
     assert [line for line in out.splitlines() if not line.startswith(" ")] == [f"{kind}:"]
-    rows = json.loads(cli("list", kind, "--json")[1])
+    rows = json.loads(Path("rows.json").read_text(encoding="utf-8"))
     assert list(rows) == [kind]
     for row in rows[kind]:
         assert row["name"]

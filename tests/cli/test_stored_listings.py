@@ -10,6 +10,11 @@ import pytest
 TRAIN = ("run", "exp1", "--model", "mean", "--presses", "40", "--train-only")
 
 
+def listed(cli, kind):
+    assert cli("list", kind, "--json", "rows.json")[0] == 0
+    return json.loads(Path("rows.json").read_text())
+
+
 def test_trained_weights_are_listed_and_found_again(cli):
     code, out, _ = cli(*TRAIN, "--json", "t.json")
     assert code == 0
@@ -21,7 +26,7 @@ def test_trained_weights_are_listed_and_found_again(cli):
     assert "found in the cache" in cli(*other)[1], "the experiments share their weights"
     line = next(line for line in cli("list", "weights")[1].split("\n") if line.startswith("mean"))
     assert line.split()[:6] == ["mean", "none", "single", "40", "0", "cpu"]
-    (row,) = json.loads(cli("list", "weights", "--json")[1])
+    (row,) = listed(cli, "weights")
     assert row["bytes"] > 0
     assert (row["model"], row["presses"], row["epochs"]) == ("mean", 40, 0)
 
@@ -57,7 +62,7 @@ def test_runs_of_a_store_are_listed(cli, stored_run):
     assert cli("list", "runs")[1].startswith("no runs in runs")
     name = stored_run()
     assert name in cli("list", "runs")[1]
-    (row,) = json.loads(cli("list", "runs", "--json")[1])
+    (row,) = listed(cli, "runs")
     assert (row["name"], row["protocol"], row["partial"]) == (name, "exp1", False)
 
 
@@ -65,7 +70,7 @@ def test_published_tables_are_listed_with_what_they_were_measured_on(cli):
     code, out, _ = cli("list", "published")
     assert code == 0
     assert "measured on: hardware TacTip, RTX 5070 Ti" in out
-    rows = json.loads(cli("list", "published", "--json")[1])
+    rows = listed(cli, "published")
     (row,) = [r for r in rows if "coverage" in r["metrics"]]
     assert (row["table"], row["comparable"]) == ("tac-vgnn", "yes")
     assert list(row["metrics"]["coverage"].values()) == [0.968]

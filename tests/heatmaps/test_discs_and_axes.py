@@ -9,8 +9,7 @@ import pytest
 
 from tactibench import Contacts, Grid, UserError
 from tactibench_heatmaps.axes import Axes
-from tactibench_heatmaps.depth import HeatAndDepth
-from tactibench_heatmaps.offset import Offsets
+from tactibench_heatmaps.discs import HeatAndDepth, Offsets
 
 SMALL = Grid((11, 14), (-2.0, -1.6), 0.4)
 GRID = Grid.centred(64, 0.4)

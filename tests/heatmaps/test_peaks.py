@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, maximum_filter
 
+from tactibench_heatmaps.least_squares import three_points
 from tactibench_heatmaps.maxima import CANDIDATES
 from tactibench_heatmaps.peaks import PeakReader
-from tactibench_heatmaps.subcell import three_points
 
 
 def reader(threshold: float, **more: Any) -> PeakReader:

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from state_hash import state_hash
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
-from tactibench.training import save_weights, state_hash
+from tactibench.training import save_weights
 
 
 def flat(answers):

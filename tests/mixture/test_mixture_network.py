@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from tactibench import UserError
-from tactibench.superposition import Eye
-from tactibench.training import fold_batch_norm, mirrored, seeded
+from tactibench.markers import PinTracker
+from tactibench.training import flip_maps, torch_seed
+from tactibench.training.inference import fold_batch_norm
 from tactibench_mixture import architecture
 from tactibench_mixture.architecture import MixtureNetwork
 from tactibench_mixture.displacement import DisplacementField
@@ -16,7 +17,7 @@ from tactibench_mixture.displacement import DisplacementField
 
 @pytest.fixture(scope="module")
 def network():
-    with seeded(1):
+    with torch_seed(1):
         network = MixtureNetwork(8, 32, (True, True))
         for weight in network.parameters():  # residual blocks are the identity at first
             torch.nn.init.normal_(weight, std=0.1)
@@ -32,7 +33,7 @@ def test_shapes_and_the_first_guess():
     contacts = torch.full((10, 2, 3), torch.nan)
     contacts[:, 0] = 1.0
     contacts[:5, 1] = 2.0
-    network.start_from(fields(10) * 7, contacts)
+    network.initialise(fields(10) * 7, contacts)
     raw = network(fields())
     assert raw.shape == (3, 7, 16, 16)
     assert network.scale.item() == pytest.approx(1 / 7, rel=0.05)
@@ -43,15 +44,15 @@ def test_shapes_and_the_first_guess():
 def test_mirroring_in_training_mirrors_what_the_network_says(network, monkeypatch, turned):
     x = fields()
     flags = torch.tensor(turned).expand(3, 2)
-    monkeypatch.setattr(architecture, "random_turns", lambda count, allowed, device: flags)
+    monkeypatch.setattr(architecture, "draw_flips", lambda count, allowed, device: flags)
     sign = torch.tensor([-1.0 if t else 1.0 for t in turned])
     network.eval()
     with torch.no_grad():
-        plain = network(mirrored(x, flags) * sign[:, None, None])
+        plain = network(flip_maps(x, flags) * sign[:, None, None])
         network.train()
         found = network(x)
     network.eval()
-    expected = mirrored(plain, flags)
+    expected = flip_maps(plain, flags)
     expected[:, 1:3] *= sign[:, None, None]
     torch.testing.assert_close(found, expected)
 
@@ -63,7 +64,7 @@ def test_frames_are_mirrored_only_where_they_may_be(network, monkeypatch):
         asked.append((count, allowed))
         return torch.zeros(count, 2, dtype=torch.bool, device=device)
 
-    monkeypatch.setattr(architecture, "random_turns", turns)
+    monkeypatch.setattr(architecture, "draw_flips", turns)
     with torch.no_grad():
         network.train()(fields())
         network.eval()(fields())
@@ -83,7 +84,7 @@ def test_outputs_are_float32_within_autocast(network):
 
 
 def field_of(rest):
-    return DisplacementField(Eye.at(rest), 32)
+    return DisplacementField(PinTracker(rest), 32)
 
 
 def test_the_field_is_what_the_pins_do(draw):
@@ -112,15 +113,15 @@ def test_a_stretched_layout_gives_a_field_that_grows_along_x(draw):
 def test_the_same_field_comes_back_from_plain_values(draw):
     _, picture, pins = draw
     field = field_of(picture(pins()))
-    again = DisplacementField.of_plain(field.plain())
+    again = DisplacementField.from_json(field.to_json())
     image = picture(pins() + 0.4)[None]
     assert np.array_equal(field(image), again(image))
 
 
 def test_symmetry_is_seen_in_the_pins_at_rest(draw):
     _, picture, pins = draw
-    assert field_of(picture(pins())).symmetric == (True, True)
-    assert field_of(picture(pins(shift=0.3))).symmetric == (False, True)
+    assert field_of(picture(pins())).symmetry == (True, True)
+    assert field_of(picture(pins(shift=0.3))).symmetry == (False, True)
 
 
 def test_an_image_without_pins_is_refused():

@@ -8,7 +8,7 @@ import pytest
 
 from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.run.timing import measure_speed
-from tactibench_pins.presence import answers_of, least, went
+from tactibench_pins.displacements import contact_threshold, read_answers, rms_displacement
 
 NAMES = ("kernel", "pins")
 FAR = {"kernel": 0.1, "pins": 0.35}
@@ -68,12 +68,12 @@ def test_a_plate_is_always_there(taught, make_presses):
 
 def test_how_far_pins_went_decides():
     values = np.array([[1.0, 2.0, 3.0, far] for far in (0.0, 0.49, 0.5, 2.0)])
-    assert [len(one) for one in answers_of(values, "contacts", 0.5)] == [0, 0, 1, 1]
-    assert [pose.tilt for pose in answers_of(values[:, 1:], "plate", 0.0)] == [3.0] * 4
+    assert [len(one) for one in read_answers(values, "contacts", 0.5)] == [0, 0, 1, 1]
+    assert [pose.tilt for pose in read_answers(values[:, 1:], "plate", 0.0)] == [3.0] * 4
     moved = np.repeat([[1.0], [2.0], [4.0]], 6, axis=1)
-    np.testing.assert_allclose(went(moved), [1.0, 2.0, 4.0])
-    assert 0.5 <= least(moved, "contacts") < 0.52
-    assert least(moved, "plate") == 0.0
+    np.testing.assert_allclose(rms_displacement(moved), [1.0, 2.0, 4.0])
+    assert 0.5 <= contact_threshold(moved, "contacts") < 0.52
+    assert contact_threshold(moved, "plate") == 0.0
 
 
 @both

@@ -7,12 +7,12 @@ import pytest
 from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
-from tactibench.markers import lattice
+from tactibench.markers import common_lattice
 from tactibench.run.reporter import SilentProgress
 from tactibench_pins.correction import RIDGES, Correction
 from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins
-from tactibench_pins.views import Spread, views
+from tactibench_pins.views import Spread, draw_views
 
 TRAINED, OTHER = hexagon(3, 8.0), hexagon(4, 6.0)
 """37 and 61 pins, one outline."""
@@ -150,13 +150,13 @@ def test_one_labelled_frame_shifts_all_answers():
 
 
 def test_views_turn_shift_and_strengthen_linear_fields():
-    points = lattice(3)
-    same, *others = views(points, 6, np.random.default_rng(0))
+    points = common_lattice(3)
+    same, *others = draw_views(points, 6, np.random.default_rng(0))
     np.testing.assert_array_equal(same, np.eye(2 * len(points)))
-    gained = views(points, 3, np.random.default_rng(0), Spread(0, 0, 0, 0, 0.05))[1]
+    gained = draw_views(points, 3, np.random.default_rng(0), Spread(0, 0, 0, 0, 0.05))[1]
     assert np.ptp(gained.sum(axis=1)) < 1e-9
     assert gained.sum(axis=1)[0] == pytest.approx(1, abs=0.05)
     away = points.T.ravel()  # an even spread looks the same however the sensor is turned
-    turned = views(points, 3, np.random.default_rng(0), Spread(90, 0, 0, 0, 0))[1]
+    turned = draw_views(points, 3, np.random.default_rng(0), Spread(90, 0, 0, 0, 0))[1]
     np.testing.assert_allclose(turned @ away, away, atol=1e-9)
     assert len(others) == 5

@@ -12,7 +12,8 @@ from torch.nn import functional as F  # noqa: N812
 
 from tactibench import Grid, ModelContext
 from tactibench.plugins.host import PluginHost
-from tactibench.training import MixtureScale, count_nll, mixture_loss, mixture_values
+from tactibench.training import MixtureScale, mixture_loss, mixture_values
+from tactibench.training.mixture import count_nll
 
 GRID = Grid.centred(16, 1.6)
 HUGE = 1e4

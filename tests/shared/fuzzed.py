@@ -17,7 +17,7 @@ import mutated as m
 import numpy as np
 
 from tactibench import UserError
-from tactibench.training.container import DamagedFile
+from tactibench.training.weights import DamagedFileError
 
 ROOT = Path(__file__).parents[2]
 SENTENCES = (
@@ -25,9 +25,9 @@ SENTENCES = (
     click.ClickException,
     click.exceptions.Exit,
     click.exceptions.Abort,
-    DamagedFile,
+    DamagedFileError,
 )
-"""DamagedFile is turned into one by all that read containers."""
+"""DamagedFileError is turned into one by all that read containers."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _pngs(_: Path) -> list[bytes]:
 
 def _weights(data: bytes, folder: Path) -> None:
     from tactibench.training import load_weights
-    from tactibench.training.container import read_container
+    from tactibench.training.weights import read_container
 
     path = _in(folder, "weights.safetensors", data)
     try:

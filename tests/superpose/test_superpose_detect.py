@@ -8,7 +8,7 @@ import pytest
 
 from tactibench.superposition import Field
 from tactibench_superpose.detect import CLOSEST_MM, Detector
-from tactibench_superpose.unexplained import Unexplained
+from tactibench_superpose.model_error import ModelError
 
 SIGMA = 0.02  # px
 PITCH = 1.8 * 4  # px
@@ -38,9 +38,9 @@ def field():
 
 
 def detector(field, gain=1.3, most=6, sigma=SIGMA):
-    eye = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH, again=nothing_found)
+    pins = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH, retrack=nothing_found)
     weight = np.full(field.coefficients.shape[-1], 1 / sigma**2)
-    return Detector.of(field, eye, weight, gain, most)
+    return Detector.of(field, pins, weight, gain, most)
 
 
 @pytest.fixture(scope="module")
@@ -223,7 +223,7 @@ def learned_from_pairs(field):
         contacts = pair(rng)
         left.append(interplay(contacts, rng) + SIGMA * rng.normal(size=2 * len(PINS)))
     plain = detector(field)
-    return replace(plain, unexplained=Unexplained.learn(np.array(left), plain.weight))
+    return replace(plain, model_error=ModelError.learn(np.array(left), plain.weight))
 
 
 @pytest.mark.parametrize("seed", range(4))

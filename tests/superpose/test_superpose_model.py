@@ -70,8 +70,8 @@ def test_pins_that_crowd_are_followed_again(fitted, presses):
     model = fitted[0]
     frames, truth = presses["crowded"]
     detector = model._ready().detector
-    images = detector.eye.images(frames)
-    moved, sure = detector.eye.watch(images)
+    images = detector.pins.images(frames)
+    moved, sure = detector.pins.track(images)
     rows = np.flatnonzero(~sure.all(axis=1))
     assert len(rows) >= 4
     before, after = [], []
@@ -81,8 +81,8 @@ def test_pins_that_crowd_are_followed_again(fitted, presses):
         before.append(np.hypot(*(moved[row] - explained).reshape(2, -1)).max())
         after.append(np.hypot(*found.left[0].reshape(2, -1)).max())
     # A pin taken for its neighbour is most of a spacing off; a misfit of the fields is not.
-    assert np.median(before) > 0.5 * detector.eye.pitch
-    assert max(after) < 0.5 * detector.eye.pitch
+    assert np.median(before) > 0.5 * detector.pins.pitch
+    assert max(after) < 0.5 * detector.pins.pitch
     found = model.predict([frames[row] for row in rows])
     error, _ = matched(found, [truth[row] for row in rows])
     assert np.abs(error).max() < 0.3

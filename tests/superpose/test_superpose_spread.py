@@ -1,11 +1,11 @@
-"""How far off answers are said to be."""
+"""How far off answers are stated to be."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tactibench_superpose.spread import Clues, Spread, shipped
+from tactibench_superpose.spread import Clues, Spread, nominal_spread
 
 
 def normal_of(std):
@@ -42,7 +42,7 @@ def test_one_contact_that_fits_badly_is_known_less_well_by_its_noise():
 
 @pytest.mark.parametrize("normal", [np.zeros((6, 6)), np.ones((6, 6)), normal_of([[1e-9] * 3] * 2)])
 def test_contacts_that_cannot_be_told_apart_are_no_error(normal):
-    std = shipped().std(Clues.of(normal, 1.0, np.zeros((2, 3))))
+    std = nominal_spread().std(Clues.of(normal, 1.0, np.zeros((2, 3))))
     assert std.shape == (2, 3)
     assert np.isfinite(std).all()
     assert (std >= 1e-4).all()
@@ -59,7 +59,7 @@ def test_terms_that_made_the_errors_are_found_again(count):
         clue = Clues.of(normal_of(fit), 0.5, rng.uniform(0, 0.4, (count, 3)) * (count > 1))
         clues.append(clue)
         errors.append(truth.std(clue) * rng.standard_normal((count, 3)))
-    fitted = shipped().with_group(count, clues, errors)
+    fitted = nominal_spread().with_group(count, clues, errors)
     wanted = np.concatenate([truth.std(clue) for clue in clues])
     found = np.concatenate([fitted.std(clue) for clue in clues])
     np.testing.assert_allclose(found, wanted, rtol=0.2)
@@ -70,4 +70,4 @@ def test_terms_that_made_the_errors_are_found_again(count):
 
 def test_few_errors_leave_the_terms_as_they_are():
     clue = Clues.of(normal_of([[0.01] * 3] * 2), 1.0, np.zeros((2, 3)))
-    assert shipped().with_group(2, [clue] * 5, [np.ones((2, 3))] * 5) is shipped()
+    assert nominal_spread().with_group(2, [clue] * 5, [np.ones((2, 3))] * 5) is nominal_spread()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
-from tactibench.superposition import Eye, Neighbours, as_rows, mix
+from tactibench.markers import PinTracker
+from tactibench.superposition import NeighbourLaw, contact_array, mix
 from tactibench.superposition.field import FEWEST
 from tactibench.superposition.mixing import CLOSEST_MM, MOST
 
@@ -94,7 +95,7 @@ def test_frames_of_several_contacts_are_never_looked_at(singles, duals):
     poison = Untouchable()
     untouchable = [Frame(poison, 0.0, Pose(), poison) for _ in duals[0]]
     with pytest.raises(AssertionError, match="looked at"):
-        Eye.of(untouchable)
+        PinTracker.of(untouchable)
     # Some of them come first.
     frames = untouchable[:5] + singles[0] + untouchable[5:]
     truth = duals[1][:5] + singles[1] + duals[1][5:]
@@ -129,7 +130,7 @@ def test_as_many_as_were_asked_for(singles, count):
 
 
 def test_two_and_three_are_equally_frequent(singles, monkeypatch):
-    from tactibench.superposition import PinPicture
+    from tactibench.superposition.picture import PinPicture
 
     monkeypatch.setattr(
         PinPicture, "draw", lambda self, pins, *_: np.zeros((len(pins), 80, 80), np.uint8)
@@ -138,7 +139,7 @@ def test_two_and_three_are_equally_frequent(singles, monkeypatch):
     share = np.mean([len(one) == 2 for one in truth])
     assert abs(share - 0.5) < 4 * 0.5 / np.sqrt(1200)
     places = np.concatenate([np.column_stack([one.xy, one.depth]) for one in truth])
-    known = as_rows(singles[1])[:, 0]
+    known = contact_array(singles[1])[:, 0]
     low, high = known.min(axis=0), known.max(axis=0)
     assert (places >= low).all()
     assert (places <= high).all()
@@ -171,9 +172,9 @@ def test_nothing_that_was_given_is_changed(singles):
 
 def test_the_pins_stand_where_the_fields_add_up(singles, push_pins):
     """Without a law of neighbours: displacements are the sums of the known field."""
-    frames, truth = made(singles, 40, neighbours=Neighbours.none())
-    eye = Eye.of(singles[0])
-    moved = eye.moved(eye.images(frames))
+    frames, truth = made(singles, 40, law=NeighbourLaw.none())
+    tracker = PinTracker.of(singles[0])
+    moved = tracker.displacements(tracker.images(frames))
     # Pins by place: the tracker's order is its own.
     wanted = np.stack([push_pins(np.column_stack([one.xy, one.depth])[None])[0] for one in truth])
     off = np.abs(moved - wanted)
@@ -183,12 +184,13 @@ def test_the_pins_stand_where_the_fields_add_up(singles, push_pins):
 
 
 def test_a_law_of_neighbours_moves_the_pins(singles):
-    none, law = (made(singles, 12, neighbours=one) for one in (Neighbours.none(), None))
+    none, law = (made(singles, 12, law=one) for one in (NeighbourLaw.none(), None))
     for a, b in zip(none[1], law[1], strict=True):  # the truth is no equivalent
         np.testing.assert_array_equal(a.xy, b.xy)
         np.testing.assert_array_equal(a.depth, b.depth)
-    eye = Eye.of(singles[0])
-    ways = [np.abs(eye.moved(eye.images(one[0]))).sum(axis=1) for one in (none, law)]
+    tracker = PinTracker.of(singles[0])
+    moved = (tracker.displacements(tracker.images(made_frames)) for made_frames, _ in (none, law))
+    ways = [np.abs(each).sum(axis=1) for each in moved]
     assert (np.abs(ways[0] - ways[1]) > 0.1).any()
 
 

@@ -5,7 +5,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from tactibench.superposition import Neighbours, shipped, shipped_inverse
+from tactibench.superposition import NeighbourLaw, nominal_inverse_law, nominal_law
 
 
 def apart(frames, count, rng, closest=5.5, depths=(0.5, 6.0)):
@@ -33,9 +33,9 @@ def turned(contacts, angle):
 
 
 def random_law(rng, size=0.05):
-    pair = rng.normal(size=Neighbours.none().pair.shape) * size / 10
-    crowd = rng.normal(size=Neighbours.none().crowd.shape) * size
-    return Neighbours(pair, crowd)
+    pair = rng.normal(size=NeighbourLaw.none().pair.shape) * size / 10
+    crowd = rng.normal(size=NeighbourLaw.none().crowd.shape) * size
+    return NeighbourLaw(pair, crowd)
 
 
 def parts(contacts, shift):
@@ -48,8 +48,8 @@ def parts(contacts, shift):
 
 
 LAWS = {
-    "shipped": shipped,
-    "inverse": shipped_inverse,
+    "shipped": nominal_law,
+    "inverse": nominal_inverse_law,
     "random": lambda: random_law(np.random.default_rng(0)),
 }
 
@@ -57,7 +57,7 @@ LAWS = {
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 4])
 def test_no_law_shifts_nothing(count):
     contacts = apart(5, count, np.random.default_rng(0), closest=3.0)
-    law = Neighbours.none()
+    law = NeighbourLaw.none()
     np.testing.assert_array_equal(law.shift(contacts), 0)
     np.testing.assert_array_equal(law.equivalents(contacts), contacts)
 
@@ -93,14 +93,14 @@ def test_contacts_have_no_order(law, count):
 @pytest.mark.parametrize("count", [2, 3])
 def test_frames_do_not_feel_each_other(count):
     contacts = apart(7, count, np.random.default_rng(3))
-    whole = shipped().equivalents(contacts)
+    whole = nominal_law().equivalents(contacts)
     for row in range(7):
         np.testing.assert_allclose(
-            shipped().equivalents(contacts[row : row + 1])[0], whole[row], atol=1e-12
+            nominal_law().equivalents(contacts[row : row + 1])[0], whole[row], atol=1e-12
         )
     unknown = contacts.copy()
     unknown[2] = np.nan
-    some = shipped().equivalents(unknown)
+    some = nominal_law().equivalents(unknown)
     assert np.isnan(some[2]).all()
     np.testing.assert_allclose(np.delete(some, 2, 0), np.delete(whole, 2, 0), atol=1e-12)
 
@@ -108,14 +108,14 @@ def test_frames_do_not_feel_each_other(count):
 def test_equivalents_are_contacts_with_their_shift():
     contacts = apart(5, 3, np.random.default_rng(4))
     given = contacts.copy()
-    found = shipped().equivalents(contacts)
-    np.testing.assert_array_equal(found, contacts + shipped().shift(contacts))
+    found = nominal_law().equivalents(contacts)
+    np.testing.assert_array_equal(found, contacts + nominal_law().shift(contacts))
     np.testing.assert_array_equal(contacts, given)
 
 
 def test_constant_coefficients_are_towards_beside_and_depth():
     """The formula by hand: the constant term alone."""
-    law = Neighbours.none()
+    law = NeighbourLaw.none()
     law.pair[0] = [0.3, 0.1, -0.2]
     shift = law.shift(np.array([[[-4.0, 1.0, 2.0], [4.0, 1.0, 3.0]]]))[0]
     np.testing.assert_allclose(shift, [[0.3, 0.1, -0.2], [-0.3, -0.1, -0.2]], atol=1e-12)
@@ -127,7 +127,7 @@ def test_constant_coefficients_are_towards_beside_and_depth():
 
 def test_a_third_contact_enters_by_what_it_takes_off():
     """The constant term of the crowd: times the depth the third takes off i, and off j."""
-    law = Neighbours.none()
+    law = NeighbourLaw.none()
     law.pair[0, 2] = -0.2
     half = len(law.crowd) // 2
     law.crowd[0, 2], law.crowd[half, 2] = 0.5, 0.25
@@ -142,15 +142,15 @@ def test_a_third_contact_enters_by_what_it_takes_off():
 def test_far_beyond_what_was_seen_the_law_stays_bounded():
     rng = np.random.default_rng(6)
     wild = rng.uniform(-1e3, 1e3, (200, 2, 3))
-    assert np.abs(shipped().shift(wild)).max() < 30
+    assert np.abs(nominal_law().shift(wild)).max() < 30
     same = np.tile([[[1.0, 1.0, 2.0]]], (1, 2, 1))
-    assert np.isfinite(shipped().shift(same)).all()
+    assert np.isfinite(nominal_law().shift(same)).all()
 
 
 def test_a_law_of_pairs_is_found_again():
     rng = np.random.default_rng(7)
     law, contacts = random_law(rng), apart(900, 2, rng)
-    found = Neighbours.learn([contacts], [law.shift(contacts)], Neighbours.none())
+    found = NeighbourLaw.learn([contacts], [law.shift(contacts)], NeighbourLaw.none())
     others = apart(200, 2, rng)
     wanted = law.shift(others)
     assert np.abs(wanted).mean() > 0.03
@@ -164,10 +164,10 @@ def test_a_law_of_pairs_and_crowds_is_found_again():
     law = random_law(rng)
     sets = [apart(900, 2, rng), apart(400, 3, rng)]
     shifts = [law.shift(one) for one in sets]
-    first = Neighbours.learn(sets[:1], shifts[:1], Neighbours.none())
-    found = Neighbours.learn(sets, shifts, first)
+    first = NeighbourLaw.learn(sets[:1], shifts[:1], NeighbourLaw.none())
+    found = NeighbourLaw.learn(sets, shifts, first)
     others = apart(200, 3, rng)
-    wanted, only_pairs = law.shift(others), Neighbours(law.pair, 0 * law.crowd).shift(others)
+    wanted, only_pairs = law.shift(others), NeighbourLaw(law.pair, 0 * law.crowd).shift(others)
     error = np.abs(found.shift(others) - wanted).mean()
     assert error < 0.005
     assert error < 0.25 * np.abs(only_pairs - wanted).mean(), "the crowd has a part"
@@ -178,32 +178,35 @@ def test_lost_contacts_hardly_disturb_what_is_learned():
     law, contacts = random_law(rng), apart(900, 2, rng)
     shifts = law.shift(contacts) + 0.005 * rng.normal(size=contacts.shape)
     shifts[rng.random(900) < 0.05] += rng.uniform(1, 3, 3)
-    found = Neighbours.learn([contacts], [shifts], Neighbours.none())
+    found = NeighbourLaw.learn([contacts], [shifts], NeighbourLaw.none())
     others = apart(200, 2, rng)
     assert np.abs(found.shift(others) - law.shift(others)).mean() < 0.01
 
 
 def test_few_presses_leave_the_law_near_its_start():
     rng = np.random.default_rng(10)
-    assert Neighbours.learn([], [], shipped()) is shipped()
-    assert Neighbours.learn([np.empty((0, 2, 3))], [np.empty((0, 2, 3))], shipped()) is shipped()
+    assert NeighbourLaw.learn([], [], nominal_law()) is nominal_law()
+    assert (
+        NeighbourLaw.learn([np.empty((0, 2, 3))], [np.empty((0, 2, 3))], nominal_law())
+        is nominal_law()
+    )
     three, others = apart(3, 2, rng), apart(100, 2, rng)
-    found = Neighbours.learn([three], [shipped().shift(three)], shipped())
-    np.testing.assert_allclose(found.shift(others), shipped().shift(others), atol=1e-6)
-    some = Neighbours.learn([three], [shipped().shift(three) + 0.2], shipped())
-    assert np.abs(some.shift(three) - shipped().shift(three) - 0.2).max() < 0.05
+    found = NeighbourLaw.learn([three], [nominal_law().shift(three)], nominal_law())
+    np.testing.assert_allclose(found.shift(others), nominal_law().shift(others), atol=1e-6)
+    some = NeighbourLaw.learn([three], [nominal_law().shift(three) + 0.2], nominal_law())
+    assert np.abs(some.shift(three) - nominal_law().shift(three) - 0.2).max() < 0.05
     assert np.isfinite(some.pair).all()
 
 
 def test_deep_close_neighbours_act_shallower_and_nearer_to_each_other():
     rng = np.random.default_rng(11)
     contacts = pairs(rng.uniform(6.5, 9.0, 400), rng.uniform(2.0, 5.0, 400), rng)
-    towards, beside, depth = parts(contacts, shipped().shift(contacts))
+    towards, beside, depth = parts(contacts, nominal_law().shift(contacts))
     assert (towards > 0).mean() > 0.99
     assert (depth < 0).mean() > 0.99
     assert np.abs(beside).mean() < 0.2 * towards.mean()
     # The inverse takes both back.
-    towards, _, depth = parts(contacts, shipped_inverse().shift(contacts))
+    towards, _, depth = parts(contacts, nominal_inverse_law().shift(contacts))
     assert (towards < 0).mean() > 0.95
     assert (depth > 0).mean() > 0.95
 
@@ -212,7 +215,7 @@ def test_depth_and_nearness_take_off_more():
     def off(distance, depth):
         rng = np.random.default_rng(12)
         contacts = pairs(np.full(100, distance), np.full(100, depth), rng)
-        return -parts(contacts, shipped().shift(contacts))[2].mean()
+        return -parts(contacts, nominal_law().shift(contacts))[2].mean()
 
     assert off(7.0, 4.5) > off(7.0, 3.0) > off(7.0, 1.5) > 0
     assert off(6.5, 4.0) > off(8.0, 4.0) > off(10.0, 4.0) > off(12.0, 4.0)
@@ -221,14 +224,16 @@ def test_depth_and_nearness_take_off_more():
 def test_a_crowd_takes_off_more_than_a_pair():
     rng = np.random.default_rng(13)
     three = apart(200, 3, rng, closest=7.0, depths=(2.0, 4.0))
-    assert shipped().shift(three)[..., 2].mean() < shipped().shift(three[:, :2])[..., 2].mean()
+    assert (
+        nominal_law().shift(three)[..., 2].mean() < nominal_law().shift(three[:, :2])[..., 2].mean()
+    )
 
 
 def test_the_shipped_laws_are_nearly_those_of_a_mirror():
     """A dome is its own mirror image; the fit was not told, and finds it to a few hundredths."""
     contacts = apart(500, 2, np.random.default_rng(14), closest=6.5, depths=(0.5, 5.0))
     mirror = np.array([1.0, -1.0, 1.0])
-    for law in (shipped(), shipped_inverse()):
+    for law in (nominal_law(), nominal_inverse_law()):
         other = law.shift(contacts * mirror) * mirror
         assert np.abs(other - law.shift(contacts)).mean() < 0.02
 
@@ -240,8 +245,8 @@ def test_forward_and_back_is_the_same_contact(count):
         contacts = pairs(rng.uniform(6.5, 12.0, 500), rng.uniform(0.8, 5.0, 500), rng)
     else:
         contacts = apart(300, 3, rng, closest=7.0, depths=(1.0, 4.0))
-    equivalents = shipped().equivalents(contacts)
-    back = shipped_inverse().equivalents(equivalents) - contacts
+    equivalents = nominal_law().equivalents(contacts)
+    back = nominal_inverse_law().equivalents(equivalents) - contacts
     assert np.abs(back).mean() < 0.03
     assert np.quantile(np.abs(back), 0.95) < 0.1
     # A small part of the way there.

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactibench.training import Examples, Recipe, Seeds, seeded, train
+from tactibench.training import Examples, Recipe, Seeds, torch_seed, train
 
 
 class InterruptedRunError(Exception):
@@ -88,7 +88,7 @@ def run(recipe):
 
     def _run(seed=7, **changes):
         seeds = Seeds.draw(np.random.default_rng(seed))
-        with seeded(seeds.init):
+        with torch_seed(seeds.init):
             network = TinyNetwork()
         settings = {
             "recipe": recipe,

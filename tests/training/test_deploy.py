@@ -1,4 +1,4 @@
-"""Every way to compute gives the outputs of the network."""
+"""Every configuration gives the outputs of the network."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import nn
 
-from tactibench.training import deploy, fold_batch_norm
-from tactibench.training.deploy import CONFIGURATIONS, Unavailable, deployed
-from tactibench.training.network import count_flops
+from tactibench.training import deploy
+from tactibench.training.deploy import UnavailableError, prepare_forward
+from tactibench.training.inference import CONFIGURATIONS, fold_batch_norm
 
 
 class Small(nn.Module):
@@ -44,7 +44,7 @@ def images() -> torch.Tensor:
 @pytest.mark.parametrize("name", ["float32", "folded", "frozen"])
 @pytest.mark.parametrize("count", [1, 5])
 def test_float32_ways_agree(network, images, name, count):
-    forward = deployed(name, network, fold_batch_norm, images[:1], "cpu")
+    forward = prepare_forward(name, network, fold_batch_norm, images[:1], "cpu")
     with torch.no_grad():
         wanted = network(images[:count])
     for _ in range(3):  # a graph specialises itself in its first calls
@@ -56,10 +56,10 @@ def test_float32_ways_agree(network, images, name, count):
 @pytest.mark.parametrize("name", ["bf16", "bf16-frozen"])
 def test_bf16_ways_are_near_and_only_where_native(network, images, monkeypatch, name):
     monkeypatch.setattr(deploy, "resolve_precision", lambda *_: "float32")
-    with pytest.raises(Unavailable, match="bf16 natively"):
-        deployed(name, network, fold_batch_norm, images[:1], "cpu")
+    with pytest.raises(UnavailableError, match="bf16 natively"):
+        prepare_forward(name, network, fold_batch_norm, images[:1], "cpu")
     monkeypatch.setattr(deploy, "resolve_precision", lambda *_: "bf16")
-    forward = deployed(name, network, fold_batch_norm, images[:1], "cpu")
+    forward = prepare_forward(name, network, fold_batch_norm, images[:1], "cpu")
     with torch.no_grad():
         wanted = network(images)
     found = forward(images)
@@ -71,7 +71,7 @@ def test_bf16_ways_are_near_and_only_where_native(network, images, monkeypatch, 
 def test_the_network_itself_stays_as_it_was(network, images):
     before = {name: value.clone() for name, value in network.state_dict().items()}
     for name in ("float32", "folded", "frozen"):
-        deployed(name, network, fold_batch_norm, images[:1], "cpu")(images)
+        prepare_forward(name, network, fold_batch_norm, images[:1], "cpu")(images)
     for key, value in network.state_dict().items():
         assert torch.equal(value, before[key])
 
@@ -84,8 +84,8 @@ class Counting(nn.Module):
 
 
 def test_a_graph_that_depends_on_the_batch_is_refused(images):
-    with pytest.raises(Unavailable, match=r"graph does not|cannot be traced"):
-        deployed("frozen", Counting(), lambda network, _: network, images[:1], "cpu")
+    with pytest.raises(UnavailableError, match=r"graph does not|cannot be traced"):
+        prepare_forward("frozen", Counting(), lambda network, _: network, images[:1], "cpu")
 
 
 class Untraceable(nn.Module):
@@ -94,8 +94,8 @@ class Untraceable(nn.Module):
 
 
 def test_a_tracer_that_fails_gives_its_first_line(images):
-    with pytest.raises(Unavailable, match=r"cannot be traced: RuntimeError: no way$"):
-        deployed("frozen", Untraceable(), lambda network, _: network, images[:1], "cpu")
+    with pytest.raises(UnavailableError, match=r"cannot be traced: RuntimeError: no way$"):
+        prepare_forward("frozen", Untraceable(), lambda network, _: network, images[:1], "cpu")
 
 
 def test_a_compiler_that_fails_is_a_reason(network, images, monkeypatch):
@@ -103,8 +103,8 @@ def test_a_compiler_that_fails_is_a_reason(network, images, monkeypatch):
         raise RuntimeError("no C++ compiler")
 
     monkeypatch.setattr(torch, "compile", fail)
-    with pytest.raises(Unavailable, match=r"torch\.compile failed: RuntimeError: no C\+\+"):
-        deployed("compiled", network, fold_batch_norm, images[:1], "cpu")
+    with pytest.raises(UnavailableError, match=r"torch\.compile failed: RuntimeError: no C\+\+"):
+        prepare_forward("compiled", network, fold_batch_norm, images[:1], "cpu")
 
 
 @pytest.mark.parametrize(
@@ -118,8 +118,8 @@ def test_a_compiled_network_is_compared_with_the_network(
     network, images, monkeypatch, computed, reason
 ):
     monkeypatch.setattr(torch, "compile", lambda *_, **__: computed)
-    with pytest.raises(Unavailable, match=reason):
-        deployed("compiled", network, fold_batch_norm, images[:1], "cpu")
+    with pytest.raises(UnavailableError, match=reason):
+        prepare_forward("compiled", network, fold_batch_norm, images[:1], "cpu")
 
 
 def _no_compiler():
@@ -137,17 +137,17 @@ def test_what_torch_compile_gives_is_called_outside_of_inference_mode(network, i
         return run
 
     monkeypatch.setattr(torch, "compile", compile_)
-    forward = deployed("compiled", network, fold_batch_norm, images[:1], "cpu")
+    forward = prepare_forward("compiled", network, fold_batch_norm, images[:1], "cpu")
     assert forward(images).shape == (5, 2)
     assert set(modes) == {(False, False)}
 
 
 def test_onnx_runtime_is_an_extra(network, images, monkeypatch):
     monkeypatch.setattr(deploy, "find_spec", lambda _: None)
-    with pytest.raises(Unavailable, match=r'pip install "tactibench\[onnx\]"'):
-        deployed("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
-    with pytest.raises(Unavailable, match="CPU only"):
-        deployed("onnxruntime", network, fold_batch_norm, images[:1], "cuda")
+    with pytest.raises(UnavailableError, match=r'pip install "tactibench\[onnx\]"'):
+        prepare_forward("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
+    with pytest.raises(UnavailableError, match="CPU only"):
+        prepare_forward("onnxruntime", network, fold_batch_norm, images[:1], "cuda")
 
 
 def test_a_session_is_made_for_every_thread_count(network, images, monkeypatch):
@@ -166,7 +166,7 @@ def test_a_session_is_made_for_every_thread_count(network, images, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", fake)
     monkeypatch.setattr(deploy, "find_spec", lambda _: True)
     monkeypatch.setattr(deploy, "_exported", lambda *_: b"model")
-    forward = deployed("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
+    forward = prepare_forward("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
     with torch.no_grad():
         torch.testing.assert_close(forward(images).clone(), network(images))
     assert made == [(b"model", torch.get_num_threads(), ("CPUExecutionProvider",))]
@@ -175,7 +175,7 @@ def test_a_session_is_made_for_every_thread_count(network, images, monkeypatch):
 def test_the_real_onnx_runtime(network, images):
     pytest.importorskip("onnx", reason='needs "tactibench[onnx]"')
     pytest.importorskip("onnxruntime", reason='needs "tactibench[onnx]"')
-    forward = deployed("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
+    forward = prepare_forward("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
     with torch.no_grad():
         torch.testing.assert_close(forward(images).clone(), network(images), rtol=1e-4, atol=1e-5)
 
@@ -183,10 +183,4 @@ def test_the_real_onnx_runtime(network, images):
 def test_an_unknown_name(network, images):
     assert "other" not in CONFIGURATIONS
     with pytest.raises(KeyError):
-        deployed("other", network, fold_batch_norm, images[:1], "cpu")
-
-
-def test_operations_are_counted_by_hand(network, images):
-    """Convolution: 64 cells x 4 kernels x 9 products; dense: 256 x 2; each product has a sum."""
-    assert count_flops(network, images[:1]) == 2 * (64 * 4 * 9 + 256 * 2)
-    assert count_flops(network, images[:3]) == 3 * count_flops(network, images[:1])
+        prepare_forward("other", network, fold_batch_norm, images[:1], "cpu")

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench.training.muon import Muon, orthogonal
+from tactibench.training.muon import Muon, orthogonalise
 
 
 def random(shape, seed=0):
@@ -23,7 +23,7 @@ def test_directions_are_kept_and_their_sizes_made_equal(rows, columns, size, see
     matrix = random((rows, columns), seed) * size
     u, s, v = torch.linalg.svd(matrix, full_matrices=False)
     clear = s > 0.05 * s.norm()
-    values = (u.T @ orthogonal([matrix], dtype)[0] @ v.T).diagonal()[clear]
+    values = (u.T @ orthogonalise([matrix], dtype)[0] @ v.T).diagonal()[clear]
     assert ((values > 0.6) & (values < 1.3)).all()
 
 
@@ -33,19 +33,19 @@ def test_it_is_the_iteration_on_the_whole_matrix():
     for _ in range(5):
         square = x @ x.T
         x = 3.4445 * x + (-4.7750 * square + 2.0315 * square @ square) @ x
-    torch.testing.assert_close(orthogonal([matrix])[0], x, atol=1e-4, rtol=1e-3)
-    torch.testing.assert_close(orthogonal([matrix.T])[0], x.T, atol=1e-4, rtol=1e-3)
+    torch.testing.assert_close(orthogonalise([matrix])[0], x, atol=1e-4, rtol=1e-3)
+    torch.testing.assert_close(orthogonalise([matrix.T])[0], x.T, atol=1e-4, rtol=1e-3)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
 def test_matrices_do_not_mix(dtype):
     matrices = [random(shape, seed) for seed, shape in enumerate([(12, 40), (20, 12), (16, 16)])]
-    for alone, found in zip(matrices, orthogonal(matrices, dtype), strict=True):
-        torch.testing.assert_close(found, orthogonal([alone], dtype)[0], atol=1e-6, rtol=1e-5)
+    for alone, found in zip(matrices, orthogonalise(matrices, dtype), strict=True):
+        torch.testing.assert_close(found, orthogonalise([alone], dtype)[0], atol=1e-6, rtol=1e-5)
 
 
 def test_nothing_comes_from_nothing():
-    assert torch.equal(orthogonal([torch.zeros(12, 20)])[0], torch.zeros(12, 20))
+    assert torch.equal(orthogonalise([torch.zeros(12, 20)])[0], torch.zeros(12, 20))
 
 
 def one_step(weight, gradient, lr=0.1, decay=0.0):

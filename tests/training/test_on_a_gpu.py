@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-
-from tactibench.training import state_hash
+from state_hash import state_hash
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 

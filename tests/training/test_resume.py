@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-
-from tactibench.training import state_hash
+from state_hash import state_hash
 
 ROOT = Path(__file__).parents[2]
 CHECKPOINT = "checkpoint.safetensors"
@@ -118,7 +117,8 @@ spec = importlib.util.spec_from_file_location("tiny", {conftest!r})
 tiny = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(tiny)
 from torch import nn
-from tactibench.training import Recipe, Seeds, seeded, state_hash, train
+from state_hash import state_hash
+from tactibench.training import Recipe, Seeds, torch_seed, train
 
 class Announcing(tiny.Recorder):
     def step(self, loss):
@@ -126,7 +126,7 @@ class Announcing(tiny.Recorder):
         time.sleep(0.001)
 
 seeds = Seeds.draw(np.random.default_rng(5))
-with seeded(seeds.init):
+with torch_seed(seeds.init):
     network = tiny.TinyNetwork()
 train(network, tiny.examples(400, 1), tiny.examples(20, 2),
       recipe=Recipe(epochs=12, batch=8, learning_rate=1e-2), loss=nn.functional.mse_loss,
@@ -142,7 +142,7 @@ def _start(folder):
         [sys.executable, "-c", script, str(folder)],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT, ROOT / "tests/shared")))},
     )
 
 

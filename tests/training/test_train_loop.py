@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from state_hash import state_hash
 
 from tactibench import UserError
-from tactibench.training import Recipe, Seeds, seeded, state_hash
+from tactibench.training import Recipe, Seeds, torch_seed
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not(run):
@@ -142,7 +143,7 @@ def test_every_epoch_sees_every_frame_once_in_a_new_order():
 def test_seeded_gives_the_same_layer_twice():
     weights = []
     for _ in range(2):
-        with seeded(11):
+        with torch_seed(11):
             weights.append(torch.nn.Linear(3, 3).weight)
     assert torch.equal(*weights)
 

@@ -1,4 +1,4 @@
-"""The U-Net sees mirrored frames where, and only where, that is true of the sensor."""
+"""The U-Net sees flip_maps frames where, and only where, that is true of the sensor."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from tactibench import Frame, Grid, ModelContext, Pose
+from tactibench_heatmaps.discs import Offsets
 from tactibench_heatmaps.hertz import HertzGaussian
-from tactibench_heatmaps.offset import Offsets
 from tactibench_unet.architecture import UNetNetwork
 from tactibench_unet.model import UNet
 
@@ -48,7 +48,7 @@ def test_a_lopsided_sensor_or_one_without_a_rest_frame_is_not_mirrored() -> None
 
 
 def test_outputs_of_mirrored_frames_are_turned_back() -> None:
-    """In training every output is that of the frame or of a mirrored one, turned back."""
+    """In training every output is that of the frame or of a flip_maps one, turned back."""
     with torch.random.fork_rng():
         torch.default_generator.manual_seed(3)
         network = UNetNetwork(8, 2, (16, 16), 1, mirror=(True, True))

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from tactibench import Contacts, UserError
 from tactibench.markers import Tracks, pin_graph
-from tactibench_vgnn.features import NEAREST, NOBODY, NODE, neighbours, node_features
+from tactibench_vgnn.features import NEAREST, NO_PIN, NODE, neighbour_table, node_features
 from tactibench_vgnn.layout import PinLayout
 
 QUARTER = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -27,7 +27,7 @@ def tracked(*frames):
 
 
 def partners(table):
-    return [set(row[row != NOBODY].tolist()) for row in table]
+    return [set(row[row != NO_PIN].tolist()) for row in table]
 
 
 def slow_neighbours(edges, count):
@@ -39,7 +39,7 @@ def slow_neighbours(edges, count):
 
 
 def test_inner_pins_of_a_hexagonal_layout_have_the_six_around_them(rest_pins):
-    table = neighbours(pin_graph(rest_pins).edges, rest_pins)
+    table = neighbour_table(pin_graph(rest_pins).edges, rest_pins)
     away = np.linalg.norm(rest_pins[:, None] - rest_pins, axis=-1)
     expected = [set(np.flatnonzero((row > 0) & (row < 9)).tolist()) for row in away]
     inner = np.linalg.norm(rest_pins - 31.5, axis=1) < 17
@@ -51,7 +51,7 @@ def test_inner_pins_of_a_hexagonal_layout_have_the_six_around_them(rest_pins):
 @settings(max_examples=30, deadline=None)
 def test_the_table_holds_the_nearest_partners_of_every_pin(xy):
     edges = np.array([[a, b] for a in range(12) for b in range(a + 1, 12) if (a + b) % 3])
-    table = neighbours(edges, xy)
+    table = neighbour_table(edges, xy)
     every = slow_neighbours(edges, 12)
     for pin, (found, possible) in enumerate(zip(partners(table), every, strict=True)):
         assert found <= possible
@@ -65,9 +65,9 @@ def test_the_table_holds_the_nearest_partners_of_every_pin(xy):
 
 
 def test_no_edges_give_nobody():
-    table = neighbours(np.empty((0, 2), dtype=np.int64), np.zeros((4, 2)))
+    table = neighbour_table(np.empty((0, 2), dtype=np.int64), np.zeros((4, 2)))
     assert table.shape == (4, NEAREST)
-    assert (table == NOBODY).all()
+    assert (table == NO_PIN).all()
 
 
 def test_a_frame_at_rest_has_no_features_but_that_its_pins_are_seen(rest_pins):
@@ -126,7 +126,7 @@ def test_pins_that_coincide_or_lie_on_a_line_give_finite_features(rest_pins, spo
     features = node_features(tracked(moved), flat(rest_pins), graph)
     assert np.isfinite(features).all()
     table = features[0, :, NODE:]
-    assert ((table >= NOBODY) & (table < 37)).all()
+    assert ((table >= NO_PIN) & (table < 37)).all()
 
 
 def test_a_pin_that_was_not_seen_says_so(rest_pins):
@@ -191,8 +191,8 @@ def test_frames_with_several_contacts_do_not_shift_the_pins(rest_pins, push_pins
 def test_the_layout_is_the_same_after_json(rest_pins, push_pins):
     tracks, truth = spread_presses(push_pins)
     layout = PinLayout.learn(tracks, tracked(rest_pins), truth)
-    other = PinLayout.of_plain(json.loads(json.dumps(layout.plain())))
-    assert other.plain() == layout.plain()
+    other = PinLayout.from_json(json.loads(json.dumps(layout.to_json())))
+    assert other.to_json() == layout.to_json()
     assert np.array_equal(other.anchors, layout.anchors)
 
 

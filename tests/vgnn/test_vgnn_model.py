@@ -7,10 +7,11 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from state_hash import state_hash
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
 from tactibench.run.reporter import SilentProgress
-from tactibench.training import save_weights, state_hash
+from tactibench.training import save_weights
 
 
 def flat(answers):

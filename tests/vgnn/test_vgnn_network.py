@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from tactibench.markers import pin_graph
-from tactibench.training import seeded
+from tactibench.training import torch_seed
 from tactibench_vgnn.architecture import GraphNetwork
-from tactibench_vgnn.features import NEAREST, NOBODY, NODE, neighbours
+from tactibench_vgnn.features import NEAREST, NO_PIN, NODE, neighbour_table
 
 
 def network(rest, table, layers=3):
-    with seeded(5):
+    with torch_seed(5):
         made = GraphNetwork(torch.from_numpy(rest), 8.0, table, 16, layers)
         for weight in made.parameters():  # the head starts at zero
             torch.nn.init.normal_(weight, std=0.2)
@@ -25,7 +25,7 @@ def examples(pins, count=3):
 
 
 def table_of(rest):
-    return torch.from_numpy(neighbours(pin_graph(rest).edges, rest))
+    return torch.from_numpy(neighbour_table(pin_graph(rest).edges, rest))
 
 
 @torch.inference_mode()
@@ -65,7 +65,7 @@ def test_a_pin_hears_its_neighbours_only_but_for_the_token(rest_pins):
     changed[0, 0] += 1
     heard = (made(x) != made(changed)).any(dim=1)[0].numpy()
     table = table_of(rest_pins).numpy()
-    near = {0} | set(table[0]) | {int(pin) for n in table[0] if n != NOBODY for pin in table[n]}
+    near = {0} | set(table[0]) | {int(pin) for n in table[0] if n != NO_PIN for pin in table[n]}
     assert set(np.flatnonzero(heard).tolist()) <= near
     assert heard.sum() > 4
 
@@ -76,12 +76,12 @@ def test_the_settled_copy_gives_the_same(rest_pins, brought):
     table, x = table_of(rest_pins), examples(len(rest_pins))
     made = network(rest_pins, None if brought else table)
     x = torch.cat([x, table.float().expand(3, -1, -1)], dim=-1) if brought else x
-    torch.testing.assert_close(made.settled()(x), made(x), rtol=1e-5, atol=1e-5)
-    assert all(messages.known is None for messages in made.rounds)
+    torch.testing.assert_close(made.with_fixed_weights()(x), made(x), rtol=1e-5, atol=1e-5)
+    assert all(messages.fixed is None for messages in made.rounds)
 
 
 @torch.inference_mode()
 def test_pins_without_any_neighbour_are_answered(rest_pins):
-    nobody = torch.full((len(rest_pins), NEAREST), NOBODY)
+    nobody = torch.full((len(rest_pins), NEAREST), NO_PIN)
     raw = network(rest_pins, nobody)(examples(len(rest_pins)))
     assert torch.isfinite(raw).all()

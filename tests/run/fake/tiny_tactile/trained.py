@@ -11,7 +11,15 @@ import torch
 from torch import nn
 
 from tactibench import Contacts, FitReport, Frame, Model, ModelContext
-from tactibench.training import Examples, Recipe, Seeds, load_weights, save_weights, seeded, train
+from tactibench.training import (
+    Examples,
+    Recipe,
+    Seeds,
+    load_weights,
+    save_weights,
+    torch_seed,
+    train,
+)
 from tiny_tactile.parts import SCALE
 
 
@@ -32,7 +40,7 @@ class TrainedModel(Model):
         progress: Any,
     ) -> FitReport:
         seeds = Seeds.draw(rng)
-        with seeded(seeds.init):
+        with torch_seed(seeds.init):
             self.network = nn.Linear(1, 1)
         return train(
             self.network,

@@ -1,0 +1,145 @@
+"""Frames as displacements of pins, and whether these say that anything presses at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Answer, Contacts, Frame, UserError
+from tactibench.markers import PinTracker, common_lattice, common_view
+from tactibench.training import answers_from_vectors
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+LATTICE = common_lattice()
+_FAINTEST = 0.01
+"""Quantile of the training presses that stands for the faintest: one may be mislabelled."""
+_SHARE = 0.5
+"""Share of the way from a sensor at rest to the faintest training press where a contact begins."""
+
+
+class OwnPins:
+    """Displacements of one sensor's pins, px."""
+
+    def __init__(self, pins: PinTracker) -> None:
+        self.pins = pins
+
+    @property
+    def rest_image(self) -> Image:
+        """(side, side) gray, the sensor that the model was trained on."""
+        return self.pins.rest_image
+
+    @property
+    def places(self) -> int:
+        """P, the number of displacements."""
+        return len(self.pins.rest)
+
+    def displacements(self, frames: Sequence[Frame]) -> Array:
+        """Return (N, 2 P), x of all places before y of all."""
+        return self.pins.displacements(self.pins.images(frames))
+
+
+class LatticePins(OwnPins):
+    """Displacements of any sensor's pins on the common lattice, in units of the layout.
+
+    The rest images of the frames tell which sensor it is.
+    """
+
+    def __init__(self, pins: PinTracker) -> None:
+        super().__init__(pins)
+        self._sensors: list[tuple[Image, PinTracker, Callable[[Array], Array]]] = []
+
+    @property
+    def places(self) -> int:
+        """P, the points of the lattice."""
+        return len(LATTICE)
+
+    def displacements(self, frames: Sequence[Frame]) -> Array:
+        """Return (N, 2 P), x of all places before y of all.
+
+        Raises:
+            UserError: for a frame without a rest image, or with one that shows no layout.
+        """
+        out = np.empty((len(frames), 2 * self.places))
+        sensors = [self._sensor(frame) for frame in frames]
+        for number in set(sensors):
+            rows = [row for row, other in enumerate(sensors) if other == number]
+            _, pins, view = self._sensors[number]
+            out[rows] = view(pins.displacements(pins.images([frames[row] for row in rows])))
+        return out
+
+    def _sensor(self, frame: Frame) -> int:
+        """Number of the frame's sensor among those seen."""
+        rest = frame.rest
+        if rest is None:
+            raise UserError(
+                "a frame carries no rest image, by which a sensor's pins are told from another's; "
+                "record one of the untouched sensor (init_0.png)."
+            )
+        for number, (other, _, _) in enumerate(self._sensors):
+            if other is rest or (other.shape == rest.shape and np.array_equal(other, rest)):
+                return number
+        pins = PinTracker.of([frame])
+        self._sensors.append((rest, pins, common_view(pins.rest, LATTICE)))
+        return len(self._sensors) - 1
+
+
+def find_pins(frames: Sequence[Frame], targets: Array, transfers: bool) -> OwnPins:
+    """Return the pins of the first rest image, or else of the frame that is pressed least.
+
+    Args:
+        frames: of one sensor.
+        targets: (N, T), the depth of a plate first, that of a contact last.
+        transfers: whether other sensors' frames will be shown, too.
+    """
+    depth = targets[:, 0] if targets.shape[1] == 2 else targets[:, -1]
+    return read_pins(PinTracker.of(frames, otherwise=frames[int(np.argmin(depth))]), transfers)
+
+
+def read_pins(pins: PinTracker, transfers: bool) -> OwnPins:
+    """Return the displacements of pins; transfers: whether other sensors' will be shown, too."""
+    return LatticePins(pins) if transfers else OwnPins(pins)
+
+
+def displacements(pins: OwnPins | None, frames: Sequence[Frame], model: str) -> Array:
+    """Return (N, 2 P) displacements.
+
+    Raises:
+        UserError: before anything is learned.
+    """
+    if pins is None:
+        raise UserError(f"model {model!r} knows no pins yet; train it or load weights first.")
+    return pins.displacements(frames)
+
+
+def rms_displacement(moved: Array) -> Array:
+    """Return (N,) the root mean square of displacements (N, 2 P)."""
+    rms: Array = np.sqrt(np.mean(np.square(moved), axis=1))
+    return rms
+
+
+def contact_threshold(moved: Array, answer: str) -> float:
+    """Return the least rms displacement of a contact, from training presses (N, 2 P).
+
+    0 for a plate: its pose is asked for in every frame.
+    """
+    if answer == "plate" or not len(moved):
+        return 0.0
+    return float(_SHARE * np.quantile(rms_displacement(moved), _FAINTEST))
+
+
+def read_answers(values: npt.NDArray[Any], answer: str, threshold: float) -> list[Answer | None]:
+    """Return answers of rows (N, T + 1): values, mm and deg, and the rms displacement.
+
+    threshold: the rms below which there is no contact.
+    """
+    answers = answers_from_vectors(values[:, :-1], answer)
+    none = Contacts.none()
+    return [
+        none if rms < threshold else pressed
+        for pressed, rms in zip(answers, values[:, -1], strict=True)
+    ]

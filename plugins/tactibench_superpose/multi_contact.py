@@ -1,0 +1,77 @@
+"""Presses with several contacts: their equivalents, and the laws learned from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import Answer, Contacts, Frame
+from tactibench.superposition import (
+    NeighbourLaw,
+    Residual,
+    contact_array,
+    nominal_inverse_law,
+)
+from tactibench_superpose.detect import Detector
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class MultiContactPresses:
+    """Presses with the same number of contacts."""
+
+    rows: Rows
+    """(S,) among all frames."""
+    contacts: Array
+    """(S, K, 3) mm."""
+    equivalents: Array
+    """(S, K, 3) mm."""
+    left: Array
+    """(C, Q) px that the equivalents leave of the frames whose pins were all sure."""
+
+    @classmethod
+    def of(
+        cls, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer], rows: Rows
+    ) -> Self:
+        """Return presses whose frames are explained by their true contacts."""
+        images = detector.pins.images([frames[int(row)] for row in rows])
+        contacts = contact_array([truth[int(row)] for row in rows])
+        return cls(rows, contacts, *detector.explain(images, contacts))
+
+    @property
+    def shifts(self) -> Array:
+        """(S, K, 3) mm from the equivalents to the contacts."""
+        return self.contacts - self.equivalents
+
+
+def rows_by_count(truth: Sequence[Answer]) -> list[Rows]:
+    """Return the rows of presses with two contacts, with three, and so on; none is empty."""
+    counts = np.array([len(t) if isinstance(t, Contacts) else 0 for t in truth], dtype=int)
+    return [np.flatnonzero(counts == count) for count in np.unique(counts[counts > 1])]
+
+
+def learn_laws(
+    groups: Sequence[MultiContactPresses], held_out: int | None = None
+) -> tuple[NeighbourLaw, Residual]:
+    """Return how contacts act on each other, learned from presses; the nominal law without any.
+
+    held_out: one in so many presses of a group, from its first, is left out.
+    """
+    equivalents, shifts = [], []
+    for group in groups:
+        keep = np.ones(len(group.rows), dtype=bool)
+        if held_out is not None:
+            keep[::held_out] = False
+        equivalents.append(group.equivalents[keep])
+        shifts.append(group.shifts[keep])
+    law = NeighbourLaw.learn(equivalents, shifts, nominal_inverse_law())
+    for pairs, shift in zip(equivalents, shifts, strict=True):
+        if pairs.shape[1] == 2:
+            return law, Residual.learn(pairs, shift - law.shift(pairs))
+    return law, Residual.none()

@@ -1,0 +1,123 @@
+"""A common view of sensors with different pins: displacements on a lattice that all layouts share.
+
+A layout is measured by itself. Its centre is the mean of its pins. Its axes are stretched so that
+the pins spread alike along both, which undoes frames that were resized unevenly; its unit is the
+mean distance of the six outermost pins from the centre, the corners of a hexagonal layout or some
+of the outer ring of a round one. What a TacTip with 127 and one with 331 pins have in common is
+this outline, not the pitch or the mean radius of their pins.
+
+Between the pins displacements are interpolated by kriging with a linear trend (Rasmussen and
+Williams 2006, eq. 2.41 and 2.42): with K the covariance of the pins, k that of a lattice point with
+them, and H = [1, x, y] of the pins,
+
+    weights = h B + k K^-1 (I - H B),    B = (H' K^-1 H)^-1 H' K^-1
+
+so that shifts, turns and stretches of all pins are carried over exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.errors import UserError
+
+Array = npt.NDArray[np.float64]
+
+RINGS, REACH = 6, 0.8
+"""The usual lattice: 127 points; beyond 0.8 a hexagonal layout has pins in its corners only."""
+OUTERMOST = 6
+LENGTH = 0.35
+"""Length over which displacements are alike, units of the layout; dimples of a dome are wider."""
+NUGGET = 1e-3
+"""Variance of a pin's own motion, as a share of that of the field."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The unit by which a layout of pins is measured."""
+
+    centre: Array
+    """(2,) px."""
+    scale: Array
+    """(2,) px along x and y that are one unit."""
+
+    @classmethod
+    def of(cls, rest: Array) -> Self:
+        """Return that of pins (P, 2) px at rest.
+
+        Raises:
+            UserError: for pins on a line, or fewer than seven.
+        """
+        centre = rest.mean(axis=0)
+        spread = np.sqrt(np.square(rest - centre).mean(axis=0))
+        if len(rest) <= OUTERMOST or not spread.min() > 1e-3 * spread.max():
+            raise UserError(
+                f"{len(rest)} pins lie on a line or are too few to see a sensor's outline by; a "
+                "model that moves between sensors needs a rest frame with all pins."
+            )
+        stretch = spread / np.sqrt(spread.prod())
+        radius = np.hypot(*((rest - centre) / stretch).T)
+        return cls(centre, stretch * np.sort(radius)[-OUTERMOST:].mean())
+
+    def places(self, xy: Array) -> Array:
+        """Return places (..., 2) px in units from the centre."""
+        return np.asarray((xy - self.centre) / self.scale, dtype=np.float64)
+
+
+def common_lattice(rings: int = RINGS, reach: float = REACH) -> Array:
+    """Return (L, 2) rings of 6 k points around the centre, the last at ``reach`` units."""
+    points = [(0.0, 0.0)]
+    for ring in range(1, rings + 1):
+        turns = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
+        radius = reach * ring / rings
+        points += list(zip(radius * np.cos(turns), radius * np.sin(turns), strict=True))
+    return np.array(points)
+
+
+def kriging_weights(
+    places: Array, points: Array, length: float = LENGTH, nugget: float = NUGGET
+) -> Array:
+    """Return (L, P) weights that give a field at points (L, 2) from its values at places (P, 2)."""
+    trend, target = _linear(places), _linear(points)
+    inverse = np.linalg.inv(_covariance(places, places, length) + nugget * np.eye(len(places)))
+    slope = np.linalg.solve(trend.T @ inverse @ trend, trend.T @ inverse)
+    residual = np.eye(len(places)) - trend @ slope
+    return np.asarray(target @ slope + _covariance(points, places, length) @ inverse @ residual)
+
+
+def common_view(rest: Array, points: Array | None = None) -> Callable[[Array], Array]:
+    """Return a function from displacements of pins to those on the common lattice.
+
+    It turns displacements (N, 2 P) px, x of all before y of all, into (N, 2 L) in units of the
+    layout.
+
+    Args:
+        rest: (P, 2) px, the pins at rest.
+        points: (L, 2) of the lattice; None: the usual one.
+
+    Raises:
+        UserError: as ``Outline.of``.
+    """
+    outline = Outline.of(rest)
+    weights = kriging_weights(outline.places(rest), common_lattice() if points is None else points)
+
+    def view(moved: Array) -> Array:
+        x, y = np.split(moved, 2, axis=1)
+        unit_x, unit_y = outline.scale
+        return np.concatenate([x @ weights.T / unit_x, y @ weights.T / unit_y], axis=1)
+
+    return view
+
+
+def _linear(xy: Array) -> Array:
+    return np.column_stack([np.ones(len(xy)), xy])
+
+
+def _covariance(a: Array, b: Array, length: float) -> Array:
+    square = np.square(a[:, None] - b).sum(axis=-1)
+    return np.asarray(np.exp(-0.5 * square / length**2), dtype=np.float64)

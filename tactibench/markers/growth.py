@@ -1,0 +1,201 @@
+"""Which blob is which pin, compiled: from pins that are sure to those their neighbours foretell.
+
+The field of displacements is smooth, and can still move pins by more than a pitch. So no pin is
+sought where it was, but where its matched neighbours say: the affine map through them (least
+squares) gives a place and the local stretch; the pin whose blob lies nearest to its place, in local
+pitches, is matched next (best first, a heap). Each start is a connected part of the layout in which
+nearest blobs move alike; the part that leads to most matches wins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+GATE = 0.45
+"""A blob fits a pin when it is nearer to where the pin is foretold than this, local pitches."""
+LEAST = 4
+"""Matched neighbours needed for a place to be foretold."""
+ALONE = 0.6
+"""A pin none of whose neighbours is matched waits as one that lies this many pitches off."""
+STRETCH_LOW, STRETCH_HIGH = 0.35, 2.5
+RIDGE = 0.02
+"""Weight of "no slope" against one neighbour: holds the plane where neighbours are in a line."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict_place(p, rest, near, which, place, out):  # type: ignore[no-untyped-def]
+    """out (3,): x, y and stretch of pin p by the affine map through its matched neighbours.
+
+    place: (P, 2) of matched pins. Returns the number of neighbours it rests on.
+    """
+    n = 0
+    sxx, sxy, syy, sx, sy = 0.0, 0.0, 0.0, 0.0, 0.0
+    u0, v0, ux, uy, vx, vy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    total, scale = 0.0, 0.0
+    for k in range(near.shape[1]):
+        q = near[p, k]
+        if which[q] < 0:
+            continue
+        x, y = rest[q, 0] - rest[p, 0], rest[q, 1] - rest[p, 1]
+        u, v = place[q, 0] - rest[q, 0], place[q, 1] - rest[q, 1]
+        w = 1.0 / (x * x + y * y)
+        n += 1
+        total += w
+        scale += 1.0
+        sx += w * x
+        sy += w * y
+        sxx += w * x * x
+        sxy += w * x * y
+        syy += w * y * y
+        u0 += w * u
+        v0 += w * v
+        ux += w * u * x
+        uy += w * u * y
+        vx += w * v * x
+        vy += w * v * y
+    if n == 0:
+        out[0], out[1], out[2] = rest[p, 0], rest[p, 1], 1.0
+        return 0
+    mx, my, mu, mv = sx / total, sy / total, u0 / total, v0 / total
+    a = sxx - total * mx * mx + RIDGE * n  # w r^2 is 1 for each
+    b = sxy - total * mx * my
+    d = syy - total * my * my + RIDGE * n
+    det = a * d - b * b
+    e, f = ux - total * mx * mu, uy - total * my * mu
+    g, h = vx - total * mx * mv, vy - total * my * mv
+    gxx, gxy = (d * e - b * f) / det, (a * f - b * e) / det
+    gyx, gyy = (d * g - b * h) / det, (a * h - b * g) / det
+    out[0] = rest[p, 0] + mu - gxx * mx - gxy * my
+    out[1] = rest[p, 1] + mv - gyx * mx - gyy * my
+    out[2] = min(max(np.sqrt(abs((1 + gxx) * (1 + gyy) - gxy * gyx)), STRETCH_LOW), STRETCH_HIGH)
+    return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def file_blobs(blobs, count, usable, cell, shape):  # type: ignore[no-untyped-def]
+    """The usable blobs chained by square cells of a frame: a grid for ``nearest_blob``.
+
+    cell: side of a cell, px. shape: height, width of the frame.
+    """
+    columns, rows = int(shape[1] / cell) + 1, int(shape[0] / cell) + 1
+    head, after = np.full(columns * rows, -1), np.full(count, -1)
+    for b in range(count):
+        if usable[b]:
+            c = min(max(int(blobs[b, 0] / cell), 0), columns - 1)
+            r = min(max(int(blobs[b, 1] / cell), 0), rows - 1)
+            after[b] = head[r * columns + c]
+            head[r * columns + c] = b
+    return cell, columns, rows, head, after
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_blob(x, y, reach, blobs, owner, grid):  # type: ignore[no-untyped-def]
+    """Nearest blob within reach that nobody owns, -1 for none; its squared distance."""
+    cell, columns, rows, head, after = grid
+    best, found = reach * reach, -1
+    left, right = max(int((x - reach) / cell), 0), min(int((x + reach) / cell), columns - 1)
+    top, bottom = max(int((y - reach) / cell), 0), min(int((y + reach) / cell), rows - 1)
+    for r in range(top, bottom + 1):
+        for c in range(left, right + 1):
+            b = head[r * columns + c]
+            while b >= 0:
+                if owner[b] < 0:
+                    square = (blobs[b, 0] - x) ** 2 + (blobs[b, 1] - y) ** 2
+                    if square < best:
+                        best, found = square, b
+                b = after[b]
+    return found, best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _push(score, pin, size, new_score, new_pin):  # type: ignore[no-untyped-def]
+    k = size
+    while k > 0:
+        up = (k - 1) // 2
+        if score[up] <= new_score:
+            break
+        score[k], pin[k] = score[up], pin[up]
+        k = up
+    score[k], pin[k] = new_score, new_pin
+    return size + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pop(score, pin, size):  # type: ignore[no-untyped-def]
+    """Take the least off; it is then behind the end."""
+    least_score, least_pin = score[0], pin[0]
+    size -= 1
+    last_score, last_pin = score[size], pin[size]
+    k = 0
+    while True:
+        down = 2 * k + 1
+        if down >= size:
+            break
+        if down + 1 < size and score[down + 1] < score[down]:
+            down += 1
+        if last_score <= score[down]:
+            break
+        score[k], pin[k] = score[down], pin[down]
+        k = down
+    score[k], pin[k] = last_score, last_pin
+    score[size], pin[size] = least_score, least_pin
+    return size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def grow_matches(  # type: ignore[no-untyped-def]
+    rest, near, back, pitch, blobs, which, owner, place, grid
+):
+    """Match on from what ``which`` (P,) holds; -1: not matched. Returns the number matched.
+
+    back (P, R): whose neighbour a pin is, -1 behind.
+    owner (B,): pin of a blob, place (P, 2): of matched pins; both are kept up to date.
+    grid: the blobs as ``file_blobs`` chained them.
+    """
+    pins, many = near.shape
+    score, queue = np.empty(pins + 1), np.empty(pins + 1, np.int64)
+    queued = np.zeros(pins, np.bool_)
+    seen_from = np.full(pins, -1)  # matched neighbours when last looked at
+    now = np.zeros(pins, np.int64)
+    out = np.empty(3)
+    size, matched, need = 0, 0, min(LEAST, many)
+    for p in range(pins):
+        if which[p] >= 0:
+            matched += 1
+            for k in range(back.shape[1]):
+                if back[p, k] < 0:
+                    break
+                now[back[p, k]] += 1
+    for p in range(pins):
+        if which[p] < 0 and now[p] >= need:
+            size = _push(score, queue, size, ALONE * (1.0 - now[p] / many), p)
+            queued[p] = True
+    while size > 0:
+        size = _pop(score, queue, size)
+        p = queue[size]
+        fresh = seen_from[p] == now[p]
+        seen_from[p] = now[p]
+        predict_place(p, rest, near, which, place, out)
+        local = out[2] * pitch[p]
+        b, square = nearest_blob(out[0], out[1], GATE * local, blobs, owner, grid)
+        if b < 0:
+            queued[p] = False  # until another neighbour is matched
+            continue
+        off = np.sqrt(square) / local + ALONE * (1.0 - now[p] / many)
+        if not fresh and size > 0 and off > score[0]:
+            size = _push(score, queue, size, off, p)
+            continue
+        queued[p] = False
+        which[p], owner[b] = b, p
+        place[p, 0], place[p, 1] = blobs[b, 0], blobs[b, 1]
+        matched += 1
+        for k in range(back.shape[1]):
+            q = back[p, k]
+            if q < 0:
+                break
+            now[q] += 1
+            if which[q] < 0 and not queued[q] and now[q] >= need:
+                size = _push(score, queue, size, ALONE * (1.0 - now[q] / many), q)
+                queued[q] = True
+    return matched

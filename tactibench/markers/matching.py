@@ -1,0 +1,326 @@
+"""All pins of one frame from its blobs, compiled: first guesses, growth, doubts, the unseen."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from tactibench.markers.growth import (
+    GATE,
+    LEAST,
+    file_blobs,
+    grow_matches,
+    nearest_blob,
+    predict_place,
+)
+
+FIRST = 0.36
+"""A first guess lies within this many pitches of the place at rest."""
+STEEPEST = 0.25
+"""Neighbours move alike when their displacements differ by less than this share of their distance.
+Between pins of real plate presses 0.35 is passed by one pair in a thousand."""
+PARTS, STARTS = 3, 24
+"""How many starts are tried: parts that hardly moved, and patches at the border."""
+FARTHEST = 1.3
+"""A pin of the border is looked for this many pitches around."""
+WIDE = 0.8
+"""A pin that is left takes a blob that is left within this many local pitches."""
+ENOUGH = 0.97
+"""A match of this share ends the search: one that is a pin off loses a side of the layout."""
+AT_HOME = 0.5
+"""A border that moved by less than this many pitches, on the mean, is not one pin off."""
+DOUBTS = 3
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _guess_matches(rest, pitch, blobs, owner, grid, which):  # type: ignore[no-untyped-def]
+    """which (P,): the nearest blob of each pin, where no other pin is nearer to it."""
+    square = np.empty(len(rest))
+    taker = np.full(len(blobs), -1)
+    for p in range(len(rest)):
+        b, square[p] = nearest_blob(rest[p, 0], rest[p, 1], FIRST * pitch[p], blobs, owner, grid)
+        which[p] = b
+        if b >= 0:
+            other = taker[b]
+            if other >= 0 and square[other] <= square[p]:
+                which[p] = -1
+            else:
+                if other >= 0:
+                    which[other] = -1
+                taker[b] = p
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_parts(rest, near, blobs, which, part):  # type: ignore[no-untyped-def]
+    """part (P,): the number of the connected part in which neighbours move alike, -1: in none.
+
+    A pin is in a part when at least half of its guessed neighbours, and three, move like it.
+    Returns the sizes.
+    """
+    pins, many = near.shape
+    sound = np.zeros(pins, np.bool_)
+    alike = np.zeros((pins, many), np.bool_)
+    for p in range(pins):
+        if which[p] < 0:
+            continue
+        guessed, same = 0, 0
+        u = blobs[which[p], 0] - rest[p, 0]
+        v = blobs[which[p], 1] - rest[p, 1]
+        for k in range(many):
+            q = near[p, k]
+            if which[q] < 0:
+                continue
+            guessed += 1
+            du = blobs[which[q], 0] - rest[q, 0] - u
+            dv = blobs[which[q], 1] - rest[q, 1] - v
+            dx, dy = rest[q, 0] - rest[p, 0], rest[q, 1] - rest[p, 1]
+            if du * du + dv * dv < STEEPEST * STEEPEST * (dx * dx + dy * dy):
+                alike[p, k] = True
+                same += 1
+        sound[p] = same >= min(4, many) and 4 * same >= 3 * guessed
+    part[:] = -1
+    sizes = np.zeros(pins, np.int64)
+    stack = np.empty(pins, np.int64)
+    parts = 0
+    for start in range(pins):
+        if part[start] >= 0 or not sound[start]:
+            continue
+        stack[0], height = start, 1
+        part[start] = parts
+        while height:
+            height -= 1
+            p = stack[height]
+            sizes[parts] += 1
+            for k in range(many):
+                q = near[p, k]
+                if alike[p, k] and sound[q] and part[q] < 0:
+                    part[q] = parts
+                    stack[height] = q
+                    height += 1
+        parts += 1
+    return sizes[:parts]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _unmatch_doubtful(rest, near, pitch, which, owner, place):  # type: ignore[no-untyped-def]
+    """Take back matches that lie off where their neighbours foretell them. Returns how many."""
+    out = np.empty(3)
+    off = np.zeros(len(rest))
+    for p in range(len(rest)):
+        if which[p] >= 0 and predict_place(p, rest, near, which, place, out) >= LEAST:
+            away = np.sqrt((place[p, 0] - out[0]) ** 2 + (place[p, 1] - out[1]) ** 2)
+            off[p] = away / (out[2] * pitch[p])
+    count = 0
+    for p in range(len(rest)):
+        if off[p] <= GATE:
+            continue
+        worst = True
+        for k in range(near.shape[1]):
+            worst &= off[near[p, k]] <= off[p]
+        if worst:
+            owner[which[p]] = -1
+            which[p] = -1
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken):  # type: ignore[no-untyped-def]
+    """Starts at the border, surest first: pin (S,) and its blob, taken (S,). Returns how many.
+
+    A pin of the border with any blob near it and the displacement between the two: how many of its
+    neighbours find a blob when they are moved as much, and how near.
+    """
+    worth = np.empty(len(pin))
+    count = 0
+    for p in border:
+        for b in range(len(blobs)):
+            u, v = blobs[b, 0] - rest[p, 0], blobs[b, 1] - rest[p, 1]
+            if not (owner[b] < 0 and u * u + v * v < (FARTHEST * pitch[p]) ** 2):
+                continue
+            support = 0.0
+            for k in range(near.shape[1]):
+                q = near[p, k]
+                reach = FIRST * pitch[q]
+                found, square = nearest_blob(
+                    rest[q, 0] + u,
+                    rest[q, 1] + v,
+                    reach,
+                    blobs,
+                    owner,
+                    grid,
+                )
+                if found >= 0:
+                    support += 1.0 - square / (reach * reach)
+            support -= np.sqrt(u * u + v * v) / pitch[p]
+            if count == len(pin) and support <= worth[count - 1]:
+                continue
+            k = min(count, len(pin) - 1)
+            while k > 0 and worth[k - 1] < support:
+                worth[k], pin[k], taken[k] = worth[k - 1], pin[k - 1], taken[k - 1]
+                k -= 1
+            worth[k], pin[k], taken[k] = support, p, b
+            count = min(count + 1, len(pin))
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grow(rest, near, back, pitch, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
+    """Spread, take back what is doubtful, spread again. Returns the number matched."""
+    for p in range(len(rest)):
+        if which[p] >= 0:
+            owner[which[p]] = p
+            place[p, 0], place[p, 1] = blobs[which[p], 0], blobs[which[p], 1]
+    for _ in range(DOUBTS):
+        matched = grow_matches(rest, near, back, pitch, blobs, which, owner, place, grid)
+        taken = _unmatch_doubtful(rest, near, pitch, which, owner, place)
+        matched -= taken
+        if not taken:
+            break
+    return matched
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
+    """Give pins that are left the blobs that are left, nearest first; returns how many got one.
+
+    Where the field is steep, neighbours foretell badly; what lies near is then still the likeliest.
+    """
+    out = np.empty(3)
+    given = 0
+    while True:
+        best, taker, taken = WIDE, -1, -1
+        for p in range(len(rest)):
+            if which[p] >= 0 or predict_place(p, rest, near, which, place, out) < LEAST - 1:
+                continue
+            local = out[2] * pitch[p]
+            b, square = nearest_blob(out[0], out[1], best * local, blobs, owner, grid)
+            if b >= 0:
+                best, taker, taken = np.sqrt(square) / local, p, b
+        if taker < 0:
+            return given
+        which[taker], owner[taken] = taken, taker
+        place[taker, 0], place[taker, 1] = blobs[taken, 0], blobs[taken, 1]
+        given += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _border_shift(rest, pitch, border, which, place):  # type: ignore[no-untyped-def]
+    """Mean displacement of the border's pins, pitches."""
+    total, count = 0.0, 0
+    for p in border:
+        if which[p] >= 0:
+            u, v = place[p, 0] - rest[p, 0], place[p, 1] - rest[p, 1]
+            total += np.sqrt(u * u + v * v) / pitch[p]
+            count += 1
+    return total / max(count, 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def match_pins(  # type: ignore[no-untyped-def]
+    rest, near, back, pitch, border, blobs, count, usable, shape, which, place
+):
+    """which (P,): blob of every pin, -1: not seen; place (P, 2): where it is, if seen.
+
+    blobs (B, 2 and more), of which the first ``count`` hold something; usable (B,): those that may
+    be pins. shape: height, width of the frame. Starts are tried until one leads to a match of all
+    pins (or blobs) with a border that hardly moved; else that with most matches wins, and of
+    several that whose border moved least. Returns the number matched.
+    """
+    pins = len(rest)
+    cell = max(np.median(pitch), 2.0)
+    blobs = blobs[:count]
+    grid = file_blobs(blobs, count, usable, cell, shape)
+    most = min(pins, np.sum(usable[:count]))
+    owner = np.full(count, -1)
+    guess, part = np.empty(pins, np.int64), np.empty(pins, np.int64)
+    _guess_matches(rest, pitch, blobs, owner, grid, guess)
+    sizes = _find_parts(rest, near, blobs, guess, part)
+    mine, spot = np.empty(pins, np.int64), np.empty((pins, 2))
+    pin, taken = np.empty(STARTS, np.int64), np.empty(STARTS, np.int64)
+    starts = -1
+    which[:] = -1
+    best, best_far = 0, np.inf
+    for trial in range(PARTS + STARTS):
+        mine[:] = -1
+        owner[:] = -1
+        if trial < PARTS:
+            if trial >= len(sizes):
+                continue
+            largest = np.argmax(sizes)
+            if sizes[largest] < min(LEAST, pins):
+                continue
+            sizes[largest] = 0
+            for p in range(pins):
+                if part[p] == largest:
+                    mine[p] = guess[p]
+        else:
+            if starts < 0:
+                starts = _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken)
+            k = trial - PARTS
+            if k >= starts:
+                break
+            p, b = pin[k], taken[k]
+            if which[p] == b and best > 0.5 * most:
+                continue  # that has been tried
+            u, v = blobs[b, 0] - rest[p, 0], blobs[b, 1] - rest[p, 1]
+            mine[p], owner[b] = b, p
+            for k in range(near.shape[1]):
+                q = near[p, k]
+                found, _ = nearest_blob(
+                    rest[q, 0] + u,
+                    rest[q, 1] + v,
+                    FIRST * pitch[q],
+                    blobs,
+                    owner,
+                    grid,
+                )
+                if found >= 0:
+                    mine[q], owner[found] = found, q
+        matched = _grow(rest, near, back, pitch, blobs, mine, owner, spot, grid)
+        far = _border_shift(rest, pitch, border, mine, spot)
+        if matched > best or (matched == best and far < best_far):
+            best, best_far = matched, far
+            which[:] = mine
+            place[:] = spot
+        if best >= ENOUGH * most and best_far < AT_HOME:
+            break
+    if best < pins:
+        owner[:] = -1
+        for p in range(pins):
+            if which[p] >= 0:
+                owner[which[p]] = p
+        best += _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid)
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_unseen(rest, near, which, place):  # type: ignore[no-untyped-def]
+    """Fill in place (P, 2) of pins with which < 0, those with most known neighbours first."""
+    known = which.copy()
+    out = np.empty(3)
+    left = 0
+    for p in range(len(rest)):
+        if which[p] < 0:
+            left += 1
+    if left == len(rest):
+        place[:] = rest
+        return
+    for need in range(near.shape[1], -1, -1):
+        again = left > 0
+        while again:
+            again = False
+            for p in range(len(rest)):
+                if known[p] >= 0:
+                    continue
+                n = 0
+                for k in range(near.shape[1]):
+                    n += known[near[p, k]] >= 0
+                if n >= need:
+                    predict_place(p, rest, near, known, place, out)
+                    place[p, 0], place[p, 1] = out[0], out[1]
+                    known[p] = 0
+                    left -= 1
+                    again = left > 0
+        if left == 0:
+            return

@@ -1,0 +1,108 @@
+"""Frames of one sensor as displacements of its pins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Frame, Pose
+from tactibench.errors import UserError
+from tactibench.images import gray_frames
+from tactibench.markers.tracker import Tracker
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Images = npt.NDArray[np.uint8]
+
+_DOUBTFUL = 2.5
+"""Pins at rest within this many spacings of one that was not seen may be one pin off."""
+
+
+class PinTracker:
+    """The pins of one sensor, followed from where they are in its rest image."""
+
+    def __init__(self, rest_image: Images) -> None:
+        """rest_image: (side, side) gray, the untouched sensor. Raises UserError without pins."""
+        self.rest_image = rest_image
+        self.tracker = Tracker(rest_image)
+
+    @classmethod
+    def of(cls, frames: Sequence[Frame], otherwise: Frame | None = None) -> Self:
+        """Return the tracker of the rest image that the frames carry.
+
+        Args:
+            frames: of one sensor.
+            otherwise: a frame that is hardly pressed, for frames without a rest image.
+
+        Raises:
+            UserError: where there is neither.
+        """
+        rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+        if rest is None and otherwise is not None:
+            rest = otherwise.image
+        if rest is None:
+            raise UserError(
+                "the frames carry no rest image, from which the pins' places are taken; record one "
+                "of the untouched sensor, or use a model without pins (unet, cnn)."
+            )
+        return cls(gray_frames([Frame(rest, 0.0, Pose())], max(rest.shape[:2]))[0])
+
+    @property
+    def side(self) -> int:
+        """Side of the images, px."""
+        return len(self.rest_image)
+
+    @property
+    def rest(self) -> Array:
+        """(P, 2) px, the pins at rest."""
+        return self.tracker.rest
+
+    def images(self, frames: Sequence[Frame]) -> Images:
+        """Return (N, side, side) gray images."""
+        return gray_frames(frames, self.side)
+
+    def displacements(self, images: Images) -> Array:
+        """Return (N, 2 P) displacements of the pins, x of all before y of all, px."""
+        return self.track(images)[0]
+
+    def track(self, images: Images) -> tuple[Array, Flags]:
+        """Return ``displacements``, and (N, P) whether a pin is surely itself.
+
+        Where pins crowd a tracker may be one pin off, and then one nearby finds no place: pins
+        around one that was not seen are doubtful.
+        """
+        tracks = self.tracker.track(images)
+        moved = (tracks.xy - self.rest).transpose(0, 2, 1)
+        sure = np.ones(tracks.seen.shape, dtype=np.bool_)
+        for row in np.flatnonzero(~tracks.seen.all(axis=1)):
+            sure[row] = ~self._around[:, ~tracks.seen[row]].any(axis=1)
+        return moved.reshape(len(images), 2 * len(self.rest)), sure
+
+    def retrack(self, images: Images, moved: Array) -> tuple[Array, Flags]:
+        """Return displacements, and (N, P) whether a pin was found, of pins about at ``moved``.
+
+        Tells crowded pins apart that ``track`` could not. moved: (N, 2 P) px.
+        """
+        xy = self.rest + moved.reshape(len(images), 2, -1).transpose(0, 2, 1)
+        tracks = self.tracker.refit(images, xy)
+        return (tracks.xy - self.rest).transpose(0, 2, 1).reshape(moved.shape), tracks.seen
+
+    @cached_property
+    def pitch(self) -> float:
+        """Median distance of a pin at rest from its nearest neighbour, px."""
+        distances = self._distances.copy()
+        distances[np.diag_indices(len(distances))] = np.inf
+        return float(np.median(distances.min(axis=1)))
+
+    @cached_property
+    def _distances(self) -> Array:
+        """(P, P) between pins at rest, px."""
+        return np.asarray(np.hypot(*(self.rest[:, None] - self.rest).transpose(2, 0, 1)))
+
+    @cached_property
+    def _around(self) -> Flags:
+        return self._distances < _DOUBTFUL * self.pitch

@@ -1,0 +1,248 @@
+"""Pins tracked from the rest frame: one position a pin and frame, seen or predicted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from tactibench.errors import UserError
+from tactibench.markers.blobs import GLARE, RING, find_blobs
+from tactibench.markers.matching import fill_unseen, match_pins
+from tactibench.markers.profile_fit import PinProfile, fit_discs, fit_profile
+
+Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
+
+Index = npt.NDArray[np.int64]
+
+REFINEMENTS = ("profile", "centroid")
+_SWEEPS = 12
+_NEIGHBOURS = 10
+_OPEN_DEG = 120.0
+"""A pin with no neighbour in a sector this wide stands at the border."""
+HELD = 0.25
+"""Standard deviation, pitches, by which a pin that is not seen is held to its predicted place."""
+STRAY = 0.5
+"""A fitted pin that ends this many pitches from where it began has caught another's light."""
+THERE = 0.7
+"""A predicted pin whose disc grows to this share of its radius at rest has found its light."""
+
+
+def rest_layout(image: Images) -> Array:
+    """Return (P, 2) px, the pins of an undeformed frame (H, W) uint8, from the top row down.
+
+    Pixel (row i, column j) has its centre at x = j, y = i.
+
+    Raises:
+        UserError: for any other array and for a frame without pins.
+    """
+    xy, area = _find_pins(image)
+    profile = fit_profile(image, xy, area)
+    return xy if profile is None else profile.disc[:, :2].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Pins of N frames.
+
+    Attributes:
+        xy: (N, P, 2) px, never NaN.
+        seen: (N, P), False where a pin is predicted from its neighbours.
+        radius: (N, P) px, of the discs that were fitted; NaN where centroids were taken.
+    """
+
+    xy: Array
+    seen: npt.NDArray[np.bool_]
+    radius: Array
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+
+class _Layout(NamedTuple):
+    """Neighbours of pins at rest."""
+
+    rest: Array
+    """(P, 2) px."""
+    near: Index
+    """(P, K) the nearest pins."""
+    back: Index
+    """(P, R) the pins among whose nearest a pin is, filled up with -1."""
+    pitch: Array
+    """(P,) mean distance of the four nearest, px."""
+    border: Index
+    """(B,) pins at the border."""
+
+
+class Tracker:
+    """A tracker of the pins of one sensor in its frames, every frame on its own.
+
+    Bright blobs are matched to the layout by growth from certain pins (modules ``growth`` and
+    ``matching``). With refinement "profile" soft discs are then fitted to the grey levels, all pins
+    of a frame together (``profile_fit``), as they looked at rest; with "centroid" positions are
+    those of the blobs.
+    """
+
+    rest: Array
+    """(P, 2) px, read-only."""
+    refine: str
+    """The refinement in use: "profile" or "centroid"."""
+
+    def __init__(self, rest_image: Images, *, refine: str = "auto") -> None:
+        """Find the pins at rest.
+
+        Args:
+            rest_image: (H, W) uint8 of the undeformed sensor.
+            refine: "profile", "centroid" or "auto", the profile wherever the rest frame is grey and
+                its pins are soft discs.
+
+        Raises:
+            UserError: for a frame without pins, of another kind, or without the discs that
+                "profile" asks for.
+        """
+        if refine not in ("auto", *REFINEMENTS):
+            raise UserError(f"refine is {refine!r}; allowed: auto, {', '.join(REFINEMENTS)}.")
+        xy, area = _find_pins(rest_image)
+        self.profile: PinProfile | None = None
+        if refine != "centroid":
+            self.profile = fit_profile(rest_image, xy, area)
+        if self.profile is None and refine == "profile":
+            raise UserError(
+                "the rest frame shows no soft discs whose profile could be fitted; use refine "
+                "centroid or auto."
+            )
+        rest = xy if self.profile is None else self.profile.disc[:, :2]
+        self.rest = np.array(rest, dtype=np.float64, order="C")
+        self.rest.setflags(write=False)
+        self.shape = (int(rest_image.shape[0]), int(rest_image.shape[1]))
+        self.refine = "centroid" if self.profile is None else "profile"
+        self._layout = _layout_of(self.rest)
+
+    def track(self, images: npt.NDArray[Any]) -> Tracks:
+        """Return the pins of (N, H, W) uint8 frames, N from 0 on.
+
+        Raises:
+            UserError: for other arrays.
+        """
+        if (
+            not isinstance(images, np.ndarray)
+            or images.dtype != np.uint8
+            or images.ndim != 3
+            or images.shape[1:] != self.shape
+        ):
+            kind = getattr(images, "shape", None), getattr(images, "dtype", type(images).__name__)
+            raise UserError(
+                f"the frames have shape {kind[0]} and type {kind[1]}; pins are tracked in gray "
+                f"frames (N, {self.shape[0]}, {self.shape[1]}) of uint8."
+            )
+        images = np.ascontiguousarray(images)
+        xy = np.empty((len(images), *self.rest.shape))
+        seen = np.empty(xy.shape[:2], dtype=np.bool_)
+        radius = np.full(xy.shape[:2], np.nan)
+        _track_frames(images, *self._layout, xy, seen)
+        self._refine(images, xy, seen, radius)
+        return Tracks(xy, seen, radius)
+
+    def refit(self, images: Images, xy: Array) -> Tracks:
+        """Return the pins of frames (N, H, W) in which their places are roughly known.
+
+        Discs are fitted from there, which tells pins apart that overlap; no blob is looked for. A
+        pin whose disc shrinks has no light there and is not seen. Where pins are centroids nothing
+        can be fitted: xy comes back, none is seen.
+
+        Args:
+            images: uint8.
+            xy: (N, P, 2) px, within about half a spacing.
+        """
+        fitted = np.array(xy, dtype=np.float64, order="C")
+        seen = np.full(fitted.shape[:2], self.profile is not None)
+        radius = np.full(seen.shape, np.nan)
+        self._refine(np.ascontiguousarray(images), fitted, seen, radius)
+        if self.profile is not None:
+            seen &= radius > THERE * self.profile.disc[:, 2]
+        return Tracks(fitted, seen, radius)
+
+    def _refine(
+        self, images: Images, xy: Array, seen: npt.NDArray[np.bool_], radius: Array
+    ) -> None:
+        """Improve xy and seen, and set the radius, where the discs are known."""
+        if self.profile is None:
+            return
+        usual = np.ascontiguousarray(self.profile.disc[:, 2])
+        look = self.profile.dark, self.profile.contrast, self.profile.edge
+        _fit_frames(images, *look, usual, self._layout.pitch, _SWEEPS, xy, seen, radius)
+
+
+def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
+    """(P, 2) centroids px and (P,) areas of the pins of a rest frame."""
+    if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype != np.uint8:
+        kind = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
+        raise UserError(
+            f"the rest frame has shape {kind[0]} and type {kind[1]}; pins are found in a gray "
+            "frame (H, W) of uint8."
+        )
+    out = np.empty((image.size // 2 + 64, 3))
+    run = np.empty((4, image.size // 2 + 64), dtype=np.int32)
+    count, usable = find_blobs(np.ascontiguousarray(image), RING, run, out)
+    pins = out[:count][usable]
+    if len(pins) < 3:
+        raise UserError(
+            f"the rest frame shows {len(pins)} pins; at least three are needed. Give a frame of "
+            "the undeformed sensor, with bright pins on a dark ground."
+        )
+    return np.ascontiguousarray(pins[:, :2]), np.ascontiguousarray(pins[:, 2])
+
+
+def _layout_of(rest: Array) -> _Layout:
+    """Find the neighbours in a layout (P, 2) of two pins or more."""
+    from scipy.spatial import cKDTree
+
+    count = min(_NEIGHBOURS, len(rest) - 1)
+    apart, near = (array[:, 1:] for array in cKDTree(rest).query(rest, k=count + 1))
+    near = np.ascontiguousarray(near, dtype=np.int64)
+    whose = [np.flatnonzero((near == p).any(axis=1)) for p in range(len(rest))]
+    back = np.full((len(rest), max(map(len, whose)) + 1), -1, dtype=np.int64)
+    for row, pins in zip(back, whose, strict=True):
+        row[: len(pins)] = pins
+    step = rest[near] - rest[:, None]
+    turn = np.sort(np.arctan2(step[..., 1], step[..., 0]), axis=1)
+    gap = np.diff(turn, axis=1, append=turn[:, :1] + 2 * np.pi).max(axis=1)
+    pitch = np.maximum(apart[:, :4].mean(axis=1), 1e-6)
+    return _Layout(rest, near, back, pitch, np.flatnonzero(gap > np.radians(_OPEN_DEG)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _track_frames(images, rest, near, back, pitch, border, xy, seen):  # type: ignore[no-untyped-def]
+    """xy (N, P, 2) px and seen (N, P) of the frames (N, H, W), from blobs alone."""
+    room = 8 * images.shape[1] + 20 * len(rest) + 64
+    run, out = np.empty((4, room), np.int32), np.empty((room, 3))
+    which = np.empty(len(rest), np.int64)
+    shape = (images.shape[1], images.shape[2])
+    for n in range(len(images)):
+        blobs, usable = find_blobs(images[n], GLARE, run, out)
+        match_pins(rest, near, back, pitch, border, out, blobs, usable, shape, which, xy[n])
+        for p in range(len(rest)):
+            seen[n, p] = which[p] >= 0
+        fill_unseen(rest, near, which, xy[n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit_frames(images, dark, contrast, edge, usual, pitch, sweeps, xy, seen, radius):  # type: ignore[no-untyped-def]
+    """Improve xy and seen of ``_track_frames`` by a fit of every frame; set radius (N, P)."""
+    disc, cover = np.empty((len(usual), 3)), np.empty(dark.shape)
+    held = np.empty(len(usual))
+    for n in range(len(images)):
+        for p in range(len(usual)):
+            disc[p, 0], disc[p, 1], disc[p, 2] = xy[n, p, 0], xy[n, p, 1], usual[p]
+            held[p] = np.inf if seen[n, p] else HELD * pitch[p]
+        fit_discs(images[n], dark, contrast, edge, usual, held, sweeps, disc, cover)
+        for p in range(len(usual)):
+            away = np.sqrt((disc[p, 0] - xy[n, p, 0]) ** 2 + (disc[p, 1] - xy[n, p, 1]) ** 2)
+            radius[n, p] = disc[p, 2]
+            seen[n, p] |= away < STRAY * pitch[p] and disc[p, 2] > THERE * usual[p]
+            if away < STRAY * pitch[p]:
+                xy[n, p, 0], xy[n, p, 1] = disc[p, 0], disc[p, 1]

@@ -1,0 +1,10 @@
+from .field import Field as Field
+from .field import contact_array as contact_array
+from .field import single_press_rows as single_press_rows
+from .mixing import mix as mix
+from .neighbours import NeighbourLaw as NeighbourLaw
+from .neighbours import nominal_inverse_law as nominal_inverse_law
+from .neighbours import nominal_law as nominal_law
+from .newton import Solution as Solution
+from .newton import solve as solve
+from .residual import Residual as Residual

@@ -1,0 +1,105 @@
+"""Arithmetic of a network: which type a machine computes natively, and a copy for inference."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+CONFIGURATIONS = {
+    "float32": "float32, as trained",
+    "folded": "float32, normalisation folded, channels_last",
+    "frozen": "float32, normalisation folded, channels_last, frozen graph",
+    "bf16": "bf16, normalisation folded, channels_last",
+    "bf16-frozen": "bf16, normalisation folded, channels_last, frozen graph",
+    "compiled": "float32, normalisation folded, channels_last, torch.compile",
+    "onnxruntime": "float32, normalisation folded, ONNX Runtime",
+}
+"""Name -> description. All compute on the model's device; ONNX Runtime only on a CPU."""
+
+_FLAGS = {"avx512_bf16", "amx_bf16", "bf16"}
+"""Names in /proc/cpuinfo of bf16 products: two on x86, the last on ARM."""
+
+
+def resolve_precision(precision: str, device: str) -> str:
+    """Turn "auto" into "bf16" where the device has instructions for it, else into "float32".
+
+    torch says that oneDNN supports bf16 also where it has to emulate it, which is slower than
+    float32; so the processor's own flags decide. Where they cannot be read: float32.
+    """
+    if precision != "auto":
+        return precision
+    if device == "cuda":
+        return "bf16" if torch.cuda.is_bf16_supported() else "float32"
+    return "bf16" if _FLAGS & processor_flags() else "float32"
+
+
+@cache
+def processor_flags(path: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
+    """Return the instruction-set flags of the first processor; none where there is no such file."""
+    try:
+        lines = path.read_text().splitlines()
+    except OSError:
+        return frozenset()
+    for line in lines:
+        name, _, flags = line.partition(":")
+        if name.strip() in ("flags", "Features"):
+            return frozenset(flags.split())
+    return frozenset()
+
+
+def autocast(precision: str, device: str) -> AbstractContextManager[Any]:
+    """Return a context of mixed bf16 arithmetic for "bf16", of nothing for "float32"."""
+    if precision == "bf16":
+        return torch.autocast(device, dtype=torch.bfloat16)
+    return nullcontext()
+
+
+@contextmanager
+def deterministic_kernels(device: str, precision: str) -> Iterator[None]:
+    """Let cuDNN choose only kernels that give the same bits twice.
+
+    For "float32" it may not compute in TF32 either, whose 10 bits it takes for float32 by default.
+    """
+    if device != "cuda":
+        yield
+        return
+    exact = precision == "float32"
+    with torch.backends.cudnn.flags(
+        enabled=True, benchmark=False, deterministic=True, allow_tf32=not exact
+    ):
+        yield
+
+
+def fold_batch_norm(network: nn.Module, precision: str = "float32") -> nn.Module:
+    """Return a copy in evaluation mode in which each Conv2d takes over the BatchNorm2d after it.
+
+    Pairs are looked for in nn.Sequential containers. In float32 the outputs are those of the
+    network in evaluation mode up to rounding. For "bf16" the weights of the convolutions and dense
+    layers are stored in bf16, so that autocast, within which such a copy must be called, does not
+    cast them in every call; its outputs are those of the float32 copy under autocast.
+    """
+    folded = copy.deepcopy(network).eval()
+    for module in folded.modules():
+        if isinstance(module, nn.Sequential):
+            _fold_pairs(module)
+    if precision == "bf16":
+        for module in folded.modules():
+            if isinstance(module, nn.Conv2d | nn.ConvTranspose2d | nn.Linear):
+                module.to(torch.bfloat16)
+    return folded.to(memory_format=torch.channels_last)  # type: ignore[call-overload, no-any-return]
+
+
+def _fold_pairs(layers: nn.Sequential) -> None:
+    for index, (first, second) in enumerate(pairwise(list(layers))):
+        if isinstance(first, nn.Conv2d) and isinstance(second, nn.BatchNorm2d):
+            layers[index] = fuse_conv_bn_eval(first, second)
+            layers[index + 1] = nn.Identity()

@@ -1,0 +1,292 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tactibench import Indenter, Pose, Scene, SensorContext, UserError
+from tactibench.markers import Tracker, Tracks, rest_layout
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def dimple(rest, centre, height, width):
+    """Pins spread from a contact by up to ``height`` px."""
+    away = rest - centre
+    reach = np.hypot(*away.T)[:, None] / width
+    return height * away / width * np.exp((1 - reach**2) / 2)
+
+
+@pytest.fixture(scope="module")
+def hexagon():
+    cells = [(q, r) for q in range(-6, 7) for r in range(-6, 7) if abs(q + r) <= 6]
+    q, r = np.array(cells, dtype=float).T
+    return 13.0 * np.stack([q + r / 2, np.sqrt(3) / 2 * r], axis=1) + 100.0
+
+
+@pytest.fixture(scope="module")
+def tracker(hexagon, sketch):
+    return Tracker(sketch(hexagon))
+
+
+@pytest.fixture(scope="module")
+def sketch():
+    """Discs by the distance of pixel centres: fast, within 0.1 px."""
+    row, column = np.indices((200, 200))
+
+    def made(xy, radius=3.5, grey=False):
+        away = np.full((200, 200), np.inf)
+        for x, y in xy:
+            window = np.s_[max(0, int(y) - 6) : int(y) + 8, max(0, int(x) - 6) : int(x) + 8]
+            here = np.hypot(column[window] - x, row[window] - y)
+            away[window] = np.minimum(away[window], here)
+        light = np.clip(radius + 0.5 - away, 0, 1)
+        return (255 * (light if grey else light > 0.5)).round().astype(np.uint8)
+
+    return made
+
+
+def nearest(found, true):
+    apart = np.linalg.norm(found[:, None] - true, axis=-1)
+    assert len(set(apart.argmin(axis=1))) == len(true) == len(found)
+    return apart.min(axis=1)
+
+
+@pytest.mark.parametrize(("soft", "tolerance"), [(True, 0.02), (False, 0.25)])
+def test_pins_at_rest_are_where_discs_were_drawn(drawn, rings, soft, tolerance) -> None:
+    true = rings + np.random.default_rng(1).uniform(-0.5, 0.5, rings.shape)
+    image = drawn(true, 3.7, 360, soft=soft)
+    if not soft:
+        image = np.where(image > 100, 255, 0).astype(np.uint8)
+    assert nearest(rest_layout(image), true).max() < tolerance
+
+
+def test_the_rim_and_specks_are_no_pins_at_rest(drawn, rings) -> None:
+    image = drawn(rings, 3.7, 360, soft=False)
+    row, column = np.indices(image.shape)
+    away = np.hypot(row - 179.5, column - 179.5)
+    image[(away > 165) & (away < 169)] = 208
+    image[5, 5] = image[350, 7] = image[350, 352] = 208
+    assert nearest(rest_layout(image), rings).max() < 0.25
+
+
+def test_pins_that_touch_at_rest_are_split(drawn) -> None:
+    alone = [[20.0 + 20 * i, 20.0 + 20 * j] for i in range(8) for j in range(8)]
+    true = np.array([*alone, [60.0, 185.0], [68.5, 188.0]])
+    assert nearest(rest_layout(drawn(true, 5.0, 200, soft=True)), true).max() < 0.7
+
+
+@settings(max_examples=25)
+@given(SEEDS, st.floats(0, 14), st.booleans())
+def test_pins_are_followed_through_a_press(tracker, sketch, seed, height, grey) -> None:
+    rng = np.random.default_rng(seed)
+    rest = tracker.rest
+    true = rest + dimple(rest, 100 + rng.uniform(-15, 15, 2), height, 45.0)
+    found = tracker.track(sketch(true, grey=grey)[None])
+    assert found.seen.all()
+    assert np.abs(found.xy[0] - true).max() < 0.4
+
+
+@settings(max_examples=25)
+@given(SEEDS, st.integers(1, 6), st.floats(0, 6))
+def test_lost_pins_are_predicted_and_stray_blobs_ignored(
+    tracker, sketch, seed, lost, height
+) -> None:
+    rng = np.random.default_rng(seed)
+    rest = tracker.rest
+    true = rest + dimple(rest, 100 + rng.uniform(-15, 15, 2), height, 45.0)
+    gone = rng.choice(len(rest), lost, replace=False)
+    stray = rng.uniform(5, 195, (4, 2))
+    stray = stray[np.linalg.norm(stray[:, None] - true, axis=-1).min(axis=1) > 8.5]
+    found = tracker.track(sketch(np.concatenate([np.delete(true, gone, axis=0), stray]))[None])
+    kept = np.setdiff1d(np.arange(len(rest)), gone)
+    off = np.linalg.norm(found.xy[0] - true, axis=1)
+    assert found.seen[0, kept].all()
+    assert off[kept].max() < 0.5
+    inside = np.hypot(*(rest[gone] - 100).T) < 60
+    unseen = gone[inside & ~found.seen[0, gone]]
+    assert (off[unseen] < 3.0).all()
+    assert found.seen[0, gone].sum() <= len(stray)
+
+
+def test_a_lost_pin_is_not_seen_and_the_others_stay(tracker, sketch) -> None:
+    rest = tracker.rest
+    middle = np.argmin(np.hypot(*(rest - 100).T))
+    found = tracker.track(sketch(np.delete(rest, middle, axis=0))[None])
+    assert np.array_equal(np.flatnonzero(~found.seen[0]), [middle])
+    assert np.abs(found.xy[0] - rest).max() < 0.4
+
+
+def test_merged_pins_are_split(tracker, sketch) -> None:
+    rest = tracker.rest
+    true = rest.copy()
+    middle = np.argsort(np.hypot(*(rest - 100).T))
+    a = middle[0]
+    b = middle[1]
+    true[a] += 0.24 * (rest[b] - rest[a])  # 6.8 px apart, discs of 7 px
+    true[b] -= 0.24 * (rest[b] - rest[a])
+    found = tracker.track(sketch(true)[None])
+    assert found.seen.all()
+    assert np.abs(found.xy[0] - true).max() < 0.7
+
+
+def test_reflections_at_the_rim_are_no_pins(tracker, sketch) -> None:
+    image = sketch(tracker.rest)
+    row, column = np.indices(image.shape)
+    away, turn = np.hypot(row - 100, column - 100), np.arctan2(row - 100, column - 100)
+    image[(away > 92) & (away < 96) & (np.sin(3 * turn) > 0)] = 255
+    found = tracker.track(image[None])
+    assert found.seen.all()
+    assert np.abs(found.xy[0] - tracker.rest).max() < 0.4
+
+
+def test_frames_do_not_depend_on_each_other(tracker, sketch) -> None:
+    rng = np.random.default_rng(3)
+    images = np.stack([sketch(tracker.rest + rng.normal(0, 1, 2)) for _ in range(4)])
+    together = tracker.track(images)
+    assert isinstance(together, Tracks)
+    assert len(together) == 4
+    for k in (2, 0):
+        alone = tracker.track(images[k : k + 1])
+        assert np.array_equal(alone.xy[0], together.xy[k])
+    assert np.array_equal(tracker.track(images[::-1]).xy, together.xy[::-1])
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_an_even_frame_leaves_pins_at_rest_unseen(tracker, level) -> None:
+    found = tracker.track(np.full((1, 200, 200), level, dtype=np.uint8))
+    assert not found.seen.any()
+    assert np.array_equal(found.xy[0], tracker.rest)
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 7])
+def test_few_pins_are_followed(sketch, hexagon, count) -> None:
+    middle = np.argsort(np.hypot(*(hexagon - 100).T))[:count]
+    few = Tracker(sketch(hexagon[middle]))
+    found = few.track(sketch(hexagon[middle] + [2.0, -1.0])[None])
+    assert found.seen.all()
+    assert np.abs(found.xy[0] - few.rest - [2.0, -1.0]).max() < 0.4
+
+
+def test_random_pixels_do_no_harm(tracker) -> None:
+    images = np.random.default_rng(0).integers(0, 256, (2, 200, 200)).astype(np.uint8)
+    assert np.isfinite(tracker.track(images).xy).all()
+
+
+def test_no_frame_no_track(tracker) -> None:
+    found = tracker.track(np.zeros((0, 200, 200), dtype=np.uint8))
+    assert found.xy.shape == (0, len(tracker.rest), 2)
+    assert found.seen.shape == (0, len(tracker.rest))
+
+
+@pytest.mark.parametrize(
+    "images",
+    [
+        np.zeros((200, 200), dtype=np.uint8),
+        np.zeros((2, 100, 200), dtype=np.uint8),
+        np.zeros((2, 200, 200)),
+        [[1]],
+    ],
+)
+def test_other_frames_are_refused(tracker, images) -> None:
+    with pytest.raises(UserError, match="pins are tracked in gray frames"):
+        tracker.track(images)
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((8, 8, 3), dtype=np.uint8), np.zeros((8, 8)), np.zeros((64, 64), np.uint8)]
+)
+def test_other_rest_frames_are_refused(image) -> None:
+    with pytest.raises(UserError, match="the rest frame"):
+        rest_layout(image)
+
+
+def test_refinements_are_named(sketch, hexagon) -> None:
+    with pytest.raises(UserError, match="profile"):
+        Tracker(sketch(hexagon), refine="gauss")
+    with pytest.raises(UserError, match="soft discs"):
+        Tracker(sketch(hexagon), refine="profile")
+    assert Tracker(sketch(hexagon)).refine == "centroid"
+
+
+def test_simulated_pins_are_found_to_a_hundredth_of_a_pixel() -> None:
+    from tactibench.plugins.host import PluginHost
+
+    sensor = PluginHost().sensors["tactip-127"].load()(SensorContext(np.random.SeedSequence(1)))
+    presses = [
+        Scene(Indenter.single(), Pose(2.0, -3.0, 0.0, 0.0, 5.0)),
+        Scene(Indenter.dual(7.0), Pose(0.5, 0.0, 40.0, 0.0, 3.0)),
+        Scene(Indenter.single(), Pose()),
+    ]
+    images = np.stack([frame.image for frame in sensor.press_many(presses)])
+    x, y, radius = sensor.renderer.project(sensor.points(presses))
+    true = np.stack([x, y], axis=-1)
+    tracker = Tracker(sensor.rest().image)
+    which = np.linalg.norm(true[2][:, None] - tracker.rest, axis=-1).argmin(axis=1)
+    assert sorted(which) == list(range(127))
+    assert np.abs(tracker.rest[which] - true[2]).max() < 0.01
+    assert np.array_equal(tracker.rest, rest_layout(sensor.rest().image))
+    found = tracker.track(images)
+    error = found.xy[:, which] - true
+    assert found.seen.all()
+    assert np.sqrt(np.mean(error**2)) < 0.012
+    assert np.abs(error).max() < 0.06
+    assert np.corrcoef(found.radius[:, which].ravel(), radius.ravel())[0, 1] > 0.6
+    plain = Tracker(sensor.rest().image, refine="centroid").track(images)
+    assert np.isnan(plain.radius).all()
+
+
+@pytest.mark.parametrize("pins", [127, 331])
+def test_every_pin_of_real_presses_is_followed(pins) -> None:
+    import cv2
+    import pandas as pd
+
+    default = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
+    folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default)) / str(pins) / "model_surface2d"
+    if not folder.is_dir():
+        pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
+    table = pd.read_csv(folder / "targets.csv")
+    little = table.image_name[table.move_1.abs() < 1].iloc[::40]  # sheared by less than 1 mm
+    names = ["init_0.png", *little, *table.image_name.iloc[::100]]
+    images = np.stack([cv2.imread(str(folder / "frames_bw" / n), 0) for n in names])
+    tracker = Tracker(images[0])
+    assert len(tracker.rest) == pins
+    found = tracker.track(images)
+    assert np.isfinite(found.xy).all()
+    assert found.seen[: 1 + len(little)].all()
+    assert found.seen.mean() > 0.999
+    assert np.abs(found.xy[0] - tracker.rest).max() < 0.2
+
+
+def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexagon) -> None:
+    """Three discs of 7 px within 5 px are one blob; known to half a spacing they are three."""
+    whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
+    assert whole.refine == "profile"
+    middle = np.argsort(np.hypot(*(whole.rest - 100).T))[:3]
+    true = whole.rest.copy()
+    true[middle] = true[middle].mean(axis=0) + 0.35 * (true[middle] - true[middle].mean(axis=0))
+    image = drawn(true, 3.5, 200, soft=True)
+    off = np.random.default_rng(4).normal(0, 1.2, true.shape)
+    found = whole.refit(image[None], (true + off)[None])
+    assert found.seen.all()
+    np.testing.assert_allclose(found.xy[0], true, atol=0.1)
+
+
+def test_a_pin_without_light_is_not_seen_again(drawn, hexagon) -> None:
+    whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
+    lost = np.arange(len(whole.rest)) % 9 == 0
+    image = drawn(whole.rest[~lost], 3.5, 200, soft=True)
+    found = whole.refit(image[None], whole.rest[None])
+    np.testing.assert_array_equal(found.seen[0], ~lost)
+
+
+def test_centroids_cannot_be_fitted_again(tracker, sketch) -> None:
+    places = (tracker.rest + 1.0)[None]
+    found = tracker.refit(sketch(tracker.rest)[None], places)
+    np.testing.assert_array_equal(found.xy, places)
+    assert not found.seen.any()
+    assert np.isnan(found.radius).all()

@@ -1,0 +1,117 @@
+"""Frames as displacements of pins, and which frames are single presses."""
+
+import numpy as np
+import pytest
+
+import tactibench.superposition as package
+from tactibench import Contacts, Frame, PlatePose, Pose, UserError
+from tactibench.markers import PinTracker
+from tactibench.superposition import contact_array, single_press_rows
+
+ONE = Contacts.truth([[1.0, 2.0]], [3.0])
+TWO = Contacts.truth([[1.0, 2.0], [4.0, 5.0]], [3.0, 6.0])
+
+
+def test_rows_with_exactly_one_contact():
+    truth = [ONE, TWO, Contacts.none(), ONE]
+    assert single_press_rows(truth).tolist() == [0, 3]
+    assert single_press_rows([]).tolist() == []
+    assert single_press_rows([TWO]).tolist() == []
+
+
+def test_a_plate_is_no_single_press():
+    with pytest.raises(UserError, match="plate"):
+        single_press_rows([ONE, PlatePose(1.0, 2.0)])
+
+
+def test_contacts_as_rows():
+    np.testing.assert_array_equal(contact_array([TWO, TWO]), [[[1, 2, 3], [4, 5, 6]]] * 2)
+    assert contact_array([ONE] * 4).shape == (4, 1, 3)
+
+
+def test_pins_move_as_they_were_pushed(singles, push_pins, pins):
+    tracker = PinTracker.of(singles[0])
+    assert tracker.side == 80
+    np.testing.assert_allclose(tracker.rest, pins, atol=0.05)
+    moved = tracker.displacements(tracker.images(singles[0]))
+    assert moved.shape == (len(singles[0]), 2 * len(pins))
+    wanted = push_pins(contact_array(singles[1]))
+    assert np.median(np.abs(moved - wanted)) < 0.02
+    assert np.abs(moved - wanted).mean() < 0.05
+
+
+def test_an_untouched_frame_moves_no_pin_and_no_frame_gives_no_row(singles):
+    tracker = PinTracker.of(singles[0])
+    np.testing.assert_allclose(tracker.displacements(tracker.rest_image[None]), 0, atol=0.01)
+    assert tracker.displacements(tracker.images([])).shape == (0, 2 * len(tracker.rest))
+
+
+def test_frames_do_not_feel_each_other(singles):
+    tracker = PinTracker.of(singles[0])
+    images = tracker.images(singles[0][:6])
+    whole = tracker.displacements(images)
+    for row in range(6):
+        np.testing.assert_array_equal(tracker.displacements(images[row : row + 1])[0], whole[row])
+
+
+def test_a_tracker_is_its_rest_image(singles):
+    tracker = PinTracker.of(singles[0])
+    again = PinTracker(tracker.rest_image.copy())
+    images = tracker.images(singles[0][:5])
+    np.testing.assert_array_equal(again.displacements(images), tracker.displacements(images))
+
+
+def test_any_frame_with_a_rest_image_will_do(singles):
+    bare = [Frame(frame.image, 0.0, Pose()) for frame in singles[0][:3]]
+    tracker = PinTracker.of([*bare, singles[0][3]])
+    np.testing.assert_array_equal(tracker.rest_image, singles[0][3].rest)
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_without_a_rest_image_there_is_no_tracker(singles, count):
+    with pytest.raises(UserError, match="rest image"):
+        PinTracker.of([Frame(frame.image, 0.0, Pose()) for frame in singles[0][:count]])
+
+
+def test_what_is_public_is_there():
+    for name in package.__all__:
+        assert getattr(package, name).__module__.startswith("tactibench.superposition.")
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = package.nothing
+
+
+def test_importing_the_package_computes_nothing():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, tactibench.superposition; "
+        "print([m for m in ('numpy', 'scipy', 'cv2', 'numba', 'torch') if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_all_pins_that_were_seen_are_sure(singles, pins):
+    tracker = PinTracker.of(singles[0])
+    images = tracker.images(singles[0][:10])
+    moved, sure = tracker.track(images)
+    np.testing.assert_array_equal(moved, tracker.displacements(images))
+    assert sure.shape == (10, len(pins))
+    assert sure.dtype == np.bool_
+    assert sure.mean() > 0.98
+    assert tracker.pitch == pytest.approx(8.0, abs=0.05)
+
+
+@pytest.mark.parametrize("lost", [0, 30, 60])
+def test_around_a_pin_that_is_not_seen_all_are_doubtful(singles, pins, draw_pins, lost):
+    """The lost one and its ring of neighbours at least; those far off are not."""
+    tracker = PinTracker.of(singles[0])
+    image = draw_pins(np.delete(pins, lost, axis=0))
+    moved, sure = tracker.track(np.stack([image, draw_pins(pins)]))
+    here = np.argmin(np.linalg.norm(tracker.rest - pins[lost], axis=1))
+    spacings = np.linalg.norm(tracker.rest - tracker.rest[here], axis=1) / tracker.pitch
+    assert not sure[0, spacings < 1.2].any()
+    assert sure[0, spacings > 3].all()
+    assert sure[1].all()
+    assert np.isfinite(moved).all()

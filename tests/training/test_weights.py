@@ -1,0 +1,149 @@
+"""Weights on disk: they come back, and nothing damaged or foreign is taken for them."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from tactibench import UserError
+from tactibench.training import load_weights, pack_image, save_weights, unpack_image
+from tactibench.training.weights import DamagedFileError, read_container, write_container
+
+
+def test_importing_the_package_does_not_import_torch():
+    code = (
+        "import sys, tactibench, tactibench.training; tactibench.training.__all__;"
+        "assert 'torch' not in sys.modules and 'numpy' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_all_is_exactly_what_is_public():
+    import tactibench.training as public
+
+    assert sorted(public.__all__) == dir(public)
+    assert all(getattr(public, name) is not None for name in public.__all__)
+    with pytest.raises(AttributeError):
+        public.nothing  # noqa: B018
+
+
+def test_equal_tensors_and_headers_make_equal_bytes(tmp_path):
+    """Two entries of metadata come in random order: ten files would differ with p > 0.99."""
+    tensors = {name: torch.full((3,), float(ord(name))) for name in "dacb"}
+    written = set()
+    for _ in range(10):
+        write_container(tmp_path / "file", tensors, {"model": "unet", "extra": {"b": 1, "a": 2}})
+        written.add((tmp_path / "file").read_bytes())
+    assert len(written) == 1
+
+
+def test_a_container_returns_tensors_and_header(tmp_path):
+    tensors = {"a": torch.arange(6.0).reshape(2, 3).t(), "b/c": torch.tensor(3, dtype=torch.int64)}
+    write_container(tmp_path / "file", tensors, {"n": [1, None, 0.1]})
+    found, header = read_container(tmp_path / "file")
+    assert header == {"n": [1, None, 0.1]}
+    assert found.keys() == tensors.keys()
+    assert all(torch.equal(found[name], tensors[name]) for name in tensors)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_failed_write_keeps_the_old_file_and_leaves_nothing(tmp_path, monkeypatch):
+    write_container(tmp_path / "file", {"a": torch.zeros(1)}, 1)
+
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_container(tmp_path / "file", {"a": torch.ones(1)}, 2)
+    monkeypatch.undo()
+    assert read_container(tmp_path / "file")[1] == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_changed_header_is_noticed(tmp_path):
+    path = tmp_path / "file"
+    write_container(path, {"a": torch.zeros(1)}, {"width": 16})
+    path.write_bytes(path.read_bytes().replace(b"16", b"32"))
+    with pytest.raises(DamagedFileError, match="digest"):
+        read_container(path)
+
+
+def test_weights_come_back(tmp_path):
+    tensors = {"w": torch.rand(2, 2)}
+    save_weights(tmp_path, tensors, model="m", architecture={"width": 8}, extra={"offset": 0.5})
+    found, extra = load_weights(tmp_path, model="m", architecture={"width": 8})
+    assert torch.equal(found["w"], tensors["w"])
+    assert extra == {"offset": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        ({"model": "other", "architecture": {"width": 8}}, "other"),
+        ({"model": "m", "architecture": {"width": 16}}, "width=16"),
+        ({"model": "m", "architecture": {"width": 8, "stem": 2}}, "stem=None"),
+    ],
+)
+def test_foreign_weights_are_refused(tmp_path, asked, named):
+    save_weights(tmp_path, {"w": torch.zeros(1)}, model="m", architecture={"width": 8})
+    with pytest.raises(UserError) as caught:
+        load_weights(tmp_path, **asked)
+    assert named in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_missing_damaged_and_old_weights_are_refused(tmp_path):
+    ask = {"model": "m", "architecture": {}}
+    with pytest.raises(UserError, match="missing"):
+        load_weights(tmp_path, **ask)
+    write_container(
+        tmp_path / "weights.safetensors", {}, {"schema": 0, "model": "m", "architecture": {}}
+    )
+    with pytest.raises(UserError, match="schema 0"):
+        load_weights(tmp_path, **ask)
+    (tmp_path / "weights.safetensors").write_bytes(b"junk")
+    with pytest.raises(UserError, match="no usable weights"):
+        load_weights(tmp_path, **ask)
+
+
+@given(arrays(np.uint8, st.tuples(st.integers(0, 9), st.integers(0, 9))))
+@settings(max_examples=30, deadline=None)
+def test_an_image_is_the_same_after_json(image):
+    other = unpack_image(json.loads(json.dumps(pack_image(image))))
+    assert np.array_equal(other, image)
+    assert other.shape == image.shape
+    assert other.dtype == np.uint8
+    assert other.flags.writeable
+
+
+def test_parts_of_an_image_are_packed_as_they_look():
+    image = np.arange(60, dtype=np.uint8).reshape(6, 10)[::2, ::-3]
+    assert np.array_equal(unpack_image(pack_image(image)), image)
+
+
+def test_an_image_of_one_level_takes_little_room():
+    assert len(pack_image(np.full((256, 256), 7, np.uint8))) < 200
+
+
+@pytest.mark.parametrize(
+    "break_it",
+    [
+        lambda text: "",
+        lambda text: text[:-9],
+        lambda text: text.replace("3 4", "3 5"),
+        lambda text: text.replace("3 4", "3 x"),
+        lambda text: text + "\u00e9",
+        lambda text: text.split(" ")[2],
+    ],
+)
+def test_a_broken_text_is_refused(break_it):
+    text = pack_image(np.arange(12, dtype=np.uint8).reshape(3, 4))
+    with pytest.raises(UserError, match="train the model again"):
+        unpack_image(break_it(text))
