@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from tactibench.cli.options import json_option, store_option
 from tactibench.errors import UserError
-
-if TYPE_CHECKING:
-    from tactibench.sweep.engine import Engine
-    from tactibench.sweep.planned import Place
 
 FAILED = 1
 RETRIES = 2
@@ -53,7 +47,7 @@ def sweep(
     store: Path,
     dry_run: bool,
 ) -> int:
-    """Run all cells of FILE: protocol x model x regime x encoder x sensor x seed.
+    r"""Run all cells of FILE: protocol x model x regime x encoder x sensor x seed.
 
     What is in the store is not run again, and the same command continues an interrupted sweep.
     Ends with code 1 when a cell failed; the others have been run.
@@ -71,48 +65,34 @@ def sweep(
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
-    from tactibench.sweep.cells import cells_of
-    from tactibench.sweep.local import cores, local_engine
-    from tactibench.sweep.planned import Place
-    from tactibench.sweep.read import read_sweep
-    from tactibench.sweep.rows import rows_of
-    from tactibench.sweep.sets import sets_of
-    from tactibench.sweep.sweep import carry_out, look_up, looked_up
+    from tactibench.sweep.cluster import Storage, count_cores, local_cluster, remote_cluster
+    from tactibench.sweep.data_sets import list_data_sets
+    from tactibench.sweep.plan import plan_cells
+    from tactibench.sweep.run import CellResult, result_rows, run_sweep
+    from tactibench.sweep.spec import list_cells, read_sweep
 
     if scheduler is not None and (workers or threads):
         raise UserError(
             "--workers and --threads are for processes on this machine; leave them out with "
             "--scheduler, whose workers were started with theirs."
         )
-    asked = read_sweep(file)
-    cells, sets = cells_of(asked, PluginHost()), sets_of(asked)
-    place = Place(store.resolve(), cache_folder().resolve(), any_machine=scheduler is not None)
+    sweep_file = read_sweep(file)
+    cells, data_sets = list_cells(sweep_file, PluginHost()), list_data_sets(sweep_file)
+    any_machine = scheduler is not None
+    storage = Storage(store.resolve(), cache_folder().resolve(), any_machine=any_machine)
     terminal = Terminal()
-    with _engine(scheduler, place) as remote:
-        planned = look_up(cells, place, remote)
-        finished = looked_up(planned)
-        missing = [one for one in sets if not one.is_complete]
-        to_do = sum(plan.state == "to do" for plan in planned.values())
+    with nullcontext() if scheduler is None else remote_cluster(scheduler, storage) as remote:
+        plans = plan_cells(cells, storage, remote)
+        results = [CellResult(cell, plan) for cell, plan in plans.items()]
+        missing = [task for task in data_sets if not task.is_complete]
+        to_do = sum(plan.state == "to do" for plan in plans.values())
         if (to_do or missing) and not dry_run:
-            count = workers or (cores() if missing else min(cores(), to_do))
-            share = threads or max(1, cores() // count)
-            with nullcontext(remote) if remote else local_engine(count, share, retries) as engine:
-                finished = carry_out(planned, sets, engine, place, retries, terminal)
-    print_sweep(terminal.out, finished, sets, place.store)
+            count = workers or (count_cores() if missing else min(count_cores(), to_do))
+            share = threads or max(1, count_cores() // count)
+            local = nullcontext(remote) if remote else local_cluster(count, share, retries)
+            with local as cluster:
+                results = run_sweep(plans, data_sets, cluster, storage, retries, terminal)
+    print_sweep(terminal.out, results, data_sets, storage.store)
     if json_file is not None:
-        write_json(json_file, rows_of(finished, sets, place.store))
-    return FAILED if any(one.why for one in finished) else 0
-
-
-@contextmanager
-def _engine(scheduler: str | None, place: Place) -> Iterator[Engine | None]:
-    """The workers of a scheduler, if one is named. Raises UserError where they are of no use."""
-    from tactibench.sweep.places import check_workers
-    from tactibench.sweep.remote import remote_engine
-
-    if scheduler is None:
-        yield None
-        return
-    with remote_engine(scheduler) as engine:
-        check_workers(engine, place)
-        yield engine
+        write_json(json_file, result_rows(results, data_sets, storage.store))
+    return FAILED if any(result.why for result in results) else 0

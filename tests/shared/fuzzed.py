@@ -57,7 +57,7 @@ def _protocol(data: bytes, folder: Path) -> None:
 
 
 def _sweep(data: bytes, folder: Path) -> None:
-    from tactibench.sweep.read import read_sweep
+    from tactibench.sweep.spec import read_sweep
 
     read_sweep(_in(folder, "s.toml", data))
 

@@ -81,7 +81,7 @@ def test_a_scheduler_that_does_not_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
-    monkeypatch.setattr("tactibench.sweep.remote.PATIENCE_S", 0.2)
+    monkeypatch.setattr("tactibench.sweep.cluster.PATIENCE_S", 0.2)
     code, out, err = cli(asked('model = "toy"'), "--scheduler", address)
     assert (code, out) == (2, "")
     assert f"no scheduler answers at --scheduler {address} (" in err

@@ -9,16 +9,14 @@ from pathlib import Path
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import load_protocol
 from tactibench.run.components import resolve_parts
-from tactibench.sweep.cells import cells_of
-from tactibench.sweep.keys import GenerateKeys, SweepKeys
-from tactibench.sweep.read import read_sweep
+from tactibench.sweep.spec import DatasetSpec, SweepSpec, list_cells, read_sweep
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_every_cell_of_the_example_can_be_run() -> None:
     host = PluginHost()
-    cells = cells_of(read_sweep(DOCS / "examples/sweep.toml"), host)
+    cells = list_cells(read_sweep(DOCS / "examples/sweep.toml"), host)
     for cell in cells:
         parts = resolve_parts(cell.request, load_protocol(cell.request.protocol), host)
         assert parts.model.name == cell.request.model
@@ -30,12 +28,12 @@ def test_every_cell_of_the_example_can_be_run() -> None:
 
 def test_the_documentation_names_every_key_and_its_examples_are_valid() -> None:
     text = (DOCS / "cluster.md").read_text(encoding="utf-8")
-    for key in (*SweepKeys.model_fields, *GenerateKeys.model_fields):
+    for key in (*SweepSpec.model_fields, *DatasetSpec.model_fields):
         assert re.search(rf"`(\[\[)?{key}(\]\])?`|^{key} =|or {key} =", text, re.MULTILINE), key
     blocks = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     assert len(blocks) == 2
     for block in blocks:
-        SweepKeys.model_validate(tomllib.loads(block))
+        SweepSpec.model_validate(tomllib.loads(block))
 
 
 def test_the_script_for_slurm_is_python() -> None:

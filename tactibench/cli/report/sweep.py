@@ -10,15 +10,15 @@ from rich.text import Text
 
 from tactibench.board.numbers import duration
 from tactibench.cli.report.cells import Cells, print_grid
-from tactibench.sweep.keys import AXES
-from tactibench.sweep.sets import WantedSet
-from tactibench.sweep.sweep import Finished
+from tactibench.sweep.data_sets import DatasetTask
+from tactibench.sweep.run import CellResult
+from tactibench.sweep.spec import AXES
 
 STATES = {"done": "in the store", "to do": "to do", "cannot": "failed"}
 
 
 def print_sweep(
-    console: Console, finished: Sequence[Finished], sets: Sequence[WantedSet], store: Path
+    console: Console, finished: Sequence[CellResult], sets: Sequence[DatasetTask], store: Path
 ) -> None:
     """Print every cell with its state, every data set, and how many there are of each."""
     if sets:
@@ -49,18 +49,18 @@ def print_sweep(
     console.print(Text(f"{_counts(finished)}; store {store}"), soft_wrap=True)
 
 
-def _cells(one: Finished, axes: Sequence[str]) -> Cells:
+def _cells(one: CellResult, axes: Sequence[str]) -> Cells:
     time = "" if one.outcome is None else duration(one.outcome.seconds)
     return (*(one.cell.axes[axis] or "default" for axis in axes), _state(one), time, one.name)
 
 
-def _state(one: Finished) -> str:
+def _state(one: CellResult) -> str:
     if one.why:
         return "failed"
-    return STATES[one.planned.state] if one.outcome is None else "run"
+    return STATES[one.plan.state] if one.outcome is None else "run"
 
 
-def _counts(finished: Sequence[Finished]) -> str:
+def _counts(finished: Sequence[CellResult]) -> str:
     """ "6 cells: 4 run, 1 in the store, 1 failed"."""
     states = [_state(one) for one in finished]
     parts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]

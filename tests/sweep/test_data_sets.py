@@ -15,9 +15,9 @@ from tactibench.datasets import generation as press
 from tactibench.datasets import verify
 from tactibench.datasets.generation import generate
 from tactibench.errors import UserError
-from tactibench.sweep.engine import WorkersDied
-from tactibench.sweep.read import read_sweep
-from tactibench.sweep.sets import WantedSet, press_in_shards, sets_of
+from tactibench.sweep.cluster import WorkerLossError
+from tactibench.sweep.data_sets import DatasetTask, list_data_sets, press_data_set
+from tactibench.sweep.spec import read_sweep
 
 ASKED = """
     [[generate]]
@@ -33,27 +33,27 @@ class Elsewhere:
     def __init__(self, fail_after: int | None = None) -> None:
         self.done, self.fail_after = 0, fail_after
 
-    def in_order(self, work: Any, items: Iterable[Any]) -> Iterator[Any]:
+    def map_in_order(self, work: Any, items: Iterable[Any]) -> Iterator[Any]:
         for item in items:
             if self.done == self.fail_after:
-                raise WorkersDied
+                raise WorkerLossError
             self.done += 1
             task, given = pickle.loads(pickle.dumps((work, item)))  # noqa: S301
             yield pickle.loads(pickle.dumps(task(given)))  # noqa: S301
 
 
 @pytest.fixture
-def wanted(asked: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> WantedSet:
+def wanted(asked: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> DatasetTask:
     monkeypatch.setattr(press, "CHUNK", 7)
-    (one,) = sets_of(read_sweep(asked(ASKED)))
+    (one,) = list_data_sets(read_sweep(asked(ASKED)))
     return one
 
 
-def test_shards_are_the_data_set_of_one_process(wanted: WantedSet, tmp_path: Path) -> None:
+def test_shards_are_the_data_set_of_one_process(wanted: DatasetTask, tmp_path: Path) -> None:
     told: list[int] = []
     engine: Any = Elsewhere()
-    press_in_shards(wanted, engine, told.append)
-    generate(tmp_path / "whole", wanted.source, wanted.pressing, lambda _: None)
+    press_data_set(wanted, engine, told.append)
+    generate(tmp_path / "whole", wanted.source, wanted.plan, lambda _: None)
     assert files(wanted.folder, without=CLOCKED) == files(tmp_path / "whole", without=CLOCKED)
     assert engine.done > 10
     assert sum(told) == wanted.samples > 70
@@ -63,24 +63,24 @@ def test_shards_are_the_data_set_of_one_process(wanted: WantedSet, tmp_path: Pat
 
 @pytest.mark.parametrize("after", [0, 1, 5])
 def test_what_dead_workers_left_is_gone_on_with(
-    wanted: WantedSet, tmp_path: Path, after: int
+    wanted: DatasetTask, tmp_path: Path, after: int
 ) -> None:
     died: Any = Elsewhere(fail_after=after)
     with pytest.raises(UserError, match=r"the workers that pressed shards died .* goes on\."):
-        press_in_shards(wanted, died, lambda _: None)
+        press_data_set(wanted, died, lambda _: None)
     assert not wanted.is_complete
     rest: Any = Elsewhere()
-    press_in_shards(wanted, rest, lambda _: None)
-    generate(tmp_path / "whole", wanted.source, wanted.pressing, lambda _: None)
+    press_data_set(wanted, rest, lambda _: None)
+    generate(tmp_path / "whole", wanted.source, wanted.plan, lambda _: None)
     assert files(wanted.folder, without=CLOCKED) == files(tmp_path / "whole", without=CLOCKED)
     assert died.done == after
 
 
-def test_a_worker_with_another_sensor_is_refused(wanted: WantedSet) -> None:
+def test_a_worker_with_another_sensor_is_refused(wanted: DatasetTask) -> None:
     other = replace(wanted.source, identity={**wanted.source.identity, "code": "other"})
     engine: Any = Elsewhere()
     with pytest.raises(UserError, match="sensor 'toy' is not the one of this machine"):
-        press_in_shards(replace(wanted, source=other), engine, lambda _: None)
+        press_data_set(replace(wanted, source=other), engine, lambda _: None)
 
 
 @pytest.mark.parametrize(
@@ -105,5 +105,5 @@ def test_mistakes(asked: Callable[[str], Path], tmp_path: Path, more: str, says:
 
     file = asked(dedent(ASKED) + more.format(tmp_path.name))
     with pytest.raises(UserError, match=says) as caught:
-        sets_of(read_sweep(file))
+        list_data_sets(read_sweep(file))
     assert str(caught.value).startswith("sweep file ")

@@ -15,14 +15,19 @@ from tactibench.errors import UserError
 from tactibench.records.files import read_json, write_json
 from tactibench.records.store import RECORD, with_checksum
 from tactibench.run.request import RunRequest
-from tactibench.sweep.cells import Cell
-from tactibench.sweep.dispatch import carried_out, jobs_of
-from tactibench.sweep.engine import NO_GPU, Room, WorkersDied
-from tactibench.sweep.planned import Place, Planned, plan_cells
-from tactibench.sweep.sweep import Finished, look_up
-from tactibench.sweep.work import Outcome, run_cell, train_weights
+from tactibench.sweep.cluster import NO_GPU, Capacity, Storage, WorkerLossError
+from tactibench.sweep.plan import CellPlan, plan_cells, plan_requests
+from tactibench.sweep.run import (
+    CellResult,
+    Outcome,
+    list_jobs,
+    run_cell,
+    run_jobs,
+    train_weights,
+)
+from tactibench.sweep.spec import Cell
 
-PLACE = Place(Path("runs"), Path("cache"))
+STORAGE = Storage(Path("runs"), Path("cache"))
 
 
 def cell(name: str, device: str = "cpu") -> Cell:
@@ -36,26 +41,26 @@ class Task:
     gpu: bool
 
 
-class Engine:
+class Cluster:
     """Finishes its oldest task when it is asked for one; answers: model -> what comes of it."""
 
     remote = False
 
     def __init__(self, slots: int = 2, gpus: int = 0, **answers: Any) -> None:
         self.answers = answers
-        self.free = Room(slots, gpus)
+        self.free = Capacity(slots, gpus)
         self.begun: list[str] = []
         self.most = self.most_gpu = 0
 
-    def room(self) -> Room:
+    def capacity(self) -> Capacity:
         return self.free
 
-    def submit(self, work: Any, request: RunRequest, place: Place, gpu: bool = False) -> Any:
-        assert place is PLACE
+    def submit(self, work: Any, request: RunRequest, storage: Storage, gpu: bool = False) -> Any:
+        assert storage is STORAGE
         self.begun.append(f"{'train' if work is train_weights else 'run'} {request.model}")
         return Task(request.model, gpu)
 
-    def any_of(self, running: Any) -> list[Any]:
+    def wait_any(self, running: Any) -> list[Any]:
         every = list(running)
         self.most = max(self.most, len(every))
         self.most_gpu = max(self.most_gpu, sum(task.gpu for task in every))
@@ -68,24 +73,24 @@ class Engine:
         return answer
 
 
-def dispatched(engine: Engine, planned: dict[Cell, Planned]) -> dict[str, Outcome]:
-    found = carried_out(jobs_of(planned), engine, PLACE, 2)  # type: ignore[arg-type]
+def dispatched(engine: Cluster, planned: dict[Cell, CellPlan]) -> dict[str, Outcome]:
+    found = run_jobs(list_jobs(planned), engine, STORAGE, 2)  # type: ignore[arg-type]
     return {one.axes["model"]: outcome for one, outcome in found}
 
 
-def to_do(*names: str, weights: str = "", device: str = "cpu") -> dict[Cell, Planned]:
-    return {cell(n, device): Planned("to do", f"run-{n}", weights=weights or n) for n in names}
+def to_do(*names: str, weights: str = "", device: str = "cpu") -> dict[Cell, CellPlan]:
+    return {cell(n, device): CellPlan("to do", f"run-{n}", weights=weights or n) for n in names}
 
 
 def test_what_is_done_or_cannot_be_is_no_job() -> None:
-    planned = {cell("a"): Planned("done", "a"), cell("b"): Planned("cannot", why="no")}
-    assert jobs_of(planned) == []
+    planned = {cell("a"): CellPlan("done", "a"), cell("b"): CellPlan("cannot", why="no")}
+    assert list_jobs(planned) == []
 
 
 def test_shared_weights_are_trained_once_and_first() -> None:
     planned = {**to_do("alone"), **to_do("a", "b", "c", weights="w")}
-    assert [job.work for job in jobs_of(planned)] == [train_weights, run_cell]
-    engine = Engine(slots=2)
+    assert [job.work for job in list_jobs(planned)] == [train_weights, run_cell]
+    engine = Cluster(slots=2)
     outcomes = dispatched(engine, planned)
     assert engine.begun[:2] == ["train a", "run alone"]
     assert sorted(engine.begun[2:]) == ["run a", "run b", "run c"]
@@ -96,13 +101,13 @@ def test_shared_weights_are_trained_once_and_first() -> None:
 
 
 def test_weights_in_the_cache_need_no_training() -> None:
-    planned = {cell(n): Planned("to do", n, weights="w", trained=True) for n in ("a", "b")}
-    assert [job.work for job in jobs_of(planned)] == [run_cell, run_cell]
+    planned = {cell(n): CellPlan("to do", n, weights="w", trained=True) for n in ("a", "b")}
+    assert [job.work for job in list_jobs(planned)] == [run_cell, run_cell]
 
 
 def test_a_failed_training_fails_the_cells_behind_it_and_no_other() -> None:
     planned = {**to_do("a", "b", weights="w"), **to_do("c")}
-    outcomes = dispatched(Engine(a=Outcome(why="no frames.")), planned)
+    outcomes = dispatched(Cluster(a=Outcome(why="no frames.")), planned)
     assert {name: one.why for name, one in outcomes.items()} == {
         "a": "no frames.",
         "b": "no frames.",
@@ -112,22 +117,22 @@ def test_a_failed_training_fails_the_cells_behind_it_and_no_other() -> None:
 
 @pytest.mark.parametrize(
     ("raised", "says"),
-    [(WorkersDied(), "died, 3 in turn"), (ValueError("no pickle"), "ValueError: no pickle")],
+    [(WorkerLossError(), "died, 3 in turn"), (ValueError("no pickle"), "ValueError: no pickle")],
 )
 def test_a_cell_that_kills_its_workers_is_reported(raised: Exception, says: str) -> None:
-    outcomes = dispatched(Engine(a=raised), to_do("a", "b"))
+    outcomes = dispatched(Cluster(a=raised), to_do("a", "b"))
     assert says in outcomes["a"].why
     assert outcomes["b"] == Outcome("run-b")
 
 
 def test_a_scheduler_that_has_gone_ends_the_sweep() -> None:
     with pytest.raises(UserError, match="lost"):
-        dispatched(Engine(a=UserError("the connection was lost")), to_do("a", "b"))
+        dispatched(Cluster(a=UserError("the connection was lost")), to_do("a", "b"))
 
 
 def test_cards_are_for_as_many_as_there_are() -> None:
     planned = {**to_do("a", "b", "c", device="cuda"), **to_do("d", "e")}
-    engine = Engine(slots=3, gpus=1)
+    engine = Cluster(slots=3, gpus=1)
     outcomes = dispatched(engine, planned)
     assert engine.begun[:3] == ["run a", "run d", "run e"]
     assert (engine.most, engine.most_gpu) == (3, 1)
@@ -135,11 +140,11 @@ def test_cards_are_for_as_many_as_there_are() -> None:
 
 
 def test_a_card_whose_worker_is_started_again_is_waited_for() -> None:
-    rooms = [Room(2, 1), Room(2, 0)]
+    rooms = [Capacity(2, 1), Capacity(2, 0)]
 
-    class Restarting(Engine):
-        def room(self) -> Room:
-            return rooms.pop(0) if rooms else Room(2, 1)
+    class Restarting(Cluster):
+        def capacity(self) -> Capacity:
+            return rooms.pop(0) if rooms else Capacity(2, 1)
 
     engine = Restarting(gpus=1)
     outcomes = dispatched(engine, to_do("a", "b", device="cuda"))
@@ -148,7 +153,7 @@ def test_a_card_whose_worker_is_started_again_is_waited_for() -> None:
 
 def test_without_a_card_those_that_need_one_are_reported() -> None:
     planned = {**to_do("a", "b", device="cuda"), **to_do("c")}
-    engine = Engine()
+    engine = Cluster()
     outcomes = dispatched(engine, planned)
     assert engine.begun == ["run c"]
     assert outcomes["a"].why == outcomes["b"].why == NO_GPU
@@ -157,42 +162,41 @@ def test_without_a_card_those_that_need_one_are_reported() -> None:
 @pytest.fixture
 def stored(
     asked: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Any, Place, Path]:
+) -> tuple[Any, Storage, Path]:
     """A cell that was run: its request, where it is kept, and the file of its record."""
     from tactibench.plugins.host import PluginHost
-    from tactibench.sweep.cells import cells_of
-    from tactibench.sweep.read import read_sweep
+    from tactibench.sweep.spec import list_cells, read_sweep
 
     time_briefly(monkeypatch.setattr)
-    (one, *_) = cells_of(read_sweep(asked('model = "toy"\n')), PluginHost())
-    place = Place(tmp_path / "runs", tmp_path / "cache")
+    (one, *_) = list_cells(read_sweep(asked('model = "toy"\n')), PluginHost())
+    place = Storage(tmp_path / "runs", tmp_path / "cache")
     return one.request, place, place.store / run_cell(one.request, place).name / RECORD
 
 
 def test_a_run_of_another_machine_counts_where_any_may_run_it(
-    stored: tuple[Any, Place, Path],
+    stored: tuple[Any, Storage, Path],
 ) -> None:
     request, place, file = stored
     record = read_json(file)
     record["identity"]["machine"], record["name"] = "another", "elsewhere"
     write_json(file, with_checksum(record))
     file.parent.rename(place.store / "elsewhere")
-    (here,) = plan_cells([request], place)
-    (anywhere,) = plan_cells([request], replace(place, any_machine=True))
+    (here,) = plan_requests([request], place)
+    (anywhere,) = plan_requests([request], replace(place, any_machine=True))
     assert (here.state, anywhere.state, anywhere.name) == ("to do", "done", "elsewhere")
 
 
-def test_a_run_that_cannot_be_read_is_to_do_again(stored: tuple[Any, Place, Path]) -> None:
+def test_a_run_that_cannot_be_read_is_to_do_again(stored: tuple[Any, Storage, Path]) -> None:
     request, place, file = stored
     name = file.parent.name
     whole = file.read_bytes()
     for spoilt in (b"", whole[: len(whole) // 2], whole.replace(b'"seed": 0', b'"seed": 1', 1)):
         file.write_bytes(spoilt)
-        (planned,) = plan_cells([request], place)
+        (planned,) = plan_requests([request], place)
         assert (planned.state, planned.name) == ("to do", name)
     outcome = run_cell(request, place)
     assert (outcome.name, outcome.why) == (name, "")
-    (planned,) = plan_cells([request], place)
+    (planned,) = plan_requests([request], place)
     assert planned.state == "done"
     assert json.loads(file.read_text())["name"] == name
 
@@ -201,12 +205,11 @@ def test_cells_that_come_to_the_same_run_are_one(
     asked: Callable[[str], Path], tmp_path: Path
 ) -> None:
     from tactibench.plugins.host import PluginHost
-    from tactibench.sweep.cells import cells_of
-    from tactibench.sweep.read import read_sweep
+    from tactibench.sweep.spec import list_cells, read_sweep
 
     text = 'model = ["toy", "toy, noise=0.0", "toy, noise=1", "toy-single"]\n'
-    cells = cells_of(read_sweep(asked(text + 'regime = ["single", "multiple"]')), PluginHost())
-    planned = look_up(cells, Place(tmp_path / "runs", tmp_path / "cache"))
+    cells = list_cells(read_sweep(asked(text + 'regime = ["single", "multiple"]')), PluginHost())
+    planned = plan_cells(cells, Storage(tmp_path / "runs", tmp_path / "cache"))
     kept = [(c.axes["model"], c.axes["regime"], p.state) for c, p in planned.items()]
     assert kept[:2] == [("toy", "single", "to do"), ("toy", "multiple", "to do")]
     assert ("toy, noise=0.0", "single", "to do") not in kept
@@ -216,5 +219,5 @@ def test_cells_that_come_to_the_same_run_are_one(
     weights = [p.weights for c, p in planned.items() if c.label.endswith("toy single toy seed 0")]
     assert len(weights) == 2
     assert len(set(weights)) == 1, "exp1 and exp2 share them"
-    names = [one.name for one in (Finished(c, p) for c, p in planned.items())]
+    names = [one.name for one in (CellResult(c, p) for c, p in planned.items())]
     assert names == [""] * len(planned)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tactibench.errors import UserError
-from tactibench.sweep.engine import NO_GPU, Engine, Room
+from tactibench.sweep.cluster import NO_GPU, Capacity, Cluster
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 
@@ -42,14 +42,14 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("workers", [0, 1, 3])
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 40])
 def test_every_item_once_and_in_order(workers: int, count: int) -> None:
-    engine = Engine(Client(*[{}] * workers), remote=False)
-    assert list(engine.in_order(lambda n: n * n, range(count))) == [n * n for n in range(count)]
+    engine = Cluster(Client(*[{}] * workers), remote=False)
+    assert list(engine.map_in_order(lambda n: n * n, range(count))) == [n * n for n in range(count)]
     assert engine.client.begun == count
 
 
 def test_not_far_ahead_and_the_rest_is_cancelled() -> None:
-    engine = Engine(Client({}, {}), remote=False)
-    results = engine.in_order(lambda n: n, range(1000))
+    engine = Cluster(Client({}, {}), remote=False)
+    results = engine.map_in_order(lambda n: n, range(1000))
     assert [next(results) for _ in range(3)] == [0, 1, 2]
     assert engine.client.begun == 2 + 5
     results.close()  # type: ignore[attr-defined]
@@ -58,10 +58,10 @@ def test_not_far_ahead_and_the_rest_is_cancelled() -> None:
 
 def test_room() -> None:
     client = Client({"GPU": 1}, {}, {})
-    assert Engine(client, remote=False).room() == Room(3, 1)
-    assert Engine(client, remote=True).room().slots > 1000, "its workers come and go"
-    assert Engine(Client({}), remote=True).room().gpus == 0
-    assert Engine(Client(), remote=True).room().gpus > 0, "nobody has come yet"
+    assert Cluster(client, remote=False).capacity() == Capacity(3, 1)
+    assert Cluster(client, remote=True).capacity().slots > 1000, "its workers come and go"
+    assert Cluster(Client({}), remote=True).capacity().gpus == 0
+    assert Cluster(Client(), remote=True).capacity().gpus > 0, "nobody has come yet"
     assert "--resources GPU=1" in NO_GPU
 
 
@@ -69,4 +69,4 @@ def test_a_scheduler_that_has_gone() -> None:
     client = Client({})
     client.status = "closed"
     with pytest.raises(UserError, match="connection to the scheduler was lost"):
-        Engine(client, remote=True).any_of([SimpleNamespace(done=lambda: False)])
+        Cluster(client, remote=True).wait_any([SimpleNamespace(done=lambda: False)])

@@ -9,16 +9,14 @@ import pytest
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.sweep.cells import Cell, cells_of
-from tactibench.sweep.names import named
-from tactibench.sweep.read import read_sweep
+from tactibench.sweep.spec import Cell, list_cells, read_choice, read_sweep
 
 GOOD = 'model = "toy"\n'
 
 
 @pytest.fixture
 def cells(asked: Callable[[str], Path]) -> Callable[[str], tuple[Cell, ...]]:
-    return lambda text: cells_of(read_sweep(asked(text)), PluginHost())
+    return lambda text: list_cells(read_sweep(asked(text)), PluginHost())
 
 
 def test_every_combination_in_the_order_of_the_lists(
@@ -91,11 +89,11 @@ def test_device_and_data_by_name(cells: Callable[..., tuple[Cell, ...]], tmp_pat
 
 
 def test_names_with_settings() -> None:
-    assert named("unet").settings == {}
-    assert named(" unet , width = 8,depth=2").settings == {"width": "8", "depth": "2"}
+    assert read_choice("unet").parameters == {}
+    assert read_choice(" unet , width = 8,depth=2").parameters == {"width": "8", "depth": "2"}
     for text, says in (("unet, width", "write NAME, KEY=VALUE"), ("u, a=1, a=2", "sets a twice")):
         with pytest.raises(UserError, match=says):
-            named(text)
+            read_choice(text)
 
 
 @pytest.mark.parametrize(

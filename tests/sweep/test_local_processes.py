@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 
 from tactibench.plugins.host import PluginHost
-from tactibench.sweep.cells import cells_of
-from tactibench.sweep.planned import Place
-from tactibench.sweep.read import read_sweep
-from tactibench.sweep.work import run_cell
+from tactibench.sweep.cluster import Storage
+from tactibench.sweep.run import run_cell
+from tactibench.sweep.spec import list_cells, read_sweep
 
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 
@@ -57,9 +56,9 @@ def test_a_killed_worker_changes_nothing(
     assert {row["model"] for row in failed} == {"toy, deaths=9", "toy-broken"}
     assert {row["run"] for row in rows if row["metric"] != "failed"} == set(records(Path("runs")))
 
-    place = Place(tmp_path / "serial", tmp_path / "other cache")
+    place = Storage(tmp_path / "serial", tmp_path / "other cache")
     toy.write_text("Toy 1 0\n")  # nobody dies again
-    for cell in cells_of(read_sweep(file), PluginHost()):
+    for cell in list_cells(read_sweep(file), PluginHost()):
         if cell.axes["model"] in ("toy", "toy, deaths=1"):
             assert run_cell(cell.request, place).why == ""
     parallel, serial = records(tmp_path / "runs"), records(tmp_path / "serial")

@@ -1,0 +1,132 @@
+"""Data sets that are pressed in shards: workers press, one process writes them in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+from tactibench.datasets import Draft, Header
+from tactibench.datasets.generation import (
+    Advance,
+    GenerationRequest,
+    SensorSource,
+    Shard,
+    generate,
+    is_complete,
+    press_shard,
+    sensor_parameters,
+)
+from tactibench.datasets.image_files import png_bytes
+from tactibench.datasets.press_plan import PressPlan
+from tactibench.errors import UserError
+from tactibench.protocols.loader import protocol_files
+from tactibench.records.identity import digest
+from tactibench.run.request import read_parameters
+from tactibench.sweep.cluster import Cluster, WorkerLossError
+from tactibench.sweep.spec import DatasetSpec, SweepFile, resolve_protocol
+
+
+@dataclass(frozen=True)
+class DatasetTask:
+    """A data set of a sweep.
+
+    Attributes:
+        folder: Folder of the data set.
+        label: The folder as the sweep's file names it.
+        request: What is asked for.
+        plan: The presses.
+        source: The sensor.
+    """
+
+    folder: Path
+    label: str
+    request: GenerationRequest
+    plan: PressPlan
+    source: SensorSource
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return sum(1 for _ in self.plan)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the folder holds the data set already."""
+        return is_complete(self.folder, self.source, self.plan)
+
+
+def list_data_sets(file: SweepFile) -> tuple[DatasetTask, ...]:
+    """Return the data sets of a sweep.
+
+    Raises:
+        UserError: One cannot be pressed, or two have the same folder.
+    """
+    tasks: dict[Path, DatasetTask] = {}
+    for number, spec in enumerate(file.spec.generate, start=1):
+        try:
+            task = _task(file, spec)
+        except UserError as error:
+            raise file.error(f"[[generate]] {number}: {error}") from None
+        if task.folder in tasks:
+            raise file.error(f"key 'generate.{number}.out' names {spec.out} again; name another.")
+        tasks[task.folder] = task
+    return tuple(tasks.values())
+
+
+def _task(file: SweepFile, spec: DatasetSpec) -> DatasetTask:
+    protocol = spec.protocol
+    if protocol is not None and (protocol.endswith(".toml") or protocol in protocol_files()):
+        protocol = resolve_protocol(file, protocol)
+    request = GenerationRequest(
+        protocol,
+        None if spec.plan is None else file.resolve(spec.plan),
+        spec.sensor,
+        sensor_parameters(read_parameters(spec.params)),
+        spec.count,
+        spec.seed,
+    )
+    return DatasetTask(file.resolve(spec.out), spec.out, request, *request.resolve())
+
+
+def press_data_set(task: DatasetTask, cluster: Cluster, advance: Advance) -> None:
+    """Generate a data set; the files are those of ``generate`` in one process.
+
+    Raises:
+        UserError: Workers died, or have another version of the sensor than this process.
+    """
+
+    def press_shards(shards: Sequence[Shard], header: Header) -> Iterator[Iterable[Draft]]:
+        press = partial(_press_on_worker, task.request, digest(task.source.identity), header)
+        return cluster.map_in_order(press, shards)
+
+    try:
+        generate(task.folder, task.source, task.plan, advance, press_shards)
+    except WorkerLossError:
+        raise UserError(
+            f"the workers that pressed {task.label} died (killed, out of memory, or crashed); "
+            "what was pressed is kept, the same command goes on."
+        ) from None
+
+
+def _press_on_worker(
+    request: GenerationRequest, identity: str, header: Header, shard: Shard
+) -> list[Draft]:
+    """Return the samples of a shard with their images as PNG files, which are smaller to send."""
+    source = _open_source(request)
+    if digest(source.identity) != identity:
+        raise UserError(
+            f"a worker's sensor {source.identity['name']!r} is not the one of this machine; "
+            "install the same tactibench, numpy and plugins on both."
+        )
+    return [
+        replace(draft, image=png_bytes(draft.image, header, f"press {draft.id}"))
+        for draft in press_shard(source, shard)
+    ]
+
+
+@lru_cache(maxsize=4)
+def _open_source(request: GenerationRequest) -> SensorSource:
+    """Open the sensor once a worker, not once a shard."""
+    return request.source()
