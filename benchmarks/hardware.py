@@ -31,11 +31,12 @@ from hardware_kills import run_kills
 
 from tactibench import UserError
 from tactibench.datasets import image_files, open_dataset
-from tactibench_tactip.collecting.collect import collect
-from tactibench_tactip.collecting.plan import plan_of
-from tactibench_tactip.emulators import Fault
-from tactibench_tactip.example import example
-from tactibench_tactip.rehearsal import Hidden, Rehearsed, envelope_of, rehearse
+from tactibench_tactip.collection import collect
+from tactibench_tactip.collector import Callbacks
+from tactibench_tactip.emulators import Emulation, Fault, HiddenOffset, Rehearsal, rehearse
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.plan import plan_of
+from tactibench_tactip.robots.ur_dashboard import Dashboard
 from tactibench_tactip.settings import Settings
 
 UR_FAULTS = (
@@ -81,7 +82,7 @@ frame of another moment differs by more than the camera's noise."""
 
 
 def settings_of(driver: str, **contact: Any) -> Settings:
-    tables = tomllib.loads(example(driver))
+    tables = tomllib.loads(example_configuration(driver))
     tables["contact"] |= contact
     tables["camera"] = {"source": "emulated", "warmup_frames": 5}
     return Settings.model_validate(tables)
@@ -90,8 +91,8 @@ def settings_of(driver: str, **contact: Any) -> Settings:
 class Frames:
     """Truth at the moment of every frame, asked for while the world still knows it."""
 
-    def __init__(self, rehearsed: Rehearsed, folder: Path) -> None:
-        self._world, self._folder = rehearsed.world, folder
+    def __init__(self, emulation: Emulation, folder: Path) -> None:
+        self._emulation, self._folder = emulation, folder
         self._seen = 0
         self.off: list[float] = []
         self.depth: list[float] = []
@@ -108,8 +109,8 @@ class Frames:
                 continue
             at_ns = row["t_frame_ns"]
             kept = cv2.imread(str(self._folder / row["file_name"]), cv2.IMREAD_GRAYSCALE)
-            self.off.append(float(np.abs(kept.astype(float) - self._world.image(at_ns)).mean()))
-            truth = self._world.truth(at_ns).contacts
+            self.off.append(float(np.abs(kept.astype(float) - self._emulation.image(at_ns)).mean()))
+            truth = self._emulation.truth(at_ns).contacts
             said_xy = np.array(row["contacts_xy_mm"])
             for xy, depth in zip(truth.xy, truth.depth, strict=True):
                 away = np.hypot(*(said_xy - xy).T)
@@ -129,11 +130,10 @@ def run_collect(arguments: argparse.Namespace) -> None:
     folder = Path(arguments.out or tempfile.mkdtemp(prefix="tactibench-hw-"))
     settings = settings_of(arguments.driver)
     plan = plan_of(arguments.protocol, settings, draws=arguments.draw, count=arguments.presses)
-    hidden = Hidden(z=0.8)
-    with rehearse(
-        settings, time_scale=arguments.time_scale, fps=arguments.fps, hidden=hidden
-    ) as rehearsed:
-        frames = Frames(rehearsed, folder)
+    given = {"time_scale": arguments.time_scale, "fps": arguments.fps}
+    with rehearse(settings, hidden=HiddenOffset(z=0.8), **given) as rehearsal:
+        emulation = rehearsal.emulation
+        frames = Frames(emulation, folder)
         start, done, early = time.monotonic(), 0, 0.0
 
         def advance(count: int) -> None:
@@ -146,20 +146,18 @@ def run_collect(arguments: argparse.Namespace) -> None:
                 print(f"  {done} of {len(plan)}, {time.monotonic() - start:.0f} s", flush=True)
 
         def mount(indenter: Any, _count: int) -> bool:
-            rehearsed.world.mount(indenter)
+            emulation.mount(indenter)
             return True
 
         report = collect(
-            rehearsed.settings,
+            rehearsal.settings,
             plan,
             folder,
-            told=print,
-            advance=advance,
-            mount=mount,
-            entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
+            callbacks=Callbacks(print, advance, mount=mount),
+            on_station=lambda _: emulation.keep_to(settings.envelope),
         )
         took = time.monotonic() - start
-        outside = len(rehearsed.world.log.outside)
+        outside = len(emulation.outside())
     depth, place = np.abs(frames.depth), np.array(frames.place)
     print(
         f"{arguments.protocol} on {arguments.driver}, time scale {arguments.time_scale:g}: "
@@ -176,7 +174,7 @@ def run_collect(arguments: argparse.Namespace) -> None:
         f"{max(frames.off):.2f} grey levels from the truth; {frames.stale} stale"
     )
     print(f"first touch: {[round(touch.z0_mm, 4) for touch in report.touches]}, true 0.8 mm")
-    print(f"motion outside the envelope: {outside} stretches")
+    print(f"motion outside the envelope: {outside} times")
     print(
         f"peak memory: {early:.0f} MiB after a tenth of the presses, {_peak():.0f} MiB in the end"
     )
@@ -184,7 +182,7 @@ def run_collect(arguments: argparse.Namespace) -> None:
 
 
 def _peak() -> float:
-    """MiB of this process so far: collector, emulators and the record of this benchmark."""
+    """MiB of this process so far: collector and the record of this benchmark."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -208,19 +206,21 @@ def _one_fault(driver: str, kind: str, folder: Path) -> str:
     settings = settings_of(driver, **({"method": "probe"} if kind == "alarm-5" else {}))
     plan = plan_of("exp1", settings, draws=("singles",), count=6)
     ended, longest, sessions = "", 0.0, 0
-    with rehearse(settings, faults=_faults(kind)) as rehearsed, _disk(kind) as disk:
+    given = {"time_scale": 20.0, "fps": 60.0, "faults": _faults(kind)}
+    with rehearse(settings, **given) as rehearsal, _disk(kind) as disk:
+        emulation = rehearsal.emulation
         if kind == "alarm-5":  # first touch is searched before any press
-            rehearsed.world.arm(Fault(kind, value=VALUES[kind]))
-        frames = Frames(rehearsed, folder)
+            emulation.arm(Fault(kind, value=VALUES[kind]))
+        frames = Frames(emulation, folder)
         for sessions in range(1, 6):  # noqa: B007
             start = time.monotonic()
             try:
                 report = collect(
-                    rehearsed.settings,
+                    rehearsal.settings,
                     plan,
                     folder,
-                    entered=lambda _: rehearsed.world.keep_to(envelope_of(settings.envelope)),
-                    advance=lambda _: frames.look(),
+                    callbacks=Callbacks(advance=lambda _: frames.look()),
+                    on_station=lambda _: emulation.keep_to(settings.envelope),
                 )
                 longest = max(longest, time.monotonic() - start)
                 if not report.left:
@@ -228,12 +228,12 @@ def _one_fault(driver: str, kind: str, folder: Path) -> str:
             except (UserError, OSError) as error:
                 longest = max(longest, time.monotonic() - start)
                 ended = ended or str(error)
-                _mend(rehearsed, driver, kind)
+                _repair(rehearsal, kind)
             finally:
-                rehearsed.world.keep_to(None)
-        outside = len(rehearsed.world.log.outside)
-        happened = rehearsed.world.fired
-        fired = disk.full or (happened and all(fired.taken for fired in happened))
+                emulation.keep_to(None)
+        outside = len(emulation.outside())
+        happened = emulation.fired()
+        fired = disk.full or (happened and all(event.answered for event in happened))
     samples = open_dataset(folder).samples
     ok = sum(sample.status == "ok" for sample in samples)
     whole = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
@@ -277,29 +277,17 @@ def _disk(kind: str) -> Iterator[_Disk]:
         yield disk
 
 
-def _mend(rehearsed: Rehearsed, driver: str, kind: str) -> None:
+def _repair(rehearsal: Rehearsal, kind: str) -> None:
     """What a person would do before the next session."""
-    if driver == "grbl" and kind == "unplug":
-        rehearsed.robot.plug()
-    elif kind in ("brightness-jump", "pin-loss"):  # the light is put back, the skin changed
-        rehearsed.camera.stop()
-        rehearsed.camera._brighter = 0.0
-        rehearsed.camera.picture._lost = np.zeros((0, 2))
-        rehearsed.camera.start()
-    elif driver == "ur" and kind in ("protective-stop", "unlock-refused"):
-        from tactibench_tactip.robots.ur_dashboard import Dashboard
-
-        board = Dashboard(rehearsed.robot.host)
+    rehearsal.emulation.repair()
+    if kind in ("protective-stop", "unlock-refused"):
+        board = Dashboard(rehearsal.settings.robot.address)
         for _ in range(40):
             board.ask("unlock protective stop")
             if "NORMAL" in board.ask("safetystatus"):
                 break
             time.sleep(0.1)
         board.close()
-    elif kind == "emergency-stop":  # the button is released, the arm switched on again
-        with rehearsed.world.lock:
-            rehearsed.robot.controller.safety = "NORMAL"
-            rehearsed.robot.controller.robot_mode = 7
 
 
 def main() -> None:

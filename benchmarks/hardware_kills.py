@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tactibench_tactip.collecting.plan import plan_of
-from tactibench_tactip.example import example
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.plan import plan_of
 from tactibench_tactip.settings import Settings
 
 
@@ -21,7 +21,9 @@ def run_kills(kills: int, count: int, seed: int, settings: Settings) -> None:
     """Kill the command at random moments; every id is to be there once in the end."""
     base = Path(tempfile.mkdtemp(prefix="tactibench-kills-"))
     config = base / "lab.toml"
-    text = example("grbl").replace('method = "visual"', 'method = "fixed"\nfixed_mm = 0.8')
+    text = example_configuration("grbl").replace(
+        'method = "visual"', 'method = "fixed"\nfixed_mm = 0.8'
+    )
     config.write_text(text.replace("pins = 127", "# pins = 127"), encoding="utf-8")
     out, presses = base / "data", base / "presses.jsonl"
     plan = plan_of("exp1", settings, draws=("singles",), count=count)

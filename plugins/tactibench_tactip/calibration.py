@@ -1,4 +1,4 @@
-"""Where the sensor sits: from first touches on a circle, and from where presses show.
+"""The sensor's place, from first touches on a circle and from the images of presses.
 
 A tip whose axis passes the dome's at distance rho touches sqrt((R_d + R)^2 - rho^2) above its
 centre, so heights of first touch at known places w_i of the work frame fit
@@ -21,16 +21,23 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tactibench import Pose, Scene
-from tactibench_tactip.camera.source import Image
-from tactibench_tactip.collecting.plan import check_scenes
-from tactibench_tactip.geometry.frames import Array
+from tactibench_tactip.camera import Image
+from tactibench_tactip.plan import check_scenes
+from tactibench_tactip.poses import Array
 from tactibench_tactip.station import Station
-from tactibench_tactip.touch.search import find_touch
+from tactibench_tactip.touch import find_touch
 
 
 @dataclass(frozen=True)
-class Calibrated:
-    """sensor: x, y mm and yaw deg for [frames]. z0_mm: of first touch over the apex."""
+class Calibration:
+    """The place of the sensor.
+
+    Attributes:
+        sensor: x, y mm and yaw deg for [frames].
+        z0_mm: of first touch over the apex.
+        centre_std_mm, yaw_std_deg: one sigma.
+        height_rms_mm: of first touches from the dome.
+    """
 
     sensor: tuple[float, float, float]
     z0_mm: float
@@ -41,19 +48,23 @@ class Calibrated:
 
 def calibrate(
     station: Station, radius: float, depth: float, points: int, advance: Callable[[int], None]
-) -> Calibrated:
-    """Search and press at the middle and on a circle. Raises UserError as searches and presses."""
+) -> Calibration:
+    """Search and press at the middle and on a circle.
+
+    Args:
+        radius: of the circle, mm.
+        depth: of the presses, mm.
+        points: on the circle.
+        advance: called with 1 after every press.
+
+    Raises UserError as searches and presses.
+    """
     indenter = station.settings.indenter.indenter()
-    turns = [2.0 * math.pi * k / points for k in range(points)]
-    spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in turns)]
+    angles = [2.0 * math.pi * k / points for k in range(points)]
+    spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in angles)]
     deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
-    check_scenes(
-        "the calibration",
-        deep,
-        station.settings,
-        station.geometry,
-        turns=station.owner.robot.turns,
-    )
+    settings, turns = station.settings, station.robot.turns
+    check_scenes("the calibration", deep, settings, station.geometry, turns=turns)
     rest = station.look_at_rest()
     places, heights, seen = [], [], []
     for number, scene in enumerate(deep):
@@ -63,17 +74,17 @@ def calibrate(
         tool = station.geometry.tool_pose(place)
         places.append(tool[:2])
         heights.append(tool[2])
-        pressed = station.press(scene)
-        seen.append(middle_of(pressed.judged.image, rest.mean))
+        result = station.press(scene)
+        seen.append(middle_of(result.check.image, rest.mean))
         advance(1)
     reach = station.settings.sensor.dome_radius_mm + indenter.radius
     centre, z0, std, rms = fit_centre(np.array(places), np.array(heights), reach)
     yaw, yaw_std = fit_yaw(np.array(places) - centre, np.array(seen))
-    return Calibrated((float(centre[0]), float(centre[1]), yaw), z0, std, yaw_std, rms)
+    return Calibration((float(centre[0]), float(centre[1]), yaw), z0, std, yaw_std, rms)
 
 
 def middle_of(image: Image, rest: Array) -> tuple[float, float]:
-    """Column and row of the middle of the squared change, px."""
+    """Return column and row of the middle of the squared change, px."""
     energy = np.square(image - rest)
     energy = np.maximum(0.0, energy - np.percentile(energy, 75))  # noise is everywhere
     rows, columns = np.indices(energy.shape)
@@ -82,22 +93,22 @@ def middle_of(image: Image, rest: Array) -> tuple[float, float]:
 
 
 def fit_centre(places: Array, heights: Array, reach: float) -> tuple[Array, float, float, float]:
-    """Centre (2,), z_0, one sigma of the centre and rms of the heights, mm."""
+    """Return the centre (2,), z_0, one sigma of the centre and rms of the heights, mm."""
 
     def misfit(p: Array) -> Array:
         square = np.maximum(1e-9, reach**2 - ((places - p[:2]) ** 2).sum(axis=1))
         return np.asarray(p[2] + reach - np.sqrt(square) - heights)
 
     start = np.array([*places.mean(axis=0), heights.min()])
-    found = least_squares(misfit, start)
-    rms = float(np.sqrt(np.mean(found.fun**2)))
-    spread = np.linalg.pinv(found.jac.T @ found.jac) * (found.fun**2).sum()
+    fit = least_squares(misfit, start)
+    rms = float(np.sqrt(np.mean(fit.fun**2)))
+    spread = np.linalg.pinv(fit.jac.T @ fit.jac) * (fit.fun**2).sum()
     spread = spread / max(1, len(heights) - 3)
-    return found.x[:2], float(found.x[2]), float(np.sqrt(np.diag(spread)[:2].mean())), rms
+    return fit.x[:2], float(fit.x[2]), float(np.sqrt(np.diag(spread)[:2].mean())), rms
 
 
 def fit_yaw(from_centre: Array, seen: Array) -> tuple[float, float]:
-    """Yaw of the image's x axis in the work frame and its one sigma, deg."""
+    """Return the yaw of the image's x axis in the work frame and its one sigma, deg."""
     flipped = from_centre * [1.0, -1.0]
     square = (flipped**2).sum(axis=1, keepdims=True)
 
@@ -110,10 +121,10 @@ def fit_yaw(from_centre: Array, seen: Array) -> tuple[float, float]:
     best = None
     for start in np.arange(0.0, 2.0 * math.pi, math.pi / 4):
         first = np.array([start, 3.0, 0.0, *seen.mean(axis=0)])
-        found = least_squares(misfit, first)
-        middle = found.x[1] + found.x[2] * float(square.mean())  # scale where the presses are
-        if middle > 0 and (best is None or found.cost < best.cost):
-            best = found
+        fit = least_squares(misfit, first)
+        middle = fit.x[1] + fit.x[2] * float(square.mean())  # scale where the presses are
+        if middle > 0 and (best is None or fit.cost < best.cost):
+            best = fit
     assert best is not None, "one of eight starts has a positive scale"  # noqa: S101
     spread = np.linalg.pinv(best.jac.T @ best.jac) * 2.0 * best.cost / max(1, len(seen) * 2 - 5)
     yaw = math.degrees(float(best.x[0]))

@@ -1,4 +1,4 @@
-"""A configuration to start from."""
+"""The configuration to start from."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _WORK = {
 }
 
 
-def example(driver: str) -> str:
-    """TOML, with what every key is for."""
+def example_configuration(driver: str) -> str:
+    """Return TOML in which every key says what it is for; driver: ur, grbl or cri."""
     tcp = (
         "[0.0, 0.0, 89.1, 0.0, 0.0, 0.0]" if driver != "grbl" else "[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]"
     )
@@ -52,7 +52,7 @@ burst = 3                   # frames of one sample; their median is kept
 name = "tactip-127"
 dome_radius_mm = 20.0
 deepest_mm = 6.5
-pins = 127                  # leave out where nobody shall count
+pins = 127                  # leave out where pins are not to be counted
 
 [indenter]
 kind = "single"             # "dual" with distance_mm, "triple" with side_mm and heights_mm, "plate"

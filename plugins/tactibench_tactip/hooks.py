@@ -1,4 +1,4 @@
-"""What this plugin declares."""
+"""The sensor and the command that this plugin declares."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from tactibench import CommandSpec, Parameter, SensorSpec, hookimpl
 
 @hookimpl
 def tactibench_sensors() -> list[SensorSpec]:
+    """Declare sensor ``tactip``."""
     return [
         SensorSpec(
             "tactip",
@@ -20,6 +21,7 @@ def tactibench_sensors() -> list[SensorSpec]:
 
 @hookimpl
 def tactibench_commands() -> list[CommandSpec]:
+    """Declare ``tactibench hw``."""
     return [
         CommandSpec(
             "hw",

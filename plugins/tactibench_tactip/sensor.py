@@ -9,18 +9,23 @@ from types import TracebackType
 from typing import Any, Self
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError, __version__
-from tactibench_tactip.collecting.plan import check_scenes, eased, fits, words
-from tactibench_tactip.configuration import read_settings
-from tactibench_tactip.failures import DeviceError
-from tactibench_tactip.lab_press import one_press
-from tactibench_tactip.settings import Settings
+from tactibench_tactip.errors import DeviceError
+from tactibench_tactip.plan import (
+    check_scenes,
+    describe_indenter,
+    is_mounted,
+    with_smallest_turn,
+)
+from tactibench_tactip.settings import Settings, read_settings
 from tactibench_tactip.station import Station
-from tactibench_tactip.touch.search import find_touch
+from tactibench_tactip.touch import find_touch
 
 
 class TacTip(Sensor):
-    """Camera and robot are opened on entry; first touch is found before the first press and again
-    as the configuration says. A frame's pose is the one that was reached.
+    """A TacTip under a robot: camera and robot are opened on entry.
+
+    First touch is found before the first press and again as the configuration says. A frame's pose
+    is the one that was reached.
 
     Raises UserError for a scene outside the envelope, deeper than ``sensor.deepest_mm``, or of an
     indenter that is not mounted, and for frames that cannot be kept.
@@ -30,10 +35,11 @@ class TacTip(Sensor):
         self._config = config
         self._stack = ExitStack()
         self._station: Station | None = None
-        self._since: int | None = None
+        self._since_touch: int | None = None
 
     @cached_property
     def settings(self) -> Settings:
+        """The configuration. Raises UserError where none is named, and for its mistakes."""
         if not self._config:
             raise UserError(
                 "sensor 'tactip' is a real one and needs a configuration: --param "
@@ -43,15 +49,17 @@ class TacTip(Sensor):
 
     @property
     def dome_radius_mm(self) -> float:  # type: ignore[override]
+        """Radius of the dome."""
         return self.settings.sensor.dome_radius_mm
 
     @property
     def deepest_mm(self) -> float:  # type: ignore[override]
+        """Depth that it may be pressed."""
         return self.settings.sensor.deepest_mm
 
     def __enter__(self) -> Self:
         self._station = self._stack.enter_context(Station(self.settings))
-        self._since = None
+        self._since_touch = None
         return self
 
     def __exit__(
@@ -64,30 +72,30 @@ class TacTip(Sensor):
         self._stack.close()
 
     def rest(self) -> Frame:
-        """The undeformed sensor, the mean of some frames."""
-        found = self._open.rest or self._open.look_at_rest()
-        return Frame(found.image, self._open.camera.now().t_ns * 1e-9, Pose(), found.image)
+        """Return the undeformed sensor, the mean of some frames."""
+        image = self._open.rest_reference().image
+        return Frame(image, self._open.camera.now().t_ns * 1e-9, Pose(), image)
 
     def press(self, scene: Scene) -> Frame:
         """Press once."""
         station = self._open
         self._check(scene)
-        if self._since is None or self._since >= self.settings.contact.every_presses:
+        every = self.settings.contact.every_presses
+        if self._since_touch is None or self._since_touch >= every:
             station.look_at_rest()
-            find_touch(station, first=self._since is None)
-            self._since = 0
-        self._since += 1
-        pressed, reason = one_press(station, eased(scene))
+            find_touch(station, first=self._since_touch is None)
+            self._since_touch = 0
+        self._since_touch += 1
+        result, reason = station.press_checked(with_smallest_turn(scene))
         if reason:
             raise DeviceError(f"the frames of a press cannot be kept: {reason}.")
-        rest = station.rest
-        assert rest is not None, "looked at before the first press"  # noqa: S101
-        judged = pressed.judged
-        return Frame(judged.image, judged.t_ns * 1e-9, pressed.scene.pose, rest.image)
+        check = result.check
+        rest = station.rest_reference()
+        return Frame(check.image, check.t_ns * 1e-9, result.scene.pose, rest.image)
 
     def describe(self) -> dict[str, Any]:
-        """What the configuration says of sensor, camera and frames."""
-        return {"plugin": f"tactibench_tactip {__version__}", **self.settings.lasting()}
+        """Return what the configuration says of sensor, camera and frames."""
+        return {"plugin": f"tactibench_tactip {__version__}", **self.settings.identity()}
 
     @property
     def _open(self) -> Station:
@@ -96,12 +104,12 @@ class TacTip(Sensor):
         return self._station
 
     def _check(self, scene: Scene) -> None:
-        station = self._open
-        if not fits(self.settings.indenter, scene.indenter):
+        station, mounted = self._open, self.settings.indenter
+        if not is_mounted(mounted, scene.indenter):
             raise UserError(
-                f"the press needs {words(scene.indenter)}, mounted is "
-                f"{words(self.settings.indenter.indenter())}; change the indenter and [indenter], "
+                f"the press needs {describe_indenter(scene.indenter)}, mounted is "
+                f"{describe_indenter(mounted.indenter())}; change the indenter and [indenter], "
                 "or collect with `tactibench hw collect`."
             )
-        turns = station.owner.robot.turns
+        turns = station.robot.turns
         check_scenes("the scene", [scene], self.settings, station.geometry, turns=turns)

@@ -6,6 +6,8 @@ in mm and deg, extrinsic ``sxyz``; +z of the work frame and of the tool points i
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -15,27 +17,36 @@ from pydantic import (
     NonNegativeInt,
     PositiveFloat,
     PositiveInt,
+    ValidationError,
     model_validator,
 )
 
-from tactibench import Indenter
+from tactibench import Indenter, UserError
+from tactibench.lab import first_mistake
 
 Pose6 = tuple[float, float, float, float, float, float]
 """x, y, z mm, alpha, beta, gamma deg, extrinsic about x, y, z."""
 
-Pose6Key = Annotated[Pose6, Field(strict=False)]
+PoseInFile = Annotated[Pose6, Field(strict=False)]
 
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class RobotKeys(_Table):
-    """driver: who speaks to the robot. address: a host (ur), a serial port or socket:// (grbl),
-    ``package.module:callable`` that makes the robot (cri). time_scale: how many times faster than
-    real an emulator runs; 1 on a robot. home: drive a stage to its switches when it is not homed.
-    allow_unhomed: run a stage that has none. watchdog_hz: a UR stops when it hears nothing of us
-    for as long as one period."""
+class RobotSettings(_Table):
+    """The robot, and how fast it moves.
+
+    Attributes:
+        driver: that speaks to the robot.
+        address: a host (ur), a serial port or socket:// (grbl), ``package.module:callable`` that
+            makes the robot (cri).
+        connect_s: within which it has answered.
+        time_scale: how many times faster than real an emulator runs; 1 on a robot.
+        watchdog_hz: a UR stops when it hears nothing of us for one period.
+        home: drive a stage to its switches when it is not homed.
+        allow_unhomed: use a stage that has no switches.
+    """
 
     driver: Literal["ur", "grbl", "cri"]
     address: str = Field(min_length=1)
@@ -50,7 +61,7 @@ class RobotKeys(_Table):
     allow_unhomed: bool = False
 
     @model_validator(mode="after")
-    def _real_time(self) -> Self:
+    def _check_time_scale(self) -> Self:
         local = ("127.", "localhost", "socket://127.", "socket://localhost", "/dev/pts/")
         if self.time_scale != 1 and not self.address.startswith(local) and self.driver != "cri":
             raise ValueError(
@@ -60,21 +71,32 @@ class RobotKeys(_Table):
         return self
 
 
-class FrameKeys(_Table):
-    """moves: what the robot carries. work_frame: in the robot's base; for an indenter that moves
-    its origin is the sensor's undeformed apex, for a sensor that moves the indenter's foremost
-    point. tcp_pose: of the tool in the flange. sensor: x, y mm of the apex and yaw deg of the
-    image's x axis in the work frame (in the tool, for a sensor that moves); ``hw calibrate``."""
+class FrameSettings(_Table):
+    """Where robot, tool and sensor are.
+
+    Attributes:
+        moves: what the robot carries.
+        work_frame: in the robot's base. Its origin is the sensor's undeformed apex, or the
+            indenter's foremost point where the sensor moves.
+        tcp_pose: of the tool in the flange.
+        sensor: x, y mm of the apex and yaw deg of the image's x axis in the work frame (in the
+            tool, where the sensor moves); ``hw calibrate`` measures it.
+    """
 
     moves: Literal["indenter", "sensor"] = "indenter"
-    work_frame: Pose6Key
-    tcp_pose: Pose6Key = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    work_frame: PoseInFile
+    tcp_pose: PoseInFile = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     sensor: Annotated[tuple[float, float, float], Field(strict=False)] = (0.0, 0.0, 0.0)
 
 
-class SensorKeys(_Table):
-    """pins: that a frame of the undeformed sensor shows, None: nobody counts. pins_tolerance: how
-    many a frame may lack or have more. deepest_mm: past first touch, at most."""
+class SensorSettings(_Table):
+    """The sensor.
+
+    Attributes:
+        deepest_mm: that it may be pressed past first touch.
+        pins: that a frame of the undeformed sensor shows; None: they are not counted.
+        pins_tolerance: pins that a frame may lack or have more.
+    """
 
     name: str = "tactip-127"
     dome_radius_mm: PositiveFloat = 20.0
@@ -83,11 +105,18 @@ class SensorKeys(_Table):
     pins_tolerance: NonNegativeInt = 2
 
 
-class CameraKeys(_Table):
-    """source: a number, a path such as /dev/v4l/by-id/..., or an address. size: width, height px;
-    None: what comes. crop: x, y, width, height px of the frame that is kept. exposure: the
-    backend's own unit; None, the camera stays as it is and must hold its brightness. burst: frames
-    of one sample, of which the median is kept."""
+class CameraSettings(_Table):
+    """The camera.
+
+    Attributes:
+        source: a number, a path such as /dev/v4l/by-id/..., or an address.
+        size: width, height px; None: as the camera sends it.
+        crop: x, y, width, height px of the frame that is kept.
+        exposure: in the backend's own unit; None: the camera stays as it is and must hold its
+            brightness.
+        burst: frames of one sample, of which the median is kept.
+        stall_s: without a frame after which the camera counts as stalled.
+    """
 
     source: str | int
     size: Annotated[tuple[PositiveInt, PositiveInt], Field(strict=False)] | None = None
@@ -106,9 +135,14 @@ class CameraKeys(_Table):
     stall_s: Annotated[float, Field(gt=0, le=10)] = 1.0
 
 
-class IndenterKeys(_Table):
-    """What is mounted. distance_mm: of a dual's tips. side_mm, heights_mm: of a triple and its
-    inserts, seen facing the tips, x right and y down: the tip below, upper left, upper right."""
+class IndenterSettings(_Table):
+    """The mounted indenter.
+
+    Attributes:
+        distance_mm: between the tips of a dual.
+        side_mm, heights_mm: of a triple and its inserts, seen facing the tips, x right and y down:
+            the tip below, upper left, upper right.
+    """
 
     kind: Literal["single", "dual", "triple", "plate"] = "single"
     radius_mm: PositiveFloat = 3.0
@@ -117,7 +151,7 @@ class IndenterKeys(_Table):
     heights_mm: Annotated[tuple[float, float, float], Field(strict=False)] | None = None
 
     @model_validator(mode="after")
-    def _whole(self) -> Self:
+    def _check_complete(self) -> Self:
         if (self.kind == "dual") != (self.distance_mm is not None):
             raise ValueError("distance_mm belongs to a dual indenter, and a dual needs it")
         if (self.kind == "triple") != (self.heights_mm is not None):
@@ -125,7 +159,7 @@ class IndenterKeys(_Table):
         return self
 
     def indenter(self) -> Indenter:
-        """The indenter of the vocabulary."""
+        """Return the indenter of the vocabulary."""
         if self.kind == "plate":
             return Indenter.plate()
         if self.distance_mm is not None:
@@ -135,11 +169,16 @@ class IndenterKeys(_Table):
         return Indenter.single(self.radius_mm)
 
 
-class EnvelopeKeys(_Table):
-    """Where the tool's centre point may be, in the work frame: a box, x and y to +-half_width_mm,
-    z from -above_mm to below_mm; turned by at most tilt_deg against the work frame's z, and
-    yaw_deg about it. clearance_mm: before first touch, where all sideways motion is.
-    max_force_n: change of the measured force in a descent, where the robot measures it."""
+class EnvelopeSettings(_Table):
+    """Limits of the tool's centre point in the work frame.
+
+    A box, x and y to +-half_width_mm, z from -above_mm to below_mm; turned by at most tilt_deg
+    against the work frame's z, and yaw_deg about it.
+
+    Attributes:
+        clearance_mm: before first touch, where all sideways motion is.
+        max_force_n: change of the measured force in a descent, where the robot measures it.
+    """
 
     half_width_mm: PositiveFloat = 12.0
     above_mm: Annotated[float, Field(gt=0, le=200)] = 60.0
@@ -150,11 +189,17 @@ class EnvelopeKeys(_Table):
     max_force_n: Annotated[float, Field(gt=0, le=50)] = 15.0
 
 
-class ContactKeys(_Table):
-    """How first touch is found. every_presses, every_minutes: when it is found again.
-    travel_mm: beyond and before the expected place, at most. at_mm: where on the sensor.
-    fixed_mm: of method fixed, past the work frame's zero. spread_mm: two searches may differ by.
-    force_n: of method force."""
+class ContactSettings(_Table):
+    """The search for first touch.
+
+    Attributes:
+        every_presses, every_minutes: after which it is searched again.
+        travel_mm: beyond and before the expected place, at most.
+        at_mm: where on the sensor.
+        fixed_mm: of method fixed, past the work frame's zero.
+        spread_mm: by which two searches may differ.
+        force_n: of method force.
+    """
 
     method: Literal["visual", "force", "probe", "fixed"] = "visual"
     every_presses: PositiveInt = 250
@@ -166,15 +211,19 @@ class ContactKeys(_Table):
     force_n: PositiveFloat = 2.0
 
 
-class TimingKeys(_Table):
-    """settle_s: from the end of the descent to the first frame that counts."""
+class TimingSettings(_Table):
+    """Times. settle_s: from the end of the descent to the first frame that counts."""
 
     settle_s: Annotated[float, Field(ge=0, le=10)] = 0.2
 
 
-class SafetyKeys(_Table):
-    """auto_recover: protective stops that are released without asking, at most one in 500 presses.
-    give_up: presses without contact, or bad frames, in a row."""
+class SafetySettings(_Table):
+    """Reactions to what goes wrong.
+
+    Attributes:
+        auto_recover: protective stops that are released without asking, at most one in 500 presses.
+        give_up: presses without contact, or bad frames, in a row, that end a session.
+    """
 
     auto_recover: NonNegativeInt = 0
     give_up: PositiveInt = 5
@@ -184,27 +233,49 @@ class Settings(_Table):
     """One configuration file."""
 
     schema_: Literal[1] = Field(alias="schema")
-    robot: RobotKeys
-    frames: FrameKeys
-    camera: CameraKeys
-    sensor: SensorKeys = SensorKeys()
-    indenter: IndenterKeys = IndenterKeys()
-    envelope: EnvelopeKeys = EnvelopeKeys()
-    contact: ContactKeys = ContactKeys()
-    timing: TimingKeys = TimingKeys()
-    safety: SafetyKeys = SafetyKeys()
+    robot: RobotSettings
+    frames: FrameSettings
+    camera: CameraSettings
+    sensor: SensorSettings = SensorSettings()
+    indenter: IndenterSettings = IndenterSettings()
+    envelope: EnvelopeSettings = EnvelopeSettings()
+    contact: ContactSettings = ContactSettings()
+    timing: TimingSettings = TimingSettings()
+    safety: SafetySettings = SafetySettings()
 
-    def slowed(self, scale: float) -> Settings:
-        """The same with all speeds times scale."""
+    def with_speed_scale(self, scale: float) -> Settings:
+        """Return the same with all speeds times scale."""
         names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
-        slow = {name: scale * getattr(self.robot, name) for name in names}
-        return self.model_copy(update={"robot": self.robot.model_copy(update=slow)})
+        speeds = {name: scale * getattr(self.robot, name) for name in names}
+        return self.model_copy(update={"robot": self.robot.model_copy(update=speeds)})
 
-    def lasting(self) -> dict[str, Any]:
-        """What must stay the same when a collection goes on: all that decides on frames and labels.
+    def identity(self) -> dict[str, Any]:
+        """Return all that decides on frames and labels: it stays the same when a data set goes on.
 
-        Not the mounted indenter, which changes in a collection, nor where the devices are."""
-        keys = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
+        Neither the mounted indenter, which changes in a collection, nor where the devices are.
+        """
+        tables = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
         for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):
-            del keys[table][name]
-        return keys
+            del tables[table][name]
+        return tables
+
+
+def read_settings(path: Path) -> Settings:
+    """Return the settings of a file. Raises UserError with the file and the key that is wrong."""
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(
+            f"the configuration {path} is not there; `tactibench hw emulate --write` makes one to "
+            "start from."
+        ) from None
+    except OSError as error:
+        raise UserError(
+            f"the configuration {path} cannot be read: {error.strerror or error}."
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"the configuration {path} is not valid TOML: {error}.") from None
+    try:
+        return Settings.model_validate(tables)
+    except ValidationError as error:
+        raise UserError(f"the configuration {path}: {first_mistake(error, Settings)}") from None

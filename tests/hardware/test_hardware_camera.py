@@ -12,13 +12,12 @@ import pytest
 from fake_station import FakeCapture
 
 from tactibench import UserError
-from tactibench_tactip.camera.driver import Camera, Shot
-from tactibench_tactip.camera.gate import Reference, judge
-from tactibench_tactip.camera.source import configure, open_capture
-from tactibench_tactip.failures import CameraError
-from tactibench_tactip.settings import CameraKeys, SensorKeys, Settings
+from tactibench_tactip.camera import Camera, CameraFrame, configure, open_capture
+from tactibench_tactip.errors import CameraError
+from tactibench_tactip.frame_check import Reference, check_frames
+from tactibench_tactip.settings import CameraSettings, SensorSettings, Settings
 
-KEYS = CameraKeys(source="fake", fps=500.0, stall_s=0.1)
+KEYS = CameraSettings(source="fake", fps=500.0, stall_s=0.1)
 
 
 def test_no_frame_is_older_than_a_period_after_the_moment(
@@ -44,7 +43,7 @@ def test_the_period_is_measured(camera: Camera) -> None:
 def test_a_stalled_camera_is_opened_once_more(capture: FakeCapture) -> None:
     opened: list[FakeCapture] = []
 
-    def fresh_one(_: CameraKeys) -> FakeCapture:
+    def fresh_one(_: CameraSettings) -> FakeCapture:
         opened.append(capture if not opened else FakeCapture())
         return opened[-1]
 
@@ -105,20 +104,20 @@ def test_a_setting_that_is_not_taken_is_refused(
 
 
 def test_a_camera_that_is_not_there(make: Callable[..., Settings]) -> None:
-    keys = CameraKeys(source="/dev/v4l/by-id/nothing")
+    keys = CameraSettings(source="/dev/v4l/by-id/nothing")
     with pytest.raises(CameraError, match="hw list"):
         open_capture(keys)
 
 
 class TestGate:
-    keys = SensorKeys()
+    keys = SensorSettings()
 
-    def shots(self, change: float = 0.0, noise: float = 1.0, count: int = 3) -> list[Shot]:
+    def shots(self, change: float = 0.0, noise: float = 1.0, count: int = 3) -> list[CameraFrame]:
         capture = FakeCapture()
         rng = np.random.default_rng(1)
         image = capture.rest + change * capture.pattern
         return [
-            Shot(
+            CameraFrame(
                 np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(
                     np.uint8
                 ),
@@ -133,7 +132,7 @@ class TestGate:
 
     def test_a_press_is_kept_as_the_median(self, rest: Reference) -> None:
         shots = self.shots(0.3)
-        judged = judge(shots, rest, self.keys, 2.0)
+        judged = check_frames(shots, rest, self.keys, 2.0)
         assert judged.reason == ""
         assert judged.t_ns == 1
         assert np.array_equal(judged.image, np.median([s.image for s in shots], axis=0))
@@ -151,23 +150,24 @@ class TestGate:
         self, rest: Reference, spoil: Callable[[Any, int], Any], words: str
     ) -> None:
         shots = [
-            Shot(spoil(s.image, k).astype(np.uint8), s.t_ns) for k, s in enumerate(self.shots(0.1))
+            CameraFrame(spoil(s.image, k).astype(np.uint8), s.t_ns)
+            for k, s in enumerate(self.shots(0.1))
         ]
-        assert words in judge(shots, rest, self.keys, 2.0).reason
+        assert words in check_frames(shots, rest, self.keys, 2.0).reason
 
     def test_a_camera_that_repeats_itself(self, rest: Reference) -> None:
-        shots = [Shot(self.shots(0.3)[0].image, k) for k in range(3)]
-        assert "repeats itself" in judge(shots, rest, self.keys, 2.0).reason
+        shots = [CameraFrame(self.shots(0.3)[0].image, k) for k in range(3)]
+        assert "repeats itself" in check_frames(shots, rest, self.keys, 2.0).reason
 
     def test_a_deep_press_that_nobody_sees(self, rest: Reference) -> None:
-        assert "no contact is seen" in judge(self.shots(0.0), rest, self.keys, 2.0).reason
-        assert judge(self.shots(0.0), rest, self.keys, 0.2).reason == ""
+        assert "no contact is seen" in check_frames(self.shots(0.0), rest, self.keys, 2.0).reason
+        assert check_frames(self.shots(0.0), rest, self.keys, 0.2).reason == ""
 
     def test_pins_are_counted(self, rest: Reference) -> None:
-        keys = SensorKeys(pins=rest.pins)
+        keys = SensorSettings(pins=rest.pins)
         assert rest.pins == 36
-        assert judge(self.shots(0.3), rest, keys, 2.0).reason == ""
-        assert "pins" in judge(self.shots(0.3), rest, SensorKeys(pins=30), 2.0).reason
+        assert check_frames(self.shots(0.3), rest, keys, 2.0).reason == ""
+        assert "pins" in check_frames(self.shots(0.3), rest, SensorSettings(pins=30), 2.0).reason
 
     def test_noise_is_not_a_touch_and_a_touch_is(self, rest: Reference) -> None:
         assert all(rest.change_of(s.image) < rest.threshold for s in self.shots(count=20))

@@ -13,20 +13,19 @@ from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import open_dataset, verify
 from tactibench.lab import Press
-from tactibench_tactip.camera.driver import Camera
-from tactibench_tactip.collecting import collect as collecting
-from tactibench_tactip.collecting.collect import collect
-from tactibench_tactip.collecting.collector import Report
-from tactibench_tactip.collecting.dry_run import dry_run
-from tactibench_tactip.collecting.plan import Plan
-from tactibench_tactip.failures import ProtectiveStopError, RobotLostError
-from tactibench_tactip.geometry.frames import inverse, matrix, pose_of
+from tactibench_tactip import collection
+from tactibench_tactip.camera import Camera
+from tactibench_tactip.collection import collect, dry_run
+from tactibench_tactip.collector import Callbacks, SessionReport
+from tactibench_tactip.errors import ProtectiveStopError, RobotLostError
+from tactibench_tactip.plan import CollectionPlan
+from tactibench_tactip.poses import inverse, matrix, pose_of
 from tactibench_tactip.settings import Settings
 
 COUNT = 4
 
 
-def plan(count: int = COUNT, indenter: Indenter | None = None) -> Plan:
+def plan(count: int = COUNT, indenter: Indenter | None = None) -> CollectionPlan:
     single = Indenter.single()
     presses = [
         Press(k, f"p{k}", Scene(single, Pose(0.5 * k, -0.3 * k, depth=2.0 + 0.5 * k)), "singles")
@@ -34,7 +33,9 @@ def plan(count: int = COUNT, indenter: Indenter | None = None) -> Plan:
     ]
     if indenter is not None:
         presses.append(Press(count, "other", Scene(indenter, Pose(depth=2.0)), "others"))
-    return Plan("test", tuple(presses), {"half": {"train": [0, 1], "validation": [2], "test": [3]}})
+    return CollectionPlan(
+        "test", tuple(presses), {"half": {"train": [0, 1], "validation": [2], "test": [3]}}
+    )
 
 
 class Lab:
@@ -46,8 +47,8 @@ class Lab:
         self.robot = FakeRobot(self.settings)
         self.capture = FakeCapture(self.robot)
         self.said: list[str] = []
-        monkeypatch.setattr(collecting, "robot_of", self._new_robot)
-        monkeypatch.setattr(collecting, "Camera", lambda keys: Camera(keys, lambda _: self.capture))
+        monkeypatch.setattr(collection, "make_robot", self._new_robot)
+        monkeypatch.setattr(collection, "Camera", lambda keys: Camera(keys, lambda _: self.capture))
         self.prepare: Callable[[FakeRobot], None] = lambda _: None
 
     def _new_robot(self, settings: Settings) -> FakeRobot:
@@ -56,8 +57,9 @@ class Lab:
         self.prepare(self.robot)
         return self.robot
 
-    def collect(self, what: Plan | None = None, **more: Any) -> Report:
-        return collect(self.settings, what or plan(), self.folder, told=self.said.append, **more)
+    def collect(self, what: CollectionPlan | None = None, **more: Any) -> SessionReport:
+        callbacks = Callbacks(notify=self.said.append, **more)
+        return collect(self.settings, what or plan(), self.folder, callbacks=callbacks)
 
     def ids(self) -> list[int]:
         return [sample.id for sample in open_dataset(self.folder).samples]
@@ -276,7 +278,9 @@ def test_an_indenter_that_is_not_mounted_waits(lab: Lab) -> None:
 
 
 def test_a_plan_outside_the_envelope_opens_nothing(lab: Lab) -> None:
-    far = Plan("far", (Press(0, "p", Scene(Indenter.single(), Pose(14.0, 0, depth=1.0))),), {})
+    far = CollectionPlan(
+        "far", (Press(0, "p", Scene(Indenter.single(), Pose(14.0, 0, depth=1.0))),), {}
+    )
     with pytest.raises(UserError, match="before any motion"):
         lab.collect(far)
     assert not lab.folder.exists()
@@ -322,7 +326,7 @@ def test_a_full_disk_ends_the_session_and_the_next_goes_on(
 def test_a_dry_run_stays_high_and_keeps_nothing(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     from tactibench_tactip import station
 
-    monkeypatch.setattr(station, "robot_of", lab._new_robot)
+    monkeypatch.setattr(station, "make_robot", lab._new_robot)
     monkeypatch.setattr(station, "Camera", lambda keys: Camera(keys, lambda _: lab.capture))
     assert dry_run(lab.settings, plan().presses, 20.0, lambda _: None) == COUNT
     heights = [(inverse(lab.robot.work) @ matrix(pose))[2, 3] for pose in lab.robot.moves]

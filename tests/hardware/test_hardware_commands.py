@@ -14,11 +14,10 @@ import pytest
 
 from tactibench import UserError
 from tactibench.cli.main import call
-from tactibench_tactip.commands.common import devices
 from tactibench_tactip.commands.group import VERBS
-from tactibench_tactip.configuration import read_settings
-from tactibench_tactip.example import example
-from tactibench_tactip.settings import Settings
+from tactibench_tactip.commands.output import devices
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.settings import Settings, read_settings
 
 Said = Callable[[], str]
 
@@ -26,7 +25,7 @@ Said = Callable[[], str]
 @pytest.fixture
 def lab(tmp_path: Path) -> Path:
     path = tmp_path / "lab.toml"
-    path.write_text(example("ur"), encoding="utf-8")
+    path.write_text(example_configuration("ur"), encoding="utf-8")
     return path
 
 
@@ -167,58 +166,63 @@ def test_the_sensor_describes_itself_while_closed(lab: Path) -> None:
 
 
 @pytest.mark.slow
-class TestRehearsed:
+@pytest.mark.parametrize("driver", ["ur", "grbl"])
+def test_a_rehearsed_collection_feeds_a_run(
+    driver: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """With real clients and emulators."""
+    if driver == "ur":
+        pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
+    config, data = tmp_path / "lab.toml", str(tmp_path / "data")
+    config.write_text(example_configuration(driver), encoding="utf-8")
+    rehearse = f"--config {config} --emulate --time-scale 20 --draw singles --count 40"
+    assert call(["hw", "collect", "exp1", *rehearse.split(), "--out", data]) == 0
+    assert "40 good and 0 bad samples" in capsys.readouterr().out
+    assert call(["data", "verify", data]) == 0
+    run = f"--sensor recorded --data {data} --model nearest --out {tmp_path / 'runs'} --quick"
+    assert call(["run", "exp1", *run.split()]) == 0
 
-    @pytest.mark.parametrize("driver", ["ur", "grbl"])
-    def test_a_collection_feeds_a_run(
-        self, driver: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        if driver == "ur":
-            pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
-        config = tmp_path / "lab.toml"
-        config.write_text(example(driver), encoding="utf-8")
-        arguments = [
-            "hw",
-            "collect",
-            "exp1",
-            "--config",
-            str(config),
-            "--emulate",
-            "--draw",
-            "singles",
-            "--count",
-            "40",
-            "--out",
-            str(tmp_path / "data"),
-        ]
-        assert call(arguments) == 0
-        assert "40 good and 0 bad samples" in capsys.readouterr().out
-        assert call(["data", "verify", str(tmp_path / "data")]) == 0
-        run = [
-            "run",
-            "exp1",
-            "--sensor",
-            "recorded",
-            "--data",
-            str(tmp_path / "data"),
-            "--model",
-            "nearest",
-            "--out",
-            str(tmp_path / "runs"),
-            "--quick",
-        ]
-        assert call(run) == 0
 
-    def test_a_killed_collection_goes_on(self, tmp_path: Path) -> None:
-        """SIGKILL at random moments; every planned id is there once."""
-        script = Path(__file__).parents[2] / "benchmarks" / "hardware.py"
-        done = subprocess.run(
-            [sys.executable, str(script), "kills", "--kills", "3", "--presses", "20"],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=580,
-        )
-        assert "exactly the planned" in done.stdout
-        assert "all as it was written" in done.stdout
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("driver", "verb", "words"),
+    [
+        ("ur", "doctor", "all as the configuration says"),
+        ("ur", "jog --by 1 0 2", "tool at x 1.000"),
+        ("grbl", "calibrate --points 4", "sensor = ["),
+        ("grbl", "settle-test --seconds 3", "still within noise"),
+    ],
+)
+def test_a_rehearsed_verb_ends_with_its_own_code(
+    driver: str, verb: str, words: str, tmp_path: Path
+) -> None:
+    """In a process of its own, at 30 frames/s, so that what aborts at its end is seen."""
+    if driver == "ur":
+        pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
+    config = tmp_path / "lab.toml"
+    config.write_text(example_configuration(driver), encoding="utf-8")
+    command = f"-m tactibench hw {verb} --config {config} --emulate --time-scale 5"
+    done = subprocess.run(
+        [sys.executable, *command.split()],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert (done.returncode, done.stderr.splitlines()[1:]) == (0, [])
+    assert words in done.stdout
+
+
+@pytest.mark.slow
+def test_a_killed_collection_goes_on() -> None:
+    """SIGKILL at random moments; every planned id is there once."""
+    script = Path(__file__).parents[2] / "benchmarks" / "hardware.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "kills", "--kills", "3", "--presses", "20"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=580,
+    )
+    assert "exactly the planned" in done.stdout
+    assert "all as it was written" in done.stdout

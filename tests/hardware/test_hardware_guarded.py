@@ -13,18 +13,17 @@ from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
 from tactibench import Indenter, Pose, Scene
 from tactibench.datasets import open_dataset
 from tactibench.lab import Press
-from tactibench_tactip.collecting import collect as collecting
-from tactibench_tactip.collecting import dry_run as dry_runs
-from tactibench_tactip.collecting.plan import Plan
-from tactibench_tactip.collecting.settling import measure_settling
-from tactibench_tactip.failures import RobotError, TrippedError
-from tactibench_tactip.live import presses as lives
+from tactibench_tactip import collection
+from tactibench_tactip.errors import GuardError, RobotError
+from tactibench_tactip.live import PressLoop
+from tactibench_tactip.plan import CollectionPlan
 from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.settling import measure_settling
 from tactibench_tactip.station import Station
 
 MAIN = threading.main_thread().ident or 0
 SCENE = Scene(Indenter.single(), Pose(depth=2.0))
-PLAN = Plan("test", (Press(0, "p", SCENE),), {"all": {"train": [0]}})
+PLAN = CollectionPlan("test", (Press(0, "p", SCENE),), {"all": {"train": [0]}})
 
 
 class Looking(FakeRobot):
@@ -71,7 +70,7 @@ class TestForce:
         with Station(settings) as station:
             station.look_at_rest()
             robot.stiffness = 20.0
-            with pytest.raises(TrippedError, match="max_force_n"):
+            with pytest.raises(GuardError, match="max_force_n"):
                 measure_settling(station, 3.0, 1.0)
             assert robot.depth() == 0.0
 
@@ -84,15 +83,15 @@ class TestForce:
             robot.force = (0.0, 0.0, 30.0 if len(robot.moves) > 2 else 0.0)
 
         robot.start = start  # type: ignore[method-assign]
-        with pytest.raises(TrippedError, match="max_force_n"):
-            dry_runs.dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+        with pytest.raises(GuardError, match="max_force_n"):
+            collection.dry_run(settings, PLAN.presses, 20.0, lambda _: None)
 
     def test_of_presses_while_somebody_watches(self, settings: Settings, robot: Looking) -> None:
         def stiff() -> None:
             robot.stiffness = 20.0
 
-        with pytest.raises(TrippedError, match="max_force_n"):
-            watched(lives.Presses(settings), stiff)
+        with pytest.raises(GuardError, match="max_force_n"):
+            watched(PressLoop(settings), stiff)
 
 
 class TestDrawnBack:
@@ -103,19 +102,19 @@ class TestDrawnBack:
     ) -> None:
         down = Station.down
 
-        def stopped(station: Station, mover: object, trip: object) -> int:
-            found = down(station, mover, trip)  # type: ignore[arg-type]
+        def stopped(station: Station, mover: object, path: object) -> int:
+            found = down(station, mover, path)  # type: ignore[arg-type]
             robot.normal, robot.stopped = False, True
             return found
 
         monkeypatch.setattr(Station, "down", stopped)
         with pytest.raises(RobotError, match="left where it is"):
-            dry_runs.dry_run(settings, PLAN.presses, 20.0, lambda _: None)
+            collection.dry_run(settings, PLAN.presses, 20.0, lambda _: None)
 
     def test_by_presses_while_somebody_watches(
         self, settings: Settings, robot: Looking, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        presses = lives.Presses(settings)
+        presses = PressLoop(settings)
 
         def hold(_: float) -> bool:
             robot.normal, robot.stopped = False, True
@@ -126,7 +125,7 @@ class TestDrawnBack:
             watched(presses)
 
 
-def watched(presses: lives.Presses, first: Callable[[], None] = lambda: None) -> None:
+def watched(presses: PressLoop, first: Callable[[], None] = lambda: None) -> None:
     """Until they ended; first: once the robot is there."""
     with presses:
         first()
@@ -155,7 +154,7 @@ class TestStopsAtOnce:
         return robot
 
     def test_a_collection(self, settings: Settings, low: Looking, tmp_path: Path) -> None:
-        report = collecting.collect(settings, PLAN, tmp_path / "data")
+        report = collection.collect(settings, PLAN, tmp_path / "data")
         assert report.interrupted
         assert report.left == 1
         dataset = open_dataset(tmp_path / "data")
@@ -164,7 +163,7 @@ class TestStopsAtOnce:
         assert low.closed
 
     def test_a_dry_run(self, settings: Settings, low: Looking) -> None:
-        assert dry_runs.dry_run(settings, PLAN.presses, 20.0, lambda _: None) == 0
+        assert collection.dry_run(settings, PLAN.presses, 20.0, lambda _: None) == 0
         assert low.closed
 
 
@@ -173,4 +172,4 @@ def test_a_protective_stop_while_watched_is_told(settings: Settings, robot: Look
         stop_when(robot, lambda before, after: before < after > 0.5)
 
     with pytest.raises(RobotError, match="not normal"):
-        watched(lives.Presses(settings), stopping)
+        watched(PressLoop(settings), stopping)

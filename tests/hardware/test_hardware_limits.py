@@ -12,17 +12,17 @@ from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.cli.main import call
 from tactibench.datasets import open_dataset
 from tactibench.lab import Press
+from tactibench_tactip import collection
 from tactibench_tactip.calibration import calibrate
-from tactibench_tactip.camera.driver import Camera
-from tactibench_tactip.collecting import collect as collecting
-from tactibench_tactip.collecting.plan import Plan
-from tactibench_tactip.collecting.settling import measure_settling
-from tactibench_tactip.example import example
+from tactibench_tactip.camera import Camera
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.plan import CollectionPlan
 from tactibench_tactip.settings import Settings
+from tactibench_tactip.settling import measure_settling
 from tactibench_tactip.station import Station
 
 SHALLOW = {"deepest_mm": 1.5}
-PLAN = Plan(
+PLAN = CollectionPlan(
     "test",
     tuple(Press(k, f"p{k}", Scene(Indenter.single(), Pose(depth=2.0))) for k in range(2)),
     {"all": {"train": [0]}},
@@ -73,7 +73,11 @@ def lab(monkeypatch: pytest.MonkeyPatch, settings: Settings) -> FakeRobot:
 
 def written(folder: Path, **tables: dict[str, object]) -> Path:
     """A configuration of ``make_settings`` as a file."""
-    text = example("ur").replace("pins = 127", "").replace("settle_s = 0.2", "settle_s = 0.0")
+    text = (
+        example_configuration("ur")
+        .replace("pins = 127", "")
+        .replace("settle_s = 0.2", "settle_s = 0.0")
+    )
     text = (
         text[: text.index("[camera]")]
         + ('[camera]\nsource = "fake"\nfps = 500.0\nwarmup_frames = 3\n\n')
@@ -101,7 +105,7 @@ def test_presses_of_a_data_set_are_checked_before_they_are_repeated(
     lab: FakeRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     deep = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
-    collecting.collect(deep, PLAN, tmp_path / "data")
+    collection.collect(deep, PLAN, tmp_path / "data")
     before = moves_of(lab)
     config = written(tmp_path)
     assert call(["hw", "replay", str(tmp_path / "data"), "--config", str(config)]) == 2
@@ -115,7 +119,7 @@ def test_presses_are_repeated_as_they_were_made(
     """A protocol's yaw of a single tip is left out by both."""
     turned = Press(0, "p", Scene(Indenter.single(), Pose(depth=2.0, yaw=150.0)))
     deep = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
-    collecting.collect(deep, Plan("test", (turned,), {}), tmp_path / "data")
+    collection.collect(deep, CollectionPlan("test", (turned,), {}), tmp_path / "data")
     lowest = max(lab.moves, key=lambda pose: -pose[2])
     lab.moves.clear()
     config = written(tmp_path, sensor={"deepest_mm": 6.5})
@@ -139,11 +143,11 @@ def test_the_speed_of_a_session_is_not_the_data_sets(
     folder = tmp_path / "data"
     lab.fails = lambda n: (_ for _ in ()).throw(RuntimeError("x")) if n == 4 else None
     with pytest.raises(RuntimeError):
-        collecting.collect(settings, PLAN, folder, speed_scale=0.1)
+        collection.collect(settings, PLAN, folder, speed_scale=0.1)
     keys = settings.robot
     assert max(speeds) <= 0.1 * max(keys.retract_mm_s, keys.approach_mm_s) + 1e-9
     lab.fails = lambda _: None
-    assert collecting.collect(settings, PLAN, folder).left == 0
+    assert collection.collect(settings, PLAN, folder).left == 0
     dataset = open_dataset(folder)
     recorded = dataset.header.sensor["configuration"]["robot"]
     assert recorded["press_mm_s"] == keys.press_mm_s

@@ -11,20 +11,18 @@ import pytest
 from fake_station import FakeRobot
 
 from tactibench import Scene, UserError
-from tactibench_tactip.camera.driver import Camera
-from tactibench_tactip.collecting.stops import Stops
-from tactibench_tactip.failures import (
+from tactibench_tactip import motion, press_path
+from tactibench_tactip.camera import Camera
+from tactibench_tactip.collection import StopSignals
+from tactibench_tactip.errors import (
+    GuardError,
     ProtectiveStopError,
     RobotError,
     StopNowError,
-    TrippedError,
 )
-from tactibench_tactip.geometry.press import PressGeometry
-from tactibench_tactip.motion import mover as movers
-from tactibench_tactip.motion import press_moves
-from tactibench_tactip.motion.mover import Mover, beside_line
-from tactibench_tactip.motion.owner import Owner
-from tactibench_tactip.robots.connect import within
+from tactibench_tactip.motion import Mover, RobotThread, distance_from_line
+from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.robots.connect import run_within
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 
@@ -61,7 +59,7 @@ def test_a_robot_that_is_not_normal_is_not_moved(
 def test_a_move_that_never_ends_is_stopped(
     mover: Mover, robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(movers, "patience", lambda *_: 0.02)
+    monkeypatch.setattr(motion, "patience", lambda *_: 0.02)
     robot.busy = True
     with pytest.raises(RobotError, match="took longer than"):
         mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
@@ -83,14 +81,14 @@ def test_halt_stops_a_move_and_refuses_the_next(robot: FakeRobot, settings: Sett
 
 def test_a_guard_stops_a_descent(mover: Mover, robot: FakeRobot) -> None:
     robot.busy = True
-    with pytest.raises(TrippedError, match="enough"):
+    with pytest.raises(GuardError, match="enough"):
         mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0, lambda _: "enough")
     assert robot.stops == 1
 
 
 def test_too_much_force_is_a_reason(mover: Mover, robot: FakeRobot) -> None:
     robot.force = (0.0, 0.0, 2.0)
-    guard = press_moves.force_guard(mover, 5.0)
+    guard = press_path.force_guard(mover, 5.0)
     assert guard(mover.pose()) == ""
     robot.force = (0.0, 3.0, -2.5)
     assert "max_force_n" in guard(mover.pose())
@@ -118,9 +116,9 @@ def test_a_robot_that_was_held_is_noticed(mover: Mover, robot: FakeRobot) -> Non
 
 def test_distance_beside_a_line() -> None:
     start, end = (0.0,) * 6, (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert beside_line(start, end, (4.0, 3.0, 0.0, 0, 0, 0)) == pytest.approx(3.0)  # type: ignore[arg-type]
-    assert beside_line(start, end, (13.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
-    assert beside_line(start, start, (3.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
+    assert distance_from_line(start, end, (4.0, 3.0, 0.0, 0, 0, 0)) == pytest.approx(3.0)  # type: ignore[arg-type]
+    assert distance_from_line(start, end, (13.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
+    assert distance_from_line(start, start, (3.0, 4.0, 0.0, 0, 0, 0)) == pytest.approx(5.0)  # type: ignore[arg-type]
 
 
 def test_the_tool_is_drawn_back_along_the_press(
@@ -131,29 +129,29 @@ def test_the_tool_is_drawn_back_along_the_press(
     mover.go(geometry.at_depth(scene, -10.0), 20.0)
     mover.go(geometry.at_depth(scene, 3.0), 5.0)
     x, y, *_ = mover.pose()
-    press_moves.withdraw(mover, scene, geometry, settings)
+    press_path.withdraw(mover, scene, geometry, settings)
     after = mover.pose()
     assert after[:2] == pytest.approx((x, y), abs=1e-6)
     assert after[2] == pytest.approx(-settings.envelope.clearance_mm)
     count = len(robot.moves)
-    press_moves.withdraw(mover, scene, geometry, settings)
+    press_path.withdraw(mover, scene, geometry, settings)
     assert len(robot.moves) == count  # high enough already
 
 
 def test_what_hangs_is_left_behind() -> None:
     event = threading.Event()
     with pytest.raises(RobotError, match=r"the robot did not answer within 0\.02 s"):
-        within(0.02, "the robot", lambda: event.wait(5.0))
+        run_within(0.02, "the robot", lambda: event.wait(5.0))
     event.set()
-    assert within(1.0, "it", lambda: 3) == 3
+    assert run_within(1.0, "it", lambda: 3) == 3
     with pytest.raises(ZeroDivisionError):
-        within(1.0, "it", lambda: 1 / 0)  # type: ignore[arg-type,return-value]
+        run_within(1.0, "it", lambda: 1 / 0)  # type: ignore[arg-type,return-value]
 
 
 def test_only_one_thread_touches_the_robot(robot: FakeRobot, settings: Settings) -> None:
     names: set[str] = set()
     robot.fails = lambda _: names.add(threading.current_thread().name)
-    with Owner(robot, settings) as owner:
+    with RobotThread(robot, settings) as owner:
         for z in (-20.0, -25.0):
             owner.do(lambda m, z=z: m.go((0.0, 0.0, z, 0.0, 0.0, 0.0), 5.0), 5.0)
     assert names == {"tactip robot"}
@@ -162,7 +160,7 @@ def test_only_one_thread_touches_the_robot(robot: FakeRobot, settings: Settings)
 
 def test_a_job_that_never_ends_halts_the_robot(robot: FakeRobot, settings: Settings) -> None:
     robot.busy = True
-    with Owner(robot, settings) as owner:
+    with RobotThread(robot, settings) as owner:
         with pytest.raises(RobotError, match="told to stop"):
             owner.do(lambda m: m.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0), 0.05)
         assert owner.halt.is_set()
@@ -220,7 +218,7 @@ class TestStops:
     def test_the_first_interrupt_asks_the_second_stops(self) -> None:
         told: list[str] = []
         stopped: list[int] = []
-        stops = Stops(told.append)
+        stops = StopSignals(told.append)
         stops.stop = lambda: stopped.append(1)
         stops.interrupt()
         assert (stops.asked.is_set(), stopped) == (True, [])
@@ -230,14 +228,14 @@ class TestStops:
 
     def test_sigterm_stops_at_once(self) -> None:
         stopped: list[int] = []
-        stops = Stops(lambda _: None)
+        stops = StopSignals(lambda _: None)
         stops.stop = lambda: stopped.append(1)
         stops.interrupt(signal.SIGTERM)
         assert stopped == [1]
 
     def test_handlers_are_put_back(self) -> None:
         before: Any = signal.getsignal(signal.SIGINT)
-        stops = Stops(lambda _: None)
+        stops = StopSignals(lambda _: None)
         with stops.installed():
             signal.raise_signal(signal.SIGINT)
         assert stops.asked.is_set()

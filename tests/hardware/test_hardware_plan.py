@@ -13,28 +13,28 @@ from hypothesis import strategies as st
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.geometry import true_contacts
 from tactibench.lab import Press
-from tactibench_tactip.collecting.plan import (
-    Plan,
-    check,
-    eased,
-    estimate_s,
-    fits,
-    keys_of,
+from tactibench_tactip.motion import move_seconds
+from tactibench_tactip.plan import (
+    CollectionPlan,
+    check_plan,
+    describe_indenter,
+    estimate_seconds,
+    indenter_settings,
+    is_mounted,
     plan_of,
-    words,
+    with_smallest_turn,
 )
-from tactibench_tactip.geometry.envelope import outside
-from tactibench_tactip.geometry.press import PressGeometry
-from tactibench_tactip.motion.press_moves import way
-from tactibench_tactip.motion.times import move_seconds
-from tactibench_tactip.settings import EnvelopeKeys, Pose6, Settings
+from tactibench_tactip.poses import envelope_violation
+from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.press_path import path_of
+from tactibench_tactip.settings import EnvelopeSettings, Pose6, Settings
 
-KEYS = EnvelopeKeys()
+KEYS = EnvelopeSettings()
 HOME: Pose6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def one(scene: Scene) -> Plan:
-    return Plan("test", (Press(0, "first", scene),), {})
+def one(scene: Scene) -> CollectionPlan:
+    return CollectionPlan("test", (Press(0, "first", scene),), {})
 
 
 def geometry(settings: Settings, z0: float = 0.0) -> PressGeometry:
@@ -56,12 +56,12 @@ def geometry(settings: Settings, z0: float = 0.0) -> PressGeometry:
     ],
 )
 def test_the_envelope(pose: Pose6, words: str) -> None:
-    assert words in outside(KEYS, pose)
-    assert bool(words) == bool(outside(KEYS, pose))
+    assert words in envelope_violation(KEYS, pose)
+    assert bool(words) == bool(envelope_violation(KEYS, pose))
 
 
 def test_a_yaw_is_limited_where_cables_are_short() -> None:
-    assert "yaw_deg" in outside(EnvelopeKeys(yaw_deg=90.0), (0, 0, 0, 0, 0, 91.0))
+    assert "yaw_deg" in envelope_violation(EnvelopeSettings(yaw_deg=90.0), (0, 0, 0, 0, 0, 91.0))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_plan_that_leaves_the_envelope_is_refused(
     settings: Settings, scene: Scene, reason: str
 ) -> None:
     with pytest.raises(UserError, match=f"1 of 1 presses of test are refused.*{reason}"):
-        check(one(scene), settings, geometry(settings), turns=True)
+        check_plan(one(scene), settings, geometry(settings), turns=True)
 
 
 def test_a_plate_is_limited_in_tilt(make: Callable[..., Settings]) -> None:
@@ -84,25 +84,25 @@ def test_a_plate_is_limited_in_tilt(make: Callable[..., Settings]) -> None:
     for tilt, good in ((20.0, True), (26.0, False)):
         plan = one(Scene(Indenter.plate(), Pose(tilt=tilt, depth=1.0)))
         if good:
-            check(plan, settings, geometry(settings), turns=True)
+            check_plan(plan, settings, geometry(settings), turns=True)
         else:
             with pytest.raises(UserError, match="tilt_deg"):
-                check(plan, settings, geometry(settings), turns=True)
+                check_plan(plan, settings, geometry(settings), turns=True)
 
 
 def test_first_touch_far_below_makes_a_plan_leave_the_envelope(settings: Settings) -> None:
     plan = one(Scene(Indenter.single(), Pose(depth=6.0)))
-    check(plan, settings, geometry(settings), turns=True)
+    check_plan(plan, settings, geometry(settings), turns=True)
     with pytest.raises(UserError, match="below_mm"):
-        check(plan, settings, geometry(settings, 4.5), turns=True)
+        check_plan(plan, settings, geometry(settings, 4.5), turns=True)
 
 
 def test_a_stage_refuses_what_it_would_have_to_turn(settings: Settings) -> None:
     plan = one(Scene(Indenter.dual(8.0), Pose(yaw=30.0, depth=1.0)))
-    check(plan, settings, geometry(settings), turns=True)
+    check_plan(plan, settings, geometry(settings), turns=True)
     with pytest.raises(UserError, match=r"turn of 30.0 deg.*--draw"):
-        check(plan, settings, geometry(settings), turns=False)
-    check(
+        check_plan(plan, settings, geometry(settings), turns=False)
+    check_plan(
         one(Scene(Indenter.dual(8.0), Pose(yaw=180.0, depth=1.0))),
         settings,
         geometry(settings),
@@ -119,7 +119,7 @@ def test_the_smallest_turn_presses_the_same_contacts(yaw: float, kind: int) -> N
         4: Indenter.triple((0.0, 0.5, 1.0)),
     }[kind]
     scene = Scene(indenter, Pose(1.0, -2.0, yaw, 0.0, 3.0))
-    found = eased(scene)
+    found = with_smallest_turn(scene)
     assert abs(found.pose.yaw) <= {1: 0.0, 2: 90.0, 3: 60.0, 4: 180.0}[kind] + 1e-9
     one, other = (true_contacts(s) for s in (scene, found))
     order = [np.lexsort(np.round(c.xy.T, 6)) for c in (one, other)]
@@ -131,26 +131,26 @@ def test_sideways_motion_is_at_one_height_for_all_presses(settings: Settings) ->
     scenes = [
         Scene(Indenter.single(), Pose(x, y, depth=2.0)) for x, y in ((0, 0), (6, -6), (-3, 5))
     ]
-    heights = [way(scene, geometry(settings), settings).above[2] for scene in scenes]
+    heights = [path_of(scene, geometry(settings), settings).above[2] for scene in scenes]
     assert heights == pytest.approx([-settings.envelope.clearance_mm] * 3)
 
 
 def test_mounts_and_words(settings: Settings) -> None:
-    assert fits(settings.indenter, Indenter.single())
-    assert not fits(settings.indenter, Indenter.single(2.0))
-    assert not fits(settings.indenter, Indenter.dual(8.0))
+    assert is_mounted(settings.indenter, Indenter.single())
+    assert not is_mounted(settings.indenter, Indenter.single(2.0))
+    assert not is_mounted(settings.indenter, Indenter.dual(8.0))
     for indenter in (
         Indenter.single(2.0),
         Indenter.dual(7.5),
         Indenter.triple((0.0, 3.0, 1.0)),
         Indenter.plate(),
     ):
-        keys = keys_of(indenter)
+        keys = indenter_settings(indenter)
         assert keys is not None
-        assert fits(keys, indenter)
-        assert words(indenter)
-    assert keys_of(Indenter(3.0, ((0.0, 0.0, 0.0),) * 4, "four")) is None
-    assert keys_of(Indenter(3.0, ((0.0, -4.0, 0.0), (0.0, 4.0, 0.0)), "turned")) is None
+        assert is_mounted(keys, indenter)
+        assert describe_indenter(indenter)
+    assert indenter_settings(Indenter(3.0, ((0.0, 0.0, 0.0),) * 4, "four")) is None
+    assert indenter_settings(Indenter(3.0, ((0.0, -4.0, 0.0), (0.0, 4.0, 0.0)), "turned")) is None
 
 
 def test_a_plan_file(settings: Settings, tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_time_of_a_move_in_closed_form() -> None:
 
 def test_the_estimate_counts_every_press(settings: Settings) -> None:
     press = Press(0, "p", Scene(Indenter.single(), Pose(depth=3.0)))
-    few, many = (estimate_s([press] * n, settings) for n in (10, 20))
+    few, many = (estimate_seconds([press] * n, settings) for n in (10, 20))
     assert 1.5 < (many - few) / 10 < 6.0
 
 
@@ -191,4 +191,4 @@ def test_deeper_than_the_sensor_is_not_drawn(make: Callable[..., Settings]) -> N
     plan = plan_of("exp1", shallow, draws=("singles",), count=20)
     assert len(plan) == 20
     assert max(press.scene.pose.depth for press in plan.presses) <= 3.0
-    check(plan, shallow, geometry(shallow), turns=False)
+    check_plan(plan, shallow, geometry(shallow), turns=False)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.geometry import true_contacts
-from tactibench_tactip.geometry.frames import from_ur, inverse, matrix, pose_of, to_ur, turned_by
-from tactibench_tactip.geometry.press import PressGeometry, touch_height
-from tactibench_tactip.settings import FrameKeys, Pose6
+from tactibench_tactip.poses import angle_between, from_ur, inverse, matrix, pose_of, to_ur
+from tactibench_tactip.press_geometry import PressGeometry, touch_height
+from tactibench_tactip.settings import FrameSettings, Pose6
 
 WORK: Pose6 = (109.1, -487.0, 341.3, 180.0, 0.0, -90.0)
 angle = st.floats(-179.0, 179.0)
@@ -29,7 +29,7 @@ scenes = st.builds(
     Scene, indenters, st.builds(Pose, length, length, angle, st.just(0.0), st.floats(-10.0, 6.0))
 )
 frames = st.builds(
-    FrameKeys,
+    FrameSettings,
     moves=st.sampled_from(["indenter", "sensor"]),
     work_frame=st.just(WORK),
     sensor=st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), angle),
@@ -65,7 +65,7 @@ def test_at_the_pole_of_the_angles_the_turn_is_kept() -> None:
 
 @given(scenes, frames, domes, st.floats(-3.0, 3.0))
 def test_a_press_comes_back_from_its_pose(
-    scene: Scene, keys: FrameKeys, dome: float, z0: float
+    scene: Scene, keys: FrameSettings, dome: float, z0: float
 ) -> None:
     geometry = PressGeometry(keys, dome, z0)
     almost(geometry.reached(scene, geometry.tool_pose(scene)).pose, scene.pose)
@@ -73,7 +73,7 @@ def test_a_press_comes_back_from_its_pose(
 
 @given(frames, st.floats(-20.0, 20.0), angle, st.floats(-5.0, 4.0))
 def test_a_plate_comes_back_from_its_pose(
-    keys: FrameKeys, tilt: float, yaw: float, depth: float
+    keys: FrameSettings, tilt: float, yaw: float, depth: float
 ) -> None:
     scene = Scene(Indenter.plate(), Pose(0.0, 0.0, yaw, tilt, depth))
     geometry = PressGeometry(keys, 20.0, 0.3)
@@ -81,19 +81,19 @@ def test_a_plate_comes_back_from_its_pose(
 
 
 @given(scenes, frames)
-def test_deeper_is_straight_along_the_work_frames_z(scene: Scene, keys: FrameKeys) -> None:
+def test_deeper_is_straight_along_the_work_frames_z(scene: Scene, keys: FrameSettings) -> None:
     geometry = PressGeometry(keys, 20.0)
     high, low = (np.array(geometry.at_depth(scene, depth)) for depth in (-2.0, 3.0))
     if keys.moves == "indenter":
         assert low[:3] - high[:3] == pytest.approx([0.0, 0.0, 5.0], abs=1e-9)
     assert np.linalg.norm(low[:3] - high[:3]) == pytest.approx(5.0)
-    assert turned_by(tuple(high), tuple(low)) == pytest.approx(0.0, abs=1e-5)
+    assert angle_between(tuple(high), tuple(low)) == pytest.approx(0.0, abs=1e-5)
 
 
 @given(scenes)
 def test_tips_of_the_tool_lie_on_the_dome_at_first_touch(scene: Scene) -> None:
     """Independent of the closed form: the gap between spheres, tip by tip."""
-    keys = FrameKeys(work_frame=WORK, sensor=(0.4, -0.3, 25.0))
+    keys = FrameSettings(work_frame=WORK, sensor=(0.4, -0.3, 25.0))
     geometry = PressGeometry(keys, 20.0, 0.7)
     tool = matrix(geometry.at_depth(scene, 0.0))
     radius = scene.indenter.radius
@@ -105,7 +105,7 @@ def test_tips_of_the_tool_lie_on_the_dome_at_first_touch(scene: Scene) -> None:
 
 def test_contacts_are_where_the_tool_is() -> None:
     """x of the image along the work frame's x, y against its y; depth is past first touch."""
-    geometry = PressGeometry(FrameKeys(work_frame=WORK), 20.0)
+    geometry = PressGeometry(FrameSettings(work_frame=WORK), 20.0)
     scene = Scene(Indenter.single(), Pose(3.0, -2.0, depth=1.5))
     x, y, z, *turn = geometry.tool_pose(scene)
     sag = math.sqrt(23.0**2 - 13.0) - 23.0
@@ -114,7 +114,7 @@ def test_contacts_are_where_the_tool_is() -> None:
 
 
 def test_the_reached_pose_decides_on_the_contacts() -> None:
-    geometry = PressGeometry(FrameKeys(work_frame=WORK), 20.0, z0=0.25)
+    geometry = PressGeometry(FrameSettings(work_frame=WORK), 20.0, z0=0.25)
     scene = Scene(Indenter.dual(8.0), Pose(1.0, -1.0, 40.0, 0.0, 2.0))
     x, y, z, a, b, c = geometry.tool_pose(scene)
     reached = geometry.reached(scene, (x + 0.1, y, z + 0.05, a, b, c))
@@ -126,7 +126,7 @@ def test_the_reached_pose_decides_on_the_contacts() -> None:
 
 
 def test_yaw_keeps_the_plans_count_of_turns() -> None:
-    geometry = PressGeometry(FrameKeys(work_frame=WORK))
+    geometry = PressGeometry(FrameSettings(work_frame=WORK))
     scene = Scene(Indenter.dual(8.0), Pose(0.0, 0.0, 359.5, 0.0, 1.0))
     assert geometry.reached(scene, geometry.tool_pose(scene)).pose.yaw == pytest.approx(359.5)
 

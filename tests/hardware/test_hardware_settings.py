@@ -8,21 +8,20 @@ from pathlib import Path
 import pytest
 
 from tactibench import Indenter, UserError
-from tactibench_tactip.configuration import read_settings
-from tactibench_tactip.example import example
-from tactibench_tactip.settings import Settings
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.settings import Settings, read_settings
 
 
 @pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])
 def test_the_example_is_valid_and_shows_every_table(driver: str) -> None:
-    tables = tomllib.loads(example(driver))
+    tables = tomllib.loads(example_configuration(driver))
     settings = Settings.model_validate(tables)
     assert settings.robot.driver == driver
     assert {"schema", *tables} == {"schema", *Settings.model_fields} - {"schema_"}
 
 
 def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path:
-    text = example(driver)
+    text = example_configuration(driver)
     assert before in text
     path = tmp_path / "lab.toml"
     path.write_text(text.replace(before, after), encoding="utf-8")
@@ -55,12 +54,12 @@ def test_a_mistake_is_one_sentence_with_the_key(
 
 
 def test_a_file_that_is_not_there_says_how_to_get_one(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="hw emulate` writes one"):
+    with pytest.raises(UserError, match="hw emulate --write` makes one"):
         read_settings(tmp_path / "none.toml")
 
 
 def test_indenters() -> None:
-    base = tomllib.loads(example("ur"))
+    base = tomllib.loads(example_configuration("ur"))
     base["indenter"] = {"kind": "triple", "heights_mm": [0.0, 1.5, 3.0]}
     keys = Settings.model_validate(base).indenter
     assert keys.indenter() == Indenter.triple((0.0, 1.5, 3.0))
@@ -71,12 +70,12 @@ def test_indenters() -> None:
 
 
 def test_what_must_last_is_what_decides_on_frames_and_labels() -> None:
-    tables = tomllib.loads(example("ur"))
-    before = Settings.model_validate(tables).lasting()
+    tables = tomllib.loads(example_configuration("ur"))
+    before = Settings.model_validate(tables).identity()
     tables["robot"]["address"] = "10.0.0.2"
     tables["camera"]["source"] = 3
     tables["indenter"] = {"kind": "dual", "distance_mm": 9.0}
     tables["safety"]["auto_recover"] = 1
-    assert Settings.model_validate(tables).lasting() == before
+    assert Settings.model_validate(tables).identity() == before
     tables["timing"]["settle_s"] = 0.3
-    assert Settings.model_validate(tables).lasting() != before
+    assert Settings.model_validate(tables).identity() != before

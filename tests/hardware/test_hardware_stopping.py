@@ -11,10 +11,9 @@ from fake_station import FakeRobot
 
 from tactibench import Scene
 from tactibench_tactip import station as stations
-from tactibench_tactip.camera.driver import Camera
-from tactibench_tactip.failures import ProtectiveStopError, RobotError
-from tactibench_tactip.motion.mover import Mover
-from tactibench_tactip.motion.owner import Owner
+from tactibench_tactip.camera import Camera
+from tactibench_tactip.errors import ProtectiveStopError, RobotError
+from tactibench_tactip.motion import Mover, RobotThread
 from tactibench_tactip.settings import Pose6, Settings
 from tactibench_tactip.station import Station
 
@@ -74,7 +73,7 @@ def test_a_descent_that_takes_too_long_is_stopped_before_it_is_drawn_back(
         with pytest.raises(RobotError, match="told to stop"):
             station.press(press_of())
         assert withdrawn_after_a_stop(robot)
-        assert not station.owner.halt.is_set()
+        assert not station.robot_thread.halt.is_set()
 
 
 @pytest.fixture
@@ -106,7 +105,7 @@ def test_a_job_that_nobody_waits_for_is_never_begun(robot: SlowRobot, settings: 
     def hold(_: Mover) -> None:
         held.wait(5.0)
 
-    with Owner(robot, settings) as owner:
+    with RobotThread(robot, settings) as owner:
         for job in (hold, lambda _: begun.append("late")):
             with pytest.raises(RobotError, match="told to stop"):
                 owner.do(job, 0.02)

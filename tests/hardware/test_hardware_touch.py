@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 
 from tactibench import UserError
 from tactibench_tactip.calibration import fit_centre, fit_yaw
-from tactibench_tactip.camera.driver import Camera
-from tactibench_tactip.failures import TrippedError
+from tactibench_tactip.camera import Camera
+from tactibench_tactip.errors import GuardError
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
-from tactibench_tactip.touch.ramp import onset, projections
-from tactibench_tactip.touch.search import NoTouchError, find_touch
+from tactibench_tactip.touch import NoTouchError, find_touch, fit_onset, projections
 
 
 @given(st.floats(-0.2, 0.2), st.sampled_from([1.0, 1.2, 1.5, 2.0]), st.integers(0, 50))
@@ -26,7 +25,7 @@ def test_the_begin_of_a_power_law_is_found(start: float, power: float, seed: int
     depths = np.arange(-0.4, 0.65, 0.1)
     signal = 0.7 * np.maximum(0.0, depths - start) ** power
     noisy = signal + np.random.default_rng(seed).normal(0.0, 1e-4, len(depths))
-    found = onset(depths, noisy)
+    found = fit_onset(depths, noisy)
     assert found.at_mm == pytest.approx(start, abs=0.02)
     assert found.misfit < 0.01
 
@@ -71,7 +70,7 @@ def test_a_force_that_grows_with_the_steps_ends_a_search(
     deepest: list[float] = []
     robot.fails = lambda _: deepest.append(robot.depth())
     with camera, station:
-        with pytest.raises(TrippedError, match="max_force_n"):
+        with pytest.raises(GuardError, match="max_force_n"):
             find_touch(station, first=True)
         assert max(deepest) < 0.4
         assert robot.tool()[2] <= -station.settings.envelope.clearance_mm + 0.1

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from tactibench import Pose, Scene
-from tactibench_tactip.example import example
-from tactibench_tactip.geometry.frames import inverse, matrix, pose_of
-from tactibench_tactip.geometry.press import PressGeometry
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.poses import inverse, matrix, pose_of
+from tactibench_tactip.press_geometry import PressGeometry
 from tactibench_tactip.robots.base import RobotState
 from tactibench_tactip.settings import Pose6, Settings
 
@@ -129,7 +129,7 @@ class FakeCapture:
 
 
 def make_settings(**tables: dict[str, Any]) -> Settings:
-    found = tomllib.loads(example("ur"))
+    found = tomllib.loads(example_configuration("ur"))
     found["camera"] = {"source": "fake", "fps": 500.0, "warmup_frames": 3}
     del found["sensor"]["pins"]
     found["timing"]["settle_s"] = 0.0
@@ -141,11 +141,10 @@ def make_settings(**tables: dict[str, Any]) -> Settings:
 def stand_in(robot: FakeRobot, put: Callable[[Any, str, Any], None]) -> None:
     """Let every station that is made have this robot, with a camera beside it. put: ``setattr`` of
     a patch."""
-    from tactibench_tactip import station
-    from tactibench_tactip.camera.driver import Camera
-    from tactibench_tactip.collecting import collect
+    from tactibench_tactip import collection, station
+    from tactibench_tactip.camera import Camera
 
     capture = FakeCapture(robot)
-    for module in (station, collect):
-        put(module, "robot_of", lambda _: robot)
-        put(module, "Camera", lambda keys: Camera(keys, lambda _: capture))
+    for module in (station, collection):
+        put(module, "make_robot", lambda _: robot)
+        put(module, "Camera", lambda settings: Camera(settings, lambda _: capture))

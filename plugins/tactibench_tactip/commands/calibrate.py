@@ -6,17 +6,24 @@ from pathlib import Path
 
 import click
 
-from tactibench_tactip.commands.common import (
-    bar,
-    config_options,
+from tactibench import UserError
+from tactibench_tactip.calibration import calibrate
+from tactibench_tactip.commands.output import (
+    device_options,
     devices,
     json_option,
+    progress_bar,
     write_figures,
 )
+from tactibench_tactip.emulators import HiddenOffset
+from tactibench_tactip.station import Station
+
+HIDDEN = HiddenOffset(0.4, -0.3, 0.8, 6.0)
+"""Where a rehearsal's sensor sits, for the calibration to find."""
 
 
 @click.command("calibrate")
-@config_options
+@device_options
 @click.option(
     "--radius",
     type=click.FloatRange(1, 8),
@@ -54,34 +61,29 @@ def command(
     place of every press in the image, against where the tool was, gives the yaw. Prints the line
     for [frames].
     """
-    from tactibench import UserError
-    from tactibench_tactip.calibration import calibrate
-    from tactibench_tactip.rehearsal import Hidden
-    from tactibench_tactip.station import Station
-
-    known = {"hidden": Hidden(0.4, -0.3, 0.8, 6.0)} if emulate else {}
-    with devices(config, emulate, time_scale, **known) as (settings, _):
+    with devices(config, emulate, time_scale, hidden=HIDDEN) as (settings, _):
         if settings.indenter.kind != "single":
             raise UserError(
                 'a calibration needs one tip; mount it and say indenter.kind = "single".'
             )
-        with Station(settings) as station, bar("press", points + 1) as advance:
-            found = calibrate(station, radius, depth, points, advance)
-    x, y, yaw = found.sensor
+        with Station(settings) as station, progress_bar("press", points + 1) as advance:
+            result = calibrate(station, radius, depth, points, advance)
+    x, y, yaw = result.sensor
     click.echo(f"sensor = [{x:.3f}, {y:.3f}, {yaw:.2f}]    # in [frames]")
     click.echo(
-        f"one sigma {found.centre_std_mm:.3f} mm and {found.yaw_std_deg:.2f} deg from {points + 1} "
-        f"presses; heights lie {found.height_rms_mm:.3f} mm from the dome; first touch at z "
-        f"{found.z0_mm:+.3f} mm of the work frame"
+        f"one sigma {result.centre_std_mm:.3f} mm and {result.yaw_std_deg:.2f} deg from "
+        f"{points + 1} presses; heights lie {result.height_rms_mm:.3f} mm from the dome; first "
+        f"touch at z {result.z0_mm:+.3f} mm of the work frame"
     )
     if emulate:
-        click.echo("emulated: the sensor sits at 0.4, -0.3 mm and 6 deg from [frames]")
-    write_figures(
-        json_file,
-        [
-            ("centre", "x", x, "mm"),
-            ("centre", "y", y, "mm"),
-            ("yaw", "all", yaw, "deg"),
-            ("first_touch", "all", found.z0_mm, "mm"),
-        ],
-    )
+        click.echo(
+            f"emulated: the sensor sits at {HIDDEN.x}, {HIDDEN.y} mm and {HIDDEN.yaw:g} deg from "
+            "[frames]"
+        )
+    figures = [
+        ("centre", "x", x, "mm"),
+        ("centre", "y", y, "mm"),
+        ("yaw", "all", yaw, "deg"),
+        ("first_touch", "all", result.z0_mm, "mm"),
+    ]
+    write_figures(json_file, figures)

@@ -2,110 +2,94 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from tactibench_tactip.commands.common import config_options, devices, print_rows
-
-if TYPE_CHECKING:
-    from tactibench_tactip.settings import Settings
+from tactibench import UserError
+from tactibench_tactip.camera import Camera
+from tactibench_tactip.collection import warm_up
+from tactibench_tactip.commands.output import device_options, devices, print_rows
+from tactibench_tactip.frame_check import Reference
+from tactibench_tactip.motion import RobotThread
+from tactibench_tactip.poses import envelope_violation
+from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.settings import Settings
 
 FAILED = 1
+LOOK_S = 10.0
+Row = tuple[str, str, str]
+"""Mark, part of the setup, what was found."""
 
 
 @click.command("doctor")
-@config_options
+@device_options
 def command(config: Path, emulate: bool, time_scale: float) -> int:
     """Say what of a setup is reachable and what is not as the configuration says; nothing moves.
 
     (A stage with robot.home = true is not homed for it.)
     """
     with devices(config, emulate, time_scale) as (settings, _):
-        keys = settings.robot.model_copy(update={"home": emulate and settings.robot.home})
-        settings = settings.model_copy(update={"robot": keys})
-        rows = [*_checked("camera", _camera, settings), *_checked("robot", _robot, settings)]
-    print_rows(("", "", "found"), [(mark, what, found) for mark, what, found in rows])
+        robot = settings.robot.model_copy(update={"home": emulate and settings.robot.home})
+        settings = settings.model_copy(update={"robot": robot})
+        rows = [*_check("camera", _camera, settings), *_check("robot", _robot, settings)]
+    print_rows(("", "", "found"), rows)
     wrong = sum(mark == "WRONG" for mark, _, _ in rows)
     click.echo(f"{wrong} of {len(rows)} wrong" if wrong else "all as the configuration says")
     return FAILED if wrong else 0
 
 
-Row = tuple[str, str, str]
-
-
-def _checked(
-    what: str, look: Callable[[Settings], Iterator[tuple[str, str]]], settings: Settings
+def _check(
+    part: str, look: Callable[[Settings], Iterator[tuple[str, str]]], settings: Settings
 ) -> Iterator[Row]:
     """Rows up to the first mistake."""
-    from tactibench import UserError
-
     try:
-        for name, found in look(settings):
-            yield "ok", name, found
+        for name, text in look(settings):
+            yield "ok", name, text
     except (UserError, OSError) as error:
-        yield "WRONG", what, str(error)
+        yield "WRONG", part, str(error)
 
 
 def _camera(settings: Settings) -> Iterator[tuple[str, str]]:
-    import time
-
-    from tactibench import UserError
-    from tactibench_tactip.camera.driver import Camera
-    from tactibench_tactip.camera.gate import Reference
-    from tactibench_tactip.collecting.collect import warm_up
-
     with Camera(settings.camera) as camera:
-        shots = camera.fresh(time.monotonic_ns(), 20)
-        found = camera.read_back
-        assert found is not None, "open"  # noqa: S101
-        height, width = shots[0].image.shape
-        yield (
-            "camera",
-            (
-                f"{settings.camera.source}: {found.backend}, {found.width} x {found.height} px "
-                f"{found.fourcc}, kept {width} x {height}"
-            ),
-        )
+        frames = camera.fresh(time.monotonic_ns(), 20)
+        actual = camera.read_back
+        assert actual is not None, "open"  # noqa: S101
+        height, width = frames[0].image.shape
+        size = f"{actual.width} x {actual.height} px {actual.fourcc}, kept {width} x {height}"
+        yield "camera", f"{settings.camera.source}: {actual.backend}, {size}"
         yield "frames", f"{1 / camera.period_s:.1f} a second"
-        yield (
-            "exposure",
-            f"{found.exposure:g}, automatic {found.auto_exposure:g}, gain {found.gain:g}",
-        )
+        automatic = f"automatic {actual.auto_exposure:g}, gain {actual.gain:g}"
+        yield "exposure", f"{actual.exposure:g}, {automatic}"
         warm_up(camera, settings)
-        rest = Reference.of(shots)
+        rest = Reference.of(frames)
         yield "brightness", f"{rest.brightness:.1f} grey levels, steady; noise {rest.between:.2f}"
-        pins, keys = settings.sensor.pins, settings.sensor
-        if pins is not None and abs(rest.pins - pins) > keys.pins_tolerance:
+        if rest.pins_differ(settings.sensor):
             raise UserError(
-                f"{rest.pins} pins are seen, sensor.pins says {pins}; draw the tool away, look at "
-                "light, focus and camera.crop, or correct sensor.pins."
+                f"{rest.pins} pins are seen, sensor.pins says {settings.sensor.pins}; draw the "
+                "tool away, look at light, focus and camera.crop, or correct sensor.pins."
             )
-        yield "pins", f"{rest.pins}" + ("" if pins else ", nobody counts them: set sensor.pins")
+        uncounted = "" if settings.sensor.pins else ", which are not counted: set sensor.pins"
+        yield "pins", f"{rest.pins}{uncounted}"
 
 
 def _robot(settings: Settings) -> Iterator[tuple[str, str]]:
-    from tactibench import UserError
-    from tactibench_tactip.geometry.envelope import outside
-    from tactibench_tactip.motion.owner import Owner
-    from tactibench_tactip.robots.connect import robot_of
-
-    robot = robot_of(settings)
-    with Owner(robot, settings) as owner:
+    robot = make_robot(settings)
+    with RobotThread(robot, settings) as thread:
         yield "robot", ", ".join(f"{key} {value}" for key, value in robot.describe().items())
-        state = owner.do(lambda mover: mover.state(), 10.0)
+        state = thread.do(lambda mover: mover.state(), LOOK_S)
         if not state.normal:
-            raise UserError(f"{state.words}; clear that first.")
+            raise UserError(f"{state.description}; clear that first.")
         force = "not measured" if state.force_n is None else "measured"
-        yield "state", f"{state.words}; force {force}"
-        pose = owner.do(lambda mover: mover.pose(), 10.0)
-        x, y, z = pose[:3]
-        where = outside(settings.envelope, pose)
-        if where:
+        yield "state", f"{state.description}; force {force}"
+        pose = thread.do(lambda mover: mover.pose(), LOOK_S)
+        violation = envelope_violation(settings.envelope, pose)
+        if violation:
             raise UserError(
-                f"the tool stands at {where}; drive it into the envelope above the sensor, with "
-                "the pendant or `tactibench hw jog`."
+                f"the tool stands at {violation}; drive it into the envelope above the sensor, "
+                "with the pendant or `tactibench hw jog`."
             )
+        x, y, z = pose[:3]
         yield "tool", f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm of the work frame, inside the envelope"

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import sys
+import threading
+import tomllib
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-if TYPE_CHECKING:
-    from tactibench_tactip.rehearsal import Rehearsed
-    from tactibench_tactip.settings import Settings
+from tactibench import UserError
+from tactibench_tactip.commands.output import time_scale_option
+from tactibench_tactip.emulators import FAULTS, Emulation, Fault, rehearse
+from tactibench_tactip.example import example_configuration
+from tactibench_tactip.settings import IndenterSettings, Settings, read_settings
 
 HELP = """what can be typed here:
   mount single | mount dual 11.5 | mount triple 0 1.5 3
@@ -40,13 +45,7 @@ HELP = """what can be typed here:
     metavar="FILE.toml",
     help="Write a commented configuration and end.",
 )
-@click.option(
-    "--time-scale",
-    type=click.FloatRange(1, 1000),
-    default=1.0,
-    show_default=True,
-    help="How much faster than real everything happens.",
-)
+@time_scale_option
 @click.option("--sensor", default="tactip-127", show_default=True, help="Simulated sensor.")
 @click.option("--fps", type=click.FloatRange(1, 240), default=30.0, show_default=True)
 def command(
@@ -62,100 +61,72 @@ def command(
     Other commands then find them as they would find the devices. Type `mount dual 11.5` to change
     the indenter, `fault protective-stop` to have something go wrong, `quit` or Ctrl-C to end.
     """
-    import tomllib
-
-    from tactibench import UserError
-    from tactibench_tactip.configuration import read_settings
-    from tactibench_tactip.example import example
-    from tactibench_tactip.rehearsal import rehearse
-    from tactibench_tactip.settings import Settings
-
     if target is not None:
         if target.exists():
             raise UserError(f"{target} is there already; name another file.")
-        target.write_text(example(driver), encoding="utf-8")
+        target.write_text(example_configuration(driver), encoding="utf-8")
         click.echo(f"configuration: {target}")
         return
     if config is None:
-        settings = Settings.model_validate(tomllib.loads(example(driver)))
+        settings = Settings.model_validate(tomllib.loads(example_configuration(driver)))
     else:
         settings = read_settings(config)
-    with rehearse(settings, time_scale=time_scale, sensor=sensor, fps=fps) as rehearsed:
-        click.echo(_toml(_for_others(rehearsed.settings, settings)))
+    with rehearse(settings, time_scale=time_scale, sensor=sensor, fps=fps) as rehearsal:
+        # The rehearsal's own watchdog is slower than a configuration may ask for.
+        watchdog = {"watchdog_hz": settings.robot.watchdog_hz}
+        robot = rehearsal.settings.robot.model_copy(update=watchdog)
+        click.echo(_toml(rehearsal.settings.model_copy(update={"robot": robot})))
         click.echo(HELP, err=True)
-        _converse(rehearsed)
+        _converse(rehearsal.emulation)
 
 
-def _converse(rehearsed: Rehearsed) -> None:
-    """Do what is typed until the end of the input."""
-    from tactibench import UserError
-
+def _converse(emulation: Emulation) -> None:
+    """Do what is typed; without a terminal wait until somebody ends it."""
     for line in sys.stdin:
         words = line.split()
         if words[:1] == ["quit"]:
             return
         try:
             if words:
-                click.echo(_done(rehearsed, words))
+                click.echo(_carry_out(emulation, words))
         except (UserError, ValueError) as error:
             click.echo(f"{error}")
-    try:
-        import threading
-
-        threading.Event().wait()  # no terminal: until somebody ends it
-    except KeyboardInterrupt:
-        return
+    with suppress(KeyboardInterrupt):
+        threading.Event().wait()
 
 
-def _done(rehearsed: Rehearsed, words: list[str]) -> str:
-    from tactibench_tactip.emulators import FAULTS, Fault
-    from tactibench_tactip.settings import IndenterKeys
-
-    world = rehearsed.world
+def _carry_out(emulation: Emulation, words: list[str]) -> str:
+    """Do one line; returns what to print."""
     match words:
         case ["mount", "single"]:
-            keys = IndenterKeys()
+            indenter = IndenterSettings()
         case ["mount", "dual", distance]:
-            keys = IndenterKeys(kind="dual", distance_mm=float(distance))
+            indenter = IndenterSettings(kind="dual", distance_mm=float(distance))
         case ["mount", "triple", a, b, c]:
-            keys = IndenterKeys(kind="triple", heights_mm=(float(a), float(b), float(c)))
+            indenter = IndenterSettings(kind="triple", heights_mm=(float(a), float(b), float(c)))
         case ["fault"]:
             return "\n".join(f"{name:<16} {text}" for name, text in FAULTS.items())
         case ["fault", name, *value]:
-            world.arm(Fault(name, value=float(value[0]) if value else None))
+            emulation.arm(Fault(name, value=float(value[0]) if value else None))
             return f"{name} happened"
         case ["state"]:
-            x, y, z, *_ = world.tool()
+            x, y, z, *_ = emulation.tool()
+            outside = len(emulation.outside())
             return (
-                f"tool at {x:.2f}, {y:.2f}, {z:.2f} mm; {world.presses:,} presses; "
-                f"{len(world.log.outside)} times outside the envelope"
+                f"tool at {x:.2f}, {y:.2f}, {z:.2f} mm; {emulation.presses():,} presses; "
+                f"{outside} times outside the envelope"
             )
         case _:
             return HELP
-    world.mount(keys.indenter())
+    emulation.mount(indenter.indenter())
     return f"mounted: {' '.join(words[1:])}"
 
 
-def _for_others(found: Settings, given: Settings) -> Settings:
-    """The rehearsal's own watchdog is slower than a configuration may ask for."""
-    keys = found.robot.model_copy(update={"watchdog_hz": given.robot.watchdog_hz})
-    return found.model_copy(update={"robot": keys})
-
-
-def _toml(settings: object) -> str:
-    """The whole configuration as TOML that can be read again."""
-    from tactibench_tactip.settings import Settings
-
-    assert isinstance(settings, Settings)  # noqa: S101
+def _toml(settings: Settings) -> str:
+    """The whole configuration as TOML; strings, numbers, booleans and lists are as in JSON."""
     tables = settings.model_dump(mode="json", by_alias=True)
     lines = [f"schema = {tables.pop('schema')}"]
     for name, table in tables.items():
         lines.append(f"\n[{name}]")
-        lines += [f"{key} = {_value(value)}" for key, value in table.items() if value is not None]
+        lines += [f"{k} = {json.dumps(value)}" for k, value in table.items() if value is not None]
     return "\n".join(lines)
-
-
-def _value(value: object) -> str:
-    import json
-
-    return json.dumps(value)  # strings, numbers, booleans and lists are alike in TOML

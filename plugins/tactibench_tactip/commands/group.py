@@ -12,23 +12,25 @@ VERBS = {
     "doctor": ("doctor", "say what is reachable, and what is not as the configuration says"),
     "emulate": ("emulate", "run emulators of all that a configuration names, and print one"),
     "jog": ("jog", "move the tool by hand, inside the envelope; home a stage"),
-    "list": ("listing", "list cameras and serial ports"),
+    "list": ("list_devices", "list cameras and serial ports"),
     "live": ("live", "watch camera, pins, contacts and the latency of the loop"),
     "plan": ("plan", "check the presses of a protocol before anything moves, and draw them"),
     "replay": ("replay", "press some of a data set again and compare the frames"),
-    "settle-test": ("settle", "see how long the skin creeps after a press"),
+    "settle-test": ("settle_test", "see how long the skin creeps after a press"),
 }
 
 
 class Verbs(click.Group):
-    """Each verb is the attribute ``command`` of a module beside this one."""
+    """Verbs by name; each is the attribute ``command`` of a module beside this one."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
+        """Return the names, sorted."""
         return sorted(VERBS)
 
     def get_command(self, _ctx: click.Context, name: str) -> click.Command | None:
+        """Import and return a verb. Raises UserError for an unknown one."""
         if name not in VERBS:
-            from tactibench import UserError
+            from tactibench import UserError  # `hw --help` loads nothing heavy
             from tactibench.lab import did_you_mean
 
             raise UserError(f"unknown command 'hw {name}'; {did_you_mean(name, VERBS)}")
@@ -37,6 +39,7 @@ class Verbs(click.Group):
         return command
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in sorted(VERBS.items())])
 

@@ -6,11 +6,19 @@ from pathlib import Path
 
 import click
 
-from tactibench_tactip.commands.common import config_options, devices
+from tactibench import UserError
+from tactibench_tactip.commands.output import device_options, devices
+from tactibench_tactip.motion import Mover, RobotThread
+from tactibench_tactip.poses import envelope_violation
+from tactibench_tactip.robots.base import HomingRobot
+from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.settings import Pose6
+
+LOOK_S, MOVE_S = 10.0, 120.0
 
 
 @click.command("jog")
-@config_options
+@device_options
 @click.option(
     "--by",
     nargs=3,
@@ -38,46 +46,38 @@ def command(
 
     Without --by and --to nothing moves. A tool outside the envelope may be moved into it.
     """
-    from tactibench import UserError
-    from tactibench_tactip.geometry.envelope import outside
-    from tactibench_tactip.motion.mover import Mover
-    from tactibench_tactip.motion.owner import Owner
-    from tactibench_tactip.robots.base import Homes
-    from tactibench_tactip.robots.connect import robot_of
-    from tactibench_tactip.settings import Pose6
-
     if by is not None and target is not None:
         raise UserError("give --by or --to, not both.")
     with devices(config, emulate, time_scale) as (settings, _):
         if home:
-            keys = settings.robot.model_copy(update={"home": True})
-            settings = settings.model_copy(update={"robot": keys})
-        robot = robot_of(settings)
-        if home and not isinstance(robot, Homes):
+            robot_settings = settings.robot.model_copy(update={"home": True})
+            settings = settings.model_copy(update={"robot": robot_settings})
+        robot = make_robot(settings)
+        if home and not isinstance(robot, HomingRobot):
             raise UserError("--home is for a stage; a UR knows where it is.")
         if (by or target or home) and not (yes or emulate):
             click.confirm("Is the way clear, and the emergency stop in reach", abort=True, err=True)
-        with Owner(robot, settings) as owner:
-            here = owner.do(lambda mover: mover.pose(), 10.0)
-            click.echo(_words(here))
+        with RobotThread(robot, settings) as thread:
+            here = thread.do(lambda mover: mover.pose(), LOOK_S)
+            _print_pose(here)
             if by is None and target is None:
                 return
             x, y, z = target or tuple(a + b for a, b in zip(here[:3], by or (), strict=True))
             there: Pose6 = (x, y, z, *here[3:])
-            wrong = outside(settings.envelope, there)
-            if wrong:
-                raise UserError(f"the tool would be at {wrong}; nothing was moved.")
+            violation = envelope_violation(settings.envelope, there)
+            if violation:
+                raise UserError(f"the tool would be at {violation}; nothing was moved.")
 
             def go(mover: Mover) -> Pose6:
                 mover.go(there, speed)
                 return mover.pose()
 
-            click.echo(_words(owner.do(go, 120.0)))
+            _print_pose(thread.do(go, MOVE_S))
 
 
-def _words(pose: tuple[float, ...]) -> str:
+def _print_pose(pose: Pose6) -> None:
     x, y, z, a, b, c = pose
-    return (
+    click.echo(
         f"tool at x {x:.3f}, y {y:.3f}, z {z:.3f} mm, turned by {a:.2f}, {b:.2f}, {c:.2f} deg, in "
         "the work frame"
     )

@@ -3,28 +3,39 @@
 from __future__ import annotations
 
 import sys
+import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
+import cv2
 
-from tactibench_tactip.commands.common import (
-    config_options,
+from tactibench.lab import trained_model
+from tactibench_tactip.camera import Camera, Image
+from tactibench_tactip.commands.output import (
+    device_options,
     devices,
     json_option,
     print_rows,
     write_figures,
 )
+from tactibench_tactip.frame_check import Reference
+from tactibench_tactip.live import (
+    Latency,
+    LiveReading,
+    Page,
+    Painter,
+    PressLoop,
+    describe_prediction,
+    watch,
+)
 
-if TYPE_CHECKING:
-    from tactibench_tactip.live.loop import Latency, Seen
-    from tactibench_tactip.live.presses import Presses
+REST_FRAMES = 20
 
 
 @click.command("live")
 @click.argument("model")
-@config_options
+@device_options
 @click.option("--protocol", default="exp1", show_default=True, help="Whose weights.")
 @click.option(
     "--param",
@@ -42,7 +53,11 @@ if TYPE_CHECKING:
 @click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
 @click.option("--untrained", is_flag=True, help="Random weights, to see the latency alone.")
 @click.option(
-    "--frames", type=click.IntRange(min=1), default=300, show_default=True, help="Frames to answer."
+    "--frames",
+    type=click.IntRange(min=1),
+    default=300,
+    show_default=True,
+    help="Frames to answer.",
 )
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
@@ -76,15 +91,8 @@ def command(
     Latency is from a frame's arrival to the list of contacts (scenario `loop`). Without --serve
     and --out a line in the terminal shows the contacts. The sensor must be untouched at the start.
     """
-    import time
-
-    from tactibench.lab import trained_model
-    from tactibench_tactip.camera.driver import Camera
-    from tactibench_tactip.camera.gate import Reference
-    from tactibench_tactip.live.loop import watch
-
     sensor = None if data is None else "recorded"
-    reader, label = trained_model(
+    network, label = trained_model(
         model,
         protocol,
         params=params,
@@ -93,89 +101,62 @@ def command(
         sensor=sensor,
         untrained=untrained,
     )
-    with devices(config, emulate, time_scale if press else 1.0) as (settings, _), ExitStack() as at:
-        presses: Presses | None = None
+    with devices(config, emulate, time_scale) as (settings, _), ExitStack() as stack:
+        presses: PressLoop | None = None
         if press:
-            from tactibench_tactip.live.presses import Presses
-
-            presses = at.enter_context(Presses(settings))
+            presses = stack.enter_context(PressLoop(settings))
             camera = presses.station.camera
-            rest = presses.rest.image
+            rest = presses.station.rest_reference().image
             presses.begin()
         else:
-            camera = at.enter_context(Camera(settings.camera))
-            rest = Reference.of(camera.fresh(time.monotonic_ns(), 20)).image
-        show = _Shown(at, rest, label, serve, port, out)
-        found = watch(
-            camera,
-            reader,
-            rest,
-            frames,
-            lambda seen: show(seen) and not (presses is not None and presses.failed),
-        )
-    show.end()
-    _told(found, label, untrained, json_file)
+            camera = stack.enter_context(Camera(settings.camera))
+            rest = Reference.of(camera.fresh(time.monotonic_ns(), REST_FRAMES)).image
+        page = stack.enter_context(Page(port)) if serve else None
+        display = _Display(rest, label, page)
+
+        def show(reading: LiveReading) -> bool:
+            display.show(reading)
+            return presses is None or not presses.failed
+
+        latency = watch(camera, network, rest, frames, show)
+    display.end(out)
+    _print_latency(latency, label, untrained, json_file)
 
 
-class _Shown:
-    """Where turns of the loop are shown: a page, a file, a line of the terminal."""
+class _Display:
+    """The place where turns of the loop are shown: a page, a file, a line of the terminal."""
 
-    def __init__(
-        self, stack: ExitStack, rest: object, label: str, serve: bool, port: int, out: Path | None
-    ) -> None:
-        from tactibench_tactip.live.page import Page
-        from tactibench_tactip.live.picture import Painter
+    def __init__(self, rest: Image, label: str, page: Page | None) -> None:
+        self._painter = Painter(rest)
+        self._label, self._page = label, page
+        self._last: LiveReading | None = None
+        if page is not None:
+            click.echo(f"live view: {page.url}", err=True)
 
-        self._painter = Painter(rest)  # type: ignore[arg-type]
-        self._label, self._out = label, out
-        self._page = stack.enter_context(Page(port)) if serve else None
-        self._last: Seen | None = None
+    def show(self, reading: LiveReading) -> None:
+        if self._last is None or reading.has_contact:
+            self._last = reading
         if self._page is not None:
-            click.echo(f"live view: {self._page.url}", err=True)
-
-    def __call__(self, seen: Seen) -> bool:
-        from tactibench_tactip.live.picture import describe
-
-        answer = seen.answer
-        if self._last is None or (
-            answer is not None
-            and getattr(answer, "depth", ()) is not None
-            and describe(answer) != "no contact"
-        ):
-            self._last = seen
-        if self._page is not None:
-            self._page.show(self._painter.draw(seen, self._label))
+            self._page.show(self._painter.draw(reading, self._label))
         elif sys.stderr.isatty():
-            line = f"{seen.latency_ms:6.1f} ms  {describe(answer)}"
+            line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
             click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
-        return True
 
-    def end(self) -> None:
+    def end(self, out: Path | None) -> None:
         if sys.stderr.isatty():
             click.echo(err=True)
-        if self._out is not None and self._last is not None:
-            import cv2
-
-            cv2.imwrite(str(self._out), self._painter.draw(self._last, self._label))
-            click.echo(f"picture: {self._out}")
+        if out is not None and self._last is not None:
+            cv2.imwrite(str(out), self._painter.draw(self._last, self._label))
+            click.echo(f"picture: {out}")
 
 
-def _told(found: Latency, label: str, untrained: bool, json_file: Path | None) -> None:
-    names = ("p50", "p90", "p99", "mean")
-    values = [getattr(found, name) for name in names]
+def _print_latency(latency: Latency, label: str, untrained: bool, json_file: Path | None) -> None:
+    values = {name: getattr(latency, name) for name in ("p50", "p90", "p99", "mean")}
+    row = (label, *(f"{value:.1f}" for value in values.values()))
     print_rows(
-        ("loop, ms", *names, "frames", "dropped"),
-        [
-            (
-                label,
-                *(f"{value:.1f}" for value in values),
-                f"{found.count:,}",
-                f"{found.dropped:.0%}",
-            )
-        ],
+        ("loop, ms", *values, "frames", "dropped"),
+        [(*row, f"{latency.count:,}", f"{latency.dropped:.0%}")],
     )
     if untrained:
         click.echo("RANDOM WEIGHTS: the answers say nothing")
-    write_figures(
-        json_file, [("loop", name, value, "ms") for name, value in zip(names, values, strict=True)]
-    )
+    write_figures(json_file, [("loop", name, value, "ms") for name, value in values.items()])

@@ -6,23 +6,50 @@ from pathlib import Path
 
 import click
 
-from tactibench_tactip.commands.common import hours, json_option, print_rows, write_figures
+from tactibench import UserError
+from tactibench_tactip.commands.output import (
+    Verb,
+    config_option,
+    format_duration,
+    json_option,
+    print_rows,
+    write_figures,
+)
+from tactibench_tactip.plan import (
+    check_plan,
+    describe_indenter,
+    draw_plan,
+    estimate_seconds,
+    is_mounted,
+    plan_of,
+)
+from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.settings import read_settings
+
+MOST_ROWS = 20
+
+
+def plan_options(verb: Verb) -> Verb:
+    """Add the options that choose presses of a protocol."""
+    draw = click.option(
+        "--draw", "draws", multiple=True, help="Of the protocol only these; repeat it."
+    )
+    count = click.option(
+        "--count",
+        type=click.IntRange(min=1),
+        help="At most so many of every indenter of every draw, evenly spread.",
+    )
+    seed = click.option(
+        "--seed", type=click.IntRange(min=0), help="Other presses than the protocol's."
+    )
+    return draw(count(seed(verb)))
 
 
 @click.command("plan")
 @click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
-@click.option(
-    "--config",
-    required=True,
-    metavar="FILE.toml",
-    type=click.Path(path_type=Path),
-    help="Configuration of the setup.",
-)
-@click.option("--draw", "draws", multiple=True, help="Of the protocol only these; repeat it.")
-@click.option(
-    "--count", type=click.IntRange(min=1), help="At most so many of every indenter of every draw."
-)
-@click.option("--seed", type=click.IntRange(min=0), help="Other presses than the protocol's.")
+@config_option
+@plan_options
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -44,12 +71,6 @@ def command(
     Every pose of every press must lie in the envelope. Shows what has to be mounted for how many
     presses and how long it takes.
     """
-    from tactibench import UserError
-    from tactibench_tactip.collecting.plan import check, estimate_s, fits, plan_of, words
-    from tactibench_tactip.configuration import read_settings
-    from tactibench_tactip.geometry.press import PressGeometry
-    from tactibench_tactip.robots.connect import robot_of
-
     if out is not None and out.suffix.lower() != ".png":
         raise UserError(
             f"the picture is a PNG file, --out names {out.name}; call it {out.stem}.png."
@@ -57,30 +78,22 @@ def command(
     settings = read_settings(config)
     plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
     geometry = PressGeometry(settings.frames, settings.sensor.dome_radius_mm)
-    check(plan, settings, geometry, turns=robot_of(settings).turns)
-    mounts = plan.mounts()
-    seconds = [estimate_s(some, settings) for _, some in mounts]
-    rows = [
-        (
-            words(indenter),
-            f"{len(some):,}",
-            hours(time),
-            "mounted" if fits(settings.indenter, indenter) else "",
-        )
-        for (indenter, some), time in zip(mounts[:20], seconds, strict=False)
-    ]
+    check_plan(plan, settings, geometry, turns=make_robot(settings).turns)
+    rows: list[tuple[str, str, str, str]] = []
     figures: list[tuple[str, str, float, str]] = []
-    for (indenter, some), time in zip(mounts, seconds, strict=True):
-        figures.append(("presses", words(indenter), len(some), ""))
-        figures.append(("time", words(indenter), time, "s"))
-    print_rows(("indenter", "presses", "time", ""), rows)
-    if len(mounts) > 20:
-        click.echo(f"... and {len(mounts) - 20:,} more indenters")
-    total = hours(sum(seconds))
-    click.echo(f"{len(plan):,} presses of {presses}, all inside the envelope; about {total}")
+    total = 0.0
+    for indenter, group in plan.mounts():
+        name, seconds = describe_indenter(indenter), estimate_seconds(group, settings)
+        total += seconds
+        mounted = "mounted" if is_mounted(settings.indenter, indenter) else ""
+        rows.append((name, f"{len(group):,}", format_duration(seconds), mounted))
+        figures += [("presses", name, len(group), ""), ("time", name, seconds, "s")]
+    print_rows(("indenter", "presses", "time", ""), rows[:MOST_ROWS])
+    if len(rows) > MOST_ROWS:
+        click.echo(f"... and {len(rows) - MOST_ROWS:,} more indenters")
+    time = format_duration(total)
+    click.echo(f"{len(plan):,} presses of {presses}, all inside the envelope; about {time}")
     if out is not None:
-        from tactibench_tactip.collecting.plan_picture import draw_plan
-
         draw_plan(out, plan, settings, geometry)
         click.echo(f"picture: {out}")
     write_figures(json_file, figures)

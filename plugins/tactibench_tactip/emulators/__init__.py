@@ -1,54 +1,42 @@
-"""Emulated devices around one simulated world: real clients talk to them over real bytes.
+"""Emulators of a robot, a stage and a camera around one simulated sensor.
 
-    world = World(simulated("tactip-127"), Rig(), envelope=Envelope(), time_scale=20)
-    with world, UrEmulator(world) as ur, CameraEmulator(world) as camera:
-        cv2.VideoCapture(camera.url, cv2.CAP_FFMPEG)
-        ...
-        world.truth().depth_mm      # what the label should say
-        world.log.outside           # must be empty
+They speak the real protocols over real sockets, so that the drivers and the client libraries
+(ur_rtde, pyserial, OpenCV) are used as they are with devices. They do what the drivers use and
+nothing more. ``rehearse`` runs those of a configuration in a process of their own:
 
-ur_rtde cannot be used like this: its constructors hold Python's global lock while they wait, so
-that nothing else in their process runs, an emulator included. Such emulators run apart:
+    with rehearse(settings) as rehearsal:
+        Station(rehearsal.settings)             # finds the emulators as it would find devices
+        rehearsal.emulation.truth().depth_mm    # what the label should say
+        rehearsal.emulation.outside()           # motion outside the envelope, must be empty
 
-    with Apart(Setup(time_scale=20, ur={}, camera={"fps": 60})) as world:
-        RTDEControlInterface(world.ports.ur)
-        world.truth().depth_mm
-
-Poses are ``Pose6``: x, y, z mm and alpha, beta, gamma deg, extrinsic xyz ("sxyz"). The tool's z
-points at the sensor, and so does the work frame's. Times are seconds of the world's clock, which
-runs ``time_scale`` times as fast as the host's.
+Poses are x, y, z mm and alpha, beta, gamma deg, extrinsic about x, y, z. The tool's z points at the
+sensor, and so does the work frame's. Times are seconds of the world's clock, which by default runs
+as fast as the host's.
 """
 
-from tactibench_tactip.emulators.apart import Apart
 from tactibench_tactip.emulators.camera import CameraEmulator
-from tactibench_tactip.emulators.clock import Clock
-from tactibench_tactip.emulators.faults import FAULTS, Fault, Fired
+from tactibench_tactip.emulators.faults import FAULTS, Fault, FaultEvent
 from tactibench_tactip.emulators.grbl import GrblEmulator
-from tactibench_tactip.emulators.log import Envelope, Log, Press, Stretch
-from tactibench_tactip.emulators.poses import Pose6
-from tactibench_tactip.emulators.rig import Rig, Truth
-from tactibench_tactip.emulators.setup import Ports, Setup
+from tactibench_tactip.emulators.rehearsal import Emulation, HiddenOffset, Rehearsal, rehearse
+from tactibench_tactip.emulators.touch import Rig, Truth
 from tactibench_tactip.emulators.ur import UrEmulator
-from tactibench_tactip.emulators.world import World, simulated
+from tactibench_tactip.emulators.world import Clock, Envelope, World, simulated
 
 __all__ = [
     "FAULTS",
-    "Apart",
     "CameraEmulator",
     "Clock",
+    "Emulation",
     "Envelope",
     "Fault",
-    "Fired",
+    "FaultEvent",
     "GrblEmulator",
-    "Log",
-    "Ports",
-    "Pose6",
-    "Press",
+    "HiddenOffset",
+    "Rehearsal",
     "Rig",
-    "Setup",
-    "Stretch",
     "Truth",
     "UrEmulator",
     "World",
+    "rehearse",
     "simulated",
 ]

@@ -1,19 +1,19 @@
-"""What the emulators share: a context manager with threads that end, within a deadline."""
+"""A device of the emulators: a context manager with threads that end within a deadline."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from threading import Event, Thread, current_thread
+from threading import Event, Thread
 from types import TracebackType
 from typing import Self
 
 DEADLINE_S = 5.0
-"""Seconds of the host within which a device has stopped."""
+"""Host seconds within which a device has stopped."""
 
 
 class Device(ABC):
-    """``start`` and ``stop``; stopping twice is allowed, starting again too."""
+    """Something to ``start`` and ``stop``; both may be called again."""
 
     def __init__(self) -> None:
         self.stopping = Event()
@@ -40,12 +40,11 @@ class Device(ABC):
         """Close what is open, so that every thread comes to an end."""
 
     def stop(self) -> None:
-        """Close and join, within 5 s of the host. Raises RuntimeError where a thread stays."""
+        """Close and join the threads. Raises RuntimeError where one does not end."""
         self.stopping.set()
         self.close()
         for thread in self._threads:
-            if thread is not current_thread():
-                thread.join(DEADLINE_S)
+            thread.join(DEADLINE_S)
         left = [thread.name for thread in self._threads if thread.is_alive()]
         self._threads.clear()
         self.stopping.clear()
@@ -53,7 +52,7 @@ class Device(ABC):
             raise RuntimeError(f"threads did not end within {DEADLINE_S:g} s: {', '.join(left)}")
 
     def run(self, name: str, target: Callable[..., None], *arguments: object) -> None:
-        """Run a callable on a thread of the device; finished ones are forgotten."""
+        """Run a callable on a thread of the device."""
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         thread = Thread(target=target, args=arguments, name=name, daemon=True)
         self._threads.append(thread)

@@ -1,4 +1,4 @@
-"""What can go wrong, by name, and when."""
+"""Faults of devices by name, and when they happen."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FAULTS = MappingProxyType(
         "alarm-5": "the next ``value`` probes meet nothing, wherever the surface is (default 1)",
         "no-ok": "the next ``value`` lines get no answer (default 1)",
         "garbled-line": "the next answer is damaged on its way",
-        "unplug": "the port goes away",
+        "unplug": "the port goes away until it is plugged in again",
         "hold": "feed hold, as somebody at the machine presses it",
         # Camera
         "camera-stall": "no frame for ``value`` s (default: for ever); the connection stays",
@@ -35,30 +35,26 @@ FAULTS = MappingProxyType(
         "pin-loss": "from now on ``value`` pins are missing (default 5)",
     }
 )
-"""Name -> what happens. Seconds are the world's. A full disk is no device's fault: see the tests
-of the collection."""
+"""Name -> what happens; seconds are the world's. A full disk is no device's fault: the tests of a
+collection have it."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault and its trigger: at press ``press`` (from 1) as it passes ``depth_mm`` going down, or
-    at ``at_s`` seconds of the world; with neither, at once when it is armed.
+    """A fault, at press ``press`` (from 1) as it passes ``depth_mm`` going down, else at once.
 
-    A press that stays shallower than ``depth_mm`` does not trigger it. The default lies below every
-    press of the protocols. value: see FAULTS; None: the default there.
+    A press that stays shallower does not trigger it. The default depth is reached by every press of
+    the protocols. value: as FAULTS says; None: the default there.
     """
 
     kind: str
     press: int | None = None
     depth_mm: float = 0.45
-    at_s: float | None = None
     value: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in FAULTS:
             raise UserError(f"there is no fault {self.kind!r}; known are {', '.join(FAULTS)}.")
-        if self.press is not None and self.at_s is not None:
-            raise UserError(f"fault {self.kind!r} has a press and a time; give one of them.")
         if self.press is not None and (self.press < 1 or not self.depth_mm > 0):
             raise UserError(
                 f"fault {self.kind!r} at press {self.press}, {self.depth_mm:g} mm deep; presses "
@@ -67,13 +63,13 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Fired:
-    """A fault that happened. at_s: seconds of the world. press: number of the latest press.
+class FaultEvent:
+    """A fault that happened at ``at_s`` of the world, at press number ``press``.
 
-    taken: whether a device of this world answers to it.
+    answered: whether a device of this world acts on it.
     """
 
     fault: Fault
     at_s: float
     press: int
-    taken: bool
+    answered: bool

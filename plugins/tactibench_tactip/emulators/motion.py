@@ -1,196 +1,211 @@
-"""Straight ways in scaled time: profiles of constant accelerations, and legs that follow them."""
+"""Poses as 4 x 4 matrices, and straight moves of the tool in time.
+
+Written apart from the drivers' own geometry: an emulator that shared it would share its mistakes,
+and agree with them.
+"""
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
-from tactibench_tactip.emulators.poses import Array, rotation_vector, rotations
+Array = npt.NDArray[np.float64]
+Pose6 = tuple[float, float, float, float, float, float]
+"""x, y, z mm; alpha, beta, gamma deg about the fixed x, y, z axes, in that order ("sxyz")."""
+
+METRE = 1000.0
+MM_PER_RADIAN = 200.0
+"""Length that a turn counts as, beside the way of the tool point: the longer of the two sets the
+time. The controllers' manuals give no figure; this is an assumption."""
 
 
-@dataclass(frozen=True)
-class Phase:
-    """Constant acceleration: from ``way`` mm and ``speed`` mm/s at ``start`` s, for ``seconds``."""
+def matrix(pose: Pose6) -> Array:
+    """Return the (4, 4) transform of a pose, mm."""
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_euler("xyz", pose[3:], degrees=True).as_matrix()
+    transform[:3, 3] = pose[:3]
+    return transform
 
-    start: float
-    seconds: float
-    way: float
-    speed: float
-    acceleration: float
 
-    def at(self, t: float) -> tuple[float, float]:
-        """(way, speed) at a time of this phase: s + v t + a t^2 / 2, v + a t."""
-        t -= self.start
-        return (
-            self.way + self.speed * t + self.acceleration * t * t / 2,
-            self.speed + self.acceleration * t,
-        )
+def pose6(transform: Array) -> Pose6:
+    """Return the pose of a (4, 4) transform; where its angles are not unique, gamma is 0."""
+    r = transform[:3, :3]
+    cosine = math.hypot(r[0, 0], r[1, 0])
+    beta = math.atan2(-r[2, 0], cosine)
+    if cosine > 1e-9:
+        alpha, gamma = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
+    else:
+        alpha, gamma = math.atan2(-r[1, 2], r[1, 1]), 0.0
+    x, y, z = (float(value) for value in transform[:3, 3])
+    return x, y, z, math.degrees(alpha), math.degrees(beta), math.degrees(gamma)
+
+
+def inverse(transform: Array) -> Array:
+    """Return the inverse of a (4, 4) rigid transform."""
+    result = np.eye(4)
+    result[:3, :3] = transform[:3, :3].T
+    result[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
+    return result
+
+
+def from_ur(pose: npt.ArrayLike) -> Array:
+    """Return the (4, 4) transform, mm, of metres and a rotation vector, rad."""
+    values = np.asarray(pose, dtype=np.float64)
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_rotvec(values[3:]).as_matrix()
+    transform[:3, 3] = values[:3] * METRE
+    return transform
+
+
+def to_ur(transform: Array) -> Array:
+    """Return (6,) metres and rotation vector of a transform in mm."""
+    vector = Rotation.from_matrix(transform[:3, :3]).as_rotvec()
+    return np.concatenate([transform[:3, 3] / METRE, vector])
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Way along a line against time since its start; phases follow each other."""
+    """Way along a line against time: speed up, cruise at ``peak`` mm/s, brake to rest.
 
-    phases: tuple[Phase, ...]
+    Args:
+        rising: seconds of speeding up from rest with ``acceleration``.
+        cruising: seconds at the peak.
+        acceleration: mm/s2, also of the braking.
+    """
+
+    peak: float
+    acceleration: float
+    rising: float = 0.0
+    cruising: float = 0.0
+
+    @classmethod
+    def from_rest(cls, length: float, speed: float, acceleration: float) -> Self:
+        """Return the fastest way over ``length`` mm from rest to rest.
+
+        Over less than v^2 / a the speed is not reached: the peak is sqrt(a L).
+        """
+        if length <= 0:
+            return cls(0.0, acceleration)
+        peak = min(speed, math.sqrt(acceleration * length))
+        cruising = max(0.0, length - peak * peak / acceleration) / peak
+        return cls(peak, acceleration, peak / acceleration, cruising)
 
     @cached_property
     def seconds(self) -> float:
-        return self.phases[-1].start + self.phases[-1].seconds if self.phases else 0.0
-
-    @cached_property
-    def way(self) -> float:
-        """All of it, mm."""
-        return self.phases[-1].at(self.seconds)[0] if self.phases else 0.0
-
-    def at(self, t: float) -> tuple[float, float]:
-        """(way mm, speed mm/s) after t s; before it starts (0, first speed), at its end (way, last
-        speed)."""
-        if not self.phases:
-            return 0.0, 0.0
-        t = min(max(t, 0.0), self.seconds)
-        return self.phases[bisect_right(self._starts, t) - 1].at(t)
-
-    def when(self, way: float) -> float:
-        """The first time at which it has come ``way`` mm far; its end where it never does."""
-        for phase in self.phases:
-            if phase.at(phase.start + phase.seconds)[0] >= way:
-                return phase.start + _first_root(phase, way - phase.way)
-        return self.seconds
-
-    @cached_property
-    def _starts(self) -> list[float]:
-        return [phase.start for phase in self.phases]
-
-
-def _first_root(phase: Phase, way: float) -> float:
-    """Smallest t >= 0 with v t + a t^2 / 2 = way, in the form that does not cancel."""
-    if way <= 0:
-        return 0.0
-    square = max(phase.speed**2 + 2 * phase.acceleration * way, 0.0)
-    below = phase.speed + math.sqrt(square)
-    return min(2 * way / below, phase.seconds) if below > 0 else phase.seconds
-
-
-def trapezoid(
-    length: float, speed: float, acceleration: float, first: float = 0.0, last: float = 0.0
-) -> Profile:
-    """The fastest way over ``length`` mm: from speed ``first`` to ``last`` (mm/s), never above
-    ``speed`` but for a start above it, with ``acceleration`` mm/s2 and its negative.
-
-    peak^2 = a L + (first^2 + last^2) / 2 where ``speed`` is not reached. Where the length is too
-    short to brake to ``last``, it brakes harder; too short to reach it, it ends slower.
-    """
-    if length <= 0:
-        return Profile(())
-    first, last = max(first, 0.0), max(min(last, speed), 0.0)
-    if first * first - last * last >= 2 * acceleration * length:
-        return _joined([(first, last, (first * first - last * last) / (2 * length))])
-    last = min(last, math.sqrt(first * first + 2 * acceleration * length))
-    if first > speed:
-        ramps = [(first, speed), (speed, last)]
-    else:
-        peak = min(speed, math.sqrt(acceleration * length + (first**2 + last**2) / 2))
-        ramps = [(first, peak), (peak, last)]
-    gone = sum(abs(b * b - a * a) / (2 * acceleration) for a, b in ramps)
-    between = ramps[0][1]
-    steps = [(*ramps[0], acceleration), (*ramps[1], acceleration)]
-    return _joined(steps, cruise=(max(length - gone, 0.0), between))
-
-
-def braking(speed: float, deceleration: float) -> Profile:
-    """To rest over v^2 / 2a."""
-    return _joined([(speed, 0.0, deceleration)]) if speed > 0 else Profile(())
-
-
-def _joined(
-    steps: list[tuple[float, float, float]], cruise: tuple[float, float] = (0.0, 0.0)
-) -> Profile:
-    """Ramps (from, to, |a|) in order; ``cruise`` (way, speed) after the first."""
-    phases: list[Phase] = []
-    t = way = 0.0
-    for number, (a, b, rate) in enumerate(steps):
-        if a != b:
-            seconds = abs(b - a) / rate
-            phases.append(Phase(t, seconds, way, a, math.copysign(rate, b - a)))
-            t, way = t + seconds, way + (a + b) / 2 * seconds
-        if number == 0 and cruise[0] > 0 and cruise[1] > 0:
-            phases.append(Phase(t, cruise[0] / cruise[1], way, cruise[1], 0.0))
-            t, way = t + cruise[0] / cruise[1], way + cruise[0]
-    return Profile(tuple(phases))
-
-
-MM_PER_RADIAN = 200.0
-"""What a turn counts beside the way of the tool point: the longer of the two sets the time. The
-controllers' manuals give no figure; this is an assumption."""
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A straight way between two (4, 4) poses; the orientation turns about one axis."""
-
-    start: Array
-    end: Array
+        """Time of the whole way, s."""
+        return self.rising + self.cruising + self.peak / self.acceleration
 
     @cached_property
     def length(self) -> float:
-        """mm: of the tool point's way, or of the turn where that is longer."""
-        way = float(np.linalg.norm(self.end[:3, 3] - self.start[:3, 3]))
-        return max(way, self.angle * MM_PER_RADIAN)
+        """Length of the whole way, mm."""
+        return float(self.way(np.array(self.seconds)))
 
-    @cached_property
-    def angle(self) -> float:
-        """rad."""
-        if np.array_equal(self.start[:3, :3], self.end[:3, :3]):
+    def way(self, t: Array) -> Array:
+        """Return mm after t s since the start, any shape."""
+        up = np.clip(t, 0.0, self.rising)
+        level = np.clip(t - self.rising, 0.0, self.cruising)
+        down = np.clip(t - self.rising - self.cruising, 0.0, self.peak / self.acceleration)
+        result: Array = (
+            0.5 * self.acceleration * up**2
+            + self.peak * (level + down)
+            - 0.5 * self.acceleration * down**2
+        )
+        return result
+
+    def speed(self, t: float) -> float:
+        """Return mm/s after t s; 0 before and after."""
+        if not 0.0 <= t < self.seconds:
             return 0.0
-        angle = float(np.linalg.norm(self._turn))
-        return angle if angle > 1e-9 else 0.0
-
-    @cached_property
-    def _turn(self) -> Array:
-        return rotation_vector(self.start[:3, :3].T @ self.end[:3, :3])
-
-    def at(self, way: float) -> Array:
-        """(4, 4) after ``way`` mm of its length."""
-        return self.many(np.array([way]))[0]
-
-    def many(self, ways: Array) -> Array:
-        """(N, 4, 4) after ``ways`` (N,); all at once, since a turn of an arm has thousands."""
-        share = np.clip(ways / self.length, 0.0, 1.0) if self.length > 0 else np.ones(len(ways))
-        out = np.broadcast_to(self.start, (len(ways), 4, 4)).copy()
-        out[:, :3, 3] += share[:, None] * (self.end[:3, 3] - self.start[:3, 3])
-        if self.angle:
-            out[:, :3, :3] = self.start[:3, :3] @ rotations(self._turn, share)
-        return out
+        braking = max(0.0, t - self.rising - self.cruising)
+        return min(
+            self.acceleration * t if t < self.rising else self.peak,
+            self.peak - self.acceleration * braking,
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
-    """A line that is followed from ``start_s`` on by a profile. A profile that ends before the line
-    does stops there."""
+class Move:
+    """A straight way between two (4, 4) poses from ``start_s`` on; the tool turns about one axis.
+
+    A profile that ends before the line does stops there.
+    """
 
     start_s: float
-    line: Line
+    start: Array
+    end: Array
     profile: Profile
+
+    @classmethod
+    def travel(cls, t: float, start: Array, end: Array, speed: float, acceleration: float) -> Self:
+        """Return a move from rest to rest; mm/s, mm/s2."""
+        length = line_length(start, end)
+        return cls(t, start, end, Profile.from_rest(length, speed, acceleration))
+
+    @classmethod
+    def rest(cls, t: float, pose: Array) -> Self:
+        """Return a tool that stands still from t on."""
+        return cls(t, pose, pose, Profile(0.0, 1.0))
 
     @property
     def end_s(self) -> float:
+        """When it comes to rest, s."""
         return self.start_s + self.profile.seconds
 
-    def way(self, t: float) -> float:
-        return self.profile.at(t - self.start_s)[0]
+    @cached_property
+    def length(self) -> float:
+        """Length of the whole line, mm."""
+        return line_length(self.start, self.end)
+
+    @cached_property
+    def _turn(self) -> Array:
+        return _turn_between(self.start, self.end)
+
+    def poses(self, times: Array) -> Array:
+        """Return (N, 4, 4) poses at (N,) s of the world."""
+        ways = self.profile.way(np.asarray(times) - self.start_s)
+        # The last step lands on the end itself, whatever rounding did on the way.
+        shares = np.where(ways >= self.length * (1 - 1e-12), 1.0, ways / max(self.length, 1e-300))
+        poses = np.broadcast_to(self.start, (len(shares), 4, 4)).copy()
+        poses[:, :3, 3] += shares[:, None] * (self.end[:3, 3] - self.start[:3, 3])
+        if self._turn.any():
+            turns = Rotation.from_rotvec(shares[:, None] * self._turn).as_matrix()
+            poses[:, :3, :3] = self.start[:3, :3] @ turns
+        return poses
+
+    def pose(self, t: float) -> Array:
+        """Return the (4, 4) pose at t s."""
+        pose: Array = self.poses(np.array([t]))[0]
+        return pose
 
     def speed(self, t: float) -> float:
-        """mm/s along the line; 0 beyond its ends."""
-        inside = self.start_s <= t < self.end_s
-        return self.profile.at(t - self.start_s)[1] if inside else 0.0
+        """Return mm/s along the line at t s."""
+        return self.profile.speed(t - self.start_s)
 
-    def at(self, t: float) -> Array:
-        """(4, 4) at a time of the world."""
-        return self.line.at(self.way(t))
+    def braked(self, t: float, deceleration: float) -> Move:
+        """Return the move that comes to rest on the same line from t on, harder where the line is
+        too short; mm/s2."""
+        here, speed = self.pose(t), self.speed(t)
+        left = line_length(here, self.end)
+        if speed <= 0 or left <= 0:
+            return Move.rest(t, here)
+        return Move(t, here, self.end, Profile(speed, max(deceleration, speed**2 / (2 * left))))
 
-    def when(self, way: float) -> float:
-        return self.start_s + self.profile.when(way)
+
+def line_length(start: Array, end: Array) -> float:
+    """Return mm of the tool point's way, or of the turn where that is longer."""
+    way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
+    return max(way, float(np.linalg.norm(_turn_between(start, end))) * MM_PER_RADIAN)
+
+
+def _turn_between(start: Array, end: Array) -> Array:
+    """Rotation vector (3,), rad, zero below what rounding makes."""
+    if np.array_equal(start[:3, :3], end[:3, :3]):
+        return np.zeros(3)
+    vector: Array = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).as_rotvec()
+    return vector if np.linalg.norm(vector) > 1e-9 else np.zeros(3)

@@ -1,38 +1,74 @@
-"""What a tool does to the sensor at a pose, in closed form; vectorised for whole ways."""
+"""What a tool does to the sensor at a pose: closed form, many poses at once."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tactibench import Contacts, Indenter, Pose, Scene
 from tactibench.geometry import true_contacts
-from tactibench_tactip.emulators.poses import Array, inverse, matrix, pose6
-from tactibench_tactip.emulators.rig import Rig, Truth
+from tactibench_tactip.emulators.motion import Array, Pose6, inverse, matrix, pose6
 
 _UPRIGHT = 1.0 - 1e-10
 """Cosine of a tilt that is rounding."""
 
 
+@dataclass(frozen=True)
+class Rig:
+    """The true geometry of a setup, which a collection has to measure.
+
+    Args:
+        work_frame: in the robot's base frame (a stage: machine coordinates).
+        sensor_frame: of the sensor in the work frame: origin at the undeformed apex, z out of the
+            dome, x right and y down in the image. A sensor 0.7 mm beside, 1.2 mm deeper and turned
+            by 12 deg has (0.7, 0, 1.2, 180, 0, 12).
+        indenter: its tips lie at (dx, -dy, dz) in the tool frame, dz towards the sensor. The tool
+            point is the foremost point of a tip with dz = 0, or a plate's centre.
+        start: the tool at the beginning, in the work frame.
+        stiffness_n_per_mm: of the sensor under each tip, for the force that a robot feels.
+    """
+
+    work_frame: Pose6 = (109.1, -487.0, 341.3, 180.0, 0.0, -90.0)
+    sensor_frame: Pose6 = (0.0, 0.0, 0.0, 180.0, 0.0, 0.0)
+    indenter: Indenter = field(default_factory=Indenter.single)
+    start: Pose6 = (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)
+    stiffness_n_per_mm: float = 0.8
+
+
 @dataclass(frozen=True, eq=False)
+class Truth:
+    """The state of the world at one moment.
+
+    Args:
+        tool: pose in the work frame.
+        depth_mm: of the deepest tip past its own first touch; negative: the gap along z.
+        contacts: in the sensor frame.
+        scene: that the sensor shows; None: nothing touches.
+        force_n: along the work frame's z, pushing the tool away.
+    """
+
+    tool: Pose6
+    depth_mm: float
+    contacts: Contacts
+    scene: Scene | None
+    force_n: float
+
+
 class Touch:
-    """Rig and dome radius (mm; inf: a flat pad). Tool poses are (4, 4) in the work frame."""
+    """Contact of a rig's tool with a dome (radius mm; inf: a flat pad)."""
 
-    rig: Rig
-    dome_radius: float
-
-    @property
-    def _to_sensor(self) -> Array:
-        return inverse(matrix(self.rig.sensor_frame))
+    def __init__(self, rig: Rig, dome_radius: float) -> None:
+        self.rig, self.dome_radius = rig, dome_radius
+        self._to_sensor = inverse(matrix(rig.sensor_frame))
 
     def depths(self, tools: Array) -> Array:
-        """(N, K) travel of every tip past its own first touch for (N, 4, 4) tools, mm; negative: a
-        gap; -inf: the tip's axis passes beside the dome.
+        """Return (N, K) travel of every tip past its first touch for (N, 4, 4) tools, mm.
 
-        With its centre at (rho, z) from the dome's, a tip touches at sqrt((R_d + R)^2 - rho^2).
-        A plate's depth is R_d - n (p - O) along its normal n.
+        Negative: a gap; -inf: the tip's axis passes beside the dome. With its centre at (rho, z)
+        from the dome's, a tip touches at sqrt((R_d + R)^2 - rho^2). A plate's depth is
+        R_d - n (p - O) along its normal n.
         """
         seen = self._to_sensor @ tools
         radius, dome = self.rig.indenter.radius, self.dome_radius
@@ -50,12 +86,12 @@ class Touch:
         return np.where(square > 0, depth, -np.inf)
 
     def forces(self, depths: Array) -> Array:
-        """(N,) N of (N, K) depths: a spring under every tip."""
+        """Return (N,) N of (N, K) depths: a spring under every tip."""
         force: Array = self.rig.stiffness_n_per_mm * np.maximum(depths, 0.0).sum(axis=1)
         return force
 
     def truth(self, tool: Array) -> Truth:
-        """All that is so at one pose."""
+        """Return all that is so with the tool at one (4, 4) pose in the work frame."""
         depths = self.depths(tool[None])
         depth = float(depths.max())
         scene = self._scene(self._to_sensor @ tool, depth) if depth > 0 else None
@@ -83,13 +119,9 @@ class Touch:
             turn = math.degrees(math.atan2(normal[1], normal[0])) if tilt else 0.0
             return Scene(indenter, Pose(x, y, turn, tilt, depth))
         if normal[2] >= _UPRIGHT:
-            return Scene(
-                indenter, Pose(x, y, math.degrees(math.atan2(seen[1, 0], seen[0, 0])), 0.0, depth)
-            )
-        return Scene(_upright(indenter, self._centres(seen[None])[0]), Pose(depth=depth))
-
-
-def _upright(indenter: Indenter, centres: Array) -> Indenter:
-    """An untilted indenter with its tips where those of a tilted one are: spheres do not turn."""
-    offsets = tuple((float(x), float(y), float(-z)) for x, y, z in centres)
-    return replace(indenter, offsets=offsets)
+            yaw = math.degrees(math.atan2(seen[1, 0], seen[0, 0]))
+            return Scene(indenter, Pose(x, y, yaw, 0.0, depth))
+        # Spheres do not turn: a tilted indenter is an upright one with its tips elsewhere.
+        centres = self._centres(seen[None])[0]
+        offsets = tuple((float(x), float(y), float(-z)) for x, y, z in centres)
+        return Scene(replace(indenter, offsets=offsets), Pose(depth=depth))

@@ -1,41 +1,111 @@
-"""The shared world: a tool over a simulated sensor, in scaled time."""
+"""The world that the emulators share: a tool over a simulated sensor, in time.
+
+Nothing ticks. Motion up to now is worked out, in the order of the world's time, whenever somebody
+asks or a device looks.
+"""
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+import math
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
+from itertools import count, takewhile
 from threading import RLock
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Indenter, Sensor, SensorContext, open_sensor
+from tactibench import Indenter, Scene, Sensor, SensorContext, UserError, open_sensor
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_tactip.emulators.clock import Clock
-from tactibench_tactip.emulators.faults import Fault, Fired
-from tactibench_tactip.emulators.levels import Level
-from tactibench_tactip.emulators.log import Envelope, Log
-from tactibench_tactip.emulators.motion import Leg, Profile
-from tactibench_tactip.emulators.poses import Array, Pose6, matrix, pose6
-from tactibench_tactip.emulators.recorder import Recorder
-from tactibench_tactip.emulators.rig import Rig, Truth
-from tactibench_tactip.emulators.route import Route
-from tactibench_tactip.emulators.touch import Touch
-from tactibench_tactip.emulators.view import View
+from tactibench_tactip.emulators.faults import Fault, FaultEvent
+from tactibench_tactip.emulators.motion import Array, Move, Pose6, matrix, pose6
+from tactibench_tactip.emulators.touch import Rig, Touch, Truth
 
-Handler = Callable[[Fault, float], None]
+Image = npt.NDArray[np.uint8]
+FaultHandler = Callable[[Fault, float], None]
+
+SAMPLE_S = 1e-3
+"""Between two looks along a move. A curve of 500 mm/s2 leaves its chord by a t^2 / 8 = 0.06
+micrometres between them."""
+PRESS_DEPTH_MM = 0.4
+"""Deeper than this from touch to release is a press; a search for first touch stays above it."""
+MOVES, PRESSES, EXCURSIONS, IMAGES = 4096, 16384, 1000, 64
+"""What is remembered of the past, so that long collections do not grow."""
+
+
+class Clock:
+    """Seconds of the world since it was made; they pass ``scale`` times as fast as the host's."""
+
+    def __init__(self, scale: float = 1.0) -> None:
+        if not (math.isfinite(scale) and 0 < scale <= 1000):
+            raise UserError(f"the time scale is {scale:g}; it must be above 0 and at most 1000.")
+        self.scale = scale
+        self._start = time.monotonic_ns()
+
+    def now(self) -> float:
+        """Return seconds of the world, now."""
+        return self.at(time.monotonic_ns())
+
+    def at(self, monotonic_ns: int) -> float:
+        """Return seconds of the world at a reading of ``time.monotonic_ns``."""
+        return (monotonic_ns - self._start) * 1e-9 * self.scale
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """A box of the work frame in which the tool point must stay, mm, and its greatest tilt, deg.
+
+    Written apart from the drivers' own check, so that one can find a mistake of the other.
+    slack_mm: what rounding may add.
+    """
+
+    x: tuple[float, float] = (-20.0, 20.0)
+    y: tuple[float, float] = (-20.0, 20.0)
+    z: tuple[float, float] = (-60.0, 6.5)
+    tilt: float = 45.0
+    slack_mm: float = 1e-3
+
+    def holds(self, poses: Array) -> npt.NDArray[np.bool_]:
+        """Return (N,) whether (N, 4, 4) poses in the work frame lie inside."""
+        low, high = np.transpose([self.x, self.y, self.z])
+        places = poses[:, :3, 3]
+        inside = (places >= low - self.slack_mm) & (places <= high + self.slack_mm)
+        upright = poses[:, 2, 2] >= math.cos(math.radians(self.tilt)) - 1e-6
+        result: npt.NDArray[np.bool_] = inside.all(axis=1) & upright
+        return result
+
+
+@dataclass(frozen=True)
+class Watch:
+    """A callback for the moment at which the depth (mm) or the force (N) passes a value."""
+
+    quantity: str
+    value: float
+    notify: Callable[[float], None]
+    falling: bool = False
+
+    def crossing(self, times: Array, values: Array) -> float | None:
+        """Return the first time at which sampled values pass the level, None: they do not."""
+        with np.errstate(invalid="ignore"):  # beside the dome the depth is minus infinity
+            above = (values - self.value) * (-1.0 if self.falling else 1.0)
+            passed = np.flatnonzero((above[1:] >= 0) & ~(above[:-1] >= 0))
+        if not len(passed):
+            return None
+        k = int(passed[0])
+        low, high = float(above[k]), float(above[k + 1])
+        share = -low / (high - low) if math.isfinite(low) else 1.0
+        return float(times[k] + share * (times[k + 1] - times[k]))
 
 
 def simulated(name: str = "tactip-127", *, seed: int = 0, **parameters: Any) -> Sensor:
-    """The sensor of that name, of whichever installed plugin; parameters as on the command line.
+    """Return the sensor of that name, of whichever installed plugin.
 
-    Its own noise is switched off where it has a parameter ``noise``: a camera has noise of its own
-    in every frame, which ``CameraEmulator`` adds. Raises UserError as the plugin host does.
+    Its own noise is switched off where it has a parameter ``noise``: the emulated camera adds noise
+    to every frame. Raises UserError as the plugin host does.
     """
     given = {key: str(value) for key, value in parameters.items()}
     context = SensorContext(np.random.SeedSequence(seed))
@@ -43,10 +113,14 @@ def simulated(name: str = "tactip-127", *, seed: int = 0, **parameters: Any) -> 
 
 
 class World:
-    """A tool that moves over a sensor. Thread-safe; nothing ticks: what happened is worked out, in
-    order, when somebody asks or a device looks.
+    """A tool that moves over a sensor. Thread-safe.
 
-    clock, log, rig: what they are called. lock: held by whoever changes something.
+    Attributes:
+        clock, rig: as given.
+        lock: held by whoever changes something.
+        rest: (H, W) uint8, the undeformed sensor without noise.
+        excursions: (s, tool pose) of every time that the tool left the envelope.
+        depths: mm of the presses that ended.
     """
 
     def __init__(
@@ -55,232 +129,274 @@ class World:
         rig: Rig | None = None,
         *,
         envelope: Envelope | None = None,
-        time_scale: float = 1.0,
-        press_depth_mm: float = 0.4,
-        faults: tuple[Fault, ...] = (),
+        faults: Iterable[Fault] = (),
         clock: Clock | None = None,
     ) -> None:
-        """envelope None: everything is inside. press_depth_mm: a press is a time from touch to
-        release in which the tool goes deeper than this; a search for first touch is none. clock:
-        instead of one of ``time_scale``."""
+        """Envelope None: the tool may go anywhere."""
         self.lock = RLock()
-        self.clock = clock or Clock(time_scale)
+        self.clock = clock or Clock()
         self.rig = rig or Rig()
-        self.view = View(sensor)
-        radius = None if sensor is None else sensor.dome_radius_mm
-        self.dome_radius_mm = DOME_RADIUS_MM if radius is None else radius
-        self._touch = Touch(self.rig, self.dome_radius_mm)
-        self._route = Route(self._touch, matrix(self.rig.start))
-        self._recorder = Recorder(self._route, envelope, press_depth_mm)
+        self.rest = _read_only(sensor.rest().image)
+        self.excursions: list[tuple[float, Pose6]] = []
+        self.depths: deque[float] = deque(maxlen=PRESSES)
+        self.fired: list[FaultEvent] = []
+        self._sensor = sensor
+        self._images: OrderedDict[Scene, Image] = OrderedDict()
+        self._image_lock = RLock()
+        dome = sensor.dome_radius_mm
+        self._touch = Touch(self.rig, DOME_RADIUS_MM if dome is None else dome)
+        self._envelope, self._inside = envelope, True
+        self._moves: deque[Move] = deque(maxlen=MOVES)
+        self._moves.append(Move.rest(-math.inf, matrix(self.rig.start)))
         self._known_s = 0.0
-        self._levels: dict[int, Level] = {}
-        self._timers: list[tuple[float, int, Callable[[float], None]]] = []
-        self._number = count()
-        self._handlers: dict[str, list[Handler]] = {}
+        self._numbers = count()
+        self._watches: dict[int, Watch] = {}
+        self._handlers: dict[str, list[FaultHandler]] = {}
         self._armed: list[Fault] = []
-        self._fired: list[Fired] = []
+        self._fault_watches: list[int] = []
+        self._begun = 0
+        self._deepest: float | None = None
+        self._watch_press()
         self.arm(*faults)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Nothing is held open."""
-
-    # What somebody outside may ask
-
-    @property
-    def log(self) -> Log:
-        return self._recorder.log
+    # Questions from outside
 
     @property
     def presses(self) -> int:
-        """How many presses have begun."""
+        """Number of presses that have begun."""
         with self.lock:
             self.advance()
-            return self._recorder.presses
+            return self._begun
 
     def tool(self) -> Pose6:
-        """Where the tool is now, work frame."""
-        return pose6(self.pose())
+        """Return where the tool is now, work frame."""
+        return pose6(self._pose_now())
 
     def truth(self, at_ns: int | None = None) -> Truth:
-        """What is so now, or was at a ``time.monotonic_ns`` of the latest 4096 legs.
+        """Return what is so now, or was at a ``time.monotonic_ns``.
 
-        Raises ValueError for a moment that is not kept."""
-        return self._touch.truth(self.pose(at_ns))
+        Raises ValueError for a moment that is no longer kept.
+        """
+        return self._touch.truth(self._pose_now(at_ns))
 
     def truth_of(self, tool: Pose6) -> Truth:
-        """What would be so with the tool there (work frame)."""
+        """Return what would be so with the tool there, work frame."""
         return self._touch.truth(matrix(tool))
 
-    def image(self, at_ns: int | None = None) -> npt.NDArray[np.uint8]:
-        """(H, W) or (H, W, 3): the sensor as it is pressed, without a camera's noise; read-only.
+    def image(self, at_ns: int | None = None) -> Image:
+        """Return (H, W) or (H, W, 3): the sensor as it is pressed, without noise; read-only.
 
-        Deeper or steeper than the sensor can be pressed it shows the press that it still knows."""
-        return self.view.image(self.truth(at_ns).scene)
+        Deeper or steeper than the sensor can be pressed it shows the deepest press that it can.
+        """
+        return self._image_of(self.truth(at_ns).scene)
 
-    @property
-    def fired(self) -> tuple[Fired, ...]:
-        """Faults that happened, in order."""
-        with self.lock:
-            self.advance()
-            return tuple(self._fired)
+    def image_at(self, t: float) -> Image:
+        """Return the image, as ``image``, at t s of the world."""
+        return self._image_of(self._touch.truth(self.pose_at(t)).scene)
 
-    # What somebody at the rig does
+    def _image_of(self, scene: Scene | None) -> Image:
+        """Poses are rounded to a micrometre, so that a held press is drawn once."""
+        if scene is None:
+            return self.rest
+        key = _rounded(scene)
+        with self._image_lock:
+            if key not in self._images:
+                self._images[key] = self._draw(key)
+                if len(self._images) > IMAGES:
+                    self._images.popitem(last=False)
+            self._images.move_to_end(key)
+            return self._images[key]
+
+    # Hands at the rig
 
     def mount(self, indenter: Indenter) -> None:
         """Change the indenter."""
         with self.lock:
             self.advance()
             self.rig = replace(self.rig, indenter=indenter)
-            self._touch = Touch(self.rig, self.dome_radius_mm)
-            self._route.changed(self._touch)
+            self._touch = Touch(self.rig, self._touch.dome_radius)
 
     def keep_to(self, envelope: Envelope | None) -> None:
-        """From now on the tool must stay in this envelope; None: it may go anywhere."""
+        """Note every motion outside this envelope from now on; None: the tool may go anywhere."""
         with self.lock:
             self.advance()
-            self._recorder.envelope = envelope
+            self._envelope, self._inside = envelope, True
 
     def arm(self, *faults: Fault) -> None:
-        """Arm faults; one without a trigger happens now."""
+        """Arm faults; one without a press happens now."""
         with self.lock:
             now = self.advance()
             for fault in faults:
-                if fault.press is not None:
-                    self._armed.append(fault)
-                elif fault.at_s is not None:
-                    self.alarm(fault.at_s, partial(self._fire, fault))
-                else:
+                if fault.press is None:
                     self._fire(fault, now)
+                else:
+                    self._armed.append(fault)
+                    if self._deepest is not None:
+                        self._watch_faults()
 
-    # What devices use; all of it under ``lock``
-
-    def pose(self, at_ns: int | None = None) -> Array:
-        """(4, 4) of the tool in the work frame, now or at a ``time.monotonic_ns``."""
-        with self.lock:
-            now = self.advance()
-            return self._route.at(now if at_ns is None else min(self.clock.at(at_ns), now))
-
-    def truth_at(self, t: float) -> Truth:
-        """What is so at t s."""
-        return self._touch.truth(self._route.at(t))
-
-    def pose_at(self, t: float) -> Array:
-        """(4, 4) of the tool in the work frame at t s, which may lie ahead as it is planned."""
-        return self._route.at(t)
-
-    def follow(self, t: float, steps: Iterable[tuple[Array, Profile]]) -> None:
-        """From t (s, not before what is known) on, move the tool to (4, 4) poses in turn."""
-        self._route.follow(t, steps)
-
-    def leg(self, t: float) -> Leg | None:
-        """What is travelled at t, None: the tool stands still."""
-        return self._route.leg(t)
-
-    def speed(self, t: float) -> tuple[float, Array]:
-        """mm/s along the leg of t, and (3,) the tool point's way for each mm of it."""
-        leg = self._route.leg(t)
-        if leg is None or leg.line.length == 0:
-            return 0.0, np.zeros(3)
-        way = leg.line.end[:3, 3] - leg.line.start[:3, 3]
-        return leg.speed(t), way / leg.line.length
-
-    @property
-    def still_s(self) -> float:
-        """When the planned motion ends."""
-        return self._route.end_s
-
-    def depth(self, t: float) -> float:
-        """Of the deepest tip, mm, at t s; negative: a gap."""
-        return float(self._touch.depths(self._route.at(t)[None]).max())
-
-    def force(self, t: float) -> float:
-        """N, at t s."""
-        return float(self._touch.forces(self._touch.depths(self._route.at(t)[None]))[0])
-
-    def watch(self, level: Level) -> int:
-        """Tell when a level is passed, once. Returns a number for ``forget``."""
-        number = next(self._number)
-        self._levels[number] = level
-        return number
-
-    def forget(self, number: int) -> None:
-        self._levels.pop(number, None)
-
-    def alarm(self, t: float, told: Callable[[float], None]) -> None:
-        """Tell at t s."""
-        heapq.heappush(self._timers, (t, next(self._number), told))
-
-    def answer(self, kinds: Iterable[str], handler: Handler) -> None:
-        """A device takes faults of these kinds."""
+    def on_fault(self, kinds: Iterable[str], handler: FaultHandler) -> None:
+        """Have a device answer faults of these kinds."""
         with self.lock:
             for kind in kinds:
                 self._handlers.setdefault(kind, []).append(handler)
+
+    # Motion, for the devices; all of it under ``lock``
+
+    def pose_at(self, t: float) -> Array:
+        """Return the (4, 4) tool pose in the work frame at t s, which may lie ahead."""
+        for move in reversed(self._moves):
+            if move.start_s <= t:
+                return move.end if math.isinf(move.start_s) else move.pose(t)
+        raise ValueError(f"where the tool was at {t:.3f} s is no longer kept")
+
+    def move_at(self, t: float) -> Move | None:
+        """Return the move that is made at t s; None: the tool stands still."""
+        move = next((m for m in reversed(self._moves) if m.start_s <= t), None)
+        return move if move is not None and t < move.end_s else None
+
+    def follow(self, t: float, *moves: Move) -> None:
+        """Make moves from t s on instead of what was planned; with none, stop at once."""
+        here = self.pose_at(t)
+        while self._moves[-1].start_s >= t:
+            self._moves.pop()
+        self._moves.extend(moves or [Move.rest(t, here)])
+
+    def brake(self, t: float, deceleration: float) -> float:
+        """Come to rest on the line that is followed, mm/s2; returns when, s."""
+        move = self.move_at(t)
+        if move is not None:
+            self.follow(t, move.braked(t, deceleration))
+        return self.still_s
+
+    @property
+    def still_s(self) -> float:
+        """When the planned motion ends, s."""
+        end = self._moves[-1].end_s
+        return 0.0 if math.isinf(end) else end
+
+    def depth(self, t: float) -> float:
+        """Return mm of the deepest tip at t s; negative: a gap."""
+        return float(self._touch.depths(self.pose_at(t)[None]).max())
+
+    def force(self, t: float) -> float:
+        """Return N at t s."""
+        return float(self._touch.forces(self._touch.depths(self.pose_at(t)[None]))[0])
+
+    def watch(self, watch: Watch) -> int:
+        """Call back when a level is passed, once. Returns a number for ``forget``."""
+        number = next(self._numbers)
+        self._watches[number] = watch
+        return number
+
+    def forget(self, number: int) -> None:
+        """Drop a watch; one that was called is dropped already."""
+        self._watches.pop(number, None)
 
     def advance(self) -> float:
         """Work out all that happened up to now, in order; returns now, s."""
         with self.lock:
             now = self.clock.now()
-            while (found := self._next(now)) is not None:
-                t, tell = found
-                self._pass(t)
-                tell(t)
-            self._pass(now)
+            while self._known_s < now:
+                self._advance_along(self._known_s, now)
             return now
 
-    def _pass(self, t: float) -> None:
-        self._recorder.record(self._known_s, t)
-        self._known_s = max(self._known_s, t)
+    def _advance_along(self, start: float, now: float) -> None:
+        """Up to the first event after start, to the end of the move made there, or to now."""
+        ahead = [m.start_s for m in takewhile(lambda m: m.start_s > start, reversed(self._moves))]
+        move = self.move_at(start)
+        end = min(now, *ahead, now if move is None else move.end_s)
+        self._known_s = end
+        if move is None:
+            return
+        times = np.linspace(start, end, math.ceil((end - start) / SAMPLE_S) + 1)
+        poses = move.poses(times)
+        tips = self._touch.depths(poses)
+        values = {"depth": tips.max(axis=1), "force": self._touch.forces(tips)}
+        event: tuple[float, int] | None = None
+        for number, watch in self._watches.items():
+            t = watch.crossing(times, values[watch.quantity])
+            if t is not None and (event is None or t < event[0]):
+                event = t, number
+        if event is not None:
+            self._known_s = event[0]
+        self._record(times, poses, values["depth"])
+        if event is not None:
+            self._watches.pop(event[1]).notify(event[0])
 
-    def _next(self, now: float) -> tuple[float, Callable[[float], None]] | None:
-        """The first of timers and levels up to now."""
-        found: tuple[float, Callable[[float], None]] | None = None
-        if self._timers and self._timers[0][0] <= now:
-            t, _, told = self._timers[0]
-            found = max(t, self._known_s), partial(self._ring, told)
-        levels = [*self._levels.items(), *self._recorder.levels(), *self._triggers()]
-        for way in self._route.ways(self._known_s, now):
-            leg = way.leg
-            start, end = leg.way(max(self._known_s, leg.start_s)), leg.way(min(now, leg.end_s))
-            for number, level in levels:
-                at = way.crossing(level, start, end)
-                t = now if at is None else max(leg.when(at), self._known_s)
-                if at is not None and (found is None or t < found[0]):
-                    found = t, partial(self._tell, number, level.told)
-            if found is not None and found[0] <= leg.end_s:
-                break
-        return found
+    def _record(self, times: Array, poses: Array, depth: Array) -> None:
+        """Put what was travelled until what is known into the records."""
+        seen = times <= self._known_s
+        if self._deepest is not None:
+            at_end = float(np.interp(self._known_s, times, depth))
+            self._deepest = max(self._deepest, at_end, float(depth[seen].max()))
+        if self._envelope is None:
+            return
+        for k, inside in enumerate(self._envelope.holds(poses[seen])):
+            if self._inside and not inside and len(self.excursions) < EXCURSIONS:
+                self.excursions.append((float(times[k]), pose6(poses[k])))
+            self._inside = bool(inside)
 
-    def _ring(self, told: Callable[[float], None], t: float) -> None:
-        heapq.heappop(self._timers)
-        told(t)
+    # Presses and faults
 
-    def _tell(self, number: int, told: Callable[[float], None], t: float) -> None:
-        self.forget(number)
-        told(t)
+    def _watch_press(self) -> None:
+        self.watch(Watch("depth", PRESS_DEPTH_MM, self._begin_press))
 
-    def _triggers(self) -> Iterable[tuple[int, Level]]:
-        """Levels of the faults whose press it is, or will be when it gets that deep."""
-        for fault in self._armed:
-            if fault.press is not None and self._recorder.is_press(fault.press):
-                depth = max(fault.depth_mm, self._recorder.press_depth_mm + 1e-6)
-                yield -1, Level("depth", depth, partial(self._trigger, fault))
+    def _begin_press(self, _: float) -> None:
+        self._begun += 1
+        self._deepest = PRESS_DEPTH_MM
+        self.watch(Watch("depth", 0.0, self._end_press, falling=True))
+        self._watch_faults()
 
-    def _trigger(self, deepest: Fault, t: float) -> None:
-        for fault in [f for f in self._armed if f.press == deepest.press]:
-            if fault.depth_mm <= deepest.depth_mm:
-                self._armed.remove(fault)
-                self._fire(fault, t)
+    def _end_press(self, _: float) -> None:
+        self.depths.append(self._deepest or 0.0)
+        self._deepest = None
+        for number in self._fault_watches:
+            self.forget(number)
+        self._fault_watches.clear()
+        self._watch_press()
+
+    def _watch_faults(self) -> None:
+        for fault in [fault for fault in self._armed if fault.press == self._begun]:
+            self._armed.remove(fault)
+            depth = max(fault.depth_mm, PRESS_DEPTH_MM + 1e-6)
+            notify = partial(self._fire, fault)
+            self._fault_watches.append(self.watch(Watch("depth", depth, notify)))
 
     def _fire(self, fault: Fault, t: float) -> None:
         handlers = self._handlers.get(fault.kind, [])
-        self._fired.append(Fired(fault, t, self._recorder.presses, bool(handlers)))
+        self.fired.append(FaultEvent(fault, t, self._begun, bool(handlers)))
         for handler in handlers:
             handler(fault, t)
+
+    def _pose_now(self, at_ns: int | None = None) -> Array:
+        with self.lock:
+            now = self.advance()
+            return self.pose_at(now if at_ns is None else min(self.clock.at(at_ns), now))
+
+    def _draw(self, scene: Scene) -> Image:
+        for shallower in _shallower(scene):
+            try:
+                return _read_only(self._sensor.press(shallower).image)
+            except UserError:  # deeper or steeper than this sensor can show
+                continue
+        return self.rest
+
+
+def _shallower(scene: Scene) -> Iterator[Scene]:
+    """The scene, then less and less deep, by a twentieth."""
+    for _ in range(60):
+        yield scene
+        scene = replace(scene, pose=replace(scene.pose, depth=scene.pose.depth * 0.95))
+
+
+def _read_only(image: Image) -> Image:
+    result = image.copy()
+    result.setflags(write=False)
+    return result
+
+
+def _rounded(scene: Scene) -> Scene:
+    pose = scene.pose
+    names = ("x", "y", "yaw", "tilt", "depth")
+    values = {name: round(getattr(pose, name) / 1e-3) * 1e-3 for name in names}
+    return Scene(scene.indenter, replace(pose, **values))

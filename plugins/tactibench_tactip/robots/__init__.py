@@ -1,1 +1,1 @@
-"""Robots behind one protocol: UR, GRBL, cri."""
+"""Drivers of robots behind one interface: UR arms, stages with GRBL, robots of cri."""

@@ -1,33 +1,44 @@
-"""What every robot can do for us. One thread calls it; nothing here waits but ``connect``."""
+"""The interface of a robot. One thread calls it, and nothing here waits but ``connect``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from tactibench import UserError
 from tactibench_tactip.settings import Pose6
 
 HOMING_S = 90.0
-"""Within which a stage has found its switches, s."""
+"""Within which a stage has reached its switches, s."""
 
 
 @dataclass(frozen=True)
 class RobotState:
-    """normal: whether it may be moved. stopped: by its controller, to protect something. words:
-    what it says of itself. force_n: (x, y, z) N in the base frame, None where nobody measures it.
-    time_s: of the robot's own clock, s."""
+    """The state of a robot.
+
+    Attributes:
+        normal: whether it may be moved.
+        description: that its controller gives.
+        stopped: by its controller, to protect something.
+        force_n: (x, y, z) N in the base frame; None where the robot does not measure it.
+        time_s: of the robot's own clock.
+    """
 
     normal: bool
-    words: str = "normal"
+    description: str = "normal"
     stopped: bool = False
     force_n: tuple[float, float, float] | None = None
     time_s: float | None = None
 
 
 class Robot(Protocol):
-    """Poses are of the tool's centre point in the robot's base frame, mm and deg (sxyz).
+    """A robot that moves a tool along straight lines.
 
-    turns: whether the tool can be turned. Methods raise RobotError.
+    Poses are of the tool's centre point in the robot's base frame, mm and deg (sxyz). Methods raise
+    RobotError.
+
+    Attributes:
+        turns: whether the tool can be turned.
     """
 
     turns: bool
@@ -41,21 +52,23 @@ class Robot(Protocol):
         ...
 
     def moving(self) -> bool:
-        """Whether the move goes on."""
+        """Return whether the move goes on."""
         ...
 
     def pose(self) -> Pose6:
-        """Where the tool is."""
+        """Return where the tool is."""
         ...
 
     def stop(self) -> None:
         """Begin to stop; ``moving`` says when it stands."""
         ...
 
-    def state(self) -> RobotState: ...
+    def state(self) -> RobotState:
+        """Return the state of this moment."""
+        ...
 
     def tick(self) -> None:
-        """Called at least at every turn of the control loop: keeps watchdogs quiet."""
+        """Keep watchdogs quiet; called at every turn of the control loop."""
         ...
 
     def close(self) -> None:
@@ -63,13 +76,13 @@ class Robot(Protocol):
         ...
 
     def describe(self) -> dict[str, str]:
-        """Versions and settings, for people and the record."""
+        """Return versions and settings, for people and the record."""
         ...
 
 
 @runtime_checkable
-class Recovers(Protocol):
-    """Optional: a robot whose protective stop can be released from here."""
+class RecoverableRobot(Protocol):
+    """A robot whose protective stop can be released from here."""
 
     def recover(self) -> None:
         """Release the stop and get ready again. Raises RobotError when that is refused."""
@@ -77,9 +90,12 @@ class Recovers(Protocol):
 
 
 @runtime_checkable
-class Homes(Protocol):
-    """Optional: a stage that finds its position at its switches. at_switches: whether it stands
-    there."""
+class HomingRobot(Protocol):
+    """A stage that finds its position at its switches.
+
+    Attributes:
+        at_switches: whether it stands there.
+    """
 
     at_switches: bool
 
@@ -89,9 +105,17 @@ class Homes(Protocol):
 
 
 @runtime_checkable
-class Probes(Protocol):
-    """Optional: a robot that stops by itself where a probe closes its contact."""
+class ProbingRobot(Protocol):
+    """A robot that stops by itself where a probe closes its contact."""
 
     def probe(self, pose: Pose6, speed: float) -> Pose6 | None:
-        """Move towards a pose, mm and deg, at mm/s until contact; the pose there, None: none."""
+        """Move towards a pose, mm/s, until contact; return the pose there, None: no contact."""
         ...
+
+
+def missing_package(package: str, extra: str, remark: str = "") -> UserError:
+    """Return the error for a driver whose package is not installed."""
+    return UserError(
+        f"the package {package} is missing; install it with "
+        f"pip install 'tactibench[{extra}]'{remark}."
+    )

@@ -8,18 +8,18 @@ from importlib import import_module
 from typing import Any
 
 from tactibench import UserError
-from tactibench_tactip.failures import RobotError
+from tactibench_tactip.errors import RobotError
 from tactibench_tactip.robots.base import RobotState
 from tactibench_tactip.settings import Pose6, Settings
 
 
 class CriRobot:
-    """``move_linear`` blocks until the robot stands, so it runs in a thread of its own, one at a
-    time. The robot is asked for nothing else meanwhile; ``stop`` is used where it has one, and
-    otherwise the move, which is one press at most, runs to its end.
+    """A robot whose ``move_linear`` blocks until it stands: each move runs in a thread of its own.
 
-    ``robot.address`` names what makes the robot: ``package.module:callable``, called without
-    arguments. It must talk mm and deg in axes sxyz, of the tool in the base frame.
+    The robot is asked for nothing else meanwhile. ``stop`` is used where it has one; otherwise the
+    move, which is one press at most, runs to its end. ``robot.address`` names what makes the robot:
+    ``package.module:callable``, called without arguments. It must talk mm and deg in axes sxyz, of
+    the tool in the base frame.
     """
 
     turns = True
@@ -29,10 +29,11 @@ class CriRobot:
         self._tcp = settings.frames.tcp_pose
         self._robot: Any = None
         self._move: threading.Thread | None = None
-        self._failed: BaseException | None = None
-        self._pose: Pose6 | None = None
+        self._failure: BaseException | None = None
+        self._pose: Pose6 = (0.0,) * 6
 
     def connect(self) -> None:
+        """Make the robot. Raises UserError for an object without what is needed."""
         module, _, name = self._address.partition(":")
         try:
             make = getattr(import_module(module), name)
@@ -48,9 +49,10 @@ class CriRobot:
         for name, value in (("axes", "sxyz"), ("coord_frame", (0.0,) * 6), ("tcp", self._tcp)):
             if hasattr(self._robot, name):
                 setattr(self._robot, name, value)
-        self._pose = self._read()
+        self._pose = self._read_pose()
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:  # noqa: ARG002
+        """Begin a move in a thread of its own."""
         if self._move is not None and self._move.is_alive():
             raise RobotError("the robot was asked to move while it moves; this is a bug.")
         if hasattr(self._robot, "linear_speed"):
@@ -61,46 +63,50 @@ class CriRobot:
     def _run(self, pose: Pose6) -> None:
         try:
             self._robot.move_linear(pose)
-        except BaseException as error:  # noqa: BLE001 - raised again by the owner
-            self._failed = error
+        except BaseException as error:  # noqa: BLE001 - raised again by ``moving``
+            self._failure = error
 
     def moving(self) -> bool:
+        """Return whether the move goes on. Raises RobotError for one that failed."""
         if self._move is None or self._move.is_alive():
             return self._move is not None
         self._move = None
-        failed, self._failed = self._failed, None
-        if failed is not None:
-            raise RobotError(f"move_linear raised {type(failed).__name__}: {failed}.")
-        self._pose = self._read()
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise RobotError(f"move_linear raised {type(failure).__name__}: {failure}.")
+        self._pose = self._read_pose()
         return False
 
     def pose(self) -> Pose6:
-        """Where it is; during a move, where it was before."""
+        """Return where it is; during a move, where it was before."""
         if self._move is None:
-            self._pose = self._read()
-        assert self._pose is not None, "connected"  # noqa: S101
+            self._pose = self._read_pose()
         return self._pose
 
-    def _read(self) -> Pose6:
+    def _read_pose(self) -> Pose6:
         x, y, z, a, b, c = (float(value) for value in self._robot.pose)
         return x, y, z, a, b, c
 
     def stop(self) -> None:
+        """Stop, where the robot can."""
         if hasattr(self._robot, "stop"):
             self._robot.stop()
 
     def state(self) -> RobotState:
-        return RobotState(normal=True, words="not told")
+        """Return a normal state: these robots say nothing of theirs."""
+        return RobotState(normal=True, description="not told")
 
     def tick(self) -> None:
-        """Nothing to keep quiet."""
+        """Do nothing: there is no watchdog."""
 
     def close(self) -> None:
+        """Close the robot."""
         robot, self._robot = self._robot, None
         with suppress(Exception):  # there is nobody left to tell
             if robot is not None:
                 robot.close()
 
     def describe(self) -> dict[str, str]:
+        """Return the kind of robot."""
         info = getattr(self._robot, "info", "")
         return {"driver": "cri", "robot": f"{type(self._robot).__name__} {info}".strip()}

@@ -9,37 +9,71 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactibench import UserError
-from tactibench_tactip.failures import RobotError, RobotLostError
-from tactibench_tactip.robots.connect import missing
+from tactibench_tactip.errors import RobotError, RobotLostError
+from tactibench_tactip.robots.base import missing_package
 
 ANSWER_S = 2.0
+STATUS_S = 0.25
+"""After which a status report is asked for again: GRBL drops the question while it is busy."""
+PAUSE_S = 0.0005
 CRITICAL = (1, 2)
 """Alarms after which nothing is answered before a reset."""
 _NUMBERS = re.compile(r"-?\d+(?:\.\d+)?")
 
+_ERRORS = {
+    5: "homing is switched off, $22",
+    8: "it is not idle",
+    9: "it is locked by an alarm",
+    10: "soft limits need homing",
+    15: "the target is beyond the stage's travel",
+    22: "no feed rate",
+    33: "a wrong target",
+}
+_ALARMS = {
+    1: "a limit switch was hit, the position is lost; home the stage",
+    2: "a target beyond the stage's travel; the position is kept",
+    3: "it was reset while it moved, the position is lost; home the stage",
+    4: "the probe was closed before it started",
+    5: "the probe met nothing",
+    **dict.fromkeys(range(6, 11), "homing failed"),
+}
+
+
+class NoAnswerError(RobotError):
+    """GRBL is silent."""
+
 
 @dataclass(frozen=True)
 class Status:
-    """state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep. position: machine's, mm."""
+    """A status report.
+
+    Attributes:
+        state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep.
+        position: of the machine, mm.
+    """
 
     state: str
     position: tuple[float, float, float]
 
 
 class GrblLink:
-    """One port. Raises RobotLostError when it goes away."""
+    """One port. Raises RobotLostError when it goes away.
+
+    Attributes:
+        alarm: number of the latest alarm, 0: none.
+        banner: that the controller sends when it starts.
+    """
 
     def __init__(self, address: str) -> None:
+        """Open the port. Raises UserError."""
         try:
             import serial
         except ImportError:
-            raise missing("pyserial", "serial") from None
+            raise missing_package("pyserial", "serial") from None
         self._errors: tuple[type[Exception], ...] = (serial.SerialException, OSError)
-        self._offset = (0.0, 0.0, 0.0)
-        self._position = (0.0, 0.0, 0.0)
+        self._offset = self._position = (0.0, 0.0, 0.0)
         self.alarm = 0
         self.banner = ""
-        self.pushed: list[str] = []
         self._rest = b""
         try:
             self._port: Any = serial.serial_for_url(
@@ -58,26 +92,27 @@ class GrblLink:
     def command(self, line: str, wait_s: float = ANSWER_S) -> list[str]:
         """Send a line and return what came before its ``ok``.
 
-        Raises RobotError for an error, an alarm, or no answer.
+        Raises RobotError for an error, and NoAnswerError.
         """
         self.drain()
         self._write(line.encode() + b"\n")
         lines: list[str] = []
         end = time.monotonic() + wait_s
         while True:
-            for got in self._lines():
-                if got == "ok":
+            for answer in self._read_lines():
+                if answer == "ok":
                     return lines
-                if got.startswith("error:"):
-                    raise RobotError(f"GRBL refuses {line!r}: {got} ({meaning(got)}).")
-                lines.append(got)
-                self._note(got)
+                if answer.startswith("error:"):
+                    meaning = describe_error(answer)
+                    raise RobotError(f"GRBL refuses {line!r}: {answer} ({meaning}).")
+                lines.append(answer)
+                self._note(answer)
             if time.monotonic() > end:
                 raise NoAnswerError(f"GRBL did not answer {line!r} within {wait_s:g} s.")
-            time.sleep(0.0005)
+            time.sleep(PAUSE_S)
 
     def status(self, wait_s: float = ANSWER_S) -> Status:
-        """Ask for state and position. Raises RobotError without an answer."""
+        """Return state and position. Raises NoAnswerError."""
         self.drain()
         if self.alarm in CRITICAL:
             return Status("Alarm", self._position)
@@ -85,125 +120,97 @@ class GrblLink:
         while time.monotonic() < end:
             self._write(b"?")
             asked = time.monotonic()
-            while time.monotonic() < min(end, asked + 0.25):
-                for got in self._lines():
-                    found = self._status(got)
-                    if found is not None:
-                        self._position = found.position
-                        return found
-                    self._note(got)
+            while time.monotonic() < min(end, asked + STATUS_S):
+                for line in self._read_lines():
+                    status = self.parse_status(line)
+                    if status is not None:
+                        self._position = status.position
+                        return status
+                    self._note(line)
                     if self.alarm:  # a critical one ends its answers
                         return Status("Alarm", self._position)
-                time.sleep(0.0005)
+                time.sleep(PAUSE_S)
         raise NoAnswerError(f"GRBL gave no status within {wait_s:g} s; look at the stage.")
 
     def realtime(self, byte: bytes) -> None:
         """Send a character that is acted on at once and not answered."""
         self._write(byte)
 
-    def wait_banner(self, wait_s: float) -> bool:
-        """Whether a ``Grbl`` banner came in that time."""
+    def wait_banner(self, wait_s: float) -> None:
+        """Wait for the ``Grbl`` banner, at most so long."""
         end = time.monotonic() + wait_s
         while time.monotonic() < end and not self.banner:
             self.drain()
             time.sleep(0.002)
-        return bool(self.banner)
 
     def drain(self) -> None:
         """Take in what was pushed unasked."""
-        for got in self._lines():
-            self._note(got)
+        for line in self._read_lines():
+            self._note(line)
 
     def close(self) -> None:
+        """Close the port. Never raises."""
         with suppress(Exception):  # gone is gone
             self._port.close()
 
-    def _note(self, line: str) -> None:
-        self.pushed = [*self.pushed[-20:], line]
-        if line.startswith("ALARM:"):
-            numbers = _NUMBERS.findall(line)
-            self.alarm = int(numbers[0]) if numbers else -1
-        elif line.startswith("Grbl"):
-            self.banner = line
-
-    def _status(self, line: str) -> Status | None:
-        """MPos, or WPos and the last offset that was told; None: no whole status."""
+    def parse_status(self, line: str) -> Status | None:
+        """Return MPos, or WPos and the last offset that was told; None: no whole status."""
         if not (line.startswith("<") and line.endswith(">")):
             return None
         state, *fields = line[1:-1].split("|")
         values = {}
         for field in fields:
             name, _, text = field.partition(":")
-            numbers = text.split(",")
             if name in ("MPos", "WPos", "WCO"):
                 try:
-                    x, y, z = (float(number) for number in numbers[:3])
+                    x, y, z = (float(number) for number in text.split(",")[:3])
                 except ValueError:
                     return None
                 values[name] = (x, y, z)
         self._offset = values.get("WCO", self._offset)
-        if "MPos" in values:
-            return Status(state.partition(":")[0], values["MPos"])
-        if "WPos" in values:
+        position = values.get("MPos")
+        if position is None and "WPos" in values:
             x, y, z = (w + o for w, o in zip(values["WPos"], self._offset, strict=True))
-            return Status(state.partition(":")[0], (x, y, z))
-        return None
+            position = (x, y, z)
+        return None if position is None else Status(state.partition(":")[0], position)
+
+    def _note(self, line: str) -> None:
+        if line.startswith("ALARM:"):
+            numbers = _NUMBERS.findall(line)
+            self.alarm = int(numbers[0]) if numbers else -1
+        elif line.startswith("Grbl"):
+            self.banner = line
 
     def _write(self, data: bytes) -> None:
         try:
             self._port.write(data)
         except self._errors as error:
-            raise self._lost(error) from None
+            raise _lost(error) from None
 
-    def _lines(self) -> list[str]:
+    def _read_lines(self) -> list[str]:
         try:
             data = self._port.read(4096)
         except self._errors as error:
-            raise self._lost(error) from None
+            raise _lost(error) from None
         if not data:
             return []
         *whole, self._rest = (self._rest + data).split(b"\n")
         texts = (line.decode("ascii", "replace").strip() for line in whole)
         return [text for text in texts if text]
 
-    @staticmethod
-    def _lost(error: Exception) -> RobotLostError:
-        return RobotLostError(
-            f"the serial port went away ({error}); check the cable and home the stage."
-        )
 
-
-class NoAnswerError(RobotError):
-    """GRBL is silent."""
-
-
-_ERRORS = {
-    5: "homing is switched off, $22",
-    8: "it is not idle",
-    9: "it is locked by an alarm",
-    10: "soft limits need homing",
-    15: "the target is beyond the stage's travel",
-    22: "no feed rate",
-    33: "a wrong target",
-}
-_ALARMS = {
-    1: "a limit switch was hit, the position is lost; home the stage",
-    2: "a target beyond the stage's travel; the position is kept",
-    3: "it was reset while it moved, the position is lost; home the stage",
-    4: "the probe was closed before it started",
-    5: "the probe met nothing",
-}
-
-
-def meaning(answer: str) -> str:
-    """Of ``error:N``, in words."""
+def describe_error(answer: str) -> str:
+    """Return the meaning of ``error:N``."""
     number = _NUMBERS.findall(answer)
     return _ERRORS.get(int(number[0]), "see the list of GRBL 1.1") if number else "damaged"
 
 
-def alarm_words(number: int) -> str:
-    """Of an alarm, in words."""
-    words = _ALARMS.get(number)
-    if words is None:
-        words = "homing failed" if 6 <= number <= 10 else "see the list of GRBL 1.1"
-    return f"alarm {number}: {words}"
+def describe_alarm(number: int) -> str:
+    """Return an alarm's number and meaning."""
+    return f"alarm {number}: {_ALARMS.get(number, 'see the list of GRBL 1.1')}"
+
+
+def _lost(error: Exception) -> RobotLostError:
+    return RobotLostError(
+        f"the serial port went away ({error}); check the cable and home the stage."
+    )

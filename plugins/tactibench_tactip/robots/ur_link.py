@@ -1,4 +1,4 @@
-"""The process that holds a UR, from the side that tells it what to do."""
+"""The connection to the process that holds a UR."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from multiprocessing.connection import Connection, Listener
 from typing import Any
 
 from tactibench import UserError
-from tactibench_tactip.failures import RobotError, RobotLostError
-from tactibench_tactip.robots.connect import missing
+from tactibench_tactip.errors import RobotError, RobotLostError
+from tactibench_tactip.robots.base import missing_package
 
 STARTED_S = 10.0
 END_S = 3.0
 STALE_S, MOST_STALE_S = 0.5, 1.0
-"""Host seconds for which facts are true, and for which new ones are waited for then; a period of
-the watchdog where that is longer (a rehearsal's: emulators share the processor), but less than the
-time after which a move is given up for another reason."""
+"""Host seconds for which facts hold, and for which new ones are waited for then. A period of the
+watchdog where that is longer (a rehearsal's: emulators share the processor), but less than the time
+after which a move is given up for another reason."""
 
 
 class UrLink:
-    """Facts come at 125 Hz and are kept; ``ask`` waits for an answer, for so long."""
+    """Starts the process on creation, and keeps the facts that it sends at 125 Hz.
+
+    Raises RobotError, and UserError for an arm that refuses.
+    """
 
     def __init__(self, host: str, tcp: list[float], watchdog_hz: float, seconds: float) -> None:
         if find_spec("rtde_control") is None:
-            raise missing(
+            raise missing_package(
                 "ur_rtde", "ur", " (it has no wheel for Python 3.13: take Python 3.11 or 3.12)"
             )
         self._host = host
@@ -41,7 +44,7 @@ class UrLink:
         self._stale_s = min(MOST_STALE_S, max(STALE_S, 1.0 / watchdog_hz))
         self._after = 0
         self._changed_at, self._stamp = 0.0, -1.0
-        self._ended = self._last = ""
+        self._ended, self._last = False, ""
         self._link = self._start()
         first = {"host": host, "tcp": tcp, "watchdog_hz": watchdog_hz}
         try:
@@ -51,22 +54,22 @@ class UrLink:
                     f"the UR at {host} did not answer within {seconds:g} s; check that it is "
                     "switched on and that nothing else controls it."
                 )
-            told = self._told()
+            reply = self._receive()
         except (EOFError, OSError):
-            told = {"failed": "the process that talks to it ended"}
+            reply = {"failed": "the process that talks to it ended"}
         except BaseException:
             self.close()
             raise
-        if "failed" in told:
+        if "failed" in reply:
             self.close()
             raise UserError(
-                f"the UR at {host} refuses the connection ({told['failed']}); where a fieldbus "
+                f"the UR at {host} refuses the connection ({reply['failed']}); where a fieldbus "
                 "uses its registers switch that off, and end other programs that control the arm."
             )
         threading.Thread(target=self._listen, name="tactip ur", daemon=True).start()
 
     def ask(self, what: str, *given: Any, wait_s: float = 8.0) -> str:
-        """Have something done; what went wrong, "" when nothing. Raises RobotLostError."""
+        """Have something done; return what went wrong, "" for nothing. Raises RobotLostError."""
         with self._news:
             self._asked += 1
             number = self._asked
@@ -87,7 +90,7 @@ class UrLink:
         return str(answer["answer"])
 
     def facts(self) -> dict[str, Any]:
-        """The latest, newer than the last answer. Raises RobotLostError when none come."""
+        """Return the latest facts, newer than the last answer. Raises RobotLostError."""
         end = time.monotonic() + self._stale_s
         with self._news:
             while not self._fresh():
@@ -105,8 +108,10 @@ class UrLink:
         return there and time.monotonic() - self._changed_at <= self._stale_s
 
     def close(self) -> None:
-        """End the process: it stops the arm. One that hangs is ended by force; the controller's
-        watchdog stops the arm then."""
+        """End the process: it stops the arm.
+
+        One that hangs is ended by force; the controller's watchdog stops the arm then.
+        """
         if self._link is not None:
             self._link.close()
         try:
@@ -115,11 +120,11 @@ class UrLink:
             self._process.kill()
             self._process.wait(END_S)
         self._last = self._last_word()
-        self._said.close()
+        self._stderr.close()
 
     def _start(self) -> Connection:
         key = secrets.token_hex(16).encode()
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process lives
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 - as long as the process lives
         with Listener(("127.0.0.1", 0), authkey=key) as listener:
             self._process = subprocess.Popen(
                 [
@@ -130,7 +135,7 @@ class UrLink:
                 ],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
-                stderr=self._said,
+                stderr=self._stderr,
                 start_new_session=True,  # Ctrl-C is for us: the arm is stopped in order
             )
             assert self._process.stdin is not None  # noqa: S101
@@ -147,25 +152,25 @@ class UrLink:
             raise RobotError("the process that talks to the UR did not start.")
         return accepted[0]
 
-    def _told(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self._link.recv_bytes())
-        return found
+    def _receive(self) -> dict[str, Any]:
+        message: dict[str, Any] = json.loads(self._link.recv_bytes())
+        return message
 
     def _listen(self) -> None:
         try:
             while True:
-                told = self._told()
+                message = self._receive()
                 with self._news:
-                    if "to" in told:
-                        self._answers[told["to"]] = told
+                    if "to" in message:
+                        self._answers[message["to"]] = message
                     else:
-                        if told["time"] != self._stamp:
-                            self._stamp, self._changed_at = told["time"], time.monotonic()
-                        self._facts = told
+                        if message["time"] != self._stamp:
+                            self._stamp, self._changed_at = message["time"], time.monotonic()
+                        self._facts = message
                     self._news.notify_all()
         except (EOFError, OSError, ValueError, TypeError):
             with self._news:
-                self._ended = "ended"
+                self._ended = True
                 self._news.notify_all()
 
     def _lost(self) -> str:
@@ -176,8 +181,8 @@ class UrLink:
 
     def _last_word(self) -> str:
         """Of the process that holds the arm."""
-        if self._said.closed:
+        if self._stderr.closed:
             return self._last
-        self._said.seek(0)
-        lines = self._said.read().decode("utf-8", "replace").splitlines()
+        self._stderr.seek(0)
+        lines = self._stderr.read().decode("utf-8", "replace").splitlines()
         return next((line.strip() for line in reversed(lines) if line.strip()), "no word")

@@ -44,11 +44,13 @@ class Arm:
         self.prepare()
 
     def prepare(self) -> str:
+        """Set watchdog and TCP; return what went wrong, as all of these do."""
         if not self._control.setWatchdog(self._watchdog_hz):
             return "the watchdog could not be set"
         return "" if self._control.setTcp(self._tcp) else "the TCP could not be set"
 
     def start(self, pose: list[float], speed: float, acceleration: float) -> str:
+        """Begin a straight move; m, m/s, m/s2."""
         if not self._control.isPoseWithinSafetyLimits(pose):
             return "its safety limits exclude the next pose; look at its planes and at [frames]"
         if not self._control.moveL(pose, speed, acceleration, True):
@@ -56,6 +58,7 @@ class Arm:
         return ""
 
     def stop(self) -> str:
+        """Brake."""
         if self._control.isProgramRunning():  # otherwise the arm stands, and nobody would answer
             self._control.stopL(STOP_M_S2, True)
         return ""
@@ -72,9 +75,11 @@ class Arm:
         return self.prepare()
 
     def kick(self) -> None:
+        """Keep the watchdog quiet."""
         self._control.kickWatchdog()
 
     def facts(self) -> dict[str, Any]:
+        """Return what the controller says at this moment."""
         receive, control = self._receive, self._control
         return {
             "time": receive.getTimestamp(),
@@ -88,13 +93,14 @@ class Arm:
         }
 
     def close(self) -> None:
+        """End the control program and disconnect."""
         self._control.stopScript()
         self._control.disconnect()
         self._receive.disconnect()
 
 
 def serve(link: Connection) -> None:
-    """Until the other side is gone."""
+    """Do what the other side says until it is gone."""
     first = json.loads(link.recv_bytes())
     try:
         arm = Arm(first["host"], first["tcp"], first["watchdog_hz"])
@@ -106,10 +112,10 @@ def serve(link: Connection) -> None:
     try:
         while True:
             while link.poll(max(0.0, due - time.monotonic())):
-                told = json.loads(link.recv_bytes())
-                answer = getattr(arm, told["do"])(*told["with"])
+                order = json.loads(link.recv_bytes())
+                answer = getattr(arm, order["do"])(*order["with"])
                 number += 1
-                _send(link, {"answer": answer or "", "to": told["number"], "facts": number})
+                _send(link, {"answer": answer or "", "to": order["number"], "facts": number})
             arm.kick()
             number += 1
             _send(link, {"number": number, **arm.facts()})
@@ -126,6 +132,7 @@ def _send(link: Connection, value: dict[str, Any]) -> None:
 
 
 def main() -> None:
+    """Connect to the port of the command line and serve."""
     key = sys.stdin.buffer.readline().strip()
     with Client(("127.0.0.1", int(sys.argv[1])), authkey=key) as link:
         serve(link)

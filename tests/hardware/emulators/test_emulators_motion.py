@@ -1,4 +1,4 @@
-"""Profiles of motion against closed forms."""
+"""Poses and moves against closed forms, and against scipy, which was written by others."""
 
 from __future__ import annotations
 
@@ -10,126 +10,106 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from tactibench_tactip.emulators import Envelope
 from tactibench_tactip.emulators.motion import (
     MM_PER_RADIAN,
-    Leg,
-    Line,
+    Move,
     Profile,
-    braking,
-    trapezoid,
+    from_ur,
+    inverse,
+    line_length,
+    matrix,
+    pose6,
+    to_ur,
 )
-from tactibench_tactip.emulators.poses import matrix
 
-LENGTH = st.floats(1e-3, 500)
-SPEED = st.floats(0.1, 300)
-RATE = st.floats(1, 5000)
+LENGTH, SPEED, RATE = st.floats(1e-3, 500), st.floats(0.1, 300), st.floats(1, 5000)
+PLACE, ANGLE = st.floats(-900, 900), st.floats(-180, 180)
+POSE = st.tuples(PLACE, PLACE, PLACE, ANGLE, ANGLE, ANGLE)
+HOME = matrix((0, 0, 0, 0, 0, 0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(POSE)
+def test_a_pose_is_a_matrix_of_extrinsic_angles_and_a_rotation_vector_of_a_ur(
+    pose: tuple[float, ...],
+) -> None:
+    m = matrix(pose)  # type: ignore[arg-type]
+    turns = [
+        Rotation.from_euler(axis, a, degrees=True) for axis, a in zip("xyz", pose[3:], strict=True)
+    ]
+    assert np.allclose(m[:3, :3], (turns[2] * turns[1] * turns[0]).as_matrix())
+    assert np.allclose(m[:3, 3], pose[:3])
+    assert np.allclose(matrix(pose6(m)), m, atol=1e-9)
+    assert np.allclose(inverse(m) @ m, np.eye(4), atol=1e-9)
+    values = to_ur(m)
+    assert np.allclose(values[:3] * 1000, pose[:3])
+    assert np.linalg.norm(values[3:]) <= np.pi + 1e-9
+    assert np.allclose(from_ur(values), m, atol=1e-5)
+
+
+def test_where_angles_are_not_unique_the_pose_is_still_the_same_turn() -> None:
+    m = matrix((1.0, 2.0, 3.0, 20.0, 90.0, 50.0))
+    assert pose6(m)[4] == pytest.approx(90.0)
+    assert np.allclose(matrix(pose6(m)), m, atol=1e-9)
 
 
 @settings(max_examples=40, deadline=None)
 @given(LENGTH, SPEED, RATE)
 def test_from_rest_to_rest_takes_the_textbook_time(length: float, v: float, a: float) -> None:
-    profile = trapezoid(length, v, a)
+    profile = Profile.from_rest(length, v, a)
     reaches = v * v / a <= length
     expected = length / v + v / a if reaches else 2 * math.sqrt(length / a)
     assert profile.seconds == pytest.approx(expected)
-    assert profile.way == pytest.approx(length)
-    assert profile.at(profile.seconds)[1] == pytest.approx(0.0, abs=1e-6 * v)
+    assert profile.length == pytest.approx(length)
+    times = np.linspace(0.0, profile.seconds, 400)
+    ways = profile.way(times)
+    assert (np.diff(ways) >= -1e-9 * length).all()
+    middle = 0.5 * (times[1:] + times[:-1])
+    speeds = np.array([profile.speed(float(t)) for t in middle])
+    assert speeds.max() <= v * (1 + 1e-9)
+    assert np.allclose(np.diff(ways) / np.diff(times), speeds, atol=2 * a * times[1])
+    assert profile.speed(-1.0) == profile.speed(profile.seconds + 1.0) == 0.0
 
 
 @settings(max_examples=40, deadline=None)
-@given(LENGTH, SPEED, RATE, st.floats(0, 400), st.floats(0, 400))
-def test_any_start_and_end_speed(
-    length: float, v: float, a: float, first: float, last: float
+@given(SPEED, RATE, st.floats(0.05, 0.95))
+def test_braking_takes_v_squared_over_two_a_and_stays_on_the_line(
+    v: float, a: float, share: float
 ) -> None:
-    profile = trapezoid(length, v, a, first, last)
-    assert profile.way == pytest.approx(length, rel=1e-9, abs=1e-9)
-    start, end = profile.at(0.0), profile.at(profile.seconds)
-    assert start[1] == pytest.approx(first)
-    assert end[1] <= max(v, math.sqrt(first**2 + 2 * a * length)) + 1e-6
-    times = np.linspace(0, profile.seconds, 50)
-    ways, speeds = zip(*(profile.at(float(t)) for t in times), strict=True)
-    assert all(np.diff(ways) >= -1e-9 * length)
-    assert max(speeds) <= max(first, v) + 1e-6
-    harder = first > min(last, v) and first**2 - min(last, v) ** 2 >= 2 * a * length
-    most = max((abs(phase.acceleration) for phase in profile.phases), default=0.0)
-    assert harder or most <= a * (1 + 1e-9)
-    for before, after in zip(profile.phases, profile.phases[1:], strict=False):
-        assert before.at(after.start) == pytest.approx((after.way, after.speed), abs=1e-6)
+    move = Move.travel(5.0, HOME, matrix((0, 0, 900, 0, 0, 0)), v, a)
+    t = 5.0 + share * move.profile.seconds
+    speed, z = move.speed(t), float(move.pose(t)[2, 3])
+    braked = move.braked(t, 1e-6)  # too soft for the line that is left
+    assert float(braked.pose(braked.end_s)[2, 3]) == pytest.approx(900.0, rel=1e-6)
+    braked = move.braked(t, 2 * a)
+    assert braked.speed(t) == pytest.approx(speed)
+    end = min(z + speed**2 / (4 * a), 900.0)
+    assert float(braked.pose(braked.end_s + 9)[2, 3]) == pytest.approx(end, abs=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
-@given(LENGTH, SPEED, RATE, st.floats(0, 1))
-def test_when_is_the_inverse_of_the_way(length: float, v: float, a: float, share: float) -> None:
-    profile = trapezoid(length, v, a)
-    t = profile.when(share * length)
-    assert profile.at(t)[0] == pytest.approx(share * length, abs=1e-7 * length)
-
-
-@settings(max_examples=40, deadline=None)
-@given(SPEED, RATE)
-def test_braking_takes_v_squared_over_two_a(v: float, a: float) -> None:
-    profile = braking(v, a)
-    assert profile.way == pytest.approx(v * v / (2 * a))
-    assert profile.seconds == pytest.approx(v / a)
-
-
-def test_no_length_and_no_speed_are_no_motion() -> None:
-    assert trapezoid(0.0, 10.0, 100.0) == Profile(())
-    assert braking(0.0, 10.0) == Profile(())
-    assert Profile(()).at(3.0) == (0.0, 0.0)
-    assert Profile(()).when(1.0) == 0.0
-
-
-def test_a_line_turns_about_one_axis_while_it_goes() -> None:
-    start, end = matrix((0, 0, 0, 0, 0, 0)), matrix((10, 0, 0, 0, 0, 90))
-    line = Line(start, end)
-    assert line.length == pytest.approx(math.pi / 2 * MM_PER_RADIAN)
-    half = line.at(line.length / 2)
-    assert np.allclose(half, matrix((5, 0, 0, 0, 0, 45)))
-    assert np.allclose(line.many(np.array([0.0, line.length])), [start, end])
-    assert Line(start, start).length == 0.0
-
-
-ANGLE = st.floats(-170, 170)
+def test_no_length_is_no_motion() -> None:
+    move = Move.travel(1.0, HOME, HOME, 10.0, 100.0)
+    assert move.end_s == 1.0
+    assert np.array_equal(move.pose(2.0), HOME)
+    assert np.array_equal(move.braked(1.0, 5.0).pose(3.0), HOME)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.tuples(ANGLE, ANGLE, ANGLE), st.tuples(ANGLE, ANGLE, ANGLE))
 def test_a_turn_goes_the_shortest_way_at_an_even_rate(
-    one: tuple[float, float, float], other: tuple[float, float, float]
+    first: tuple[float, float, float], last: tuple[float, float, float]
 ) -> None:
-    line = Line(matrix((0, 0, 0, *one)), matrix((10, 0, 0, *other)))
-    shares = np.linspace(0.0, 1.0, 5)
-    ends = Rotation.from_euler("xyz", [one, other], degrees=True)
-    assume((ends[0].inv() * ends[1]).magnitude() < math.pi - 1e-3)
-    between = Slerp([0.0, 1.0], ends)(shares).as_matrix()
-    found = line.many(shares * line.length)
-    assert np.allclose(found[:, :3, :3], between, atol=1e-7)
-    assert np.allclose(found[:, 0, 3], 10.0 * shares)
-    assert np.allclose([line.at(share * line.length) for share in shares], found)
-
-
-def test_an_envelope_holds_all_poses_or_not() -> None:
-    box = Envelope(x=(-1, 1), y=(-2, 2), z=(-3, 3), tilt=20.0)
-    inside = [(1, 2, 3, 0, 0, 170), (-1, -2, -3, 19.9, 0, 0)]
-    assert box.holds(np.array([matrix(pose) for pose in inside]))
-    for bad in (
-        (1.1, 0, 0, 0, 0, 0),
-        (0, -2.1, 0, 0, 0, 0),
-        (0, 0, 3.1, 0, 0, 0),
-        (0, 0, 0, 0, 20.1, 0),
-        (0, 0, 0, 180, 0, 0),
-    ):
-        assert not box.holds(np.array([matrix(pose) for pose in (*inside, bad)]))
-
-
-def test_a_leg_stops_where_its_profile_ends() -> None:
-    line = Line(matrix((0, 0, 0, 0, 0, 0)), matrix((0, 0, 100, 0, 0, 0)))
-    leg = Leg(5.0, line, braking(20.0, 100.0))
-    assert leg.end_s == pytest.approx(5.2)
-    assert leg.at(99.0)[2, 3] == pytest.approx(2.0)
-    assert leg.at(0.0)[2, 3] == 0.0
-    assert leg.speed(5.1) == pytest.approx(10.0)
-    assert leg.speed(5.3) == 0.0
-    assert leg.when(2.0) == pytest.approx(5.2, abs=1e-6)
+    ends = Rotation.from_euler("xyz", [first, last], degrees=True)
+    angle = (ends[0].inv() * ends[1]).magnitude()
+    assume(1e-3 < angle < math.pi - 1e-3)
+    move = Move.travel(0.0, matrix((0, 0, 0, *first)), matrix((10, 0, 0, *last)), 20.0, 500.0)
+    assert move.length == pytest.approx(max(10.0, angle * MM_PER_RADIAN))
+    times = np.linspace(0.0, move.end_s, 7)
+    shares = move.profile.way(times) / move.length
+    poses = move.poses(times)
+    assert np.allclose(
+        poses[:, :3, :3], Slerp([0.0, 1.0], ends)(np.clip(shares, 0, 1)).as_matrix(), atol=1e-6
+    )
+    assert np.allclose(poses[:, 0, 3], 10.0 * shares)
+    assert np.array_equal(poses[-1][:3, 3], [10.0, 0.0, 0.0])
+    assert line_length(HOME, HOME) == 0.0

@@ -6,7 +6,7 @@ import gc
 from pathlib import Path
 
 import pytest
-from grbl_bench import Bench
+from emulated import Stage
 
 from tactibench_tactip.emulators import Envelope
 
@@ -22,26 +22,26 @@ def memory_mb() -> float:
 @pytest.mark.slow
 @pytest.mark.skipif(not MEMORY.exists(), reason="this system does not tell a process's memory")
 def test_five_thousand_presses() -> None:
-    bench = Bench()
-    bench.power_up()
-    bench.say("$H")
-    bench.after(60.0)
-    bench.say("G53 G0 X-100 Y-100 Z-78")
-    bench.after(20.0)
-    bench.world.keep_to(Envelope(z=(-3.0, 5.0)))
+    stage = Stage()
+    stage.power_up()
+    stage.say("$H")
+    stage.after(60.0)
+    stage.say("$J=G53 X-100 Y-100 Z-78 F3000")
+    stage.after(20.0)
+    stage.world.keep_to(Envelope(z=(-3.0, 5.0)))
 
     def press(count: int) -> None:
         for k in range(count):
-            bench.say(f"G1 Z-{81 + k % 30 / 10:.1f} F600")
-            bench.after(0.8, b"?")
-            bench.say("G0 Z-78")
-            bench.after(0.3)
+            stage.say(f"$J=G53 Z-{81 + k % 30 / 10:.1f} F600")
+            stage.after(0.8, b"?")
+            stage.say("$J=G53 Z-78 F3000")
+            stage.after(0.3)
 
     press(200)
     before = memory_mb()
     press(PRESSES)
     assert memory_mb() - before < GROWTH_MB
-    assert bench.world.presses == PRESSES + 200
-    depths = [press.deepest_mm for press in bench.world.log.presses][-30:]
+    assert stage.world.presses == PRESSES + 200
+    depths = list(stage.world.depths)[-30:]
     assert sorted(depths) == pytest.approx([1 + k / 10 for k in range(30)], abs=5e-3)
-    assert not bench.world.log.outside
+    assert not stage.world.excursions

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tactibench import Indenter
 from tactibench.geometry import DOME_RADIUS_MM, tip_depths, tip_positions
 from tactibench_tactip.emulators import Rig
-from tactibench_tactip.emulators.poses import Array, inverse, matrix
+from tactibench_tactip.emulators.motion import Array, inverse, matrix
 from tactibench_tactip.emulators.touch import Touch
 
 SHIFTED = Rig(sensor_frame=(0.7, -0.4, 1.2, 180.0, 0.0, 12.0))

@@ -1,0 +1,352 @@
+"""A camera whose frames are known to be fresh.
+
+A thread takes every frame as it comes, so that none waits in a buffer, and notes the time right
+after the driver handed it over. Frames are decoded only while somebody waits for them.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import UserError
+from tactibench_tactip.errors import CameraError
+from tactibench_tactip.settings import CameraSettings
+
+Image = npt.NDArray[np.uint8]
+OpenCapture = Callable[[CameraSettings], Any]
+"""Makes something like a ``cv2.VideoCapture``; raises CameraError."""
+
+OPENING_S = 15.0
+CLOSING_S = 2.0
+"""For which the thread that takes frames is waited for at the end: OpenCV aborts the process where
+a thread still reads a stream when Python ends. A driver that hangs for longer is left behind."""
+KEPT = 64
+"""Frames kept while somebody waits, where nobody waits for more."""
+MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
+"""Of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
+3 aperture priority); other backends keep the normalised values of OpenCV 3."""
+
+
+@dataclass(frozen=True)
+class ReadBack:
+    """Settings as the camera reports them, without NaN: they are written and compared."""
+
+    backend: str
+    width: int
+    height: int
+    fps: float
+    fourcc: str
+    exposure: float
+    auto_exposure: float
+    gain: float
+
+
+def open_capture(settings: CameraSettings) -> Any:
+    """Return a ``cv2.VideoCapture`` of the configuration's source. Raises CameraError."""
+    import cv2
+
+    source = settings.source
+    if isinstance(source, str) and "://" in source:
+        limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 3000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1500]
+        capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
+    elif isinstance(source, str) and source.startswith("/dev/") and not Path(source).exists():
+        raise _no_camera(source)
+    elif sys.platform == "linux" and (isinstance(source, int) or source.startswith("/dev/")):
+        device = source if isinstance(source, int) else str(Path(source).resolve())
+        capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
+    else:
+        capture = cv2.VideoCapture(source)
+    if not capture.isOpened():
+        raise _no_camera(source)
+    return capture
+
+
+def _no_camera(source: str | int) -> CameraError:
+    return CameraError(
+        f"the camera {source!r} cannot be opened; check camera.source (see `tactibench hw list`) "
+        "and that no other program uses it."
+    )
+
+
+def configure(capture: Any, settings: CameraSettings) -> ReadBack:
+    """Set what the configuration names and return all settings, read back.
+
+    Raises UserError for a setting that the camera does not take: frames whose brightness follows
+    the contact, or of another size, teach a model the wrong thing.
+    """
+    import cv2
+
+    if settings.fourcc is not None:
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
+    if settings.size is not None:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, settings.size[0])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, settings.size[1])
+    is_stream = isinstance(settings.source, str) and "://" in settings.source
+    if not is_stream:
+        capture.set(cv2.CAP_PROP_FPS, settings.fps)
+    if settings.exposure is not None:
+        _switch_to_manual(capture, settings)
+        _set(capture, cv2.CAP_PROP_EXPOSURE, settings.exposure, "camera.exposure")
+    if settings.gain is not None:
+        _set(capture, cv2.CAP_PROP_GAIN, settings.gain, "camera.gain")
+    actual = read_back(capture)
+    if settings.size is not None and (actual.width, actual.height) != settings.size:
+        raise UserError(
+            f"the camera gives frames of {actual.width} x {actual.height} px, camera.size asks for "
+            f"{settings.size[0]} x {settings.size[1]}; name a size that it has."
+        )
+    if settings.fourcc is not None and not is_stream and actual.fourcc != settings.fourcc:
+        raise UserError(
+            f"the camera sends {actual.fourcc!r}, camera.fourcc asks for {settings.fourcc!r}; name "
+            "a format that it has, such as MJPG or YUYV."
+        )
+    return actual
+
+
+def read_back(capture: Any) -> ReadBack:
+    """Return the settings that an open capture reports."""
+    import cv2
+
+    def get(name: int) -> float:
+        value = float(capture.get(name))
+        return value if np.isfinite(value) else -1.0
+
+    code = int(get(cv2.CAP_PROP_FOURCC))
+    letters = "".join(chr((code >> 8 * k) & 0xFF) for k in range(4)) if code > 0 else ""
+    return ReadBack(
+        backend=str(capture.getBackendName()),
+        width=int(get(cv2.CAP_PROP_FRAME_WIDTH)),
+        height=int(get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        fps=get(cv2.CAP_PROP_FPS),
+        fourcc=letters if letters.isprintable() else "",
+        exposure=get(cv2.CAP_PROP_EXPOSURE),
+        auto_exposure=get(cv2.CAP_PROP_AUTO_EXPOSURE),
+        gain=get(cv2.CAP_PROP_GAIN),
+    )
+
+
+def _switch_to_manual(capture: Any, settings: CameraSettings) -> None:
+    import cv2
+
+    manual = MANUAL_V4L2 if capture.getBackendName() == "V4L2" else MANUAL_OTHER
+    accepted = capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, manual)
+    actual = float(capture.get(cv2.CAP_PROP_AUTO_EXPOSURE))
+    if not accepted or abs(actual - manual) > 1e-3:
+        raise UserError(
+            f"the camera {settings.source!r} does not switch its automatic exposure off "
+            f"({capture.getBackendName()} says {actual:g}); switch it off with the maker's tool or "
+            "v4l2-ctl and leave camera.exposure out, or take another camera: frames whose "
+            "brightness follows the contact teach a model the wrong thing."
+        )
+
+
+def _set(capture: Any, name: int, value: float, key: str) -> None:
+    accepted = capture.set(name, value)
+    actual = float(capture.get(name))
+    if not accepted or abs(actual - value) > 1e-3 + 0.01 * abs(value):
+        raise UserError(
+            f"{key} is {value:g}, but the camera stays at {actual:g}; name a value that it takes "
+            "(v4l2-ctl --list-ctrls shows them), or leave the key out."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CameraFrame:
+    """A frame, (H, W) uint8, grey, and the ``time.monotonic_ns`` when it was taken."""
+
+    image: Image
+    t_ns: int
+
+
+class Camera:
+    """Takes frames from entry to exit. Raises CameraError when they stop coming.
+
+    Attributes:
+        read_back: the camera's settings, once it is open.
+        reopened: times that a stalled camera was opened again without a frame since.
+    """
+
+    def __init__(self, settings: CameraSettings, open_: OpenCapture = open_capture) -> None:
+        self._settings = settings
+        self._open = open_
+        self._news = threading.Condition()
+        self._thread: threading.Thread | None = None
+        self._frames: list[CameraFrame] = []
+        self._waiting: list[int] = []
+        self._taken_ns = self._started_ns = 0
+        self._count = self._run = 0
+        self._failure = ""
+        self._gaps_s: deque[float] = deque(maxlen=51)
+        self.read_back: ReadBack | None = None
+        self.reopened = 0
+
+    def __enter__(self) -> Self:
+        self._begin()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        with self._news:
+            self._run += 1  # ends the thread that takes frames
+        if self._thread is not None:
+            self._thread.join(CLOSING_S)
+
+    @property
+    def period_s(self) -> float:
+        """Time between two frames as measured; the configuration's until ten have come."""
+        with self._news:
+            gaps = sorted(self._gaps_s)
+        return gaps[len(gaps) // 2] if len(gaps) >= 10 else 1.0 / self._settings.fps
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that came so far."""
+        return self._count
+
+    def alive(self) -> bool:
+        """Return whether a frame came within ``stall_s``."""
+        return (time.monotonic_ns() - self._taken_ns) * 1e-9 < self._settings.stall_s
+
+    def fresh(self, after_ns: int, count: int = 1) -> list[CameraFrame]:
+        """Return ``count`` frames in a row taken after a moment of ``time.monotonic_ns``.
+
+        A stalled camera is opened once more. Raises CameraError when that does not help.
+        """
+        try:
+            return self._wait(after_ns, count)
+        except CameraError:
+            if self.reopened:
+                raise
+        self.reopened += 1
+        self._begin()
+        frames = self._wait(after_ns, count)
+        self.reopened = 0
+        return frames
+
+    def after(self, end_ns: int, count: int = 1) -> list[CameraFrame]:
+        """Return frames that were begun after a moment: taken a whole frame period after it."""
+        return self.fresh(end_ns + int(1e9 * self.period_s), count)
+
+    def now(self) -> CameraFrame:
+        """Return the next frame that comes."""
+        return self.fresh(time.monotonic_ns(), 1)[0]
+
+    def _wait(self, after_ns: int, count: int) -> list[CameraFrame]:
+        stall = self._settings.stall_s
+        with self._news:
+            self._waiting.append(count)
+            self._frames = [frame for frame in self._frames if frame.t_ns >= after_ns][-count:]
+            try:
+                while True:
+                    frames = [frame for frame in self._frames if frame.t_ns >= after_ns]
+                    if len(frames) >= count:
+                        return frames[:count]
+                    due = max(self._taken_ns, self._started_ns, after_ns) * 1e-9 + stall
+                    left = due - time.monotonic()
+                    if self._failure:
+                        raise CameraError(self._failure)
+                    if left <= 0:
+                        raise CameraError(
+                            f"the camera {self._settings.source!r} gave no frame for {stall:g} s; "
+                            "check its cable."
+                        )
+                    self._news.wait(left)
+            finally:
+                self._waiting.remove(count)
+                if not self._waiting:
+                    self._frames = []
+
+    def _begin(self) -> None:
+        """Start a thread that opens the camera; one that hangs in it is left behind."""
+        with self._news:
+            self._run += 1
+            run = self._run
+            self._failure, self._frames = "", []
+            self._started_ns = time.monotonic_ns()
+        ready = threading.Event()
+        failures: list[BaseException] = []
+        self._thread = threading.Thread(
+            target=self._take_all, args=(run, ready, failures), name="tactip camera", daemon=True
+        )
+        self._thread.start()
+        if not ready.wait(OPENING_S):
+            raise CameraError(
+                f"the camera {self._settings.source!r} did not open within {OPENING_S:g} s."
+            )
+        if failures:
+            raise failures[0]
+        self._started_ns = time.monotonic_ns()
+
+    def _take_all(self, run: int, ready: threading.Event, failures: list[BaseException]) -> None:
+        capture: Any = None
+        try:
+            capture = self._open(self._settings)
+            actual = configure(capture, self._settings)
+            self.read_back = self.read_back or actual
+        except BaseException as error:  # noqa: BLE001 - raised again by who waits
+            failures.append(error)
+        ready.set()
+        try:
+            while not failures and self._run == run and self._take(capture, run):
+                pass
+        finally:
+            if capture is not None:
+                capture.release()
+
+    def _take(self, capture: Any, run: int) -> bool:
+        """One frame; whether there may be more."""
+        grabbed = capture.grab()
+        t_ns = time.monotonic_ns()
+        image = self._decode(capture) if grabbed and self._waiting else None
+        with self._news:
+            if self._run != run:
+                return False
+            if not grabbed:
+                self._failure = f"the camera {self._settings.source!r} sends no more frames."
+                self._news.notify_all()
+                return False
+            if self._taken_ns:
+                self._gaps_s.append((t_ns - self._taken_ns) * 1e-9)
+            self._taken_ns = t_ns
+            self._count += 1
+            if image is not None:
+                most = max([KEPT, *self._waiting])
+                self._frames = [*self._frames[-most:], CameraFrame(image, t_ns)]
+                self._news.notify_all()
+        return True
+
+    def _decode(self, capture: Any) -> Image | None:
+        good, picture = capture.retrieve()
+        if not good or picture is None:
+            return None
+        image = _grey(np.asarray(picture, dtype=np.uint8))
+        if self._settings.crop is not None:
+            x, y, width, height = self._settings.crop
+            image = image[y : y + height, x : x + width]
+            if image.shape != (height, width):
+                return None
+        return np.ascontiguousarray(image)
+
+
+def _grey(image: Image) -> Image:
+    """OpenCV hands frames over as blue, green, red."""
+    import cv2
+
+    if image.ndim == 2:
+        return image
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)

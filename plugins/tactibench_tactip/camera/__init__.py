@@ -1,1 +1,0 @@
-"""The camera: fresh frames with the time at which they were taken."""

@@ -1,1 +1,0 @@
-"""Collecting a data set, press by press."""

@@ -1,0 +1,257 @@
+"""From a configuration and a plan to a data set on the disk, or to a dry run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from types import FrameType
+
+from tactibench import UserError, __version__
+from tactibench.datasets import FRAMES, Header, Writer, is_dataset, open_dataset
+from tactibench.lab import Press
+from tactibench_tactip.camera import Camera, Image
+from tactibench_tactip.collector import Callbacks, Collector, SessionReport
+from tactibench_tactip.errors import RobotLostError, StopNowError
+from tactibench_tactip.frame_check import Reference
+from tactibench_tactip.plan import CollectionPlan, check_plan, with_smallest_turn
+from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.settings import Settings
+from tactibench_tactip.station import Station
+
+RECONNECTS = 2
+"""Times that a UR is connected again without a press between; its watchdog has stopped it."""
+SILENT = Callbacks()
+FLAT = 0.02
+"""Share by which the brightness may change from one second to the next."""
+ALIKE_LEVELS = 6.0
+"""Grey levels by which the undeformed sensor may differ on average when a collection goes on."""
+
+
+class StopSignals:
+    """The first Ctrl-C ends after the press, the second and SIGTERM at once.
+
+    Attributes:
+        asked: whether to end after this press.
+        stop: stops the robot, once there is one.
+    """
+
+    def __init__(self, notify: Callable[[str], None]) -> None:
+        self.asked = threading.Event()
+        self.stop: Callable[[], None] = lambda: None
+        self._notify = notify
+
+    def interrupt(self, number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
+        """Handle a signal."""
+        if number == signal.SIGINT and not self.asked.is_set():
+            self.asked.set()
+            self._notify("ending after this press; Ctrl-C again stops the robot now")
+            return
+        self.asked.set()
+        self._notify("stopping the robot")
+        self.stop()
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Handle the signals of this process in the block, where it runs in the main thread."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {n: signal.signal(n, self.interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def collect(
+    settings: Settings,
+    plan: CollectionPlan,
+    folder: Path,
+    *,
+    callbacks: Callbacks = SILENT,
+    on_station: Callable[[Station], None] = lambda _: None,
+    speed_scale: float = 1.0,
+) -> SessionReport:
+    """Make the presses of a plan that the folder has not, and close it when it has them all.
+
+    In this order: the plan is checked, the camera opened and its settings compared with those of
+    the data set, the robot connected; only then something moves.
+
+    Args:
+        callbacks: the people around it.
+        on_station: takes every station that is entered.
+        speed_scale: of this session's motion; the data set's configuration stays what it is.
+
+    Raises UserError.
+    """
+    if _is_complete(folder, plan):
+        callbacks.advance(len(plan))
+        return SessionReport()
+    robot = make_robot(settings)
+    geometry = PressGeometry(
+        settings.frames, settings.sensor.dome_radius_mm, settings.contact.fixed_mm
+    )
+    check_plan(plan, settings, geometry, turns=robot.turns)
+    report = SessionReport()
+    with ExitStack() as stack:
+        camera = stack.enter_context(Camera(settings.camera))
+        warm_up(camera, settings)
+        header = _header(settings, plan, camera)
+        writer = stack.enter_context(Writer(folder, header, plan.rows()))
+        for sentence in writer.repaired:
+            callbacks.notify(f"{folder}: {sentence}")
+        callbacks.advance(len(writer.done))
+        if len(writer.done) == len(plan):
+            return report
+        signals = StopSignals(callbacks.notify)
+        stack.enter_context(signals.installed())
+        callbacks = replace(callbacks, asked_to_end=signals.asked.is_set)
+        losses = 0
+        while True:
+            before = len(writer.done)
+            station = Station(settings.with_speed_scale(speed_scale), robot, camera)
+            signals.stop = station.stop_now
+            try:
+                with station:
+                    on_station(station)
+                    if writer.done:
+                        _check_same_sensor(station.look_at_rest(), folder)
+                    Collector(station, plan, writer, report, callbacks).run()
+                break
+            except StopNowError:  # before the first press
+                report.interrupted, report.left = True, len(plan) - len(writer.done)
+                break
+            except RobotLostError as error:
+                writer.event("lost", reason=str(error))
+                losses = losses + 1 if len(writer.done) == before else 1
+                if settings.robot.driver != "ur" or losses > RECONNECTS or signals.asked.is_set():
+                    raise
+                callbacks.notify(f"{error} Connecting again.")
+                robot = make_robot(settings)
+            except UserError as error:
+                writer.event("error", reason=str(error))
+                raise
+        if not report.left:
+            _write_splits(writer, plan)
+    return report
+
+
+def dry_run(
+    settings: Settings, presses: Sequence[Press], height: float, advance: Callable[[int], None]
+) -> int:
+    """Make all moves of presses ``height`` mm higher; nothing is touched and nothing kept.
+
+    Returns the number of presses. Raises UserError.
+    """
+    room = settings.envelope.above_mm - settings.envelope.clearance_mm - 1.0
+    if height > room:
+        raise UserError(
+            f"--dry-run-height is {height:g} mm, but envelope.above_mm leaves {room:g} mm above "
+            "clearance; take less."
+        )
+    count = 0
+    station = Station(settings)
+    station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
+    plan = CollectionPlan("dry run", tuple(presses), {})
+    check_plan(plan, settings, station.geometry, turns=station.robot.turns)
+    signals = StopSignals(lambda _: None)
+    signals.stop = station.stop_now
+    with suppress(StopNowError), signals.installed(), station:
+        for press in presses:
+            if signals.asked.is_set():
+                break
+            scene = with_smallest_turn(press.scene)
+            path = station.path(scene)
+            with station.at(scene):
+                station.do(partial(station.down, path=path))
+                station.draw_back()
+            count += 1
+            advance(1)
+    return count
+
+
+def warm_up(camera: Camera, settings: Settings) -> None:
+    """Let the first frames go by, and see that the brightness stands still.
+
+    Raises UserError for a camera that changes it: its exposure is automatic, or its light is cold.
+    """
+    for _ in range(settings.camera.warmup_frames):
+        camera.now()
+    means = []
+    for _ in range(2):
+        frames = camera.fresh(time.monotonic_ns(), 10)
+        means.append(sum(float(frame.image.mean()) for frame in frames) / len(frames))
+    change = abs(means[1] - means[0]) / max(1.0, means[0])
+    if change > FLAT:
+        raise UserError(
+            f"the camera's brightness changed by {change:.1%} in a moment ({means[0]:.1f} to "
+            f"{means[1]:.1f} grey levels); switch its automatic exposure off (camera.exposure) and "
+            "let the light warm up."
+        )
+
+
+def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
+    """Whether the folder holds just these presses, closed."""
+    if not is_dataset(folder):
+        return False
+    dataset = open_dataset(folder, repair=False)
+    return dataset.header.status == "closed" and list(dataset.plan()) == plan.rows()
+
+
+def _header(settings: Settings, plan: CollectionPlan, camera: Camera) -> Header:
+    """The header of a collection: going on needs the same configuration and the same camera."""
+    height, width = camera.now().image.shape
+    identity = settings.identity()
+    actual = camera.read_back
+    assert actual is not None, "the camera is open"  # noqa: S101
+    text = json.dumps(identity, sort_keys=True)
+    return Header(
+        name="tactip",
+        sensor={
+            "name": settings.sensor.name,
+            "plugin": f"tactibench_tactip {__version__}",
+            "configuration": identity,
+            "sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "camera": {**asdict(actual), "fps": round(actual.fps, 1)},
+        },
+        image=(height, width),
+        dome_radius_mm=settings.sensor.dome_radius_mm,
+        frames={
+            **FRAMES,
+            "work": "z into the object; tool poses are in it: x, y, z mm, alpha, beta, gamma deg",
+        },
+        source={"importer": "tactibench hw collect", "presses": plan.source},
+    )
+
+
+def _check_same_sensor(rest: Reference, folder: Path) -> None:
+    """Raise UserError when the undeformed sensor does not look as when the data set was begun."""
+    before: Image | None = open_dataset(folder, repair=False).rest
+    if before is None:
+        return
+    difference = float(abs(rest.mean - before).mean())
+    if difference > ALIKE_LEVELS:
+        raise UserError(
+            f"the undeformed sensor differs by {difference:.1f} grey levels from the one that "
+            f"{folder} was begun with ({ALIKE_LEVELS:g} are allowed); put camera, light and sensor "
+            "back as they were, or begin another data set."
+        )
+
+
+def _write_splits(writer: Writer, plan: CollectionPlan) -> None:
+    """The protocol's splits, of the samples that may be used."""
+    good = {sample.id for sample in writer.samples if sample.status == "ok"}
+    for name, parts in plan.splits.items():
+        usable = {part: [i for i in ids if i in good] for part, ids in parts.items()}
+        if all(usable.values()):
+            writer.split(name, **usable)

@@ -1,0 +1,354 @@
+"""The presses of a plan into a data set, so that any of it may be interrupted.
+
+What was acknowledged is never lost and never made twice: the plan is written first, a sample is
+written when it is whole, and going on takes what the plan has and the data set has not.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from tactibench import Indenter, UserError
+from tactibench.datasets import Draft, Writer
+from tactibench.lab import Press
+from tactibench_tactip.errors import GuardError, ProtectiveStopError, StopNowError
+from tactibench_tactip.plan import (
+    CollectionPlan,
+    by_indenter,
+    check_plan,
+    indenter_settings,
+    is_mounted,
+    with_smallest_turn,
+)
+from tactibench_tactip.robots.base import RecoverableRobot
+from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.station import PressResult, Station
+from tactibench_tactip.touch import FirstTouch, find_touch
+
+MountRequest = Callable[[Indenter, int], bool]
+"""Asks somebody to mount an indenter for so many presses; whether it was done."""
+
+ATTEMPTS = 2
+"""Of one press in a session, before it is written as bad."""
+STOPS_OF_PRESS = 2
+"""Protective stops at one press, over all sessions, before it is given up."""
+RECOVER_PRESSES = 500
+DRIFT_MM = 0.05
+"""Of first touch between two searches, from which on the drift is a warning."""
+
+EXTRA = MappingProxyType(
+    {
+        "draw": "",
+        "outcome": "",
+        "reason": "",
+        "depth_cmd_mm": 0.0,
+        "depth_meas_mm": 0.0,
+        "z0_mm": 0.0,
+        "z0_method": "",
+        "pose_cmd": (),
+        "pose_meas_before": (),
+        "pose_meas_after": (),
+        "force_n": (),
+        "t_settle_ns": 0,
+        "robot_timestamp": (),
+        "frames_median": 0,
+        "looks": 0,
+        "brightness_mean": 0.0,
+        "brightness_std": 0.0,
+        "saturated": 0.0,
+        "n_pins": -1,
+    }
+)
+"""Every key of ``extra`` in its order, with the value of a press that has none: every row has each
+key with the same type."""
+
+
+@dataclass
+class SessionReport:
+    """What a session did.
+
+    Attributes:
+        left: presses that are still missing.
+        unmounted: of those, the ones that need another indenter.
+    """
+
+    ok: int = 0
+    bad: int = 0
+    touches: list[FirstTouch] = field(default_factory=list)
+    stops: int = 0
+    left: int = 0
+    unmounted: int = 0
+    interrupted: bool = False
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """The people around a session.
+
+    Attributes:
+        notify: takes sentences for a person.
+        advance: takes numbers of samples written.
+        asked_to_end: whether to end after this press.
+        mount: asks for another indenter.
+    """
+
+    notify: Callable[[str], None] = lambda _: None
+    advance: Callable[[int], None] = lambda _: None
+    asked_to_end: Callable[[], bool] = lambda: False
+    mount: MountRequest = lambda _indenter, _count: False
+
+
+class Collector:
+    """One session at an open station; report: of earlier ones, to be gone on with."""
+
+    def __init__(
+        self,
+        station: Station,
+        plan: CollectionPlan,
+        writer: Writer,
+        report: SessionReport,
+        callbacks: Callbacks,
+    ) -> None:
+        self._station, self._plan, self._writer = station, plan, writer
+        self._report, self._callbacks = report, callbacks
+        self._session = uuid.uuid4().hex[:12]
+        self._method = station.settings.contact.method
+        self._since_touch, self._touched_at = 0, 0.0
+        self._bad_in_row = 0
+        self._recovered_at = -RECOVER_PRESSES
+        self._stops: Counter[int] = Counter(
+            int(event["id"]) for event in writer.events if event.get("kind") == "protective-stop"
+        )
+
+    @property
+    def _settings(self) -> Settings:
+        return self._station.settings
+
+    def run(self) -> None:
+        """Make the presses that are missing. Raises UserError when it cannot go on.
+
+        Presses that need another indenter are made when ``mount`` says that it is mounted.
+        """
+        report, writer = self._report, self._writer
+        todo = [press for press in self._plan.presses if press.id not in writer.done]
+        report.unmounted = 0
+        writer.event(
+            "session",
+            session=self._session,
+            todo=len(todo),
+            press_mm_s=self._settings.robot.press_mm_s,
+            robot=self._station.robot.describe(),
+        )
+        mounted = self._settings.indenter
+        groups = sorted(
+            by_indenter(todo).items(), key=lambda item: not is_mounted(mounted, item[0])
+        )
+        try:
+            for indenter, presses in groups:
+                if report.interrupted or not self._mount(indenter, len(presses)):
+                    report.unmounted += len(presses)
+                else:
+                    self._press_all(presses)
+        except StopNowError:
+            report.interrupted = True
+        finally:
+            report.left = len(self._plan) - len(writer.done)
+
+    def _mount(self, indenter: Indenter, count: int) -> bool:
+        """Whether it is mounted, if need be by somebody now."""
+        if is_mounted(self._settings.indenter, indenter):
+            return True
+        settings = indenter_settings(indenter)
+        if settings is None:
+            return False
+        self._station.make_room()
+        if not self._callbacks.mount(indenter, count):
+            return False
+        self._station.mount(settings)
+        return True
+
+    def _press_all(self, presses: Iterable[Press]) -> None:
+        """With one indenter; its length is not known before it first touches."""
+        first = True
+        for press in presses:
+            if self._callbacks.asked_to_end():
+                self._report.interrupted = True
+                return
+            if first or self._touch_is_due():
+                self._find_touch(first=first)
+                first = False
+            self._press(press)
+
+    def _touch_is_due(self) -> bool:
+        contact = self._settings.contact
+        age_s = (time.monotonic() - self._touched_at) * self._settings.robot.time_scale
+        return self._since_touch >= contact.every_presses or age_s >= 60.0 * contact.every_minutes
+
+    def _find_touch(self, *, first: bool) -> None:
+        """A new rest frame, and first touch relative to it; all planned poses are checked again."""
+        station = self._station
+        rest = station.look_at_rest()
+        self._writer.reference(rest.image)
+        before = station.geometry.z0
+        touch = find_touch(station, first=first)
+        drift = 0.0 if first else touch.z0_mm - before
+        self._writer.event(
+            "touch",
+            session=self._session,
+            z0_mm=touch.z0_mm,
+            spread_mm=touch.spread_mm,
+            drift_mm=drift,
+            method=touch.method,
+            power=touch.power,
+            brightness=rest.brightness,
+            pins=rest.pins,
+        )
+        if abs(drift) > DRIFT_MM:
+            self._callbacks.notify(f"first touch drifted by {drift:+.3f} mm")
+        check_plan(self._plan, self._settings, station.geometry, turns=station.robot.turns)
+        self._report.touches.append(touch)
+        self._since_touch, self._touched_at = 0, time.monotonic()
+
+    def _press(self, press: Press) -> None:
+        """One press until it is written. Raises UserError after too many bad ones in a row."""
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                result, reason = self._station.press_checked(with_smallest_turn(press.scene))
+            except ProtectiveStopError as error:
+                self._handle_stop(press, error, attempt)
+                return
+            except GuardError as error:
+                self._event("tripped", press, str(error))
+                if attempt == ATTEMPTS:
+                    self._give_up(press, str(error), attempt)
+                    return
+                continue
+            if not reason or attempt == ATTEMPTS:
+                break
+            self._event("bad-frame", press, reason)
+        self._write(press, self._draft(press, result, attempt, reason), reason)
+
+    def _give_up(self, press: Press, reason: str, attempt: int) -> None:
+        """Write a press that was aborted, with an image of the undeformed sensor."""
+        image = self._station.rest_reference().image
+        extra = _extra(
+            press,
+            outcome="aborted",
+            reason=reason,
+            z0_mm=self._station.geometry.z0,
+            z0_method=self._method,
+            brightness_mean=float(image.mean()),
+            brightness_std=float(image.std()),
+        )
+        draft = Draft(
+            image,
+            press.id,
+            press.scene,
+            press=press.name,
+            session=self._session,
+            extra=extra,
+            status="bad",
+            attempt=attempt,
+        )
+        self._write(press, draft, f"aborted, {reason}")
+
+    def _draft(self, press: Press, result: PressResult, attempt: int, reason: str) -> Draft:
+        """The sample of a press that came to its end; reason: why its frame is bad, "" if not."""
+        check, state = result.check, result.state
+        extra = _extra(
+            press,
+            outcome="bad_frame" if reason else "ok",
+            reason=reason,
+            depth_meas_mm=result.scene.pose.depth,
+            z0_mm=result.z0,
+            z0_method=self._method,
+            pose_cmd=_floats(result.commanded),
+            pose_meas_before=_floats(result.before),
+            pose_meas_after=_floats(result.after),
+            force_n=[] if state.force_n is None else [float(value) for value in state.force_n],
+            t_settle_ns=result.settled_ns,
+            robot_timestamp=[] if state.time_s is None else [state.time_s],
+            frames_median=len(result.frames),
+            looks=result.looks,
+            brightness_mean=check.brightness,
+            brightness_std=check.contrast,
+            saturated=check.saturated,
+            n_pins=check.pins,
+        )
+        return Draft(
+            check.image,
+            press.id,
+            result.scene,
+            press=press.name,
+            session=self._session,
+            t_frame_ns=check.t_ns,
+            extra=extra,
+            status="bad" if reason else "ok",
+            attempt=attempt,
+        )
+
+    def _write(self, press: Press, draft: Draft, reason: str) -> None:
+        """Write a sample. Raises UserError after too many bad ones in a row."""
+        self._writer.add_many([draft])
+        self._since_touch += 1
+        self._callbacks.advance(1)
+        if not reason:
+            self._report.ok += 1
+            self._bad_in_row = 0
+            return
+        self._report.bad += 1
+        self._bad_in_row += 1
+        self._callbacks.notify(f"press {press.id}: {reason}; written as bad")
+        if self._bad_in_row >= self._settings.safety.give_up:
+            raise UserError(
+                f"{self._bad_in_row} presses in a row were bad, the last because of press "
+                f"{press.id}: {reason}; fix that, then go on with the same command."
+            )
+
+    def _handle_stop(self, press: Press, error: ProtectiveStopError, attempt: int) -> None:
+        """A protective stop: ask by default; release it only where the configuration says so."""
+        report, robot = self._report, self._station.robot
+        report.stops += 1
+        self._stops[press.id] += 1
+        self._event("protective-stop", press, str(error))
+        if self._stops[press.id] >= STOPS_OF_PRESS:
+            self._give_up(press, str(error), attempt)
+        written = report.ok + report.bad
+        allowed = report.stops <= self._settings.safety.auto_recover
+        rare = written - self._recovered_at >= RECOVER_PRESSES
+        if not allowed or not rare or not isinstance(robot, RecoverableRobot):
+            raise ProtectiveStopError(
+                f"{error} It was at press {press.id}. Look at the arm and the sensor, release the "
+                "stop on the pendant, and go on with the same command."
+            )
+        self._recovered_at = written
+        self._station.do(lambda _: robot.recover(), 60.0)
+        problem = self._station.withdraw()
+        if problem:
+            raise ProtectiveStopError(f"after a protective stop: {problem}.")
+        self._event("recovered", press, "released as safety.auto_recover allows")
+        self._callbacks.notify(f"press {press.id}: a protective stop was released")
+        if press.id not in self._writer.done:
+            self._give_up(press, str(error), attempt)
+        self._find_touch(first=False)
+
+    def _event(self, kind: str, press: Press, reason: str) -> None:
+        self._writer.event(kind, id=press.id, reason=reason, session=self._session)
+
+
+def _extra(press: Press, **values: Any) -> dict[str, Any]:
+    """The values of a press, and those of EXTRA for the rest."""
+    known = {"draw": press.draw, "depth_cmd_mm": float(press.scene.pose.depth), **values}
+    assert known.keys() <= EXTRA.keys(), "keys of extra"  # noqa: S101
+    empty = {key: [] if value == () else value for key, value in EXTRA.items()}
+    return empty | known
+
+
+def _floats(pose: Pose6) -> list[float]:
+    return [float(value) for value in pose]

@@ -1,0 +1,117 @@
+"""Options, devices and output that the verbs share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from tactibench import UserError
+from tactibench.lab import write_json
+from tactibench_tactip.emulators import Emulation, rehearse
+from tactibench_tactip.settings import Settings, read_settings
+
+Verb = Callable[..., Any]
+
+config_option = click.option(
+    "--config",
+    required=True,
+    metavar="FILE.toml",
+    type=click.Path(path_type=Path),
+    help="Configuration of the setup.",
+)
+json_option = click.option(
+    "--json",
+    "json_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the figures here.",
+)
+emulate_option = click.option(
+    "--emulate", is_flag=True, help="Rehearse on emulators; no device is opened."
+)
+time_scale_option = click.option(
+    "--time-scale",
+    type=click.FloatRange(1, 1000),
+    default=1.0,
+    show_default=True,
+    help="How much faster than real the emulators run.",
+)
+
+
+def device_options(verb: Verb) -> Verb:
+    """Add ``--config``, and ``--emulate`` with its time scale."""
+    return config_option(emulate_option(time_scale_option(verb)))
+
+
+@contextmanager
+def devices(
+    config: Path, emulate: bool, time_scale: float, **plan: Any
+) -> Iterator[tuple[Settings, Emulation | None]]:
+    """Give the settings to use, and the emulation if there is one.
+
+    plan: further arguments of ``rehearse``. Raises UserError.
+    """
+    settings = read_settings(config)
+    if not emulate:
+        with print_notes():
+            yield settings, None
+        return
+    click.echo(f"emulated, {time_scale:g} times as fast as real; no device is opened", err=True)
+    with print_notes(), rehearse(settings, time_scale=time_scale, **plan) as rehearsal:
+        yield rehearsal.settings, rehearsal.emulation
+
+
+@contextmanager
+def print_notes() -> Iterator[None]:
+    """Print the notes of an error of which otherwise one sentence is shown."""
+    try:
+        yield
+    except (UserError, OSError, KeyboardInterrupt) as error:
+        for note in getattr(error, "__notes__", ()):
+            click.echo(note, err=True)
+        raise
+
+
+def print_rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print columns with two blanks between them."""
+    widths = [max(len(row[k]) for row in (heads, *rows)) for k in range(len(heads))]
+    for row in (heads, *rows):
+        line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        click.echo(line.rstrip())
+
+
+def write_figures(path: Path | None, rows: Sequence[tuple[str, str, Any, str]]) -> None:
+    """Write (metric, group, value, unit) as the other verbs do; nothing without a file."""
+    if path is not None:
+        keys = ("metric", "group", "value", "unit")
+        write_json(path, [dict(zip(keys, row, strict=True)) for row in rows])
+
+
+def format_duration(seconds: float) -> str:
+    """Return "7 h 20 min", "3 min" or "12 s"."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show progress on stderr; silent where that is no terminal."""
+    console = Console(stderr=True, highlight=False)
+    columns = (
+        TextColumn("{task.description:<20}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(title, total=total)
+        yield lambda done: progress.advance(task, done)

@@ -1,0 +1,239 @@
+"""A camera that shows the world: uncompressed frames over loopback HTTP."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import select
+import socket
+import time
+from fractions import Fraction
+from threading import Lock
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tactibench import UserError
+from tactibench_tactip.emulators.device import Device
+from tactibench_tactip.emulators.faults import Fault
+from tactibench_tactip.emulators.world import Image, World
+
+KINDS = (
+    "camera-stall",
+    "camera-drop",
+    "stale-frames",
+    "black-frames",
+    "brightness-jump",
+    "pin-loss",
+)
+REQUEST_S = 2.0
+"""Host seconds within which a client has sent its request."""
+NOISE_FIELDS = 8
+"""Fields of noise that are drawn once; a frame takes one of them, rolled by chance."""
+READ_NOISE, FULL_WELL, WHITE = 1.5, 10_000.0, 255
+"""Noise of variance read^2 + 255 / full_well * grey (EMVA 1288, linear model): read in grey levels
+rms, full well in electrons; those of a small CMOS pixel, assumed."""
+
+
+class Picture:
+    """Light, missing pins and noise that the camera adds to the sensor's image."""
+
+    def __init__(self, rest: Image, noise: float, seed: int) -> None:
+        """Args: rest: (H, W) without noise. noise: times a small camera's own; 0: none."""
+        self.brighter = 0.0
+        self._rng = np.random.default_rng(seed)
+        shape = (NOISE_FIELDS, *rest.shape)
+        self._fields = self._rng.standard_normal(shape, dtype=np.float32) * np.float32(noise)
+        self._noise = noise
+        grey = np.arange(WHITE + 1, dtype=np.float32)
+        self._deviation = np.sqrt(READ_NOISE**2 + WHITE / FULL_WELL * grey)
+        self._pins = _find_pins(rest)[1]
+        self._lost = np.zeros((0, 2))
+
+    def lose(self, count: int) -> None:
+        """Hide so many pins more in all frames from now on."""
+        left = [pin for pin in self._pins if not (self._lost == pin).all(axis=1).any()]
+        picked = self._rng.permutation(len(left))[:count]
+        self._lost = np.concatenate([self._lost, np.array(left)[picked].reshape(-1, 2)])
+
+    def repair(self) -> None:
+        """Put light and pins back as they were."""
+        self.brighter, self._lost = 0.0, np.zeros((0, 2))
+
+    def frame(self, image: Image, black: bool = False) -> Image:
+        """Return one frame, (H, W) uint8, with noise of its own."""
+        frame = np.zeros_like(image) if black else image
+        if len(self._lost) and not black:
+            frame = _without_pins(frame, self._lost)
+        if self.brighter and not black:
+            frame = _as_grey(frame.astype(np.float32) + self.brighter)
+        if not self._noise:
+            return frame
+        field = self._fields[int(self._rng.integers(NOISE_FIELDS))]
+        rolled = np.roll(field, tuple(self._rng.integers(0, 64, 2)), axis=(0, 1))
+        return _as_grey(frame + self._deviation[frame] * rolled)
+
+
+class CameraEmulator(Device):
+    """Streams frames for ``cv2.VideoCapture(url, cv2.CAP_FFMPEG)``.
+
+    Frames come at ``fps`` of the host's clock, whatever the time scale, each showing the moment at
+    which it is sent. They are a YUV4MPEG2 stream of gray frames, of which FFmpeg gives back the
+    very bytes. A client that does not read finds old frames waiting, as with a real camera; a
+    stream has no exposure or focus to set. Raises UserError for a value that is not allowed.
+    """
+
+    def __init__(
+        self, world: World, *, fps: float = 30.0, noise: float = 1.0, seed: int = 0
+    ) -> None:
+        super().__init__()
+        if not (math.isfinite(fps) and 0 < fps <= 1000):
+            raise UserError(f"the camera's rate is {fps:g} frames/s; it must be up to 1000.")
+        if not (math.isfinite(noise) and noise >= 0):
+            raise UserError(f"the camera's noise is {noise:g}; it must be 0 or more.")
+        if world.rest.ndim != 2:
+            raise UserError("the emulated camera streams gray frames, the sensor shows colours.")
+        self.world, self.fps = world, fps
+        self.picture = Picture(world.rest, noise, seed)
+        self._port = 0
+        self._server: socket.socket | None = None
+        self._clients: set[socket.socket] = set()
+        self._lock = Lock()
+        self._until: dict[str, float] = {}
+        self._stale: Image | None = None
+        world.on_fault(KINDS, self._on_fault)
+
+    @property
+    def url(self) -> str:
+        """Known once it has started; the port stays when it starts again."""
+        return f"http://127.0.0.1:{self._port}/frame.y4m"
+
+    def start(self) -> None:
+        """Listen."""
+        self._server = socket.create_server(("127.0.0.1", self._port))
+        self._port = self._server.getsockname()[1]
+        self.run("camera", self._accept, self._server)
+
+    def close(self) -> None:
+        """Close the server and every connection."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        self.drop()
+
+    def drop(self) -> None:
+        """Close every connection; new ones are served."""
+        with self._lock:
+            for client in self._clients:
+                with contextlib.suppress(OSError):
+                    client.shutdown(socket.SHUT_RDWR)
+
+    def frame(self) -> Image:
+        """Return the frame of this moment, (H, W) uint8."""
+        with self.world.lock:
+            now = self.world.advance()
+            active = {kind for kind, until in self._until.items() if now < until}
+        if "stale-frames" in active and self._stale is not None:
+            return self._stale
+        image = self.world.image()
+        with self._lock:
+            return self.picture.frame(image, "black-frames" in active)
+
+    def _accept(self, server: socket.socket) -> None:
+        while not self.stopping.is_set():
+            with contextlib.suppress(OSError, ValueError):
+                if select.select([server], [], [], 0.1)[0]:
+                    client, _ = server.accept()
+                    with self._lock:
+                        self._clients.add(client)
+                    self.run("camera client", self._serve, client)
+
+    def _serve(self, client: socket.socket) -> None:
+        try:
+            with contextlib.suppress(OSError):
+                if self._read_request(client):
+                    self._send_frames(client)
+        finally:
+            with self._lock:
+                self._clients.discard(client)
+            client.close()
+
+    def _read_request(self, client: socket.socket) -> bool:
+        """Whether a whole GET request came."""
+        client.settimeout(REQUEST_S)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        data = b""
+        while b"\r\n\r\n" not in data and len(data) < 65536:
+            more = client.recv(4096)
+            if not more:
+                return False
+            data += more
+        client.settimeout(None)  # ``drop`` ends a send that nobody takes
+        return data.startswith(b"GET ")
+
+    def _send_frames(self, client: socket.socket) -> None:
+        height, width = self.world.rest.shape
+        rate = Fraction(self.fps).limit_denominator(1000)
+        size = f"W{width} H{height} F{rate.numerator}:{rate.denominator}"
+        http = (
+            "HTTP/1.0 200 OK\r\nCache-Control: no-store\r\nContent-Type: video/x-yuv4mpeg\r\n\r\n"
+        )
+        head = f"{http}YUV4MPEG2 {size} Ip A1:1 Cmono XCOLORRANGE=FULL\n"
+        client.sendall(head.encode())
+        due = time.monotonic()
+        while not self.stopping.wait(max(0.0, due - time.monotonic())):
+            due = max(due + 1 / self.fps, time.monotonic() - 1 / self.fps)
+            if not self._stalled():
+                client.sendall(b"FRAME\n" + self.frame().tobytes())
+
+    def _stalled(self) -> bool:
+        with self.world.lock:
+            return self.world.advance() < self._until.get("camera-stall", -math.inf)
+
+    def _on_fault(self, fault: Fault, t: float) -> None:
+        if fault.kind == "camera-drop":
+            self.drop()
+        elif fault.kind == "brightness-jump":
+            self.picture.brighter += 40.0 if fault.value is None else fault.value
+        elif fault.kind == "pin-loss":
+            with self._lock:
+                self.picture.lose(int(5 if fault.value is None else fault.value))
+        else:
+            default = math.inf if fault.kind == "camera-stall" else 2.0
+            self._until[fault.kind] = t + (default if fault.value is None else fault.value)
+            if fault.kind == "stale-frames":
+                image = self.world.image_at(t)
+                with self._lock:
+                    self._stale = self.picture.frame(image)
+
+
+def _as_grey(values: npt.NDArray[Any]) -> Image:
+    result: Image = np.clip(np.rint(values), 0, WHITE).astype(np.uint8)
+    return result
+
+
+def _find_pins(image: Image) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
+    """Labels (H, W) and centres (N, 2) px of the blobs: the rarer side of Otsu's threshold."""
+    _, mask = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    if mask.mean() > WHITE / 2:
+        mask = cv2.bitwise_not(mask)
+    _, labels, _, centres = cv2.connectedComponentsWithStats(mask)
+    return np.asarray(labels), np.asarray(centres[1:], dtype=np.float64)
+
+
+def _without_pins(image: Image, places: npt.NDArray[np.float64]) -> Image:
+    """The image without the blob that is nearest to every place, each taken once."""
+    labels, centres = _find_pins(image)
+    gone = np.zeros(labels.shape, dtype=np.uint8)
+    free = np.ones(len(centres), dtype=bool)
+    for place in places[: len(centres)]:
+        distance = np.where(free, np.hypot(*(centres - place).T), np.inf)
+        nearest = int(distance.argmin())
+        free[nearest] = False
+        gone |= (labels == nearest + 1).astype(np.uint8)
+    gone = np.asarray(cv2.dilate(gone, np.ones((3, 3), np.uint8)))
+    result = image.copy()
+    result[gone > 0] = np.uint8(np.median(image[labels == 0]))
+    return result

@@ -1,0 +1,438 @@
+"""The firmware GRBL 1.1h of a three-axis stage, as far as the driver uses it.
+
+Jogs, probing, homing, status reports, settings and alarms, word for word as the firmware answers.
+G-code moves, offsets, inches, overrides and look-ahead are not emulated: error 20.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from tactibench import UserError
+from tactibench_tactip.emulators.motion import Array, Move, inverse, matrix
+from tactibench_tactip.emulators.world import Watch, World
+
+BUFFER = 128
+"""Bytes that the receive buffer holds; what comes when it is full is lost."""
+LONGEST_LINE = 79
+CRITICAL_ALARMS = (1, 2)
+"""After these only a reset is answered."""
+OFFSET_EVERY = 10
+"""Status reports between two that tell the work offset."""
+LOCKED = "[MSG:'$H'|'$X' to unlock]"
+BANNER = "Grbl 1.1h ['$' for help]"
+VERSION = ("[VER:1.1h.20190830:]", "[OPT:V,15,128]")
+
+LETTER, NUMBER, STATEMENT, HOMING_OFF, NOT_IDLE, NO_G_CODE, OVERFLOW = 1, 2, 3, 5, 8, 9, 11
+JOG_TRAVEL, JOG_WORDS, UNSUPPORTED, NO_FEED, REPEATED, NO_AXES, TARGET = 15, 16, 20, 22, 25, 26, 33
+
+_DEFAULTS = (
+    "$0=10 $1=25 $2=0 $3=0 $4=0 $5=0 $6=0 $10=1 $11=0.010 $12=0.002 $13=0 $20=1 $21=1 $22=1 $23=0 "
+    "$24=25.000 $25=500.000 $26=250 $27=1.000 $30=1000 $31=0 $32=0 "
+    "$100=250.000 $101=250.000 $102=250.000 $110=3000.000 $111=3000.000 $112=3000.000 "
+    "$120=500.000 $121=500.000 $122=500.000 $130=200.000 $131=200.000 $132=200.000"
+)
+"""Settings of a small stage: homing and limits on, 50 mm/s, 500 mm/s2, travel 200 mm."""
+_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
+
+
+class GcodeError(Exception):
+    """A line that is answered with ``error:number``."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"error:{number}")
+        self.number = number
+
+
+class Settings:
+    """The settings by name, in the units of GRBL's documentation (mm, s, mm/min)."""
+
+    def __init__(self, given: Mapping[str, float] | None = None) -> None:
+        self._texts = dict(item.split("=") for item in _DEFAULTS.split())
+        for name, value in (given or {}).items():
+            if name not in self._texts:
+                known = ", ".join(self._texts)
+                raise UserError(f"GRBL 1.1 has no setting {name!r}; known are {known}.")
+            self._texts[name] = f"{value:.3f}" if "." in self._texts[name] else f"{value:.0f}"
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._texts[name])
+
+    def axes(self, first: int) -> Array:
+        """Return x, y, z of a group such as 110."""
+        return np.array([self[f"${first + k}"] for k in range(3)])
+
+    def lines(self) -> list[str]:
+        """Return the lines that ``$$`` prints."""
+        return [f"{name}={text}" for name, text in self._texts.items()]
+
+
+class Controller:
+    """Bytes in by ``receive``, bytes out by ``take``; ``step`` lets time pass. Under the world's
+    lock.
+
+    Machine coordinates are the base frame of the rig once it is homed, with the switches at 0 and
+    the travel below. A reset in motion or a hard limit loses steps: what it reports is wrong until
+    it is homed again.
+    """
+
+    def __init__(self, world: World, settings: Settings) -> None:
+        self.world, self.settings = world, settings
+        self.state, self.t = "Idle", 0.0
+        self.mute, self.garble, self.blind = 0, False, 0
+        self._base = matrix(world.rig.work_frame)
+        self._lost = np.zeros(3)
+        self._out: list[str] = []
+        self._clear()
+
+    def _clear(self) -> None:
+        self._received: deque[int] = deque()
+        self._line = ""
+        self._task: Iterator[None] | None = None
+        self._halted = False
+        self._reports = 0
+        self._probed, self._touched = np.zeros(3), False
+
+    # Power, reset and alarms
+
+    def power_up(self, t: float) -> None:
+        """Start as when the port is opened: the position is unknown."""
+        self.t = t
+        self.world.follow(t)
+        self._lost = self._true_place()
+        self._out.clear()
+        self._clear()
+        self.state = "Alarm" if self.settings["$22"] else "Idle"
+        self._greet()
+
+    def _greet(self) -> None:
+        self._out.append("\r\n")
+        self._push(BANNER)
+        if self.state == "Alarm":
+            self._push(LOCKED)
+
+    def reset(self) -> None:
+        """Do what byte 0x18 does."""
+        if self.state in {"Run", "Jog", "Home"} or (
+            self.state == "Hold" and self._task is not None
+        ):
+            self.lose(3)
+        locked = self.state == "Alarm"
+        self.world.follow(self.t)
+        self._clear()
+        self.state = "Alarm" if locked else "Idle"
+        self._greet()
+
+    def lose(self, number: int) -> None:
+        """Stop at once with an alarm; the motors miss the steps of v^2 / 2a."""
+        move = self.world.move_at(self.t)
+        if move is not None:
+            forward = self._base[:3, :3] @ (move.end - move.start)[:3, 3] / move.length
+            slipped = move.speed(self.t) ** 2 / (2 * self.settings.axes(120).min())
+            self._lost = self._lost - forward * slipped
+        self.alarm(number)
+
+    def alarm(self, number: int) -> None:
+        """Stop, print the alarm and lock; after a critical one only a reset helps."""
+        self.world.follow(self.t)
+        self._push(f"ALARM:{number}")
+        self.state, self._task = "Alarm", None
+        if number in CRITICAL_ALARMS:
+            self._halted = True
+            self._push("[MSG:Reset to continue]")
+
+    # Bytes
+
+    def receive(self, data: bytes, t: float) -> None:
+        """Take bytes: realtime ones act at once, all others wait in the buffer."""
+        self.step(t)
+        for byte in data:
+            if byte in b"?!~\x18" or byte >= 0x80:
+                self._realtime(byte)
+            elif len(self._received) < BUFFER:
+                self._received.append(byte)
+        self.step(t)
+
+    def _realtime(self, byte: int) -> None:
+        if byte == 0x18:
+            self.reset()
+        elif self._halted:
+            return
+        elif byte == ord("?") and self.state != "Home":
+            self._push(self._report())
+        elif byte == ord("!"):
+            self.hold()
+        elif byte == 0x85 and self.state == "Jog":
+            self._cancel_jog()
+
+    def hold(self) -> None:
+        """Do what a feed hold does: brake on the way; in a jog it cancels."""
+        if self.state == "Jog":
+            self._cancel_jog()
+        elif self.state in {"Idle", "Run"}:
+            self._brake()
+            self.state = "Hold"
+
+    def _cancel_jog(self) -> None:
+        self._brake()
+        if self._task is not None:  # a jog that waits for this one is dropped with it
+            self._task = None
+            self._answer(0)
+
+    def take(self) -> bytes:
+        """Return what is to be sent."""
+        out = "".join(self._out).encode("latin-1")
+        self._out.clear()
+        return out
+
+    def _push(self, text: str) -> None:
+        self._out.append(text + "\r\n")
+
+    def _answer(self, error: int) -> None:
+        """``ok`` or ``error:N``, unless a fault takes or damages it."""
+        text = f"error:{error}" if error else "ok"
+        if self.mute:
+            self.mute -= 1
+            return
+        if self.garble:
+            self.garble = False
+            text = "\xff" + text[1:] + "\x00"
+        self._push(text)
+
+    def _report(self) -> str:
+        held = ":0" if self.t >= self.world.still_s else ":1"
+        state = self.state + (held if self.state == "Hold" else "")
+        move = self.world.move_at(self.t)
+        speed = 0.0 if move is None else move.speed(self.t)
+        fields = [state, f"MPos:{_axes(self.place)}", f"FS:{math.floor(60 * speed + 0.5)},0"]
+        if self._touching():
+            fields.append("Pn:P")
+        if self._reports % OFFSET_EVERY == 0:
+            fields.append("WCO:0.000,0.000,0.000")
+        self._reports += 1
+        return f"<{'|'.join(fields)}>"
+
+    # Motion
+
+    @property
+    def place(self) -> Array:
+        """(3,) machine coordinates as the steps were counted, mm."""
+        return self._true_place() - self._lost
+
+    def _true_place(self) -> Array:
+        return np.asarray((self._base @ self.world.pose_at(self.t))[:3, 3])
+
+    @property
+    def moving(self) -> bool:
+        """Whether it has to be looked at often."""
+        return self.state in {"Run", "Jog", "Home"} or self._task is not None
+
+    def _touching(self) -> bool:
+        """Whether the probe's circuit is closed; a broken one never is."""
+        return not self.blind and self.world.depth(self.t) >= 0
+
+    def _go(self, target: Array, rate: float, state: str) -> Iterator[None]:
+        """Move to (3,) machine coordinates, mm/s; yields while an earlier move goes on."""
+        yield from self._standstill()
+        steps = self.settings.axes(100)
+        way = np.round(target * steps) / steps - self.place
+        length = float(np.linalg.norm(way))
+        if length == 0:
+            return
+        start = self.world.pose_at(self.t)
+        end = start.copy()
+        end[:3, 3] += inverse(self._base)[:3, :3] @ way
+        speed = min(rate, _along(self.settings.axes(110) / 60, way / length))
+        acceleration = _along(self.settings.axes(120), way / length)
+        self.world.follow(self.t, Move.travel(self.t, start, end, speed, acceleration))
+        self.state = state
+
+    def _brake(self) -> None:
+        move = self.world.move_at(self.t)
+        if move is not None:
+            unit = (self._base[:3, :3] @ (move.end - move.start)[:3, 3]) / move.length
+            self.world.brake(self.t, _along(self.settings.axes(120), unit))
+
+    def _standstill(self) -> Iterator[None]:
+        while self.t < self.world.still_s:
+            yield
+
+    # Time and lines
+
+    def step(self, t: float) -> None:
+        """Let time pass up to t, and carry out the lines that can be."""
+        self.t = max(self.t, t)
+        self._come_to_rest()
+        while self._free() and (self._task is not None or self._next_line()):
+            if next(self._task or iter(()), "done") is None:
+                break
+            self._task = None
+        self._come_to_rest()
+
+    def _come_to_rest(self) -> None:
+        if self.state in {"Run", "Jog"} and self.t >= self.world.still_s and self._task is None:
+            self.state = "Idle"
+
+    def _free(self) -> bool:
+        return not self._halted and self.state != "Hold"
+
+    def _next_line(self) -> bool:
+        """Begin with the next line of the buffer, if all of it is there."""
+        while self._received:
+            character = chr(self._received.popleft())
+            if character not in "\r\n":
+                self._line += character
+                continue
+            line, self._line = self._line, ""
+            self._task = self._carry_out(line)
+            return True
+        return False
+
+    def _carry_out(self, line: str) -> Iterator[None]:
+        """One line to its answer; yields while it waits."""
+        text = "".join(character for character in line if character > " ").upper()
+        try:
+            if len(text) > LONGEST_LINE:
+                raise GcodeError(OVERFLOW)
+            if text.startswith("$J="):
+                yield from self._jog(text[3:])
+            elif text.startswith("$"):
+                yield from self._system(text)
+            elif text:
+                yield from self._gcode(text)
+        except GcodeError as error:
+            self._answer(error.number)
+        else:
+            if not self._halted:
+                self._answer(0)
+
+    def _system(self, text: str) -> Iterator[None]:
+        if text not in {"$I", "$$", "$H", "$X"}:
+            raise GcodeError(STATEMENT)
+        if self.state not in {"Idle", "Alarm"}:
+            raise GcodeError(NOT_IDLE)
+        if text == "$H":
+            yield from self._home()
+        elif text == "$X":
+            if self.state == "Alarm":
+                self._push("[MSG:Caution: Unlocked]")
+                self.state = "Idle"
+        else:
+            self._out += [
+                f"{line}\r\n" for line in (VERSION if text == "$I" else self.settings.lines())
+            ]
+
+    def _home(self) -> Iterator[None]:
+        """Z first, then X and Y, to the switches at 0 and back by the pull-off."""
+        if not self.settings["$22"]:
+            raise GcodeError(HOMING_OFF)
+        self.state, self._lost = "Home", np.zeros(3)
+        for chosen in ([2], [0, 1]):
+            for height in (0.0, -self.settings["$27"]):
+                target = self.place.copy()
+                target[chosen] = height
+                yield from self._go(target, self.settings["$25"] / 60, "Home")
+                yield from self._standstill()
+        self.state = "Idle"
+
+    def _jog(self, text: str) -> Iterator[None]:
+        if self.state not in {"Idle", "Jog"}:
+            raise GcodeError(NOT_IDLE)
+        codes, values = _words(text)
+        if not codes <= {"G21", "G53", "G90", "G91"}:
+            raise GcodeError(JOG_WORDS)
+        target = self._target(codes, values)
+        if not values.get("F"):
+            raise GcodeError(NO_FEED)
+        if not self._within(target):
+            raise GcodeError(JOG_TRAVEL)
+        yield from self._go(target, values["F"] / 60, "Jog")
+
+    def _gcode(self, text: str) -> Iterator[None]:
+        if self.state in {"Alarm", "Jog"}:
+            raise GcodeError(NO_G_CODE)
+        codes, values = _words(text)
+        if not codes <= {"G21", "G90", "G91", "G38.3"} or (values and "G38.3" not in codes):
+            raise GcodeError(UNSUPPORTED)
+        if "G38.3" in codes:
+            target = self._target(codes, values)
+            if not values.get("F"):
+                raise GcodeError(NO_FEED)
+            yield from self._probe(target, values["F"] / 60)
+
+    def _probe(self, target: Array, rate: float) -> Iterator[None]:
+        """Move until the tool touches; ``[PRB:...]`` holds where that was."""
+        if np.allclose(target, self.place):
+            raise GcodeError(TARGET)
+        if not self._within(target) or self._touching():
+            self.alarm(4 if self._within(target) else 2)
+            return
+        self._probed, self._touched = np.zeros(3), False
+        watch = None if self.blind else self.world.watch(Watch("depth", 0.0, self._on_touch))
+        yield from self._go(target, rate, "Run")
+        yield from self._standstill()
+        if watch is None:
+            self.blind -= 1
+        else:
+            self.world.forget(watch)
+        self._push(f"[PRB:{_axes(self._probed)}:{int(self._touched)}]")
+
+    def _on_touch(self, t: float) -> None:
+        self.t = max(self.t, t)
+        self._probed, self._touched = self.place, True
+        self._brake()
+
+    def _target(self, codes: set[str], values: dict[str, float]) -> Array:
+        """(3,) machine coordinates of a line's axis words."""
+        axes = {k: values[axis] for k, axis in enumerate("XYZ") if axis in values}
+        if not axes:
+            raise GcodeError(NO_AXES)
+        planned = self._base @ self.world.pose_at(max(self.t, self.world.still_s))
+        target = np.asarray(planned[:3, 3] - self._lost)
+        for axis, value in axes.items():
+            target[axis] = value + (target[axis] if "G91" in codes else 0.0)
+        return target
+
+    def _within(self, target: Array) -> bool:
+        """Whether a target keeps to the soft limits, where they are on."""
+        inside = bool(((target <= 1e-9) & (target >= -self.settings.axes(130) - 1e-9)).all())
+        return inside or not self.settings["$20"]
+
+
+def _words(text: str) -> tuple[set[str], dict[str, float]]:
+    """G codes and numbers by letter of a line. Raises GcodeError."""
+    codes: set[str] = set()
+    values: dict[str, float] = {}
+    at = 0
+    while at < len(text):
+        if not text[at].isalpha():
+            raise GcodeError(LETTER)
+        match = _WORD.match(text, at)
+        if match is None:
+            raise GcodeError(NUMBER)
+        letter, number, at = match[1], float(match[2]), match.end()
+        if letter == "G":
+            codes.add(f"G{number:g}")
+        elif letter in values:
+            raise GcodeError(REPEATED)
+        elif letter in "FXYZ":
+            values[letter] = number
+        else:
+            raise GcodeError(UNSUPPORTED)
+    return codes, values
+
+
+def _along(limits: Array, unit: Array) -> float:
+    """The most along a unit vector that keeps every axis within its limit."""
+    used = np.abs(unit) > 1e-12
+    return float((limits[used] / np.abs(unit[used])).min())
+
+
+def _axes(values: Array) -> str:
+    """``x,y,z`` with three decimals; no minus zero."""
+    return ",".join(f"{round(float(value), 3) + 0.0:.3f}" for value in values)

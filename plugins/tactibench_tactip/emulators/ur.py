@@ -1,0 +1,352 @@
+"""The servers of a UR controller: RTDE, script and dashboard.
+
+RTDE as in UR's guide "Real-Time Data Exchange", protocol version 2, everything big-endian; the
+dashboard as in "Dashboard Server e-Series".
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import select
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from tactibench import UserError
+from tactibench_tactip.emulators.device import Device
+from tactibench_tactip.emulators.faults import Fault
+from tactibench_tactip.emulators.motion import Pose6
+from tactibench_tactip.emulators.ur_controller import RUNNING, Controller
+from tactibench_tactip.emulators.world import World
+
+RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
+KINDS = (
+    "protective-stop",
+    "unlock-refused",
+    "emergency-stop",
+    "socket-drop",
+    "frozen-stream",
+    "wrong-length",
+    "program-stop",
+)
+TICK_S, IDLE_S = 0.005, 0.02
+MOST_HZ = 500.0
+LONGEST = 1 << 20
+"""Bytes that a client may send without an end of its package, line or script."""
+SCRIPT_END = re.compile(r"(?m)^end[ \t]*\r?\n")
+CONTROL_VERSION = (5, 12, 2, 1101534)
+POLYSCOPE = "URSoftware 5.12.2.1101534 (Mar 24 2022)"
+SERIAL = "20225500001"
+REFUSED = (
+    "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective "
+    "stop before unlocking"
+)
+
+OUTPUTS: dict[str, tuple[str, Callable[[Controller], Any]]] = {
+    "timestamp": ("DOUBLE", lambda c: c.t),
+    "actual_TCP_pose": ("VECTOR6D", lambda c: c.pose()),
+    "actual_TCP_force": ("VECTOR6D", lambda c: c.force()),
+    "robot_mode": ("INT32", lambda c: c.robot_mode),
+    "safety_mode": ("INT32", lambda c: c.safety_mode),
+    "runtime_state": ("UINT32", lambda c: c.runtime_state),
+    "robot_status_bits": ("UINT32", lambda c: c.status_bits),
+    "safety_status_bits": ("UINT32", lambda c: c.safety_bits),
+    "output_int_register_0": ("INT32", lambda c: c.out_int[0]),
+    "output_int_register_1": ("INT32", lambda c: c.out_int[1]),
+    "output_int_register_2": ("INT32", lambda c: c.out_int[2]),
+    **{f"output_double_register_{k}": ("DOUBLE", lambda _: 0.0) for k in range(6)},
+}
+"""Fields that ur_rtde asks for -> type, how to get the value."""
+INPUTS = {
+    **{f"input_int_register_{k}": "INT32" for k in range(8)},
+    **{f"input_double_register_{k}": "DOUBLE" for k in range(18)},
+    "external_force_torque": "VECTOR6D",
+}
+FORMATS = {"UINT32": "I", "INT32": "i", "DOUBLE": "d", "VECTOR6D": "6d"}
+HEADER = struct.Struct(">HB")
+
+
+def package(kind: str, payload: bytes, wrong_by: int = 0) -> bytes:
+    """Return an RTDE package; wrong_by: added to its length by a fault."""
+    return HEADER.pack(HEADER.size + len(payload) + wrong_by, ord(kind)) + payload
+
+
+def split_packages(data: bytes) -> tuple[list[tuple[str, bytes]], bytes]:
+    """Return (kind, payload) of the whole packages of a stream, and the bytes that are left.
+
+    Raises ValueError for a length that cannot be.
+    """
+    packages = []
+    while len(data) >= HEADER.size:
+        size, kind = HEADER.unpack_from(data)
+        if size < HEADER.size:
+            raise ValueError(f"a package of {size} bytes is shorter than its header")
+        if len(data) < size:
+            break
+        packages.append((chr(kind), data[HEADER.size : size]))
+        data = data[size:]
+    return packages, data
+
+
+class RtdeSession:
+    """One RTDE connection: the fields that it asked for, and the packages that answer.
+
+    in_use: input fields that a fieldbus holds.
+    """
+
+    def __init__(self, controller: Controller, in_use: tuple[str, ...]) -> None:
+        self._controller, self._in_use = controller, in_use
+        self._rest = b""
+        self._outputs: tuple[str, ...] = ()
+        self._inputs: list[tuple[str, ...]] = []
+        self.hertz, self.streaming = 125.0, False
+
+    def feed(self, data: bytes, t: float) -> bytes:
+        """Return answers to what came, in any portions. Raises ValueError where it is no RTDE."""
+        packages, self._rest = split_packages(self._rest + data)
+        try:
+            return b"".join(self._answer(kind, payload, t) for kind, payload in packages)
+        except (struct.error, UnicodeDecodeError) as error:
+            raise ValueError(f"a package cannot be read: {error}") from None
+
+    def sample(self, wrong_by: int = 0) -> bytes:
+        """Return a data package of this moment."""
+        data = b"\x01"
+        for name in self._outputs:
+            kind, get = OUTPUTS[name]
+            value = get(self._controller)
+            data += struct.pack(f">{FORMATS[kind]}", *(value if kind == "VECTOR6D" else (value,)))
+        return package("U", data, wrong_by)
+
+    def _answer(self, kind: str, payload: bytes, t: float) -> bytes:
+        if kind == "V":
+            return package(kind, bytes([payload == b"\x00\x02"]))
+        if kind == "v":
+            return package(kind, struct.pack(">4I", *CONTROL_VERSION))
+        if kind == "O":
+            return package(kind, b"\x01" + self._set_outputs(payload))
+        if kind == "I":
+            return package(kind, self._set_inputs(payload))
+        if kind == "S":
+            self.streaming = bool(self._outputs)
+            return package(kind, bytes([self.streaming]))
+        if kind == "U":
+            self._write(payload, t)
+            return b""
+        raise ValueError(f"packages of type {kind!r} are not emulated")
+
+    def _set_outputs(self, payload: bytes) -> bytes:
+        (hertz,) = struct.unpack_from(">d", payload)
+        names = _names(payload[8:])
+        types = [OUTPUTS[name][0] if name in OUTPUTS else "NOT_FOUND" for name in names]
+        if "NOT_FOUND" not in types:
+            self._outputs, self.hertz = names, min(max(hertz, 1.0), MOST_HZ)
+        return ",".join(types).encode()
+
+    def _set_inputs(self, payload: bytes) -> bytes:
+        names = _names(payload)
+        types = [
+            "IN_USE" if name in self._in_use else INPUTS.get(name, "NOT_FOUND") for name in names
+        ]
+        number = 0
+        if not {"NOT_FOUND", "IN_USE"} & set(types):
+            self._inputs.append(names)
+            number = len(self._inputs)
+        return bytes([number]) + ",".join(types).encode()
+
+    def _write(self, payload: bytes, t: float) -> None:
+        number = payload[0] if payload else 0
+        if not 1 <= number <= len(self._inputs):
+            raise ValueError(f"a data package names input recipe {number}, which there is not")
+        names = self._inputs[number - 1]
+        code = ">" + "".join(FORMATS[INPUTS[name]] for name in names)
+        values = struct.unpack(code, payload[1:])
+        if "external_force_torque" not in names:
+            self._controller.inputs.update(zip(names, values, strict=True))
+        self._controller.written(names, t)
+
+
+def dashboard_answer(controller: Controller, line: str, t: float) -> str:
+    """Return the dashboard's answer to one line."""
+    answers = {
+        "polyscopeversion": POLYSCOPE,
+        "get serial number": SERIAL,
+        "is in remote control": str(controller.remote).lower(),
+        "safetystatus": f"Safetystatus: {controller.safety}",
+        "robotmode": f"Robotmode: {'RUNNING' if controller.robot_mode == RUNNING else 'POWER_OFF'}",
+        "close safety popup": "closing safety popup",
+    }
+    command = line.strip().lower()
+    if command in answers:
+        return answers[command]
+    if command not in {"stop", "unlock protective stop"}:
+        return f'could not understand: "{line}"'
+    if not controller.remote:
+        return "Command is not allowed in local control mode"
+    if command == "stop":
+        controller.end_program(t)
+        return "Stopped"
+    return "Protective stop releasing" if controller.unlock(t) else REFUSED
+
+
+class UrEmulator(Device):
+    """A UR controller on a loopback address of its own (ports 30004, 30003, 29999).
+
+    Args:
+        tool: where the world's tool point truly is on the flange, mm and deg.
+        in_use: input fields that a fieldbus holds, such as "input_int_register_0".
+        controller: further arguments of ``Controller``.
+
+    ``start`` raises UserError where a port is taken. ur_rtde keeps Python's lock while it waits, so
+    the client must live in another process.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        host: str = "127.0.0.2",
+        *,
+        tool: Pose6 = (0.0, 0.0, 89.1, 0.0, 0.0, 0.0),
+        in_use: tuple[str, ...] = (),
+        **controller: Any,
+    ) -> None:
+        super().__init__()
+        self.world, self.host = world, host
+        self.controller = Controller(world, tool, **controller)
+        self._in_use = in_use
+        self._servers: list[socket.socket] = []
+        self._clients: dict[socket.socket, int] = {}
+        self._frozen_until, self._wrong_by = -math.inf, 0
+        world.on_fault(KINDS, self._on_fault)
+
+    def start(self) -> None:
+        """Listen. Raises UserError where a port is taken."""
+        try:
+            for port in (RTDE, SCRIPT, DASHBOARD):
+                self._servers.append(socket.create_server((self.host, port)))
+        except OSError as error:
+            self.close()
+            raise UserError(
+                f"port {port} of {self.host} cannot be opened ({error.strerror}); another emulator "
+                "may be on it: take another address, such as 127.0.0.3."
+            ) from None
+        self.run("ur", self._accept, list(self._servers))
+
+    def close(self) -> None:
+        """Close servers and connections."""
+        for server in self._servers:
+            server.close()
+        self._servers.clear()
+        self._hang_up((RTDE, SCRIPT, DASHBOARD))
+
+    def _accept(self, servers: list[socket.socket]) -> None:
+        """Take connections, and let the program run where no client looks at it."""
+        while not self.stopping.is_set():
+            with contextlib.suppress(OSError, ValueError):
+                for server in select.select(servers, [], [], TICK_S)[0]:
+                    client, _ = server.accept()
+                    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    port = server.getsockname()[1]
+                    self._clients[client] = port
+                    self.run(f"ur {port}", self._serve, client, port)
+            with self.world.lock:
+                self.controller.step(self.world.advance())
+
+    def _serve(self, client: socket.socket, port: int) -> None:
+        talk = {RTDE: self._talk_rtde, SCRIPT: self._take_scripts, DASHBOARD: self._talk_dashboard}
+        try:
+            with contextlib.suppress(OSError):
+                talk[port](client)
+        except ValueError as error:
+            self.controller.messages.append(f"a connection was closed: {error}")
+        finally:
+            self._clients.pop(client, None)
+            client.close()
+
+    def _talk_rtde(self, client: socket.socket) -> None:
+        session = RtdeSession(self.controller, self._in_use)
+        due = time.monotonic()
+        while not self.stopping.is_set():
+            wait = max(0.0, due - time.monotonic()) if session.streaming else IDLE_S
+            out = b""
+            readable = bool(select.select([client], [], [], wait)[0])
+            data = client.recv(65536) if readable else b""
+            if readable and not data:
+                return
+            with self.world.lock:
+                t = self.world.advance()
+                out += session.feed(data, t)
+                self.controller.step(t)
+                if session.streaming and time.monotonic() >= due:
+                    due = max(due + 1 / session.hertz, time.monotonic())
+                    if t >= self._frozen_until:
+                        out += session.sample(self._wrong_by)
+                        self._wrong_by = 0
+            client.sendall(out)
+
+    def _take_scripts(self, client: socket.socket) -> None:
+        text = ""
+        for data in self._received(client):
+            text += data.decode("latin-1")
+            while (end := SCRIPT_END.search(text)) is not None:
+                with self.world.lock:
+                    self.controller.load(text[: end.end()], self.world.advance())
+                text = text[end.end() :]
+            _check_length(text)
+
+    def _talk_dashboard(self, client: socket.socket) -> None:
+        client.sendall(b"Connected: Universal Robots Dashboard Server\n")
+        text = ""
+        for data in self._received(client):
+            *lines, text = (text + data.decode("latin-1")).split("\n")
+            _check_length(text)
+            for line in lines:
+                with self.world.lock:
+                    answer = dashboard_answer(self.controller, line, self.world.advance())
+                client.sendall(answer.encode() + b"\n")
+
+    def _received(self, client: socket.socket) -> Iterator[bytes]:
+        while not self.stopping.is_set():
+            if select.select([client], [], [], IDLE_S)[0]:
+                data = client.recv(65536)
+                if not data:
+                    return
+                yield data
+
+    def _hang_up(self, ports: tuple[int, ...]) -> None:
+        """Shut connections down; their threads see the end."""
+        for client, port in list(self._clients.items()):
+            if port in ports:
+                with contextlib.suppress(OSError):
+                    client.shutdown(socket.SHUT_RDWR)
+
+    def _on_fault(self, fault: Fault, t: float) -> None:
+        value = fault.value
+        if fault.kind == "protective-stop":
+            self.controller.protective_stop(t)
+        elif fault.kind == "emergency-stop":
+            self.controller.emergency_stop(t)
+        elif fault.kind == "program-stop":
+            self.controller.end_program(t)
+        elif fault.kind == "socket-drop":
+            self._hang_up((RTDE, SCRIPT))
+        elif fault.kind == "unlock-refused":
+            self.controller.refusals += int(3 if value is None else value)
+        elif fault.kind == "frozen-stream":
+            self._frozen_until = t + (math.inf if value is None else value)
+        else:
+            self._wrong_by = int(7 if value is None else value)
+
+
+def _names(payload: bytes) -> tuple[str, ...]:
+    """Comma-separated; a comma at the end is allowed, as ur_rtde sends one."""
+    return tuple(name.strip() for name in payload.decode().split(",") if name.strip())
+
+
+def _check_length(text: str) -> None:
+    if len(text) > LONGEST:
+        raise ValueError("a line or script has no end")

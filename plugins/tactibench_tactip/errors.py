@@ -1,0 +1,37 @@
+"""Errors of devices, by what has to be done about them."""
+
+from __future__ import annotations
+
+from tactibench import UserError
+
+
+class DeviceError(UserError):
+    """A device did not do what it was asked; nothing more can be had of it in this session."""
+
+
+class RobotError(DeviceError):
+    """The robot did not do what it was asked. It may be moved away if its state is normal."""
+
+
+class RobotLostError(RobotError):
+    """The connection to the robot is gone."""
+
+
+class ProtectiveStopError(RobotError):
+    """The robot's controller stopped it to protect somebody or something."""
+
+
+class GuardError(RobotError):
+    """A guard stopped a descent: too much force, off the line, no camera."""
+
+
+class NoTouchError(RobotError):
+    """A search for first touch touched nothing."""
+
+
+class CameraError(DeviceError):
+    """The camera gives no frames, or not those that it was asked for."""
+
+
+class StopNowError(Exception):
+    """Somebody asked to stop at once."""

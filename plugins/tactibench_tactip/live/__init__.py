@@ -1,1 +1,0 @@
-"""A model that watches the camera: loop latency, pictures."""

@@ -1,0 +1,327 @@
+"""Motion of the tool: one thread owns the robot, every target is checked, every wait ends."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import numpy as np
+
+from tactibench_tactip.errors import GuardError, ProtectiveStopError, RobotError, StopNowError
+from tactibench_tactip.poses import (
+    Array,
+    angle_between,
+    distance_between,
+    envelope_violation,
+    inverse,
+    matrix,
+    pose_of,
+)
+from tactibench_tactip.robots.base import ProbingRobot, Robot, RobotState
+from tactibench_tactip.robots.connect import connect_seconds, run_within
+from tactibench_tactip.settings import Pose6, Settings
+
+T = TypeVar("T")
+
+TICK_S = 0.008
+"""Of the control loop: 125 Hz."""
+LOOK_S = 0.1
+"""Longest wait for a job: a signal that comes just before it is handled when it ends."""
+TURN_DEG_S = 50.0
+"""Speed at which a tool is taken to turn."""
+REACHED_MM, REACHED_DEG = 0.1, 0.2
+OFF_LINE_MM = 2.0
+"""Distance beside its line at which a move is stopped."""
+STOP_S = 3.0
+PROBE_MM = 0.5
+"""Between two looks at whether to stop, while it probes."""
+
+Guard = Callable[[Pose6], str]
+"""Looks at the pose in the work frame during a move; a reason stops it, "" lets it go on."""
+
+
+def move_seconds(start: Pose6, end: Pose6, speed: float, acceleration: float) -> float:
+    """Return s of a straight move from rest to rest; speed mm/s, acceleration mm/s^2.
+
+    Up to v^2 / a the top speed is not reached: t = 2 sqrt(d / a); beyond, t = d / v + v / a.
+    """
+    distance = distance_between(start, end)
+    if distance < speed**2 / acceleration:
+        seconds = 2.0 * math.sqrt(distance / acceleration)
+    else:
+        seconds = distance / speed + speed / acceleration
+    return max(seconds, angle_between(start, end) / TURN_DEG_S)
+
+
+def patience(expected_s: float, time_scale: float) -> float:
+    """Return host seconds after which a move is given up: twice what it takes, and 2 s."""
+    return 2.0 * expected_s / time_scale + 2.0
+
+
+def distance_from_line(start: Pose6, end: Pose6, here: Pose6) -> float:
+    """Return the distance of a position from the line between two, mm."""
+    a, b, p = (np.array(pose[:3]) for pose in (start, end, here))
+    along = b - a
+    length = float(along @ along)
+    share = 0.0 if length == 0 else min(1.0, max(0.0, float((p - a) @ along) / length))
+    return float(np.linalg.norm(p - a - share * along))
+
+
+class Mover:
+    """Moves a robot in the work frame. Used by one thread only, the one that owns the robot.
+
+    halt: set from outside to stop at once.
+    """
+
+    def __init__(self, robot: Robot, settings: Settings, halt: threading.Event) -> None:
+        self._robot = robot
+        self._settings = settings
+        self._halt = halt
+        self._work = matrix(settings.frames.work_frame)
+        self._from_base = inverse(self._work)
+
+    def pose(self) -> Pose6:
+        """Return where the tool is, in the work frame."""
+        return pose_of(self._from_base @ matrix(self._robot.pose()))
+
+    def state(self) -> RobotState:
+        """Return the robot's state."""
+        return self._robot.state()
+
+    def force(self) -> Array | None:
+        """Return (3,) N in the work frame; None where the robot does not measure it."""
+        force = self._robot.state().force_n
+        turn: Array = self._work[:3, :3]
+        return None if force is None else turn.T @ force
+
+    def go(self, target: Pose6, speed: float, guard: Guard | None = None) -> None:
+        """Move straight to a pose in the work frame, mm/s, and wait for it.
+
+        Raises RobotError for a target outside the envelope, a robot that is not normal, stands
+        still, leaves its line or needs too long; GuardError when the guard says so; StopNowError.
+        """
+        self._check_target(target, "the tool")
+        self._go(target, speed, guard)
+
+    def come_in(self, speed: float) -> None:
+        """Move from a stage's switches, which may lie outside the envelope, into it.
+
+        Sideways at the height of the switches, then down. Raises RobotError where that height is
+        not clear.
+        """
+        limits = self._settings.envelope
+        _, _, z, a, b, c = self.pose()
+        if z > -limits.clearance_mm:
+            raise RobotError(
+                f"the stage's switches are at z {z:.1f} mm of the work frame, not above the "
+                f"sensor's clearance of {-limits.clearance_mm:g} mm; check frames.work_frame."
+            )
+        self._go((0.0, 0.0, z, a, b, c), speed, None)
+        self._go((0.0, 0.0, max(z, -limits.above_mm), a, b, c), speed, None)
+
+    def probe(self, target: Pose6, speed: float, guard: Guard) -> Pose6 | None:
+        """Move towards a pose in the work frame until a probe's contact closes.
+
+        In short steps, for the robot answers nothing in one. Returns the pose there, None: it did
+        not close. Raises as ``go``.
+        """
+        self._check_target(target, "the probe")
+        robot = self._robot
+        assert isinstance(robot, ProbingRobot), "asked before"  # noqa: S101
+        start = self.pose()
+        steps = max(1, math.ceil(distance_between(start, target) / PROBE_MM))
+        for share in np.linspace(0.0, 1.0, steps + 1)[1:]:
+            self._check_halt()
+            self._check_normal()
+            reason = guard(self.pose())
+            if reason:
+                raise GuardError(reason)
+            x, y, z = (a + share * (b - a) for a, b in zip(start[:3], target[:3], strict=True))
+            contact = robot.probe(pose_of(self._work @ matrix((x, y, z, *target[3:]))), speed)
+            if contact is not None:
+                return pose_of(self._from_base @ matrix(contact))
+        return None
+
+    def stop(self) -> None:
+        """Stop and wait until it stands, at most STOP_S."""
+        self._robot.stop()
+        end = time.monotonic() + STOP_S
+        while self._robot.moving() and time.monotonic() < end:
+            self._robot.tick()
+            time.sleep(TICK_S)
+
+    def rest(self, seconds: float) -> None:
+        """Stand still for seconds of the devices' clock."""
+        end = time.monotonic() + seconds / self._settings.robot.time_scale
+        while (left := end - time.monotonic()) > 0:
+            self._check_halt()
+            self._robot.tick()
+            time.sleep(min(TICK_S, left))
+
+    def _go(self, target: Pose6, speed: float, guard: Guard | None) -> None:
+        self._check_halt()
+        start = self.pose()
+        self._check_normal()
+        acceleration = self._settings.robot.acceleration_mm_s2
+        for attempt in (1, 2):
+            self._robot.start(pose_of(self._work @ matrix(target)), speed, acceleration)
+            self._wait(start, target, speed, guard)
+            here = self.pose()
+            if _same(here, target):
+                return
+            # A robot that did not move at all may have missed the command; one that stopped on its
+            # way was held.
+            if attempt == 2 or not _same(here, start):
+                raise RobotError(
+                    f"the robot stopped {distance_between(here, target):.2f} mm and "
+                    f"{angle_between(here, target):.1f} deg before its target; look whether "
+                    "somebody held it."
+                )
+
+    def _wait(self, start: Pose6, target: Pose6, speed: float, guard: Guard | None) -> None:
+        robot = self._settings.robot
+        expected = move_seconds(start, target, speed, robot.acceleration_mm_s2)
+        limit = patience(expected, robot.time_scale)
+        end = time.monotonic() + limit
+        try:
+            while self._robot.moving():
+                self._robot.tick()
+                self._check_halt()
+                self._check_normal()
+                if guard is not None:
+                    self._check_guard(start, target, guard)
+                if time.monotonic() > end:
+                    raise RobotError(
+                        f"a move of {distance_between(start, target):.1f} mm took longer than "
+                        f"{limit:.1f} s; look whether the robot is held or slowed down."
+                    )
+                time.sleep(TICK_S)
+        except BaseException:
+            with suppress(RobotError):  # the reason for stopping is what is told
+                self.stop()
+            raise
+        self._check_normal()
+
+    def _check_guard(self, start: Pose6, target: Pose6, guard: Guard) -> None:
+        here = self.pose()
+        distance = distance_from_line(start, target, here)
+        if distance > OFF_LINE_MM:
+            raise GuardError(f"the tool was {distance:.1f} mm beside its line.")
+        reason = guard(here)
+        if reason:
+            raise GuardError(reason)
+
+    def _check_halt(self) -> None:
+        if self._halt.is_set():
+            raise StopNowError
+
+    def _check_normal(self) -> None:
+        state = self._robot.state()
+        if not state.normal:
+            kind = ProtectiveStopError if state.stopped else RobotError
+            raise kind(f"the robot is not normal: {state.description}.")
+
+    def _check_target(self, target: Pose6, name: str) -> None:
+        violation = envelope_violation(self._settings.envelope, target)
+        if violation:
+            raise RobotError(f"{name} was to go to {violation}; nothing was moved.")
+
+
+class RobotThread:
+    """The one thread that owns the robot: it connects on entry and lets go on exit.
+
+    Raises RobotError when the robot does not answer within ``robot.connect_s``, homing not counted.
+
+    Attributes:
+        halt: stops what moves, also homing while it connects.
+    """
+
+    def __init__(self, robot: Robot, settings: Settings) -> None:
+        self.robot = robot
+        self.halt = threading.Event()
+        self._settings = settings
+        self._jobs: queue.SimpleQueue[tuple[Callable[[Mover], Any], Future[Any]] | None] = (
+            queue.SimpleQueue()
+        )
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        name = f"the robot at {self._settings.robot.address}"
+        try:
+            run_within(connect_seconds(self._settings), name, self.robot.connect, self.halt)
+        except BaseException:
+            self.robot.close()
+            raise
+        self._thread = threading.Thread(target=self._run, name="tactip robot", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._jobs.put(None)
+        if self._thread is not None:
+            self._thread.join(10.0)
+
+    def do(self, job: Callable[[Mover], T], deadline_s: float) -> T:
+        """Return the result of a job that the robot's thread does.
+
+        Raises what the job raises, and RobotError when it has not ended after deadline_s, host
+        seconds. A job that nobody waits for any more, for that reason or for Ctrl-C, is told to
+        stop, or never begun.
+        """
+        future: Future[T] = Future()
+        end = time.monotonic() + deadline_s
+        try:
+            self._jobs.put((job, future))
+            while not future.done() and (left := end - time.monotonic()) > 0:
+                wait([future], min(left, LOOK_S))
+        except BaseException:
+            self._abandon(future)
+            raise
+        if not future.done():
+            self._abandon(future)
+            raise RobotError(
+                f"the robot's thread has not answered for {deadline_s:.0f} s; it was told to stop. "
+                "Look at the robot."
+            )
+        return future.result()
+
+    def _abandon(self, future: Future[Any]) -> None:
+        if not future.done():
+            self.halt.set()
+            future.cancel()
+
+    def _run(self) -> None:
+        mover = Mover(self.robot, self._settings, self.halt)
+        while True:
+            try:
+                item = self._jobs.get(timeout=TICK_S)
+            except queue.Empty:
+                with suppress(RobotError):  # whoever moves next is told
+                    self.robot.tick()
+                continue
+            if item is None:
+                break
+            job, future = item
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                future.set_result(job(mover))
+            except BaseException as error:  # noqa: BLE001 - handed to who asked
+                future.set_exception(error)
+        self.robot.close()
+
+
+def _same(a: Pose6, b: Pose6) -> bool:
+    return distance_between(a, b) < REACHED_MM and angle_between(a, b) < REACHED_DEG

@@ -1,1 +1,0 @@
-"""Motion: one thread owns the robot, every target is checked, every wait ends."""

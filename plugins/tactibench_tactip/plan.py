@@ -1,0 +1,275 @@
+"""The presses of a collection: ordered by what has to be mounted, checked before any motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench import Indenter, Scene, UserError
+from tactibench.lab import Press, plan_presses, press_rows
+from tactibench_tactip.poses import angle_between, envelope_violation
+from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.press_path import path_of, path_seconds
+from tactibench_tactip.settings import IndenterSettings, Settings
+
+SAME_MM = 1e-6
+CAPTURE_S = 0.3
+"""Of the frames of a press and of the look after it."""
+SEARCH_S = 60.0
+"""Of a search for first touch."""
+TURN_DEG = 0.05
+"""Turn that a stage, which has none, may be asked for."""
+
+
+@dataclass(frozen=True)
+class CollectionPlan:
+    """The presses of a collection.
+
+    Attributes:
+        source: the protocol or file that they come from.
+        presses: in the order in which they are made.
+        splits: as of the protocol, name -> part -> ids.
+    """
+
+    source: str
+    presses: tuple[Press, ...]
+    splits: dict[str, dict[str, list[int]]]
+
+    def __len__(self) -> int:
+        return len(self.presses)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows of plan.jsonl."""
+        return press_rows(self.presses)
+
+    def mounts(self) -> list[tuple[Indenter, list[Press]]]:
+        """Return the indenters to mount in turn, and the presses of each."""
+        return list(by_indenter(self.presses).items())
+
+
+class _Dome:
+    """The surface that a protocol asks for."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.dome_radius_mm = settings.sensor.dome_radius_mm
+        self.deepest_mm = settings.sensor.deepest_mm
+
+
+def plan_of(
+    source: str,
+    settings: Settings,
+    *,
+    draws: Sequence[str] = (),
+    count: int | None = None,
+    seed: int | None = None,
+) -> CollectionPlan:
+    """Return the presses of a protocol or of a plan.jsonl, those of one indenter together.
+
+    Args:
+        draws: of the protocol, all by default.
+        count: at most, of every indenter of every draw, evenly spread.
+
+    Raises UserError.
+    """
+    press_plan = plan_presses(source, _Dome(settings), seed=seed)
+    presses = list(press_plan)
+    known = list(dict.fromkeys(press.draw for press in presses))
+    for name in draws:
+        if name not in known:
+            raise UserError(
+                f"{source} has no draw {name!r}; it has {', '.join(filter(None, known)) or 'none'}."
+            )
+    if draws:
+        presses = [press for press in presses if press.draw in draws]
+    presses = _spread(presses, count)
+    ordered = [press for group in by_indenter(presses).values() for press in group]
+    ids = {press.id for press in ordered}
+    splits = {
+        name: {part: [i for i in numbers if i in ids] for part, numbers in parts.items()}
+        for name, parts in press_plan.splits.items()
+    }
+    return CollectionPlan(source, tuple(ordered), splits)
+
+
+def _spread(presses: list[Press], count: int | None) -> list[Press]:
+    """At most count of every indenter of every draw, evenly spread, in the same order."""
+    if count is None:
+        return presses
+    groups: dict[tuple[str, Indenter], list[Press]] = {}
+    for press in presses:
+        groups.setdefault((press.draw, press.scene.indenter), []).append(press)
+    ids: set[int] = set()
+    for group in groups.values():
+        few = min(count, len(group))
+        ids.update(group[(2 * k + 1) * len(group) // (2 * few)].id for k in range(few))
+    return [press for press in presses if press.id in ids]
+
+
+def by_indenter(presses: Iterable[Press]) -> dict[Indenter, list[Press]]:
+    """Return presses grouped by the indenter that they need, in the order of its first one."""
+    groups: dict[Indenter, list[Press]] = {}
+    for press in presses:
+        groups.setdefault(press.scene.indenter, []).append(press)
+    return groups
+
+
+def with_smallest_turn(scene: Scene) -> Scene:
+    """Return the same contacts with the smallest turn of the tool.
+
+    One tip needs none, two of one height look the same after half a turn, three after a third.
+    """
+    indenter, pose = scene.indenter, scene.pose
+    heights = {offset[2] for offset in indenter.offsets}
+    tips = len(indenter.offsets)
+    if indenter.is_plate:
+        return scene
+    if tips == 1:
+        return replace(scene, pose=replace(pose, yaw=0.0))
+    period = 360.0 / tips if tips in (2, 3) and len(heights) == 1 else 360.0
+    return replace(scene, pose=replace(pose, yaw=pose.yaw - period * round(pose.yaw / period)))
+
+
+def check_plan(
+    plan: CollectionPlan, settings: Settings, geometry: PressGeometry, *, turns: bool
+) -> None:
+    """Raise UserError for the first press that may not be made, with the number of them.
+
+    turns: whether the robot can turn the tool.
+    """
+    refused: list[tuple[Press, str]] = []
+    for press in plan.presses:
+        reason = _refusal(with_smallest_turn(press.scene), settings, geometry, turns)
+        if reason:
+            refused.append((press, reason))
+    if refused:
+        press, reason = refused[0]
+        raise UserError(
+            f"{len(refused):,} of {len(plan):,} presses of {plan.source} are refused before any "
+            f"motion: {press.name} needs {reason}."
+        )
+
+
+def check_scenes(
+    source: str,
+    scenes: Iterable[Scene],
+    settings: Settings,
+    geometry: PressGeometry,
+    *,
+    turns: bool,
+) -> None:
+    """Raise UserError as ``check_plan``, for presses of no protocol."""
+    presses = tuple(Press(k, f"press {k + 1}", scene) for k, scene in enumerate(scenes))
+    check_plan(CollectionPlan(source, presses, {}), settings, geometry, turns=turns)
+
+
+def _refusal(scene: Scene, settings: Settings, geometry: PressGeometry, turns: bool) -> str:
+    deepest = settings.sensor.deepest_mm
+    if scene.pose.depth > deepest:
+        return f"a depth of {scene.pose.depth:.2f} mm, sensor.deepest_mm allows {deepest:g} mm"
+    path = path_of(scene, geometry, settings)
+    for pose in path.poses:
+        violation = envelope_violation(settings.envelope, pose)
+        if violation:
+            return violation
+    turn = angle_between(path.down, (0.0,) * 6)
+    if not turns and turn > TURN_DEG:
+        return (
+            f"a turn of {turn:.1f} deg, which driver {settings.robot.driver!r} cannot make; choose "
+            "draws of single presses with --draw"
+        )
+    return ""
+
+
+def estimate_seconds(presses: Iterable[Press], settings: Settings) -> float:
+    """Return device seconds of presses, searches for first touch included."""
+    geometry = PressGeometry(settings.frames, settings.sensor.dome_radius_mm)
+    paths = [path_of(with_smallest_turn(press.scene), geometry, settings) for press in presses]
+    searches = 1 + len(paths) // settings.contact.every_presses
+    return sum(path_seconds(path, settings) + CAPTURE_S for path in paths) + SEARCH_S * searches
+
+
+def is_mounted(mounted: IndenterSettings, indenter: Indenter) -> bool:
+    """Return whether the mounted indenter is the one that a press needs."""
+    have = mounted.indenter()
+    if have.is_plate or indenter.is_plate:
+        return have.is_plate and indenter.is_plate
+    if len(have.offsets) != len(indenter.offsets):
+        return False
+    pairs = zip(have.offsets, indenter.offsets, strict=True)
+    tips = [abs(a - b) for offset, other in pairs for a, b in zip(offset, other, strict=True)]
+    return max(abs(have.radius - indenter.radius), *tips) < SAME_MM
+
+
+def indenter_settings(indenter: Indenter) -> IndenterSettings | None:
+    """Return the [indenter] with which it is mounted; None: no holder of this program's."""
+    offsets = indenter.offsets
+    if indenter.is_plate:
+        settings = IndenterSettings(kind="plate")
+    elif len(offsets) == 1:
+        settings = IndenterSettings(radius_mm=indenter.radius)
+    elif len(offsets) == 2:
+        distance = offsets[1][0] - offsets[0][0]
+        if distance <= 0:
+            return None
+        settings = IndenterSettings(kind="dual", radius_mm=indenter.radius, distance_mm=distance)
+    elif len(offsets) == 3:
+        side = abs(offsets[1][0] - offsets[2][0])
+        if side <= 0 or min(offset[2] for offset in offsets) < 0:
+            return None
+        heights = (offsets[0][2], offsets[1][2], offsets[2][2])
+        settings = IndenterSettings(
+            kind="triple", radius_mm=indenter.radius, side_mm=side, heights_mm=heights
+        )
+    else:
+        return None
+    return settings if is_mounted(settings, indenter) else None
+
+
+def describe_indenter(indenter: Indenter) -> str:
+    """Return what has to be mounted, for a person."""
+    offsets = indenter.offsets
+    if indenter.is_plate:
+        return "the plate"
+    tips = f"of radius {indenter.radius:g} mm"
+    if len(offsets) == 1:
+        return f"one tip {tips}"
+    if len(offsets) == 2:
+        return f"two tips {tips}, {offsets[1][0] - offsets[0][0]:g} mm apart"
+    heights = ", ".join(f"{offset[2]:g}" for offset in offsets)
+    return f"{len(offsets)} tips {tips}, inserts {heights} mm"
+
+
+def draw_plan(
+    path: Path, plan: CollectionPlan, settings: Settings, geometry: PressGeometry
+) -> None:
+    """Write a PNG with the deepest poses of all presses inside the envelope, from above and from
+    the side."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    limits = settings.envelope
+    paths = [path_of(with_smallest_turn(press.scene), geometry, settings) for press in plan.presses]
+    down = np.array([path.down[:3] for path in paths])
+    depth = np.array([press.scene.pose.depth for press in plan.presses])
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    above, side = figure.subplots(1, 2)
+    half = limits.half_width_mm
+    dots = above.scatter(down[:, 0], down[:, 1], c=depth, s=6, cmap="viridis")
+    above.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ls="--"))
+    title = f"{len(plan):,} presses, tool at its deepest"
+    above.set(xlabel="x of the work frame, mm", ylabel="y, mm", aspect="equal", title=title)
+    side.scatter(down[:, 0], down[:, 2], c=depth, s=6, cmap="viridis")
+    side.axhline(0.0, lw=0.8, color="0.5")
+    side.axhline(-limits.clearance_mm, lw=0.8, ls=":", color="0.5")
+    height = limits.above_mm + limits.below_mm
+    side.add_patch(Rectangle((-half, -limits.above_mm), 2 * half, height, fill=False, ls="--"))
+    side.set(xlabel="x, mm", ylabel="z into the object, mm", title="dashed: the envelope")
+    side.set_ylim(limits.below_mm + 2, -limits.clearance_mm - 4)
+    figure.colorbar(dots, ax=side, label="depth, mm")
+    figure.savefig(path, dpi=120)

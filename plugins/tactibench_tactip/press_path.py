@@ -1,0 +1,118 @@
+"""The moves of a press: above, near, down, and straight back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactibench import Scene
+from tactibench_tactip.motion import Guard, Mover, move_seconds
+from tactibench_tactip.press_geometry import PressGeometry, touch_height
+from tactibench_tactip.settings import Pose6, Settings
+
+NEAR_MM = 1.0
+"""Before first touch, where the slow descent begins."""
+SLACK_MM = 0.05
+"""Below clearance at which the tool still counts as being there."""
+
+
+@dataclass(frozen=True)
+class PressPath:
+    """The poses of one press in the work frame, and its speeds, mm/s."""
+
+    above: Pose6
+    near: Pose6
+    down: Pose6
+    approach: float
+    press: float
+    retract: float
+
+    @property
+    def poses(self) -> tuple[Pose6, ...]:
+        """All of them, in order."""
+        return self.above, self.near, self.down
+
+
+def path_of(scene: Scene, geometry: PressGeometry, settings: Settings) -> PressPath:
+    """Return the path of a press. Sideways it moves only above, at one height for all places."""
+    robot = settings.robot
+    return PressPath(
+        geometry.at_depth(scene, clear_depth(scene, geometry, settings)),
+        geometry.at_depth(scene, min(-NEAR_MM, scene.pose.depth)),
+        geometry.tool_pose(scene),
+        robot.approach_mm_s,
+        robot.press_mm_s,
+        robot.retract_mm_s,
+    )
+
+
+def clear_depth(scene: Scene, geometry: PressGeometry, settings: Settings) -> float:
+    """Return the negative depth at which the whole indenter is ``clearance_mm`` above the apex."""
+    clearance = settings.envelope.clearance_mm
+    if scene.indenter.is_plate:
+        return -clearance
+    longest = max(offset[2] for offset in scene.indenter.offsets)
+    return touch_height(scene, geometry.dome_radius) - longest - clearance
+
+
+def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) -> float:
+    """Return device seconds of a press without its frames; sideways_mm: from the one before."""
+    a = settings.robot.acceleration_mm_s2
+    x, y, z, *turn = path.above
+    before: Pose6 = (x + sideways_mm, y, z, *turn)  # type: ignore[assignment]
+    return (
+        move_seconds(before, path.above, path.approach, a)
+        + move_seconds(path.above, path.near, path.approach, a)
+        + move_seconds(path.near, path.down, path.press, a)
+        + settings.timing.settle_s
+        + move_seconds(path.down, path.above, path.retract, a)
+    )
+
+
+def descend(mover: Mover, path: PressPath, guard: Guard) -> None:
+    """Move from wherever the tool is, at clearance: above, near, down."""
+    mover.go(path.above, path.approach)
+    mover.go(path.near, path.approach, guard)
+    mover.go(path.down, path.press, guard)
+
+
+def force_guard(mover: Mover, most_n: float) -> Guard:
+    """Return a guard that stops when the force differs by more than most_n from what it is now."""
+    before = mover.force()
+
+    def guard(_: Pose6) -> str:
+        force = mover.force()
+        if before is None or force is None:
+            return ""
+        change = float(np.linalg.norm(force - before))
+        if change <= most_n:
+            return ""
+        return (
+            f"the force changed by {change:.1f} N, envelope.max_force_n allows {most_n:g} N; "
+            "look what is in the way."
+        )
+
+    return guard
+
+
+def withdraw(mover: Mover, scene: Scene, geometry: PressGeometry, settings: Settings) -> None:
+    """Move straight back along the approach axis to clearance; not where the tool is that high."""
+    reached = geometry.reached(scene, mover.pose())
+    clear = clear_depth(reached, geometry, settings)
+    if not np.isfinite(clear):  # beside the dome: up along the work frame's own axis
+        raise_straight(mover, geometry, settings)
+    elif reached.pose.depth > clear + SLACK_MM:
+        mover.go(geometry.at_depth(reached, clear), settings.robot.retract_mm_s)
+
+
+def raise_straight(mover: Mover, geometry: PressGeometry, settings: Settings) -> None:
+    """Move up along the work frame's z until the whole indenter is clearance_mm above the apex.
+
+    From wherever the tool is, before any sideways motion.
+    """
+    x, y, z, a, b, c = mover.pose()
+    longest = max(offset[2] for offset in settings.indenter.indenter().offsets)
+    high = geometry.z0 - longest - settings.envelope.clearance_mm
+    if z > high + SLACK_MM:
+        mover.go((x, y, high, a, b, c), settings.robot.approach_mm_s)

@@ -1,0 +1,91 @@
+"""The change of a held press's image with time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactibench import Pose, Scene
+from tactibench_tactip.poses import Array
+from tactibench_tactip.settings import Settings
+from tactibench_tactip.station import Station
+
+MEAN_OF = 5
+"""Frames that are averaged against noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """The change of a held press.
+
+    Attributes:
+        times: (N,) device seconds after the end of the move.
+        change: (N,) mean absolute difference of running means to the last one, grey levels.
+        noise: of such a difference at rest.
+    """
+
+    times: Array
+    change: Array
+    noise: float
+
+    def change_at(self, seconds: float) -> float:
+        """Return the change nearest to a time."""
+        return float(self.change[int(np.argmin(np.abs(self.times - seconds)))])
+
+    @property
+    def settled_s(self) -> float:
+        """Time from which on the change stays below twice the noise."""
+        loud = np.flatnonzero(self.change > 2.0 * self.noise)
+        if not len(loud):
+            return float(self.times[0])
+        return float(self.times[min(loud[-1] + 1, len(self.times) - 1)])
+
+
+def held_press(settings: Settings, depth: float) -> Scene:
+    """Return the press that is held: at the apex, mm deep."""
+    return Scene(settings.indenter.indenter(), Pose(depth=depth))
+
+
+def measure_settling(station: Station, depth: float, seconds: float) -> Settling:
+    """Press at the apex, hold, and look at every frame.
+
+    Raises RobotError, CameraError, and UserError as ``Station.path``.
+    """
+    settings = station.settings
+    scene = held_press(settings, depth)
+    path = station.path(scene)
+    rest = station.rest_reference()
+    scale = settings.robot.time_scale
+    count = max(3 * MEAN_OF, int(seconds / scale / station.camera.period_s))
+    with station.at(scene):
+        began = station.do(lambda m: station.down(m, path))
+        frames = station.camera.fresh(began, count)
+        station.retract(scene)
+    images = np.stack([frame.image for frame in frames]).astype(np.float32)
+    means = np.stack([images[k : k + MEAN_OF].mean(axis=0) for k in range(count - MEAN_OF + 1)])
+    change = np.abs(means - means[-1]).mean(axis=(1, 2))
+    # Means of n frames each differ by sqrt(2 / n) of the deviation; two frames by sqrt(2) of it.
+    noise = rest.between / MEAN_OF**0.5
+    times = np.array([(frame.t_ns - began) * 1e-9 * scale for frame in frames[: len(means)]])
+    return Settling(times, change.astype(np.float64), noise)
+
+
+def draw_settling(path: Path, settling: Settling, depth: float) -> None:
+    """Write a PNG of the change against time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot(settling.times, settling.change, lw=1)
+    axes.axhline(2 * settling.noise, ls="--", lw=0.8, color="0.5", label="twice the noise")
+    axes.set(
+        xlabel="seconds after the move",
+        ylabel="change to the end, grey levels",
+        title=f"held at {depth:g} mm",
+    )
+    axes.legend()
+    figure.savefig(path, dpi=120)

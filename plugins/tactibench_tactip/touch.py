@@ -1,0 +1,261 @@
+"""First touch: by the tactile image, by force, by a probe, or as the configuration says.
+
+Depth is counted from where the sensor is first touched, not from where a pose says that it should
+be. By the image: down in small steps until frames change by more than noise, twice in a row; then,
+from before that place, a ramp of steps of which the change of every frame is measured along the
+change of the deepest one. The change begins at first touch and grows with a power of the depth: the
+begin of the best such curve is first touch, well below the step and the threshold of detection.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactibench import Pose, Scene, UserError
+from tactibench_tactip import press_path
+from tactibench_tactip.camera import Image
+from tactibench_tactip.errors import GuardError, NoTouchError
+from tactibench_tactip.motion import Guard, Mover
+from tactibench_tactip.poses import Array
+from tactibench_tactip.robots.base import ProbingRobot
+from tactibench_tactip.settings import Pose6
+from tactibench_tactip.station import Station
+
+STEP_MM = 0.1
+BEFORE_MM, BEYOND_MM = 0.25, 0.6
+"""Of the ramp, around the place at which the change was noticed."""
+FRAMES, NOTICE_FRAMES = 3, 2
+"""Taken at a step of the ramp, and at a step on the way down."""
+AGAIN_MM = 1.0
+"""Before the last first touch, where a later search begins."""
+POWERS = np.arange(1.0, 2.01, 0.1)
+"""Between the displacement of a pin under the tip (1) and a Hertzian force (1.5) and beyond."""
+GRID_MM = 0.002
+ASIDE_MM = 0.2
+"""Beside the approach of a place from which on the tool goes up before it goes there."""
+
+Touched = Callable[[float, list[Image]], bool]
+"""Whether a depth that was reached, and the frames there, show a contact."""
+
+
+@dataclass(frozen=True)
+class FirstTouch:
+    """The place of first touch.
+
+    Attributes:
+        z0_mm: along the work frame's z.
+        spread_mm: between two searches.
+        power: with which the change grew; 0 where none was measured.
+    """
+
+    z0_mm: float
+    spread_mm: float
+    method: str
+    power: float = 0.0
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A search's way down at one place.
+
+    guard: against the force before the search, when nothing was touched. One that were made at
+    every step would not see a force that grows with the steps.
+    """
+
+    station: Station
+    place: Scene
+    guard: Guard
+
+
+@dataclass(frozen=True)
+class Onset:
+    """The begin of a signal, the power of its growth, and its misfit (rms over the largest)."""
+
+    at_mm: float
+    power: float
+    misfit: float
+
+
+def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> FirstTouch:
+    """Find first touch and take it over into the station's geometry.
+
+    Args:
+        first: search all of ``contact.travel_mm``; otherwise from a little before the last one.
+        scene: at this place, else at ``contact.at_mm``.
+
+    Raises:
+        NoTouchError: nothing was touched.
+        UserError: two searches differ by more than ``contact.spread_mm``.
+    """
+    contact = station.settings.contact
+    if contact.method == "fixed":
+        return FirstTouch(contact.fixed_mm, 0.0, "fixed")
+    place = scene or Scene(station.settings.indenter.indenter(), Pose(*contact.at_mm))
+    search = {"visual": _visual, "force": _force, "probe": _probe}[contact.method]
+    with station.at(place):
+        approach = Approach(station, place, station.do(lambda m: _untouched_guard(m, station)))
+        once, power = search(approach, -contact.travel_mm if first else -AGAIN_MM)
+        twice, _ = search(approach, once - AGAIN_MM)
+        station.retract(place)
+    spread = abs(once - twice)
+    if spread > contact.spread_mm:
+        raise UserError(
+            f"two searches for first touch differ by {spread:.2f} mm, contact.spread_mm "
+            f"allows {contact.spread_mm:g}; tighten the mounts, let the light warm up, or lengthen "
+            "timing.settle_s."
+        )
+    z0 = station.geometry.z0 + 0.5 * (once + twice)
+    station.geometry = station.geometry.with_z0(z0)
+    return FirstTouch(z0, spread, contact.method, power)
+
+
+def projections(images: Array, rest: Array) -> Array:
+    """Return (N,) shares of the last image's change that (N, H, W) images show.
+
+    q_i = <I_i - I_0, t> / <t, t> with t = I_N - I_0 without its mean: every pixel counts as much as
+    it changes, so that noise of a frame adds little, and a change of brightness nothing.
+    """
+    change = (images - rest).reshape(len(images), -1)
+    change = change - change.mean(axis=1, keepdims=True)
+    template = change[-1]
+    shares: Array = change @ template / max(float(template @ template), 1e-12)
+    return shares
+
+
+def fit_onset(depths: Array, signal: Array) -> Onset:
+    """Return the best q = a max(0, s - s0)^p, least squares; depths s (N,) mm rising."""
+    last = float(depths[-1])
+    starts = np.arange(float(depths[0]), last - STEP_MM, GRID_MM)
+    best = (np.inf, float(depths[0]), 1.0)
+    for power in POWERS:
+        base = np.maximum(0.0, depths[None, :] - starts[:, None]) ** power
+        scale = base @ signal / np.maximum((base**2).sum(axis=1), 1e-12)
+        errors = ((scale[:, None] * base - signal) ** 2).sum(axis=1)
+        k = int(np.argmin(errors))
+        if errors[k] < best[0]:
+            best = (float(errors[k]), float(starts[k]), float(power))
+    top = float(np.abs(signal).max())
+    return Onset(best[1], best[2], float(np.sqrt(best[0] / len(signal))) / max(top, 1e-12))
+
+
+def _untouched_guard(mover: Mover, station: Station) -> Guard:
+    press_path.raise_straight(mover, station.geometry, station.settings)
+    return press_path.force_guard(mover, station.settings.envelope.max_force_n)
+
+
+def _visual(approach: Approach, start: float) -> tuple[float, float]:
+    """Depth, as the geometry counts now, at which the image begins to change; its power."""
+    station = approach.station
+    rest = station.rest_reference()
+
+    def touched(_: float, images: list[Image]) -> bool:
+        return all(rest.change_of(image) > rest.threshold for image in images)
+
+    noticed = _go_down(approach, start, touched)
+    steps = np.arange(noticed - BEFORE_MM - STEP_MM, noticed + BEYOND_MM + 1e-9, STEP_MM)
+    station.do(lambda m: _step(m, approach, float(steps[0]) - 0.2))
+    depths, images = [], []
+    for depth in steps:
+        reached, frames = _look(approach, float(depth), FRAMES)
+        depths.append(reached)
+        images.append(np.mean(frames, axis=0))
+    onset = fit_onset(np.array(depths), projections(np.array(images), rest.mean))
+    return onset.at_mm, onset.power
+
+
+def _force(approach: Approach, start: float) -> tuple[float, float]:
+    station = approach.station
+    station.do(lambda m: press_path.raise_straight(m, station.geometry, station.settings))
+    before = station.do(lambda m: m.force())
+    if before is None:
+        raise UserError(
+            "contact.method is 'force', but this robot measures none; say contact.method = "
+            '"visual".'
+        )
+    least = station.settings.contact.force_n
+
+    def touched(_: float, __: list[Image]) -> bool:
+        force = station.do(lambda m: m.force())
+        return force is not None and float(np.linalg.norm(force - before)) >= least
+
+    return _go_down(approach, start, touched), 0.0
+
+
+def _probe(approach: Approach, start: float) -> tuple[float, float]:
+    station, place = approach.station, approach.place
+    if not isinstance(station.robot, ProbingRobot):
+        raise UserError(
+            "contact.method is 'probe', which needs a stage with GRBL and a probe; say "
+            'contact.method = "visual".'
+        )
+    end = _last_depth(station, start)
+
+    def down(mover: Mover) -> Pose6 | None:
+        _step(mover, approach, start)
+        target = station.geometry.at_depth(place, end)
+        return mover.probe(target, station.settings.robot.press_mm_s, approach.guard)
+
+    contact = station.do(down)
+    if contact is None:
+        raise _nothing_touched(start, end)
+    return station.geometry.reached(place, contact).pose.depth, 0.0
+
+
+def _go_down(approach: Approach, start: float, touched: Touched) -> float:
+    """Down in steps; the depth at which it touched."""
+    station = approach.station
+    end = _last_depth(station, start)
+    station.do(lambda m: press_path.raise_straight(m, station.geometry, station.settings))
+    for depth in np.arange(start, end + 1e-9, STEP_MM):
+        reached, images = _look(approach, float(depth), NOTICE_FRAMES)
+        if touched(reached, images):
+            return reached
+    raise _nothing_touched(start, end)
+
+
+def _last_depth(station: Station, start: float) -> float:
+    return max(station.settings.contact.travel_mm, start + AGAIN_MM)
+
+
+def _nothing_touched(start: float, end: float) -> NoTouchError:
+    return NoTouchError(
+        f"nothing was touched from {-start:.1f} mm before the expected place to {end:.1f} mm "
+        "beyond it; check frames.work_frame and frames.tcp_pose, or allow more with "
+        "contact.travel_mm."
+    )
+
+
+def _look(approach: Approach, depth: float, count: int) -> tuple[float, list[Image]]:
+    """Go to a depth and settle: the depth reached, and frames there."""
+    station = approach.station
+
+    def arrive(mover: Mover) -> tuple[int, float]:
+        _step(mover, approach, depth)
+        mover.rest(station.settings.timing.settle_s)
+        reached = station.geometry.reached(approach.place, mover.pose())
+        return time.monotonic_ns(), reached.pose.depth
+
+    settled_ns, reached = station.do(arrive)
+    return reached, [frame.image for frame in station.camera.after(settled_ns, count)]
+
+
+def _step(mover: Mover, approach: Approach, depth: float) -> None:
+    """Straight to a depth on the approach of a place, sideways only at clearance."""
+    station, place, guard = approach.station, approach.place, approach.guard
+    settings, geometry, near_mm = station.settings, station.geometry, press_path.NEAR_MM
+    here = geometry.reached(place, mover.pose()).pose
+    if max(abs(here.x - place.pose.x), abs(here.y - place.pose.y)) > ASIDE_MM:
+        press_path.raise_straight(mover, geometry, settings)
+        above = press_path.path_of(place, geometry, settings).above
+        mover.go(above, settings.robot.approach_mm_s)
+    if here.depth < -settings.contact.travel_mm - 0.5 and depth > -near_mm:
+        near = geometry.at_depth(place, min(depth, -near_mm))
+        mover.go(near, settings.robot.approach_mm_s, guard)
+    mover.go(geometry.at_depth(place, depth), settings.robot.press_mm_s, guard)
+    reason = guard(mover.pose())  # a step may have ended before the guard looked
+    if reason:
+        raise GuardError(reason)

@@ -1,1 +1,0 @@
-"""First touch: where depth begins."""
