@@ -1,4 +1,4 @@
-"""Where the pins stand on the inner skin: directions from the dome's centre at rest.
+"""Layouts of the pins on the inner skin: directions from the dome's centre at rest.
 
 Both layouts are read from the undeformed frame ``init_0.png`` of a real sensor of the public
 Tac-VGNN data (Fan et al., ICRA 2023): radii in the frame, turned into polar angles with the
@@ -30,7 +30,7 @@ _STEEPEST = np.radians(80.0)
 
 
 def layout(pins: int) -> Array:
-    """(P, 3) unit vectors, centre pin first, rings outwards. pins: 127 or 331."""
+    """Return (P, 3) unit vectors, centre pin first, rings outwards. pins: 127 or 331."""
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     seen, place = np.unique(radius, return_inverse=True)
     polar = polar_angles(seen)[place]
@@ -39,13 +39,13 @@ def layout(pins: int) -> Array:
 
 
 def places_at_rest(pins: int) -> Array:
-    """(P, 2) frame sides off the axis, where the real rest frame shows the pins. pins: 127, 331."""
+    """Return (P, 2) frame sides off the axis of 127 or 331 pins in the real rest frame."""
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
 
 
 def polar_angles(radius: Array) -> Array:
-    """(N,) rad of tips that the reference optics see ``radius`` frame sides off the axis."""
+    """Return (N,) rad of tips that the reference optics see ``radius`` frame sides off the axis."""
     low, high = np.zeros(len(radius)), np.full(len(radius), _STEEPEST)
     for _ in range(60):  # bisection: seen radii grow with the polar angle
         middle = (low + high) / 2
@@ -62,7 +62,7 @@ def _seen(polar: Array) -> Array:
 
 
 def _rings() -> tuple[Array, Array]:
-    """Rings of 6 k pins, evenly spaced, one pin of each on the x axis."""
+    """Return rings of 6 k pins, evenly spaced, one pin of each on the x axis."""
     radius, azimuth = [0.0], [0.0]
     for k, ring in enumerate(RINGS[1:], start=1):
         radius += [ring] * (6 * k)
@@ -71,7 +71,7 @@ def _rings() -> tuple[Array, Array]:
 
 
 def _hexagon(rings: int = 6) -> tuple[Array, Array]:
-    """A hexagonal array with two corners on the y axis."""
+    """Return a hexagonal array with two corners on the y axis."""
     cells = [
         (q, r)
         for q in range(-rings, rings + 1)

@@ -63,21 +63,21 @@ class AxisymmetricPress:
         )
 
     def place(self, u: Any) -> tuple[Any, Any]:
-        """Squared distance from the axis and height above the indenter's lowest point."""
+        """Return squared distance from the axis and height above the indenter's lowest point."""
         ngs = require_ngsolve()
         across = ngs.x + u[0]
         return across * across, ngs.y + u[1] - (self.top - self.depth)
 
     def inside(self, u: Any) -> Any:
-        """How deep a point of the surface lies inside the indenter, mm (negative: outside)."""
+        """Return how deep a point of the skin lies inside the indenter, mm (negative: outside)."""
         return overlap(*self.place(u), self.radius)
 
     def steepness(self, u: Any) -> Any:
-        """Vertical component of the indenter's normal."""
+        """Return the vertical component of the indenter's normal."""
         return steepness(*self.place(u), self.radius)
 
     def stored(self, young: float, u: Any, pressure: Any) -> Any:
-        """Energy per undeformed volume."""
+        """Return the energy per undeformed volume."""
         return density(young, *axisymmetric_strain(u), pressure)
 
     def _energy(self, moduli: Mapping[str, float]) -> Any:
@@ -100,7 +100,7 @@ class AxisymmetricPress:
         self.path.advance(depth)
 
     def force(self) -> float:
-        """Total contact force along the axis, E_skin mm^2."""
+        """Return the total contact force along the axis, E_skin mm^2."""
         ngs = require_ngsolve()
         u = self.state.components[0]
         pressure = contact_pressure(self.inside(u), self.penalty)
@@ -109,7 +109,7 @@ class AxisymmetricPress:
         return float(ngs.Integrate(integrand * outer, self.mesh))
 
     def displacement(self, x: Array, y: Array) -> Array:
-        """(N, 2) radial and axial displacement of N undeformed points of the body, mm."""
+        """Return (N, 2) radial and axial displacement of N undeformed points of the body, mm."""
         values: Array = np.asarray(self.state.components[0](self.mesh(x, y)))
         return values
 
@@ -136,7 +136,7 @@ class Stick:
         self._inside.Set(inside, definedon=self._where)
 
     def energy(self, across: Any) -> Any:
-        """Energy of the tie per area of a trial radial displacement."""
+        """Return the energy of the tie per area of a trial radial displacement."""
         ngs = require_ngsolve()
         moved = across - self._place
         return self._penalty / 2 * ngs.IfPos(self._inside, moved * moved, 0.0)
@@ -156,7 +156,7 @@ class Stick:
 
 
 def steepness(square: Any, height: Any, radius: float) -> Any:
-    """Component along the axis of the unit normal: what contact pressure adds to the force."""
+    """Return the component along the axis of the unit normal: pressure times it is force."""
     if math.isinf(radius):
         return 1.0
     above = height - radius
@@ -165,18 +165,19 @@ def steepness(square: Any, height: Any, radius: float) -> Any:
 
 
 def contact_energy(inside: Any, penalty: float) -> Any:
-    """Energy of frictionless contact per area: half the penalty times the overlap squared."""
+    """Return the energy of frictionless contact per area: half the penalty times overlap^2."""
     ngs = require_ngsolve()
     return penalty / 2 * ngs.IfPos(inside, inside * inside, 0.0)
 
 
 def contact_pressure(inside: Any, penalty: float) -> Any:
+    """Return the pressure of frictionless contact."""
     ngs = require_ngsolve()
     return ngs.IfPos(inside, penalty * inside, 0.0)
 
 
 def axisymmetric_strain(u: Any) -> tuple[Any, Any]:
-    """(tr F^T F, det F) of a displacement (radial, axial); x is the distance from the axis."""
+    """Return (tr F^T F, det F) of a displacement (radial, axial); x: distance from the axis."""
     ngs = require_ngsolve()
     plane = ngs.Id(2) + ngs.Grad(u)
     hoop = 1 + u[0] / ngs.x

@@ -55,7 +55,7 @@ def press(
 
 
 def _meridian(problem: AxisymmetricPress, radius: float, polar: Array) -> Array:
-    """(2, T) inward and tangential displacement at undeformed points, mm."""
+    """Return (2, T) inward and tangential displacement at undeformed points, mm."""
     angle = np.clip(polar, 1e-7, math.pi / 2 - 1e-7)
     sine, cosine = np.sin(angle), np.cos(angle)
     u = problem.displacement(radius * sine, radius * cosine)

@@ -68,13 +68,13 @@ class Bounds:
     added: Array
 
     def by_depth(self, values: Array, deepest: Array) -> Array:
-        """(S,) the bound up to the next depth node; 0 at 0."""
+        """Return (S,) the bound up to the next depth node; 0 at 0."""
         known = np.append(values, np.inf)
         out: Array = known[np.searchsorted(self.depth, deepest - 1e-9)]
         return np.where(deepest > 0, out, 0.0)
 
     def alone(self, polar: Array, deepest: Array) -> Array:
-        """(S,) bound of single contacts up to a polar angle, rad, and a penetration."""
+        """Return the (S,) bound of single contacts up to a polar angle, rad, and a penetration."""
         row = np.searchsorted(self.polar, polar - 1e-9)
         out = np.full(np.shape(deepest), np.inf)
         for k in range(len(self.polar)):
@@ -82,7 +82,7 @@ class Bounds:
         return out
 
     def superposing(self, angle: Array, first: Array, second: Array) -> Array:
-        """What adding up a pair leaves out, mm; all of one shape."""
+        """Return the error of adding up a pair, mm; all of one shape."""
         nodes = self.angle, self.added_depth, self.added_depth
         table = RegularGridInterpolator(nodes, self.added)
         last = self.added_depth[-1]
@@ -146,8 +146,8 @@ Flags = npt.NDArray[np.bool_]
 def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
     """Bounds of the tiers with those tables, for the indenter of the scenes."""
     coupled, superposed = TableMechanics(tables, "coupled"), TableMechanics(tables, "superpose")
-    judged = np.array([_judged(coupled, scene) for scene in scenes])
-    count, deepest, polar, errors = judged.T
+    table = np.array([_scene_error(coupled, scene) for scene in scenes])
+    count, deepest, polar, errors = table.T
     pair, many = (
         np.where(
             reached(DEPTH_MM, deepest[rows]),
@@ -172,12 +172,12 @@ def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
 
 
 def envelope(nodes: Sequence[float], deepest: Array, errors: Array) -> Array:
-    """(D,) largest error of all scenes up to each depth node, never falling."""
+    """Return (D,) largest error of all scenes up to each depth node, never falling."""
     return np.array([errors[deepest <= node + _CLOSE].max(initial=0.0) for node in nodes])
 
 
 def reached(nodes: Sequence[float], deepest: Array) -> Flags:
-    """(D,) is there a scene as deep as a node, or at least nearer to it than to the one before?"""
+    """Return (D,) True where a scene is as deep as a node, or nearer to it than to the last."""
     middle = np.array([(a + b) / 2 for a, b in pairwise([0.0, *nodes])])
     return np.asarray(middle <= deepest.max(initial=0.0))
 
@@ -201,8 +201,10 @@ def _rounded(values: Array) -> Any:
     return round(math.ceil(float(values) / _STEP_MM - _CLOSE) * _STEP_MM, 4)
 
 
-def _judged(coupled: TableMechanics, scene: ReferenceScene) -> tuple[float, float, float, float]:
-    """How many contacts, the deepest and the lowest of them (mm, rad), and the error, mm."""
+def _scene_error(
+    coupled: TableMechanics, scene: ReferenceScene
+) -> tuple[float, float, float, float]:
+    """Return the number of contacts, the deepest and the lowest (mm, rad), and the error, mm."""
     loads = coupled.loads(scene.as_tips)
     touching = loads.delta[0] > 0
     off = coupled.displacement(loads, scene.directions)[0][0] - scene.displacement
@@ -211,7 +213,7 @@ def _judged(coupled: TableMechanics, scene: ReferenceScene) -> tuple[float, floa
 
 
 def _singles(rings: Array, polar: Array, deepest: Array, errors: Array) -> Array:
-    """(B, D) errors up to a polar angle, where scenes between it and the one before are so deep."""
+    """Return (B, D) errors up to a polar angle, where scenes between it and the last reach."""
     rows = []
     for above, below in pairwise([-1.0, *rings]):
         inside = polar <= below + _CLOSE
@@ -222,12 +224,12 @@ def _singles(rings: Array, polar: Array, deepest: Array, errors: Array) -> Array
 
 
 def _at_one_place() -> Array:
-    """(D', D') two contacts at one place are the deeper one: adding counts the other too."""
+    """Return (D', D'): two contacts at one place are the deeper one; adding counts both."""
     return np.minimum.outer(ADDED_DEPTH_MM, ADDED_DEPTH_MM)
 
 
 def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) -> Array:
-    """(D', D') largest difference of the tiers for two contacts that far apart, rad."""
+    """Return the (D', D') largest difference of the tiers for two contacts so far apart."""
     depths = np.stack(np.meshgrid(ADDED_DEPTH_MM, ADDED_DEPTH_MM, indexing="ij"), axis=-1)
     half, reach = angle / 2, DOME_RADIUS_MM + RADIUS_MM
     n = np.array([[-math.sin(half), 0.0, math.cos(half)], [math.sin(half), 0.0, math.cos(half)]])
@@ -241,7 +243,7 @@ def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) ->
 
 
 def _left_over(pair: Array) -> Array:
-    """(D', D') error of ``coupled`` for pairs of two penetrations; 0 where one does not touch."""
+    """Return the (D', D') error of ``coupled`` for pairs; 0 where one does not touch."""
     deeper = np.maximum.outer(ADDED_DEPTH_MM, ADDED_DEPTH_MM)
     error = pair[np.searchsorted(DEPTH_MM, deeper - _CLOSE)]
     return np.where(_at_one_place() > 0, error, 0.0)

@@ -1,4 +1,4 @@
-"""What the scripts of this folder share: progress on stderr, mistakes as one sentence."""
+"""Arguments and output of the scripts: progress on stderr, mistakes as one sentence."""
 
 from __future__ import annotations
 

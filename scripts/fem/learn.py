@@ -160,7 +160,7 @@ def _inner(tables: Tables) -> float:
 
 
 def _fields(run: Single | Pair, inner: float) -> Array:
-    """(S, A, B, 12): six quantities of the inner skin, then of the outer (its turn left out)."""
+    """Return (S, A, B, 12): six quantities of the inner skin, then of the outer (its turn left out)."""
     displacement = np.nan_to_num(run.displacement)  # clamped below the rim
     below = displacement[:, 1]
     return np.concatenate(
@@ -169,7 +169,7 @@ def _fields(run: Single | Pair, inner: float) -> Array:
 
 
 def _missing(pair: Pair, mechanics: TableMechanics) -> Array:
-    """What loads and surroundings leave out of a pair: (S, A, B, 12)."""
+    """Return (S, A, B, 12): the part of a pair that loads and surroundings leave out."""
     chart, inner = pair.chart, mechanics.inner
     directions = chart.directions()
     flat = directions.reshape(-1, 3)
@@ -193,7 +193,7 @@ def _missing(pair: Pair, mechanics: TableMechanics) -> Array:
 
 
 def _turn_of(mechanics: TableMechanics, loads: Any, directions: Array, step: float = 1e-4) -> Array:
-    """(S, A, B, 3) turn of the normals of the displaced inner surface, by differences."""
+    """Return the (S, A, B, 3) turn of the normals of the displaced inner surface, by differences."""
     flat = directions.reshape(-1, 3)
     aside = np.where(abs(flat[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     first = np.cross(flat, aside)
@@ -223,7 +223,7 @@ def _by_depth(depths: Array, values: Array) -> Array:
 
 
 def _reduced(values: Array, most: int) -> tuple[Array, Array]:
-    """(amounts (..., R), modes (R, A, B, 12)) of values (..., A, B, 12)."""
+    """Return amounts (..., R) and modes (R, A, B, 12) of values (..., A, B, 12)."""
     weight = np.repeat([1.0, TURN_MM, 1.0, 1.0], 3)
     flat = (values * weight).reshape(-1, *values.shape[-3:])
     amounts, modes = modes_of(flat, most)

@@ -37,14 +37,16 @@ class Cells:
 
     @property
     def a(self) -> Array:
+        """Nodes along e, chords."""
         return np.asarray(self.start + np.arange(self.along) * self.step, dtype=np.float64)
 
     @property
     def b(self) -> Array:
+        """Nodes along f, chords."""
         return np.asarray(np.arange(self.across) * self.step, dtype=np.float64)
 
     def window(self) -> Array:
-        """(A, B) 1 inside, falling smoothly to 0 at the border."""
+        """Return (A, B) 1 inside, falling smoothly to 0 at the border."""
         a, b = np.arange(self.along), np.arange(self.across)
         inside = self.along - 1 - a
         if self.closed:
@@ -54,7 +56,7 @@ class Cells:
         return np.asarray(x * x * (3 - 2 * x), dtype=np.float64)
 
     def places(self) -> tuple[Array, Array]:
-        """(A, B) azimuthal-equidistant a and b of the nodes, deg."""
+        """Return (A, B) azimuthal-equidistant a and b of the nodes, deg."""
         a, b = np.meshgrid(self.a, self.b, indexing="ij")
         chord = np.minimum(np.hypot(a, b), 2.0)
         half = np.arcsin(chord / 2)
@@ -65,7 +67,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Chart:
-    """Where finite elements are asked: a = start..reach, b = 0..across in steps, deg.
+    """Places where runs are sampled: a = start..reach, b = 0..across in steps, deg.
 
     Azimuthal-equidistant coordinates around a middle direction.
     """
@@ -77,23 +79,25 @@ class Chart:
 
     @property
     def a(self) -> Array:
+        """Nodes along e, deg."""
         count = round((self.reach - self.start) / self.step) + 1
         return np.asarray(self.start + np.arange(count) * self.step, dtype=np.float64)
 
     @property
     def b(self) -> Array:
+        """Nodes along f, deg."""
         count = round(self.across / self.step) + 1
         return np.asarray(np.arange(count) * self.step, dtype=np.float64)
 
     def directions(self) -> Array:
-        """(A, B, 3) unit vectors, by components along e, f, m."""
+        """Return (A, B, 3) unit vectors, by components along e, f, m."""
         a, b = np.meshgrid(np.radians(self.a), np.radians(self.b), indexing="ij")
         r = np.hypot(a, b)
         stretch = np.sinc(r / np.pi)
         return np.stack([a * stretch, b * stretch, np.cos(r)], axis=-1)
 
     def normals(self, positions: Array) -> Array:
-        """(..., A, B, 3) outward normals of a displaced surface, mirror-symmetric about b = 0."""
+        """Return (..., A, B, 3) outward normals of a displaced surface, symmetric about b = 0."""
         mirrored = positions[..., :0:-1, :] * [1.0, -1.0, 1.0]
         whole = np.concatenate([mirrored, positions], axis=-2)
         both = np.concatenate([-self.b[:0:-1], self.b])
@@ -105,7 +109,7 @@ class Chart:
 
 
 def modes_of(snapshots: Array, most: int) -> tuple[Array, Array]:
-    """(amounts (N, R), modes (R, ...)) of snapshots (N, ...): their leading singular vectors.
+    """Return amounts (N, R) and modes (R, ...), leading singular vectors of snapshots (N, ...).
 
     most: R where there are as many snapshots; a multiple of FOUR, and so is R.
     """
@@ -117,7 +121,7 @@ def modes_of(snapshots: Array, most: int) -> tuple[Array, Array]:
 
 
 def on_cells(values: Array, chart: Chart, cells: Cells) -> Array:
-    """Fields (..., A, B, C) of a chart at the nodes of cells, faded out at their border.
+    """Return fields (..., A, B, C) of a chart at the nodes of cells, faded out at their border.
 
     C is three or more vectors along e, f, m: the second component of each is odd in b.
     """
@@ -132,20 +136,20 @@ def on_cells(values: Array, chart: Chart, cells: Cells) -> Array:
 
 
 def six(chart: Chart, radius: float, displacement: Array) -> Array:
-    """(..., A, B, 6) displacement u (..., A, B, 3) and turn of the normal of a sphere."""
+    """Return (..., A, B, 6) displacement u (..., A, B, 3) and turn of the normal of a sphere."""
     directions = chart.directions()
     normals = chart.normals(radius * directions + displacement)
     return np.concatenate([displacement, turn(directions, normals)], axis=-1)
 
 
 def resampled(nodes: Array, values: Array, axis: int, count: int, step: float) -> Array:
-    """Values at 0, step, 2 step, ... by the cubic spline through values at nodes."""
+    """Return values at 0, step, 2 step, ... by the cubic spline through values at nodes."""
     out: Array = CubicSpline(nodes, values, axis=axis)(np.arange(count) * step)
     return out
 
 
 def coefficients(values: Array, axes: Sequence[int]) -> Array:
-    """Cubic B-spline coefficients of values on uniform nodes, one more at each end of every axis.
+    """Return cubic B-spline coefficients on uniform nodes, one more at each end of every axis.
 
     The ends are natural: the second derivative vanishes there.
     """

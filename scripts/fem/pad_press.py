@@ -46,6 +46,7 @@ class Pad:
 
     @property
     def moduli(self) -> dict[str, float]:
+        """Young's modulus of each material."""
         gel = {"gel": 1.0 / self.stiffness_ratio}
         return {"skin": 1.0, **gel} if self.skin else gel
 
@@ -86,7 +87,7 @@ def press_pad(
 
 
 def _level(problem: AxisymmetricPress, pad: Pad, r: Array, below: float) -> Array:
-    """(2, N) displacement into the pad and away from the axis, ``below`` its surface, mm."""
+    """Return (2, N) displacement into the pad and away from the axis, ``below`` its surface, mm."""
     inside = 1e-7 * pad.width
     x = np.clip(r, inside, pad.width / 2 - inside)
     y = np.full_like(x, min(pad.thickness - below, pad.thickness - inside))

@@ -56,18 +56,21 @@ class Run:
 
     @property
     def name(self) -> str:
+        """Name of the run's file."""
         return f"{'pair_' if self.pair else ''}{tables.shape_name(self.radius)}_{self.degrees:g}"
 
     @property
     def chart(self) -> Chart:
+        """Places where the run is sampled."""
         return PAIR_CHART if self.pair else SINGLE_CHART
 
     def tips(self, dome: fem.Dome) -> tuple[Tip, ...]:
+        """Return the indenters."""
         turns = (-self.degrees / 2, self.degrees / 2) if self.pair else (self.degrees,)
         return tuple(Tip.along_axis(dome, _tilted(turn), self.radius) for turn in turns)
 
     def depths(self) -> Array:
-        """(S, K) on a way of short steps: rows of the lattice to and fro, first deeper tip 1."""
+        """Return (S, K) depths on a way of short steps: rows to and fro, the first tip deeper."""
         if not self.pair:
             return np.array(PLATE_DEPTHS_MM if math.isinf(self.radius) else DEPTHS_MM)[:, None]
         way: list[tuple[float, float]] = []
@@ -77,13 +80,13 @@ class Run:
         return np.array(way)
 
     def frame(self) -> Array:
-        """(3, 3) rows e, f, m."""
+        """Return (3, 3) rows e, f, m."""
         m = _tilted(0.0 if self.pair else self.degrees)
         return np.array([[m[2], 0.0, -m[0]], [0.0, 1.0, 0.0], m])
 
 
 def plan(radii: Sequence[float]) -> tuple[Run, ...]:
-    """The runs for indenters of ``radii``: singles of each, pairs of the smallest sphere."""
+    """Return the runs for indenters of ``radii``: singles of each, pairs of the smallest sphere."""
     singles = [Run(radius, degrees, False) for radius in radii for degrees in BETAS_DEG]
     spheres = [radius for radius in radii if math.isfinite(radius)]
     pairs = [Run(radius, degrees, True) for radius in sorted(spheres)[:1] for degrees in ANGLES_DEG]
@@ -93,16 +96,16 @@ def plan(radii: Sequence[float]) -> tuple[Run, ...]:
 def states(
     run: Run, dome: fem.Dome, fineness: Fineness, depths: Array | None = None
 ) -> Iterator[Array]:
-    """(2, A, B, 3) of every state of a run, or of other ``depths``. Raises NotConvergedError."""
-    wanted = run.depths() if depths is None else depths
-    press = SpatialPress(dome, run.tips(dome), wanted, mirror=True, fineness=fineness)
-    for row in wanted:
+    """Yield (2, A, B, 3) of every state of a run, or of other ``depths``, if it converges."""
+    planned = run.depths() if depths is None else depths
+    press = SpatialPress(dome, run.tips(dome), planned, mirror=True, fineness=fineness)
+    for row in planned:
         press.move(row)
         yield sampled(press.field(), run)
 
 
 def sampled(field: SpatialField, run: Run) -> Array:
-    """(2, A, B, 3) displacement of inner and outer skin along e, f, m at the chart's nodes."""
+    """Return (2, A, B, 3) displacement of both skins along e, f, m at the chart's nodes."""
     frame = run.frame()
     directions = run.chart.directions() @ frame
     there = directions[..., 2] > _RIM
@@ -139,7 +142,7 @@ def make(
 
 
 def _reached(run: Run, dome: fem.Dome, fineness: Fineness) -> Array:
-    """(S, 2, A, B, 3): all of a pair's states; of one contact those reached, ENOUGH_MM at least."""
+    """Return (S, 2, A, B, 3): all states of a pair; of one contact those that were reached."""
     found: list[Array] = []
     try:
         for state in states(run, dome, fineness):

@@ -59,7 +59,7 @@ def tabulate(path: Path, dome: Dome) -> str:
 
 
 def linear(dome: Dome, caps: tuple[float, ...]) -> Array:
-    """(A, 4, C) w, t of the outer skin and of the inner skin per unit force, mm / (E_skin mm^2)."""
+    """Return (A, 4, C) w, t of outer and inner skin per unit force, mm / (E_skin mm^2)."""
     ngs = require_ngsolve()
     mesh = dome_meridian(replace(dome, apex_size=min(dome.apex_size, FINE_MM)))
     space = mixed_space(mesh, _moving(mesh), dome.moduli)
@@ -84,7 +84,7 @@ def linear(dome: Dome, caps: tuple[float, ...]) -> Array:
 
 
 def dented(dome: Dome, cap: float, forces: tuple[float, ...]) -> Array:
-    """(F + 1, 4, C) secant response per force, as ``linear``; row 0 is the limit of no force."""
+    """Return the (F + 1, 4, C) secant response per force; row 0 is the limit of no force."""
     ngs = require_ngsolve()
     mesh = dome_meridian(replace(dome, apex_size=0.1))
     space = mixed_space(mesh, _moving(mesh), dome.moduli)
@@ -130,7 +130,7 @@ def _traction(mesh: Any, cap: float) -> Any:
 
 
 def _sample(mesh: Any, dome: Dome, u: Any) -> Array:
-    """(4, C) w outer, t outer, w inner, t inner."""
+    """Return (4, C) w outer, t outer, w inner, t inner."""
     angle = 2 * np.arcsin(np.minimum(np.arange(CHORDS) * CHORD_STEP / 2, math.sqrt(0.5)))
     angle = np.clip(angle, 1e-7, math.pi / 2 - 1e-7)
     sine, cosine = np.sin(angle), np.cos(angle)

@@ -74,7 +74,7 @@ def empty(table: Table) -> dict[str, npt.NDArray[Any]]:
 
 
 def change(name: str, values: Array, nominal: Array) -> npt.NDArray[Any]:
-    """What a dome's column (D, T), or force (D,), adds to the table's, as it is stored."""
+    """Return a dome's column (D, T), or force (D,), minus the table's, as it is stored."""
     added: Array = values - nominal[::EVERY]
     if name == "force":
         return added

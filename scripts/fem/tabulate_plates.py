@@ -62,7 +62,7 @@ def tabulate(path: Path, kinds: Sequence[tuple[float, str]]) -> str:
 
 
 def _patch(radius: float, delta: Array, polar: Array, outer: Array) -> Array:
-    """(D,) angular radius of the part of the skin that touches the plate, rad."""
+    """Return (D,) angular radius of the part of the skin that touches the plate, rad."""
     height = (radius - outer[0]) * np.cos(polar) - outer[1] * np.sin(polar)
     touching = height >= radius - delta[:, None] - _CLEAR_MM
     reach = np.where(touching, polar, 0.0).max(axis=1)
@@ -71,7 +71,7 @@ def _patch(radius: float, delta: Array, polar: Array, outer: Array) -> Array:
 
 
 def drag(dome: Dome, patches: Array, polar: Array) -> Array:
-    """(K, T, 5) answer of the inner skin for K patches, at polar angles (T,) from the contact.
+    """Return the (K, T, 5) response of the inner skin to K patches, at (T,) polar angles.
 
     patches: (K,) angular radius of the patch, rad. Columns: W inward, T away from the contact and V
     along the circle of latitude, mm per mm of drag; E and F, the turn of the inner normal likewise,

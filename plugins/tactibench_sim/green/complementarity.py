@@ -21,7 +21,7 @@ ROUNDS = 500
 
 @jit
 def factor(a: Array) -> bool:
-    """A = U^T U in the upper triangle, in place; False where ``a`` is not positive."""
+    """Factor A = U^T U in the upper triangle, in place; False where A is not positive."""
     n = a.shape[0]
     for k in range(n):
         if not a[k, k] > 0.0:
@@ -53,7 +53,7 @@ def substitute(upper: Array, x: Array) -> None:
 
 @jit
 def solve(a: Array, d: Array, active: Mask) -> tuple[Array, bool]:
-    """(n,) forces and whether they are the solution; ``active`` (n,) is the guess, then the set."""
+    """Return (n,) forces and whether they solve it; ``active`` (n,) is the guess, then the set."""
     n = len(d)
     force, gap = np.zeros(n), np.empty(n)
     fewest, patience = n + 1, 3

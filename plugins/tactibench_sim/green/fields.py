@@ -10,7 +10,7 @@ INNER, OUTER = 2, 0
 
 @jit
 def even(c: Array, x: float, start: float) -> tuple[float, float]:
-    """A cubic at start + x and its derivative by cos(theta) = 1 - q^2 / 2, which is -f'(q) / q."""
+    """Return a cubic at start + x and its derivative by cos(theta) = 1 - q^2 / 2: -f'(q) / q."""
     f = ((c[3] * x + c[2]) * x + c[1]) * x + c[0]
     if start == 0.0:  # c[1] is zero there: divided by hand, so that nothing divides by zero
         return f, -(2 * c[2] + 3 * c[3] * x)
@@ -29,7 +29,7 @@ def displace(
     u: Array,
     slope: Array,
 ) -> None:
-    """Add to u (P, 3) and slope (P, 3, 3) what sources (N, 3) do at directions ``at`` (P, 3), mm.
+    """Add the effect of sources (N, 3) at directions ``at`` (P, 3) to u (P, 3) and its slope, mm.
 
     weight: (N,), table: (N,) index into tables (T, C, 4, 4). layer: INNER or OUTER. slope @ v is
     the derivative of u when the direction moves along the unit tangent v, mm per rad.

@@ -1,4 +1,4 @@
-"""The kernel file: what a force on a small cap does to the dome, as piecewise cubics in the chord.
+"""The kernel file: the dome's response to a force on a small cap, piecewise cubic in the chord.
 
 A field is four quantities of the angle theta from the force: w outer, t outer / sin theta, w inner,
 t inner / sin theta, all even in the chord q = 2 sin(theta / 2). A *tableau* holds their cubic
@@ -48,16 +48,18 @@ class Kernel:
 
     @property
     def inner(self) -> float:
+        """Radius of the inner skin, mm."""
         dome = self.parameters["dome"]
         return float(dome["outer"] - dome["skin"])
 
     @property
     def outer(self) -> float:
+        """Radius of the outer skin, mm."""
         return float(self.parameters["dome"]["outer"])
 
 
 def tableau(chord: Array, fields: Array) -> Array:
-    """(..., C, 4, 4) of fields (..., 4, N) = w, t, w, t sampled at (N,) uniform chords from 0."""
+    """Return (..., C, 4, 4) of fields (..., 4, N) = w, t, w, t at (N,) uniform chords from 0."""
     sine = chord * np.sqrt(1 - chord**2 / 4)
     even = np.array(fields, dtype=np.float64)
     for odd in (1, 3):
@@ -101,5 +103,5 @@ def _build(content: data_file.Arrays, parameters: dict[str, Any], digest: str) -
 
 @cache
 def shipped() -> Kernel:
-    """The kernel that ships with the package."""
+    """Return the kernel that ships with the package."""
     return data_file.read_shipped(__package__, FILE, read)

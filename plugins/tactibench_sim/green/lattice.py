@@ -1,4 +1,4 @@
-"""Where a tip may touch: a hexagonal disc of nodes around its axis, turned towards the other tips.
+"""Nodes where a tip may touch: a hexagonal disc around its axis, turned towards the other tips.
 
 The lattice takes its orientation from the other tips alone (the phase of their six-fold order
 parameter), so that turning or mirroring a scene turns or mirrors every node.
@@ -18,7 +18,7 @@ NODES = 1 + 3 * RINGS * (RINGS + 1)
 
 
 def hexagon() -> Array:
-    """(NODES, 2) points of a hexagonal disc, spacing 1, a row along the first axis."""
+    """Return (NODES, 2) points of a hexagonal disc, spacing 1, a row along the first axis."""
     cells = [
         (q + r / 2, math.sqrt(3) / 2 * r)
         for r in range(-RINGS, RINGS + 1)
@@ -30,7 +30,7 @@ def hexagon() -> Array:
 
 @jit
 def basis(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors across n and each other."""
+    """Return two unit vectors across n and each other."""
     pole = np.zeros(3)
     pole[np.argmin(np.abs(n))] = 1.0
     first = np.cross(pole, n)
@@ -40,7 +40,7 @@ def basis(n: Array) -> tuple[Array, Array]:
 
 @jit
 def orientation(n: Array, weight: Array, tip: int, first: Array, second: Array) -> float:
-    """Angle from ``first`` of a tip's lattice. n: (K, 3), weight: (K,) how much each counts."""
+    """Return the angle of a tip's lattice from ``first``. n: (K, 3), weight: (K,) of the tips."""
     real = imaginary = 0.0
     for j in range(len(n)):
         x, y = (n[j] * first).sum(), (n[j] * second).sum()
@@ -56,7 +56,7 @@ def orientation(n: Array, weight: Array, tip: int, first: Array, second: Array) 
 
 @jit
 def nodes(hexagon: Array, n: Array, weight: Array, spacing: Array, dome: float) -> Array:
-    """(K, NODES, 3) directions; spacing: (K,) mm along the dome."""
+    """Return (K, NODES, 3) directions; spacing: (K,) mm along the dome."""
     out = np.empty((len(n), len(hexagon), 3))
     for i in range(len(n)):
         first, second = basis(n[i])

@@ -16,7 +16,7 @@ Index = npt.NDArray[np.signedinteger[Any]]
 
 @jit
 def cubic_row(knots: Array, x: float) -> tuple[int, float]:
-    """Cell and place in it of x on ascending knots, clamped to their ends."""
+    """Return the cell and the place in it of x on ascending knots, clamped to their ends."""
     x = min(max(x, knots[0]), knots[-1])
     cell = 0
     while cell < len(knots) - 2 and x >= knots[cell + 1]:
@@ -26,7 +26,7 @@ def cubic_row(knots: Array, x: float) -> tuple[int, float]:
 
 @jit
 def at_cap(log_cap: Array, caps: Array, cap: float) -> Array:
-    """(C, 4, 4) tableau of the linear response to a cap of radius ``cap`` mm."""
+    """Return the (C, 4, 4) tableau of the linear response to a cap of radius ``cap`` mm."""
     cell, x = cubic_row(log_cap, math.log(cap))
     a, b, c, d = caps[0, cell], caps[1, cell], caps[2, cell], caps[3, cell]
     out: Array = ((a * x + b) * x + c) * x + d
@@ -35,7 +35,7 @@ def at_cap(log_cap: Array, caps: Array, cap: float) -> Array:
 
 @jit
 def at_force(knots: Array, shares: Array, force: float) -> Array:
-    """(M,) shares of the softening modes at a local force, E_skin mm^2; constant past its end."""
+    """Return (M,) shares of the softening modes at a force, E_skin mm^2; constant past its end."""
     cell, x = cubic_row(knots, force)
     a, b, c, d = shares[0, cell], shares[1, cell], shares[2, cell], shares[3, cell]
     out: Array = ((a * x + b) * x + c) * x + d
@@ -44,7 +44,7 @@ def at_force(knots: Array, shares: Array, force: float) -> Array:
 
 @jit
 def value(tableau: Array, quantity: int, chord: float, step: float) -> float:
-    """One quantity at a chord; zero beyond the rim."""
+    """Return one quantity at a chord; zero beyond the rim."""
     cell = int(chord / step)
     if cell >= tableau.shape[0]:
         return 0.0
@@ -56,14 +56,14 @@ def value(tableau: Array, quantity: int, chord: float, step: float) -> float:
 
 @jit
 def chord_of(a: Array, b: Array) -> float:
-    """Distance of two unit vectors; by difference, which is exact for close ones."""
+    """Return the distance of two unit vectors, by difference, which is exact for close ones."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return math.sqrt(x * x + y * y + z * z)
 
 
 @jit
 def share_of_load(chord: float) -> float:
-    """How much a force at a chord softens the place: 1 at the place, small a dimple away.
+    """Return the share by which a force at a chord softens a place: 1 there, small a dimple away.
 
     A quarter at 3.6 mm, about the half-width of the dimple of one small cap (assumed).
     """

@@ -49,7 +49,7 @@ class GreenMechanics:
     deepest = DEEPEST_MM
 
     def __init__(self, kernel: Kernel, tables: Tables | None = None) -> None:
-        """tables: finite-element fields of single contacts, used where a radius has them."""
+        """Take finite-element fields of single contacts from tables where a radius has them."""
         self.kernel = kernel
         self._tables = {} if tables is None else dict(tables.by_radius)
         self.inner, self.outer = kernel.inner, kernel.outer
@@ -57,13 +57,13 @@ class GreenMechanics:
         self._hexagon = lattice.hexagon()
 
     def shape(self, radius: float) -> Shape:
-        """Single contacts of a radius, made the first time and kept."""
+        """Return the single contacts of a radius, made the first time and kept."""
         if radius not in self._shapes:
             self._shapes[radius] = shape(self.kernel, radius, self._tables.get(radius))
         return self._shapes[radius]
 
     def loads(self, tips: Tips) -> list[Sources]:
-        """One for each scene. Raises UserError for a press that the tier does not know."""
+        """Solve every scene. Raises UserError for a press that the tier does not know."""
         n, delta = tips.directions()
         if not (np.isfinite(tips.radius) | np.isinf(tips.radius)).all():
             raise UserError("an indenter's radius is not a number; give it in mm.")
@@ -71,18 +71,18 @@ class GreenMechanics:
         return [self._sources(float(r), n[s], delta[s]) for s, r in enumerate(tips.radius)]
 
     def displacement(self, loads: list[Sources], directions: Array) -> tuple[Array, Array]:
-        """u (S, P, 3) mm of the inner skin at directions (P, 3), and its derivative (S, P, 3, 3).
+        """Return u (S, P, 3) mm of the inner skin at directions (P, 3), and its derivative.
 
-        The derivative times a unit tangent is the change of u along it, mm per rad.
+        The derivative (S, P, 3, 3) times a unit tangent is the change of u along it, mm per rad.
         """
         return self._displace(loads, directions, fields.INNER)
 
     def outer_displacement(self, loads: list[Sources], directions: Array) -> tuple[Array, Array]:
-        """As ``displacement``, of the outer skin."""
+        """Return ``displacement`` of the outer skin."""
         return self._displace(loads, directions, fields.OUTER)
 
     def normals(self, loads: list[Sources], directions: Array) -> tuple[Array, Array]:
-        """u (S, P, 3) mm and the unit normal (S, P, 3), outwards, of the deformed inner skin."""
+        """Return u (S, P, 3) mm and outward unit normals (S, P, 3) of the deformed inner skin."""
         u, slope = self.displacement(loads, directions)
         ends = np.array([lattice.basis(b) for b in directions])  # (P, 2, 3)
         tangents = self.inner * ends + np.einsum("spij,pkj->spki", slope, ends)
@@ -92,13 +92,13 @@ class GreenMechanics:
         return u, normal
 
     def pin_tips(self, loads: list[Sources], directions: Array, length: float) -> Array:
-        """(S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
+        """Return (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
         u, normal = self.normals(loads, directions)
         tips: Array = self.inner * directions + u - length * normal
         return tips
 
     def skin(self, loads: list[Sources], directions: Array) -> Array:
-        """(S, Q) inward displacement of the outer skin, mm."""
+        """Return the (S, Q) inward displacement of the outer skin, mm."""
         out = np.zeros((len(loads), len(directions)))
         at = np.ascontiguousarray(directions)
         for row, s in zip(out, loads, strict=True):
@@ -192,7 +192,7 @@ class GreenMechanics:
 
 
 def _at(knots: Array, coefficients: Array, x: Array) -> Array:
-    """(N, ...) cubics over knots, (4, K - 1, ...) highest power first, at each x."""
+    """Return (N, ...) cubics over knots, (4, K - 1, ...) highest power first, at each x."""
     rows = []
     for one in x:
         cell, f = cubic_row(knots, float(one))

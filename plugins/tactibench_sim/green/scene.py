@@ -32,7 +32,7 @@ _REGULAR = 1e-8  # of the diagonal: splits the load of coincident tips evenly
 def influence(
     points: Array, tip: Index, tables: Array, modes: Array, step: float
 ) -> tuple[Array, Array]:
-    """Outer w at one node per unit force on another: linear (n, n), softening modes (M, n, n).
+    """Return outer w at a node per unit force on another: (n, n), softening modes (M, n, n).
 
     tables: (K, K, C, 4) cubics in the chord for two tips; modes: (M, C, 4).
     """
@@ -54,8 +54,8 @@ def influence(
 
 
 @jit
-def wanted(points: Array, n: Array, delta: Array, radius: float, dome: float) -> Array:
-    """(n,) inward displacement, along its own normal, at which each node meets any of the tips."""
+def target_displacement(points: Array, n: Array, delta: Array, radius: float, dome: float) -> Array:
+    """Return (n,) inward displacement along its normal at which each node meets any tip."""
     out = np.full(len(points), -1e9)
     for i in range(len(points)):
         for j in range(len(n)):
@@ -76,7 +76,7 @@ def equilibrium(
     knots: Array,
     shares: Array,
 ) -> tuple[Array, Array, bool]:
-    """Forces (n,) on nodes and softening shares (K, M) of tips that fit each other.
+    """Return forces (n,) on nodes and softening shares (K, M) of tips that fit each other.
 
     stiff: (n, n), soft: (M, n, n), tip: (n,) of each node, near: (K, n) how much a node's force
     softens a tip, load: (K,) and active: (n,) a guess, then the solution.
@@ -135,11 +135,11 @@ def press(
     spread = nodes(hexagon, n, alone + 1e-9, spacing, dome)
     points = spread.reshape(count * size, 3)
     tip = np.repeat(np.arange(count), size)
-    depth = wanted(points, n, delta, radius, dome)
+    depth = target_displacement(points, n, delta, radius, dome)
     own = np.empty(len(points))
     for i in range(count):
         span = slice(i * size, (i + 1) * size)
-        own[span] = wanted(points[span], n[i : i + 1], delta[i : i + 1], radius, dome)
+        own[span] = target_displacement(points[span], n[i : i + 1], delta[i : i + 1], radius, dome)
     # Where another tip reaches deeper, its own lattice stands.
     use = np.flatnonzero((own > -REACH_MM) & (own > depth - 1e-9))
     used, depth = tip[use], depth[use]

@@ -1,4 +1,4 @@
-"""The fields of one contact alone at every depth, for any radius; made when first asked for."""
+"""The fields of one contact alone at every depth, for any radius."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def shape(kernel: Kernel, radius: float, table: Table | None = None) -> Shape:
 
 
 def _measured(kernel: Kernel, table: Table, depth: float) -> Array:
-    """(C, 4, 4) tableau of a tabulated contact."""
+    """Return the (C, 4, 4) tableau of a tabulated contact."""
     chord, polar = polar_samples(kernel)
     rows = []
     for quantity in ("w_outer", "t_outer", "w", "t"):

@@ -29,7 +29,7 @@ FINEST_MM = 0.06
 
 @jit
 def reach(theta: float, radius: float, delta: float, dome: float) -> float:
-    """Distance from the dome's centre to the indenter along a ray ``theta`` from its axis, mm.
+    """Return the distance, mm, from the dome's centre to the indenter ``theta`` from its axis.
 
     The sphere ends a rod along the axis for delta > radius. A very large number where it is missed.
     """
@@ -49,7 +49,7 @@ def reach(theta: float, radius: float, delta: float, dome: float) -> float:
 
 @jit
 def ring_average(table: Array, quantity: int, from_: float, to: float, step: float) -> float:
-    """Mean over a ring at polar angle ``from_`` of a quantity at polar angle ``to``.
+    """Return the mean over a ring at polar angle ``from_`` of a quantity at polar angle ``to``.
 
     Odd quantities (t) are turned into the meridian of ``to``.
     """
@@ -68,6 +68,7 @@ def ring_average(table: Array, quantity: int, from_: float, to: float, step: flo
 
 @jit
 def ring_matrix(table: Array, quantity: int, from_: Array, to: Array, step: float) -> Array:
+    """Return ``ring_average`` from every ring (N,) to every angle (M,): (M, N)."""
     out = np.empty((len(to), len(from_)))
     for i in range(len(to)):
         for j in range(len(from_)):
@@ -86,7 +87,7 @@ class Ring:
 
 
 def footprint(radius: float, delta: float, dome: float) -> float:
-    """mm within which a contact surely lies: a part of the circle of overlap, more when deep."""
+    """Return the radius, mm, within which a contact surely lies: a part of the overlap circle."""
     if math.isinf(radius):
         return 0.8 * math.sqrt(2 * dome * delta)
     overlap = math.sqrt(2 * radius * dome / (radius + dome) * delta)
@@ -94,7 +95,7 @@ def footprint(radius: float, delta: float, dome: float) -> float:
 
 
 def press(kernel: Kernel, radius: float, delta: float) -> Ring:
-    """Rings of force of one contact. Raises UserError where the iteration does not settle."""
+    """Return the rings of force of one contact. Raises UserError where it does not converge."""
     follow = math.isinf(radius)
     dome = kernel.outer
     spacing = max(footprint(radius, delta, dome) / RINGS, FINEST_MM)
@@ -114,7 +115,7 @@ def press(kernel: Kernel, radius: float, delta: float) -> Ring:
         share = at_force(kernel.force, kernel.shares, load)
         a = w[0] + sum(s * m for s, m in zip(share, w[1:], strict=True))
         a = (a + a.T) / 2 + 1e-10 * np.diag(np.diag(a))
-        depth = _wanted(radius, delta, dome, theta, moved)
+        depth = _target_displacement(radius, delta, dome, theta, moved)
         force, fine = solve(a, depth, active)
         if not fine:
             break
@@ -130,8 +131,10 @@ def press(kernel: Kernel, radius: float, delta: float) -> Ring:
     )
 
 
-def _wanted(radius: float, delta: float, dome: float, theta: Array, moved: Array) -> Array:
-    """Inward displacement at which each ring meets the indenter, having moved along the dome."""
+def _target_displacement(
+    radius: float, delta: float, dome: float, theta: Array, moved: Array
+) -> Array:
+    """Return the inward displacement at which each ring, moved along the dome, meets the tip."""
     out = np.empty(len(theta))
     for k in range(len(theta)):
         out[k] = dome - reach(theta[k] + moved[k], radius, delta, dome) * math.cos(moved[k])
@@ -139,7 +142,7 @@ def _wanted(radius: float, delta: float, dome: float, theta: Array, moved: Array
 
 
 def field(kernel: Kernel, ring: Ring) -> Array:
-    """(C, 4, 4) tableau of one contact, mm."""
+    """Return the (C, 4, 4) tableau of one contact, mm."""
     chord, polar = polar_samples(kernel)
     share = at_force(kernel.force, kernel.shares, ring.load)
     table = at_cap(kernel.log_cap, kernel.caps, ring.cap)
@@ -152,6 +155,6 @@ def field(kernel: Kernel, ring: Ring) -> Array:
 
 
 def polar_samples(kernel: Kernel) -> tuple[Array, Array]:
-    """The kernel's chords, from the force to the rim, and their polar angles, rad."""
+    """Return the kernel's chords, from the force to the rim, and their polar angles, rad."""
     chord = np.arange(kernel.modes.shape[1] + 1) * kernel.step
     return chord, 2 * np.arcsin(np.minimum(chord / 2, math.sqrt(0.5)))
