@@ -160,7 +160,7 @@ def _inner(tables: Tables) -> float:
 
 
 def _fields(run: Single | Pair, inner: float) -> Array:
-    """Return (S, A, B, 12): six quantities of the inner skin, then of the outer (its turn left out)."""
+    """Return (S, A, B, 12): six quantities of the inner skin, then of the outer, without turn."""
     displacement = np.nan_to_num(run.displacement)  # clamped below the rim
     below = displacement[:, 1]
     return np.concatenate(
@@ -193,7 +193,7 @@ def _missing(pair: Pair, mechanics: TableMechanics) -> Array:
 
 
 def _turn_of(mechanics: TableMechanics, loads: Any, directions: Array, step: float = 1e-4) -> Array:
-    """Return the (S, A, B, 3) turn of the normals of the displaced inner surface, by differences."""
+    """Return the (S, A, B, 3) turn of normals of the displaced inner surface, by differences."""
     flat = directions.reshape(-1, 3)
     aside = np.where(abs(flat[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     first = np.cross(flat, aside)

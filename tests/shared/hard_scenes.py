@@ -117,3 +117,13 @@ def worst_jump(field, start, end, steps):
                 low, before = middle, between
         worst = max(worst, abs(after - before).max())
     return worst
+
+
+def enclosed_volume(radius, polar, w, t):
+    """Volume below a displaced meridian, mm^3: pi * integral of rho^2 dz."""
+    fine = np.linspace(0, polar[-1], 6001)
+    w, t = np.interp(fine, polar, w), np.interp(fine, polar, t)
+    rho = (radius - w) * np.sin(fine) + t * np.cos(fine)
+    z = (radius - w) * np.cos(fine) - t * np.sin(fine)
+    middle = (rho[1:] ** 2 + rho[1:] * rho[:-1] + rho[:-1] ** 2) / 3
+    return -math.pi * (middle * np.diff(z)).sum()

@@ -11,9 +11,7 @@ from learn import Single, corrections_from, mirror
 from modes import FOUR, Cells, Chart, coefficients, modes_of, on_cells, six, turn
 from scipy.interpolate import CubicSpline
 
-from tactibench_sim.mechanics.contact import Tips
 from tactibench_sim.mechanics.corrections import Corrections
-from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.mechanics.kernels import (
     around_amounts,
     look_up,
@@ -250,19 +248,3 @@ def test_pair_amounts_have_the_parity_of_their_modes(angle, first, second):
     pair_amounts(pairs, angle, second, first, other)
     assert one[:even] == pytest.approx(other[:even], abs=1e-12)
     assert one[even:] == pytest.approx(-other[even:], abs=1e-12)
-
-
-@settings(max_examples=30, deadline=None)
-@given(
-    st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(0.2, 4)),
-    st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(0.2, 4)),
-)
-def test_the_order_of_contacts_changes_nothing(one, other):
-    mechanics = TableMechanics(TABLES, "coupled")
-    at = CHART.directions().reshape(-1, 3)[::7]
-    fields = []
-    for pair in ((one, other), (other, one)):
-        values = np.array([pair])
-        loads = mechanics.loads(Tips(values[..., :2], values[..., 2], np.array([3.0])))
-        fields.append(mechanics.displacement(loads, at)[0])
-    assert fields[0] == pytest.approx(fields[1], abs=1e-9)

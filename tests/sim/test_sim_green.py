@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
-from scipy.spatial.transform import Rotation
 
 from tactibench import UserError
 from tactibench_sim.green import kernel as kernels
@@ -32,13 +31,6 @@ def moved(contacts, directions=PINS, radius=3.0):
     return DOME.displacement(loads(contacts, radius), directions)[0][0]
 
 
-depths = st.floats(0.05, 4)
-contacts = st.lists(
-    st.tuples(st.floats(-6, 6), st.floats(-6, 6), depths), min_size=1, max_size=3
-).filter(lambda c: all(math.dist(a[:2], b[:2]) > 2 for i, a in enumerate(c) for b in c[:i]))
-few = settings(max_examples=8, deadline=None)
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
 def test_complementarity(seed, count):
@@ -59,56 +51,6 @@ def test_complementarity_refuses_what_is_not_positive():
     assert not solve(-np.eye(2), np.ones(2), np.ones(2, dtype=bool))[1]
 
 
-@few
-@given(contacts, st.floats(-math.pi, math.pi))
-def test_turning_the_scene_turns_the_field(scene, angle):
-    turn = Rotation.from_euler("z", angle).as_matrix()
-    xy = np.array(scene)[:, :2] @ turn[:2, :2].T
-    turned = [(x, y, d) for (x, y), (_, _, d) in zip(xy, scene, strict=True)]
-    assert moved(turned, PINS @ turn.T) == pytest.approx(moved(scene) @ turn.T, abs=1e-9)
-
-
-@few
-@given(contacts)
-def test_mirroring_the_scene_mirrors_the_field(scene):
-    flip = np.array([-1.0, 1.0, 1.0])
-    mirrored = [(-x, y, d) for x, y, d in scene]
-    assert moved(mirrored, PINS * flip) == pytest.approx(moved(scene) * flip, abs=1e-9)
-
-
-@few
-@given(contacts)
-def test_the_order_of_tips_does_not_matter(scene):
-    assert moved(scene[::-1]) == pytest.approx(moved(scene), abs=1e-12)
-
-
-@pytest.mark.parametrize("radius", [3.0, math.inf])
-def test_no_contact_moves_nothing(radius):
-    assert (moved([(1.0, 2.0, 0.0)], radius=radius) == 0).all()
-    assert (moved([(1.0, 2.0, -np.inf), (0.0, 0.0, -0.1)]) == 0).all()
-
-
-def test_the_first_touch_is_continuous():
-    for depth in (1e-2, 1e-4, 1e-8):
-        assert abs(moved([(3.0, -2.0, depth)])).max() < 2 * depth
-        both = moved([(-4.0, 0.0, 2.0), (4.0, 0.0, depth)])
-        assert abs(both - moved([(-4.0, 0.0, 2.0)])).max() < 4 * depth + 1e-9
-
-
-def test_coincident_tips_are_one():
-    one = moved([(1.0, 2.0, 2.0)])
-    assert moved([(1.0, 2.0, 2.0)] * 2) == pytest.approx(one, abs=1e-6)
-    assert moved([(1.0, 2.0, 2.0), (1.0, 2.0, 1.2)]) == pytest.approx(one, abs=1e-6)
-
-
-def test_a_tip_in_the_dimple_of_another_carries_nothing():
-    pressing = loads([(0.0, 0.0, 3.0), (2.0, 0.0, 0.3)])[0]
-    assert pressing.force[1] == 0
-    assert moved([(0.0, 0.0, 3.0), (2.0, 0.0, 0.3)]) == pytest.approx(
-        moved([(0.0, 0.0, 3.0)]), abs=1e-9
-    )
-
-
 def test_far_tips_superpose():
     pair = [(-12.0, 0.0, 0.5), (12.0, 0.0, 0.5)]
     assert moved(pair) == pytest.approx(sum(moved([p]) for p in pair), abs=0.01)
@@ -117,11 +59,6 @@ def test_far_tips_superpose():
 @pytest.mark.parametrize("radius", [1.0, 3.0, math.inf])
 def test_force_grows_with_depth(radius):
     force = DOME.shape(radius).force
-    assert (np.diff(force) > 0).all()
-
-
-def test_pair_force_grows_with_depth():
-    force = [loads([(-3.0, 0.0, d), (3.0, 1.0, d)])[0].force.sum() for d in np.arange(0.2, 4, 0.2)]
     assert (np.diff(force) > 0).all()
 
 
@@ -171,12 +108,6 @@ def test_normals_of_the_undeformed_dome_and_under_a_tip():
     expected = np.interp(POLAR, table.polar, table.fields["omega"][8])
     # tables turn towards the contact's outside with omega = (w' + t) / r, w inwards
     assert turn == pytest.approx(expected, abs=0.03)
-
-
-def test_skin_follows_the_indenter():
-    n = np.array([[0.0, 0.0, 1.0]])
-    for depth in (0.5, 1.0, 3.0):
-        assert DOME.skin(loads([(0.0, 0.0, depth)]), n)[0, 0] == pytest.approx(depth, abs=0.02)
 
 
 @pytest.mark.parametrize(

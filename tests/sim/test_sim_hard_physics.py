@@ -18,6 +18,8 @@ from hard_scenes import (
     tips,
     towards,
 )
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -114,26 +116,36 @@ SCENES = {
     "dimple": ((0.0, 1.0, 4.0), (1.5, 1.0, 0.3)),
     "triple": ((-4.0, 0.0, 1.0), (4.0, 0.5, 2.0), (0.3, 6.0, 4.5)),
 }
-every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+contacts = st.lists(
+    st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 4)), min_size=1, max_size=3
+).filter(lambda c: all(math.dist(a[:2], b[:2]) > 2 for i, a in enumerate(c) for b in c[:i]))
+
+
+def random_and_named_scenes(test):
+    """Try SCENES and some drawn ones."""
+    test = settings(max_examples=8, deadline=None)(
+        given(contacts, st.floats(-math.pi, math.pi))(test)
+    )
+    for scene in SCENES.values():
+        test = example(scene, 2.5)(test)
+    return test
 
 
 @every_tier()
-@every_scene
-def test_turning_the_scene_turns_the_field(tier, scene):
+@random_and_named_scenes
+def test_turning_and_mirroring_the_scene_turns_and_mirrors_the_field(tier, scene, angle):
     u = moved(tier, *scene)
-    for angle in (0.1, 1.0, math.pi / 2, 2.5, -3.0):
-        turn = Rotation.from_euler("z", angle).as_matrix()
-        turned = [(*(turn[:2, :2] @ c[:2]), c[2]) for c in scene]
-        assert abs(moved(tier, *turned, at=PINS @ turn.T) - u @ turn.T).max() < 1e-12
+    turn = Rotation.from_euler("z", angle).as_matrix()
+    for matrix in (turn, np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])):
+        image = [(*(matrix[:2, :2] @ contact[:2]), contact[2]) for contact in scene]
+        assert abs(moved(tier, *image, at=PINS @ matrix.T) - u @ matrix.T).max() < 2e-12
 
 
 @every_tier()
-@every_scene
-def test_mirroring_the_scene_mirrors_the_field(tier, scene):
-    u = moved(tier, *scene)
-    for flip in (np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0])):
-        mirrored = [(flip[0] * x, flip[1] * y, d) for x, y, d in scene]
-        assert abs(moved(tier, *mirrored, at=PINS * flip) - u * flip).max() < 1e-12
+@settings(max_examples=8, deadline=None)
+@given(contacts)
+def test_the_order_of_tips_does_not_matter(tier, scene):
+    assert moved(tier, *scene[::-1]) == pytest.approx(moved(tier, *scene), abs=1e-9)
 
 
 @every_tier()

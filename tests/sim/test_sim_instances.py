@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import tabulate_instances
+from hard_scenes import enclosed_volume
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -72,16 +73,6 @@ def test_near_domes_are_near(at, step):
     )
     for name in FIELDS:
         assert abs(one[name] - other[name]).max() < 3e-6
-
-
-def enclosed_volume(radius, polar, w, t):
-    """mm^3 below a displaced meridian: pi * integral of rho^2 dz."""
-    fine = np.linspace(0, polar[-1], 6001)
-    w, t = np.interp(fine, polar, w), np.interp(fine, polar, t)
-    rho = (radius - w) * np.sin(fine) + t * np.cos(fine)
-    z = (radius - w) * np.cos(fine) - t * np.sin(fine)
-    middle = (rho[1:] ** 2 + rho[1:] * rho[:-1] + rho[:-1] ** 2) / 3
-    return -math.pi * (middle * np.diff(z)).sum()
 
 
 @few

@@ -7,6 +7,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from dome_press import press
+from hard_scenes import enclosed_volume
 from tabulate_dome import columns, normal_rotation
 
 from tactibench_sim import data_file, fem
@@ -63,16 +64,6 @@ def test_nothing_moves_at_depth_zero_and_at_the_rim(one):
 def test_the_skin_is_where_the_indenter_is(one):
     """At the apex the outer skin has moved by the penetration, but for the contact's stiffness."""
     assert one.fields["w_outer"][:, 0] == pytest.approx(one.delta, abs=0.004)
-
-
-def enclosed_volume(radius, polar, w, t):
-    """Volume below a displaced meridian, mm^3: pi * integral of rho^2 dz."""
-    fine = np.linspace(0, polar[-1], 6001)
-    w, t = np.interp(fine, polar, w), np.interp(fine, polar, t)
-    rho = (radius - w) * np.sin(fine) + t * np.cos(fine)
-    z = (radius - w) * np.cos(fine) - t * np.sin(fine)
-    middle = (rho[1:] ** 2 + rho[1:] * rho[:-1] + rho[:-1] ** 2) / 3
-    return -math.pi * (middle * np.diff(z)).sum()
 
 
 @BOTH

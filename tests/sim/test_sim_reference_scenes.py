@@ -14,7 +14,6 @@ from tactibench_sim.reference_frames import scenes as reference
 SHIPPED = files("tactibench_sim.reference_frames").joinpath(reference.FILE)
 SCENES = reference.shipped()
 PINS = np.concatenate([layout(331), layout(127)])
-EACH = pytest.mark.parametrize("scene", SCENES, ids=lambda s: s.label)
 
 
 def elements_mm(depth):
@@ -54,46 +53,27 @@ def test_parameters_say_what_was_computed():
     assert set(told["runs"]) == {scene.name for scene in SCENES}
 
 
-@EACH
-def test_scenes_belong_to_the_pins_of_today(scene):
-    assert scene.directions == pytest.approx(PINS, abs=1e-12)
-    assert not scene.displacement.flags.writeable
-
-
-@EACH
-def test_normals_are_unit_and_outward(scene):
-    assert np.linalg.norm(scene.normals, axis=1) == pytest.approx(1, abs=1e-12)
-    assert ((scene.normals * PINS).sum(axis=1) > 0.3).all()
-
-
-@EACH
-def test_nothing_moves_farther_than_the_deepest_tip(scene):
-    assert np.linalg.norm(scene.displacement, axis=1).max() < scene.depth
-    assert np.linalg.norm(scene.displacement, axis=1).max() > 0.5 * scene.depth
-
-
-@EACH
-def test_displacement_is_deepest_near_a_tip(scene):
-    inward = -(scene.displacement * PINS).sum(axis=1)
-    at = 19 * PINS[inward.argmax(), :2]
-    assert min(math.dist(at, tip) for tip in scene.tips[:, :2]) < 3.0
-
-
-@EACH
-def test_gel_rises_elsewhere(scene):
-    """The gel is incompressible: what tips push in comes out beside them."""
-    inward = -(scene.displacement * PINS).sum(axis=1)
-    assert inward.min() < -0.02 * scene.depth
-
-
-@EACH
-def test_mirroring_in_y_changes_nothing(scene):
+def test_every_scene_is_what_mechanics_demands():
+    """Pins of today; unit normals outwards; deepest near a tip; a bulge; a mirror plane."""
     flip = np.array([1.0, -1.0, 1.0])
-    mirrored = {tuple(np.round(tip * flip, 9)) for tip in scene.tips}
-    assert mirrored == {tuple(np.round(tip, 9)) for tip in scene.tips}
     image = nearest(PINS * flip)
-    assert scene.displacement[image] == pytest.approx(scene.displacement * flip, abs=1e-3)
-    assert scene.normals[image] == pytest.approx(scene.normals * flip, abs=2e-3)
+    for scene in SCENES:
+        u, normals, where = scene.displacement, scene.normals, scene.label
+        assert scene.directions == pytest.approx(PINS, abs=1e-12), where
+        assert not u.flags.writeable, where
+        assert np.linalg.norm(normals, axis=1) == pytest.approx(1, abs=1e-12), where
+        assert ((normals * PINS).sum(axis=1) > 0.3).all(), where
+        longest = np.linalg.norm(u, axis=1).max()
+        assert 0.5 * scene.depth < longest < scene.depth, where
+        inward = -(u * PINS).sum(axis=1)
+        deepest = 19 * PINS[inward.argmax(), :2]
+        assert min(math.dist(deepest, tip) for tip in scene.tips[:, :2]) < 3.0, where
+        # the gel is incompressible: what tips push in comes out beside them
+        assert inward.min() < -0.02 * scene.depth, where
+        mirrored = {tuple(np.round(tip * flip, 9)) for tip in scene.tips}
+        assert mirrored == {tuple(np.round(tip, 9)) for tip in scene.tips}, where
+        assert u[image] == pytest.approx(u * flip, abs=1e-3), where
+        assert normals[image] == pytest.approx(normals * flip, abs=2e-3), where
 
 
 @pytest.mark.parametrize(

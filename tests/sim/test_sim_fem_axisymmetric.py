@@ -1,6 +1,7 @@
 """The finite-element runs on coarse meshes: what holds on any mesh, and what is refused."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -168,3 +169,88 @@ def test_a_flat_pad_has_no_plate():
 def test_an_impossible_pad_is_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Pad(**wrong)
+
+
+# -- a plate that sticks: what it has touched stays where it touched
+
+STICKY = fem.Dome(apex_size=0.5, skin_size=0.8, gel_size=4.0)
+FINE_POLAR = np.radians(np.arange(0, 91, 0.5))
+DEPTHS = np.array([0.4, 0.7, 1.0])
+
+
+def places(profile):
+    """Distance from the axis of the outer skin's points."""
+    w, t = profile.outer
+    return (STICKY.outer - w) * np.sin(FINE_POLAR) + t * np.cos(FINE_POLAR)
+
+
+def touching(profile):
+    """Well inside the contact: undeformed height above the plate by a quarter of its depth."""
+    return STICKY.outer * (1 - np.cos(FINE_POLAR)) < profile.delta / 4
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {
+        friction: list(press(STICKY, math.inf, DEPTHS, FINE_POLAR, friction=friction))
+        for friction in ("none", "stick")
+    }
+
+
+def test_what_has_touched_stays(runs):
+    first, *later = runs["stick"]
+    for profile in later:
+        assert places(profile)[touching(first)] == pytest.approx(
+            places(first)[touching(first)], abs=5e-3
+        )
+
+
+def test_without_friction_it_slides(runs):
+    first, *_, last = runs["none"]
+    assert abs(places(last) - places(first))[touching(first)].max() > 0.01
+
+
+def test_sticking_takes_more_force_at_small_depth(runs):
+    for free, stuck in zip(runs["none"], runs["stick"], strict=True):
+        assert free.force < stuck.force < 1.1 * free.force
+
+
+@pytest.mark.slow
+def test_increments_are_small_enough():
+    """Against a quarter of the increment: pin bases within 0.01 mm, force within 1 %."""
+    depths = np.array([1.0, 2.0, 4.0])
+    usual = press(STICKY, math.inf, depths, FINE_POLAR, friction="stick")
+    fine = press(
+        STICKY, math.inf, depths, FINE_POLAR, friction="stick", settings=Settings(largest=0.0125)
+    )
+    for one, other in zip(usual, fine, strict=True):
+        assert one.inner == pytest.approx(other.inner, abs=0.01)
+        assert one.force == pytest.approx(other.force, rel=0.01)
+
+
+# -- halving every element
+
+
+def halved(body):
+    sizes = [name for name in vars(body) if name.endswith("_size")]
+    return replace(body, **{name: getattr(body, name) / 2 for name in sizes})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("radius", [3.0, math.inf], ids=["sphere", "plate"])
+def test_halving_every_element_of_the_dome_changes_little(radius):
+    polar, depth = np.radians(np.arange(0, 91, 0.5)), np.array([2.0])
+    (coarse,) = press(fem.Dome(), radius, depth, polar)
+    (fine,) = press(halved(fem.Dome()), radius, depth, polar)
+    assert coarse.force == pytest.approx(fine.force, rel=0.01)
+    assert coarse.inner == pytest.approx(fine.inner, abs=0.01)
+
+
+@pytest.mark.slow
+def test_halving_every_element_of_the_pad_changes_little():
+    r, depth = np.linspace(0, 15, 61), np.array([1.0, 2.0])
+    for coarse, fine in zip(
+        press_pad(Pad(), 3.0, depth, r), press_pad(halved(Pad()), 3.0, depth, r), strict=True
+    ):
+        assert coarse.force == pytest.approx(fine.force, rel=0.01)
+        assert coarse.marker == pytest.approx(fine.marker, abs=0.01)

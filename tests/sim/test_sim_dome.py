@@ -1,0 +1,123 @@
+"""The dome's mechanics by tables: look-ups, load sharing and its limits."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hard_scenes import tips
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import RectBivariateSpline
+
+from tactibench import UserError
+from tactibench_sim.mechanics.corrections import Corrections
+from tactibench_sim.mechanics.dome import TableMechanics, meridians
+from tactibench_sim.mechanics.kernels import at_depth, at_polar, depression
+from tactibench_sim.mechanics.tables import shipped
+from tactibench_sim.pins import layout
+
+COUPLED, SUPERPOSE = (TableMechanics(shipped(), tier) for tier in ("coupled", "superpose"))
+BARE = TableMechanics(replace(shipped(), corrections=Corrections()), "coupled")
+PINS = layout(127)
+
+
+def pins(*contacts, directions=PINS):
+    return COUPLED.pin_tips(COUPLED.loads(tips(*contacts)), directions, 2.0)[0]
+
+
+def test_pins_at_the_contact_spread_by_lever_and_dip():
+    rest, pressed = (COUPLED.inner - 2) * PINS, pins((0.0, 0.0, 1.0))
+    ring = slice(1, 7)
+    outward = np.linalg.norm(pressed[ring, :2], axis=1) - np.linalg.norm(rest[ring, :2], axis=1)
+    assert (outward > 0.1).all()
+    assert pressed[0, 2] - rest[0, 2] == pytest.approx(-0.96, abs=0.03)
+
+
+def test_smooth_in_pose():
+    """Second differences shrink with the square of the step: no kinks from the tables."""
+
+    def bend(h):
+        track = np.array([pins((2.0 + k * h, 1.0, 2.0 + k * h)) for k in range(-1, 2)])
+        return abs(track[0] - 2 * track[1] + track[2]).max() / h**2
+
+    coarse, fine = bend(1e-2), bend(1e-3)
+    assert fine < 3 * coarse + 1
+
+
+def test_look_up_is_the_tensor_spline():
+    """scipy's bicubic spline on the same nodes, away from the ends where conditions differ."""
+    one = shipped().by_radius[3.0]
+    table = meridians(one.delta, one.polar, [[one.fields["w_outer"]]])
+    spline = RectBivariateSpline(one.delta, one.polar, one.fields["w_outer"])
+    polar = np.radians(np.linspace(5, 80, 40))
+    row = np.empty(table.value.shape[2:])
+    for depth in (1.23, 4.5, 6.01):
+        at_depth(table, 0, depth, 1.0, row)
+        one_by_one = [depression(table, 0, depth, angle) for angle in polar]
+        by_row = [at_polar(row, table.polar_step, angle, 0) for angle in polar]
+        assert one_by_one == pytest.approx(spline(depth, polar)[0], abs=1e-5)
+        assert by_row == pytest.approx(one_by_one, abs=1e-12)
+
+
+def test_beyond_the_rim_nothing_moves():
+    n = np.array([[0.0, math.sin(2.0), math.cos(2.0)]])
+    assert (COUPLED.skin(COUPLED.loads(tips((0.0, 0.0, 5.0))), n) == 0).all()
+
+
+def test_unknown_radius_and_tier():
+    with pytest.raises(UserError, match=r"radius is 4 mm.*3 mm, plate"):
+        COUPLED.loads(tips((0.0, 0.0, 1.0), radius=4.0))
+    with pytest.raises(UserError, match="tier is 'fast'"):
+        TableMechanics(shipped(), "fast")
+
+
+contact = st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.01, 5))
+
+
+@given(st.lists(contact, min_size=2, max_size=6))
+def test_every_tip_reaches_its_depth_or_stands_clear(contacts):
+    """Without the corrections, which also move the skin sideways under a tip."""
+    scene = tips(*contacts)
+    loads = BARE.loads(scene)
+    n, delta = scene.directions()
+    skin = BARE.skin(loads, n[0])[0]
+    assert (loads.amplitude >= 0).all()
+    assert (skin >= delta[0] - 0.004).all()  # the table's own contact stiffness
+    carrying = loads.amplitude[0] > 1e-6
+    assert skin[carrying] == pytest.approx(delta[0][carrying], abs=0.004)
+
+
+def test_far_tips_do_not_share():
+    far = tips((-11.0, 0.0, 1.0), (11.0, 0.0, 1.0))
+    assert COUPLED.loads(far).amplitude[0] == pytest.approx([1, 1], abs=0.03)
+
+
+def test_neighbours_share():
+    near = COUPLED.loads(tips((-3.25, 0.0, 3.0), (3.25, 0.0, 3.0)))
+    assert near.amplitude[0, 0] == pytest.approx(near.amplitude[0, 1], abs=1e-12)
+    assert 0.5 < near.amplitude[0, 0] < 0.95
+
+
+def test_a_tip_beside_anothers_bulge_carries_more_and_starts_smoothly():
+    def second(depth):
+        return COUPLED.loads(tips((-7.0, 0.0, 6.0), (8.5, 0.0, depth)))
+
+    amplitude = second(0.5).amplitude[0, 1] * second(0.5).shape[0, 1]
+    assert amplitude > 0.5
+    depths = np.arange(-0.5, 0.5, 0.005)
+    track = np.array([pins((-7.0, 0.0, 6.0), (8.5, 0.0, d)) for d in depths])
+    assert abs(np.diff(track, axis=0)).max() < 0.03
+
+
+@given(st.lists(contact, min_size=2, max_size=4), st.randoms(use_true_random=False))
+def test_the_order_of_tips_does_not_matter(contacts, random):
+    other = list(contacts)
+    random.shuffle(other)
+    assert pins(*other) == pytest.approx(pins(*contacts), abs=1e-7)
+
+
+def test_superposition_is_the_sum():
+    a, b = (-3.0, 1.0, 2.0), (4.0, 0.0, 3.0)
+    u = [SUPERPOSE.displacement(SUPERPOSE.loads(tips(*c)), PINS)[0] for c in ((a, b), (a,), (b,))]
+    assert u[0] == pytest.approx(u[1] + u[2], abs=1e-14)
