@@ -23,10 +23,10 @@ import numpy as np
 import torch
 
 from tactibench import Contacts, Grid
-from tactibench.cli.report.drift import length, share
 from tactibench.plugins.host import PluginHost
 from tactibench.records.cache import cache_folder
 from tactibench.records.files import read_json, write_json
+from tactibench.report.drift_report import length, share
 from tactibench.run.difference import compare
 from tactibench.run.drift import run_drift
 from tactibench.run.plan import make_plan

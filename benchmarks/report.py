@@ -22,9 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from tactibench.board.committed import answers_file, ranked_errors, read_answers_file, split_ranked
-from tactibench.board.html.drawn import Drawer
 from tactibench.board.submissions import FOLDER, compact, read_submissions, text_of
-from tactibench.plugins.host import PluginHost
+from tactibench.board.verifying.truth import Source, trusted_host, truth_of
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.files import arrays_hash, write_arrays
 from tactibench.records.record import Record
@@ -36,15 +35,15 @@ LIMIT_S, LIMIT_MB, LIMIT_OPEN_S = 10.0, 5.0, 2.0
 
 
 def sources(cache: Path) -> Iterator[tuple[Record, Arrays, Arrays]]:
-    """Committed records with their answers and the truth, drawn again."""
-    board, host = ROOT / "leaderboards", PluginHost()
+    """Committed records with their predictions and the truth, made again."""
+    board, source = ROOT / "leaderboards", Source(trusted_host(), cache)
     for name in PROTOCOLS:
-        drawer = Drawer(load_protocol(name), host, cache)
+        protocol = load_protocol(name)
         for record in read_submissions(board, name):
             path = answers_file(board / FOLDER / name / f"{record.name}.json")
-            drawn = drawer.drawn(record)
-            if path.is_file() and not isinstance(drawn, str):
-                yield record, split_ranked(read_answers_file(path))[0], drawn.truth
+            if path.is_file() and record.test_sensor is None:
+                truth = truth_of(record, protocol, source, None)
+                yield record, split_ranked(read_answers_file(path))[0], truth
 
 
 def make(folder: Path, count: int, rng: np.random.Generator) -> None:

@@ -16,18 +16,19 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from tactibench.board.choose import gathered, of_sensor
-from tactibench.board.figures.style import GREY, MARKERS, SERIES, figure, headline, plain, save
 from tactibench.board.labels import TRIVIAL
-from tactibench.board.markdown import Head, table
-from tactibench.board.numbers import number
 from tactibench.board.rows import Row, latency, machine
 from tactibench.records.files import atomic
+from tactibench.report.plots.style import GREY, headline, model_look, new_figure, plain, save_png
+from tactibench.report.table import Column, Text, metric_number, table
+from tactibench.report.writers.markdown import table_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE, IMAGES = ROOT / "docs" / "explanation.md", ROOT / "docs" / "images"
 BEGIN, END = "<!-- table: python scripts/draw_explanation.py -->", "<!-- end of table -->"
 MOST = "multiple"
 """The regime that is drawn filled."""
+DECIMALS = {"missed": 1}
 TABLE = ("position_mean_mm", "missed", "spurious", "gospa1_mm")
 HEADS = (
     "model",
@@ -46,12 +47,12 @@ def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
     Networks that read other maps, mix or add plainly have rows of their own on the boards.
     """
     section = of_sensor(gathered(protocol, board, None), None, protocol)
-    return [row for row in section.rows if row.first.model.name not in TRIVIAL and _plain(row)]
+    return [row for row in section.rows if _model(row) not in TRIVIAL and _plain(row)]
 
 
 def _plain(row: Row) -> bool:
     return (
-        row.model == row.first.model.name
+        row.model == _model(row)
         and not row.mixing
         and not ({"depth", "offset", "axes"} & {row.encoder.partition(",")[0]})
     )
@@ -59,17 +60,20 @@ def _plain(row: Row) -> bool:
 
 def looks(rows: Iterable[Row]) -> dict[str, dict[str, Any]]:
     """Model -> colour and marker."""
-    models = sorted({row.first.model.name for row in rows})
-    return {m: {"color": SERIES[k % 7], "marker": MARKERS[k % 7]} for k, m in enumerate(models)}
+    return {model: model_look(model).points for model in sorted({_model(row) for row in rows})}
+
+
+def _model(row: Row) -> str:
+    return row.first.model.name
 
 
 def misses_picture(path: Path, rows: Sequence[Row]) -> None:
     """Position error of the matched pairs against the share missed, a mark a training seed."""
-    made = figure(8.0, 4.8)
+    made = new_figure(8.0, 4.8)
     axes = made.subplots()
     look = looks(rows)
     for row in rows:
-        own = look[row.first.model.name]
+        own = look[_model(row)]
         x = [100 * _value(record, "missed") for record in row.records]
         y = [_value(record, "position_mean_mm") for record in row.records]
         face = own["color"] if row.regime == MOST else "white"
@@ -90,18 +94,18 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
         "Experiment 3: an error is one of the contacts that were found",
         "simulated sensor tactip-127, 1,000 pairs and 1,000 triples; a mark a training seed",
     )
-    save(made, path)
+    save_png(made, path)
 
 
 def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
     """p90 of every seed of a configuration, where all were timed with the same arithmetic."""
     drawn = [row for row in rows if len(row.over(_p90)) > 1 and len(_timed_as(row)) == 1]
-    made = figure(8.0, 0.42 * len(drawn) + 1.6)
+    made = new_figure(8.0, 0.42 * len(drawn) + 1.6)
     axes = made.subplots()
     look = looks(rows)
     for k, row in enumerate(drawn):
         times = row.over(_p90)
-        own = look[row.first.model.name]
+        own = look[_model(row)]
         axes.plot([min(times), max(times)], [k, k], color=GREY, linewidth=1.2, zorder=1)
         axes.plot(times, [k] * len(times), linestyle="none", markersize=8, **own)
         axes.text(
@@ -121,7 +125,7 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
         "Experiment 2: seeds of one network, timed on one shared machine",
         "the same arithmetic every time; x: slowest over fastest",
     )
-    save(made, path)
+    save_png(made, path)
 
 
 def _timed_as(row: Row) -> set[tuple[str, str]]:
@@ -159,26 +163,20 @@ def _legend(look: dict[str, dict[str, Any]]) -> list[Line2D]:
 
 def error_table(rows: Iterable[Row]) -> list[str]:
     """Lines of the table: means over seeds; the best of each column is for the reader to find."""
-    cells = []
-    for row in rows:
-        values = [row.metric(name, "all") for name in TABLE]
-        shown = [
-            value.value * (100 if name == "missed" else 1) if value else None
-            for name, value in zip(TABLE, values, strict=True)
+    body = [
+        [
+            Text(_model(row), "code"),
+            row.regime,
+            str(len(row.records)),
+            *(
+                metric_number(row.metric(name, "all"), DECIMALS.get(name, 3), interval=False)
+                for name in TABLE
+            ),
         ]
-        cells.append(
-            [
-                f"`{row.first.model.name}`",
-                row.regime,
-                str(len(row.records)),
-                *(_shown(name, v) for name, v in zip(TABLE, shown, strict=True)),
-            ]
-        )
-    return table([Head(head, right=k > 1) for k, head in enumerate(HEADS)], cells)
-
-
-def _shown(name: str, value: float | None) -> str:
-    return "n/a" if value is None else number(value, 1 if name == "missed" else 3)
+        for row in rows
+    ]
+    columns = [Column(head, right=k > 1) for k, head in enumerate(HEADS)]
+    return table_lines(table(columns, body))
 
 
 def _value(record: Any, metric: str) -> float:

@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterable, Sequence
 from inspect import cleandoc
 
-from tactibench.board.markdown import Head, table
-
 SECTIONS = ("Args:", "Attributes:", "Returns:", "Raises:")
 
 
@@ -64,7 +62,8 @@ def code(text: str) -> str:
 
 def grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """A table whose columns all stand to the left; a blank line before and after."""
-    return ["", *table([Head(head, right=False) for head in heads], rows), ""]
+    lines = (heads, ["---"] * len(heads), *rows)
+    return ["", *(f"| {' | '.join(cells)} |" for cells in lines), ""]
 
 
 def fenced(text: str, language: str = "python") -> list[str]:

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.board.ranking import RANKING
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics.compare import press_means
 from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.files import read_arrays
 from tactibench.run.score import trials_of
@@ -51,7 +51,7 @@ def ranked_errors(
     keys: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> Arrays:
     """Arrays of the error that orders the board; empty where none does."""
-    if keys.id not in RANKING:
+    if board_spec(keys.id).ranking is None:
         return {}
     found = press_errors_of(keys, trials_of(keys, truth, predicted))
     return {f"{RANKED}press": found.press, f"{RANKED}error": found.error}
@@ -59,7 +59,9 @@ def ranked_errors(
 
 def press_errors_of(keys: Protocol, trials: Trials | PlateTrials) -> PressErrors:
     """The error that orders the board of a protocol, which has one."""
-    by = RANKING[keys.id]
+    by = board_spec(keys.id).ranking
+    if by is None:
+        raise UserError(f"no error orders the board of {keys.id}, so it ranks nothing.")
     group = by.group if keys.answer == "plate" else "all"  # elsewhere it is an axis, or all
     error = press_means(by.metric, trials, (group,))[:, 0]
     known = np.isfinite(error)

@@ -14,8 +14,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tactibench.board.ranking import RankingError
 from tactibench.board.rows import Row, latency, machine
+from tactibench.protocols.board_spec import Ranking
 
 SETTLED = 0.02
 """Two blocks of calls that differ by less end a warm-up; times closer than that are not told
@@ -76,9 +76,7 @@ class Frontier:
         return "frontier" if point in self.best else "not dominated"
 
 
-def frontiers(
-    rows: Iterable[Row], error: RankingError, wanted: str | None = None
-) -> list[Frontier]:
+def frontiers(rows: Iterable[Row], error: Ranking, wanted: str | None = None) -> list[Frontier]:
     """The frontier of every regime among rows timed on one machine: the wanted, or the busiest."""
     able = [row for row in rows if not row.trivial]
     chosen = wanted or busiest(able)
@@ -88,7 +86,7 @@ def frontiers(
     ]
 
 
-def _of_regime(regime: str, rows: Sequence[Row], error: RankingError, chosen: str) -> Frontier:
+def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, chosen: str) -> Frontier:
     points, untimed, elsewhere = [], [], 0
     for row in rows:
         here = _timed_on(row, chosen)
@@ -142,7 +140,7 @@ def _latency(row: Row) -> Range | None:
     return Range(value, min(*times, value * (1 - SETTLED)), max(*times, value * (1 + SETTLED)))
 
 
-def _error(row: Row, error: RankingError) -> Range | None:
+def _error(row: Row, error: Ranking) -> Range | None:
     """Mean over seeds, in the envelope of their intervals; None where a seed has no value."""
     pooled = row.metric(error.metric, error.group)
     if pooled is None or pooled.censored:

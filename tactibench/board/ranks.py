@@ -17,9 +17,9 @@ from functools import reduce
 import numpy as np
 
 from tactibench.board.committed import PressErrors
-from tactibench.board.ranking import RANKING
 from tactibench.board.rows import Row
 from tactibench.contacts import FloatArray
+from tactibench.protocols.board_spec import board_spec
 from tactibench.stats.intervals import mean_interval
 from tactibench.stats.paired import grouped
 
@@ -59,9 +59,9 @@ class Ranks:
 
 def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
     """Ranks of the rows of one section; None for a protocol that no error orders."""
-    if protocol not in RANKING:
+    by = board_spec(protocol).ranking
+    if by is None:
         return None
-    by = RANKING[protocol]
     found = [row.metric(by.metric, by.group) for row in rows]
     tables = [_pooled(row, errors) for row in rows]
     values = {k: f.value for k, f in enumerate(found) if f is not None and not f.censored}

@@ -13,8 +13,8 @@ from tactibench.cli.options import board_option, json_option, store_option, writ
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from tactibench.board.boards import Page
     from tactibench.records.store import StoredRun
+    from tactibench.report.board_page import PageFile
 
 
 OUTPUT = click.Path(path_type=Path, dir_okay=False, writable=True)
@@ -57,10 +57,11 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
 
     Exit code 1 when a page is out of date.
     """
-    from tactibench.board.boards import check_folder, pages
+    from tactibench.board.boards import check_folder
+    from tactibench.report.board_page import page_files
 
     check_folder(board_folder)
-    made = pages(board_folder)
+    made = page_files(board_folder)
     stale = [page for page in made if not page.current]
     for page in stale:
         click.echo(
@@ -148,9 +149,9 @@ def verify(
     from tactibench.board.verifying.verdict import metric_rows
     from tactibench.board.verifying.verdict import verify as check
     from tactibench.cli.output import Terminal
-    from tactibench.cli.report.verify import print_verdict
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
+    from tactibench.report.verify_report import print_verdict
     from tactibench.run.components import data_folder
 
     source = Source(trusted_host(), cache_folder(), data_folder(data))
@@ -200,8 +201,8 @@ def export(
 ) -> None:
     """Write the figures of all boards as JSON, CSV or LaTeX files."""
     from tactibench.board.boards import check_folder
-    from tactibench.board.export import csv_text, latex_text, tidy_rows
     from tactibench.records.files import atomic, write_json
+    from tactibench.report.board_export import board_csv, board_latex, tidy_rows
 
     if json_file is csv_file is latex_file is None:
         raise UserError("nothing to write; name a file with --json, --csv or --latex.")
@@ -211,10 +212,10 @@ def export(
         write_json(json_file, rows)
     if csv_file is not None:
         with atomic(csv_file) as stream:
-            stream.write(csv_text(rows).encode())
+            stream.write(board_csv(rows).encode())
     if latex_file is not None:
         with atomic(latex_file) as stream:
-            stream.write(latex_text(board_folder).encode())
+            stream.write(board_latex(board_folder).encode())
 
 
 @board.command()
@@ -261,16 +262,17 @@ def hidden(protocol: str, board_folder: Path) -> None:
 
 
 def _write_pages(board_folder: Path) -> None:
-    from tactibench.board.boards import check_folder, pages
+    from tactibench.board.boards import check_folder
+    from tactibench.report.board_page import page_files
 
     check_folder(board_folder)
-    for page in pages(board_folder):
+    for page in page_files(board_folder):
         click.echo(_page_line(page))
         if not page.current:
             page.write()
 
 
-def _page_line(page: Page) -> str:
+def _page_line(page: PageFile) -> str:
     curve = f", {page.on_curve} of them for the learning curve" if page.on_curve else ""
     state = "unchanged" if page.current else "written"
     return f"{page.path}: {page.records} runs{curve}; {state}"

@@ -27,9 +27,9 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     """
     from tactibench.board.comparison import compare_runs, rows_of
     from tactibench.cli.output import Terminal
-    from tactibench.cli.report.compare import print_comparisons
     from tactibench.records.files import write_json
     from tactibench.records.store import open_run
+    from tactibench.report.compare_report import print_comparisons
 
     if len(names) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")

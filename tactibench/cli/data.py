@@ -117,9 +117,10 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     tactibench data fit recordings/331
     """
     from tactibench.cli.output import Terminal
-    from tactibench.cli.report.cells import print_grid
     from tactibench.datasets import ImportOptions, fit_recording, open_recording, presses_to_fit
     from tactibench.records.files import write_json
+    from tactibench.report.table import Column, Head, table
+    from tactibench.report.writers.terminal import print_table
 
     terminal = Terminal()
     recording = open_recording(folder)
@@ -132,8 +133,8 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     )
     offset = (f"{pivot.offset_mm:.3f}", f"{pivot.offset_std:.3f}", f"{pivot.offset_scatter:.3f}")
     turn = (f"{pivot.pivot_mm:.2f}", f"{pivot.pivot_std:.2f}", f"{pivot.pivot_scatter:.2f}")
-    heads = ("", "mm", "one sigma", "of scatter")
-    print_grid(terminal.out, heads, [("a", *offset), ("p", *turn)], right=frozenset(heads[1:]))
+    heads: list[Head] = ["", *map(Column, ("mm", "one sigma", "of scatter"))]
+    print_table(terminal.out, table(heads, [("a", *offset), ("p", *turn)]))
     terminal.say(f"median misfit of the pins' spread: {pivot.residual:.1%}")
     if fit.shear:
         terminal.say(f"shear taken out: {', '.join(fit.shear)}")

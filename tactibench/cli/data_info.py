@@ -71,7 +71,8 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
 
 
 def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:
-    from tactibench.cli.report.cells import print_grid
+    from tactibench.report.table import table
+    from tactibench.report.writers.terminal import print_table
 
     presses = len(set(recording.presses))
     rest = "none"
@@ -94,31 +95,25 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
     if recording.about:
         facts.append(("says more", ", ".join(recording.about)))
     terminal.say(str(folder))
-    print_grid(terminal.out, ("", ""), [(f"  {a}", b) for a, b in facts], show_heads=False)
+    print_table(terminal.out, table(("", ""), [(f"  {a}", b) for a, b in facts]))
 
 
 def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
-    from tactibench.cli.report.cells import print_grid
+    from tactibench.report.numbers import fixed
+    from tactibench.report.table import Cell, Column, Head, Number, table
+    from tactibench.report.writers.terminal import print_table
 
     changing = [label for label in labels if not label.constant]
     terminal.say("")
     if changing:
-        print_grid(
-            terminal.out,
-            ("label", "least", "mean", "most", "", "histogram"),
-            [
-                (
-                    label.name,
-                    f"{label.low:.2f}",
-                    f"{label.mean:.2f}",
-                    f"{label.high:.2f}",
-                    label.unit,
-                    label.bars,
-                )
-                for label in changing
-            ],
-            right=frozenset({"least", "mean", "most"}),
-        )
+        names = ("least", "mean", "most")
+        heads: list[Head] = ["label", *map(Column, names), "", "histogram"]
+        rows: list[list[Cell]] = []
+        for label in changing:
+            values = (label.low, label.mean, label.high)
+            numbers = (Number(value, fixed(2)) for value in values)
+            rows.append([label.name, *numbers, label.unit, label.bars])
+        print_table(terminal.out, table(heads, rows))
     same = [f"{label.name} {label.low:g}" for label in labels if label.constant]
     if same:
         terminal.say(f"the same in all frames: {', '.join(same)}")
@@ -189,7 +184,7 @@ def draw_sheet(path: Path, recording: Recording) -> None:
     """
     import numpy as np
 
-    from tactibench.board.figures.style import DPI, figure, headline, save
+    from tactibench.report.plots.style import DPI, headline, new_figure, save_png
     from tactibench.datasets.description import (
         changing_labels,
         label_values,
@@ -203,7 +198,7 @@ def draw_sheet(path: Path, recording: Recording) -> None:
     )
     width, height = SHEET_COLUMNS * (_TILE + _GAP), SHEET_ROWS * (_TILE + _ABOVE)
     paper = np.full((height, width, 3), 255, dtype=np.uint8)
-    picture = figure(width / DPI, height / DPI + _HEAD_INCHES)
+    picture = new_figure(width / DPI, height / DPI + _HEAD_INCHES)
     picture.set_layout_engine("none")
     axes = picture.add_axes((0, 0, 1, height / (height + _HEAD_INCHES * DPI)))
     axes.set_axis_off()
@@ -231,7 +226,7 @@ def draw_sheet(path: Path, recording: Recording) -> None:
         f"{title}: {len(recording):,} frames of {recording.kind}",
         f"{len(rows)} of them, spread over the labels; above each: {above}",
     )
-    save(picture, path)
+    save_png(picture, path)
 
 
 def _tile(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

@@ -92,8 +92,8 @@ def _repeat(
     json_file: Path | None,
 ) -> None:
     from tactibench.cli.output import Terminal
-    from tactibench.cli.report.determinism import print_findings
     from tactibench.records.files import write_json
+    from tactibench.report.determinism_report import print_findings
     from tactibench.run.environment import environment_facts
     from tactibench.run.evidence import Asked
     from tactibench.run.repeated import repeat, steps

@@ -106,9 +106,9 @@ def _list_runs(store: Path) -> list[Row]:
 
 
 def _list_weights() -> list[Row]:
-    from tactibench.board.numbers import duration, number
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
+    from tactibench.report.numbers import duration, number
     from tactibench.run.cached_weights import kept_weights
 
     folder = cache_folder()

@@ -29,7 +29,7 @@ VERBS = {
     "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
     "new": ("tactibench.cli.new:new", "begin a model, sensor or encoder of your own"),
     "plot": ("tactibench.cli.plot:plot", "figures: frontier, curve, stability, limit"),
-    "report": ("tactibench.cli.report_html:report", "the boards as one HTML page, offline"),
+    "report": ("tactibench.cli.report:report", "the boards as one HTML page, offline"),
     "run": ("tactibench.cli.run:run", "run a protocol with a model and score it"),
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),

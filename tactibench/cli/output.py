@@ -90,25 +90,24 @@ class TrainingBar:
 
 
 def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
-    """Print the result beside the published numbers, and make what pictures are missing."""
+    """Print the result beside the published numbers, and draw the pictures."""
     from tactibench.board.published import load_published
-    from tactibench.board.run_pictures import draw_pictures
-    from tactibench.cli.report import print_record
     from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.report.plots.run_pictures import draw_pictures
+    from tactibench.report.run_report import print_run
     from tactibench.shipped import shipped_folder
 
-    record, path = run.record, str(run.folder / RECORD)
+    record = run.record
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
     files = protocol_files()
-    tables: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
     axes: tuple[Axis, ...] = ()
     if record.protocol.id in files:
         protocol = read_protocol(files[record.protocol.id])
-        tables = protocol.keys.published.tables
+        names = protocol.keys.published.tables
         axes = protocol.keys.axes if protocol.hash == record.protocol.hash else ()
-    published = load_published(list(tables), shipped_folder("published"))
-    print_record(
-        terminal.out, record, published, [other.record for other in others], axes, path=path
-    )
+    published = load_published(names, shipped_folder("published"))
+    records = [other.record for other in others]
+    print_run(terminal.out, record, run.folder / RECORD, published, records, axes)
     for picture in draw_pictures(run, others):
         terminal.say(f"picture: {picture}")

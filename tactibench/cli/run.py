@@ -112,8 +112,8 @@ def run(
 
 def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:
     """Train, or find the weights in the cache, and say where they are."""
-    from tactibench.board.numbers import duration
     from tactibench.records.files import write_json
+    from tactibench.report.numbers import duration
     from tactibench.run.train import trained_model
 
     _, trained = trained_model(plan, terminal)

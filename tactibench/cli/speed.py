@@ -68,10 +68,10 @@ def speed(
     frames, on 1 and 2 threads are compared with those in float32, one frame a call.
     """
     from tactibench.cli.output import Terminal
-    from tactibench.cli.report.configurations import print_race
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
+    from tactibench.report.race_report import print_race
     from tactibench.run.environment import environment_facts
     from tactibench.run.plan import make_plan
     from tactibench.run.race import metric_rows, run_race, steps
@@ -100,7 +100,7 @@ def speed(
         "environment": facts,
     }
     if precision:
-        from tactibench.cli.report.drift import print_drifts
+        from tactibench.report.drift_report import print_drifts
         from tactibench.run.arithmetic import ways
         from tactibench.run.drift import run_drift
 

@@ -61,7 +61,6 @@ def sweep(
     protocol = "exp2"
     """
     from tactibench.cli.output import Terminal
-    from tactibench.cli.report.sweep import print_sweep
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json

@@ -103,6 +103,6 @@ def test_the_same_figures_as_csv_and_latex(cli, stored_run):
 
 
 def test_a_cell_that_a_spreadsheet_would_compute_is_text():
-    from tactibench.board.export import csv_text
+    from tactibench.report.board_export import board_csv
 
-    assert csv_text([{"model": "=1+1", "seeds": [0, 1]}]) == "model,seeds\n'=1+1,0 1\n"
+    assert board_csv([{"model": "=1+1", "seeds": [0, 1]}]) == "model,seeds\n'=1+1,0 1\n"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,13 @@ from tactibench.board.limits import (
     separation_limit,
     summary,
 )
-from tactibench.cli.report.limits import micrometres, print_limits
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
+from tactibench.report.plot_tables import limit_remarks, limit_table, micrometres
+from tactibench.report.plots.limit import limit_figure
+from tactibench.report.plots.style import image_bytes
+from tactibench.report.writers.terminal import terminal_text
 
 GRID = Grid.centred(5, 2.0)
 
@@ -134,35 +136,25 @@ def test_rows_are_finite_or_none() -> None:
         (1.48, "1,480"),
         (0.00999999, "10.0"),
         (float("inf"), "inf"),
-        (float("nan"), "n/a"),
-        (None, "n/a"),
         (2.5e-6, "0.00250"),
     ],
 )
-def test_micrometres_have_three_digits(value: float | None, text: str) -> None:
+def test_micrometres_have_three_digits(value: float, text: str) -> None:
     assert micrometres(value) == text
 
 
 def test_the_table_names_what_is_left_out() -> None:
-    import io
-
-    from rich.console import Console
-
-    stream = io.StringIO()
     maps = map_limits(Formula(), asked(Indenter.dual(9.0), (0.4,)), lambda _: None)
-    print_limits(Console(file=stream, width=80), maps, "simulated sensor formula")
-    text = stream.getvalue()
-    assert "simulated sensor formula" in text
+    text = " ".join(limit_remarks(maps))
     assert "of the worse of the two tips" in text
     assert "are refused: too far to the right." in text
     assert "have no bound" in text
-    assert max(map(len, text.splitlines())) <= 80
+    lines = terminal_text(limit_table(maps), 80).plain.splitlines()
+    assert max(map(len, lines)) <= 80
 
 
-def test_the_map_shows_empty_and_unbounded_cells(tmp_path: Path) -> None:
-    from tactibench.board.figures.limits import limit_maps
-
+def test_the_map_shows_empty_and_unbounded_cells() -> None:
     for indenter in (Indenter.dual(9.0), Indenter.dual(30.0)):  # some and all without a bound
         maps = map_limits(Formula(), asked(indenter, (0.4,)), lambda _: None)
-        limit_maps(tmp_path / "map.png", maps, title="t", measured_on="simulated " * 30)
-        assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+        figure = limit_figure(maps, title="t", measured_on="simulated " * 30)
+        assert image_bytes(figure, "png").startswith(b"\x89PNG")

@@ -13,8 +13,8 @@ from fake_distribution import fake_distribution
 from few_presses import few_presses
 
 from tactibench.cli.main import call
-from tactibench.cli.report.determinism import verdict
 from tactibench.errors import UserError
+from tactibench.report.determinism_report import verdict
 from tactibench.run.evidence import Asked
 from tactibench.run.repeated import ALONE, TWO, Finding, repeat, steps
 

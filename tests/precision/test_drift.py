@@ -12,7 +12,7 @@ from stubs import StubModel
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 from tactibench.cli.main import call
-from tactibench.cli.report.drift import length, share, table, verdict, worst
+from tactibench.report.drift_report import cells, length, share, verdict, worst
 from tactibench.run import arithmetic, drift
 from tactibench.run.arithmetic import ways
 from tactibench.run.difference import Difference, compare
@@ -100,7 +100,7 @@ def row(name: str = "bf16", batch: int = 1, threads: int = 1, median: float = 0.
 
 
 def test_settings_that_differ_in_threads_alone_share_a_line() -> None:
-    lines = table([row(), row(batch=8), row(threads=2), row(batch=8, threads=2, median=0.01)])
+    lines = cells([row(), row(batch=8), row(threads=2), row(batch=8, threads=2, median=0.01)])
     assert [line[:4] for line in lines] == [
         ("bf16", "1", "1, 2", "0.03000"),
         ("bf16", "8", "1", "0.03000"),

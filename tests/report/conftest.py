@@ -1,17 +1,21 @@
-"""One report of stored runs, made once, and hostile records that reports are made of."""
+"""Synthetic records to print, one report of stored runs, and hostile records of reports."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from report_material import HOSTILE, hostile_record, store_of
+from rich.console import Console
 
-from tactibench.board.html.material import Board, Material, gather
-from tactibench.board.published import PublishedTable
+from tactibench.board.published import PublishedTable, load_published
 from tactibench.protocols.loader import load_protocol
+from tactibench.records.record import Metric, Record
+from tactibench.report.html.report_data import ReportBoard, ReportData, gather
+from tactibench.report.run_report import print_run
 
 
 @pytest.fixture(scope="session")
@@ -26,22 +30,20 @@ def made_store(
 
 
 @pytest.fixture(scope="session")
-def page_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Material], str]:
-    for library in ("plotly", "jinja2", "markdown_it"):
-        pytest.importorskip(library, reason="the HTML report needs tactibench[report]")
-    from tactibench.board.html.write import report_page
+def page_of() -> Callable[[ReportData], str]:
+    pytest.importorskip("jinja2", reason="the HTML report needs tactibench[report]")
+    from tactibench.report.html.page import report_page
 
-    cache = tmp_path_factory.mktemp("cache")
-    return lambda material: report_page(material, cache)
+    return report_page
 
 
 @pytest.fixture(scope="session")
-def material(made_store: Path) -> Material:
+def report_data(made_store: Path) -> ReportData:
     return gather(made_store, made_store.parent / "leaderboards")
 
 
 @pytest.fixture(scope="session")
-def hostile(fabricate: Callable[..., dict[str, Any]]) -> Material:
+def hostile(fabricate: Callable[..., dict[str, Any]]) -> ReportData:
     """Every text that a plugin or a paper supplies tries to be markup."""
     records = []
     for k, text in enumerate(HOSTILE):
@@ -53,9 +55,9 @@ def hostile(fabricate: Callable[..., dict[str, Any]]) -> Material:
     tables = tuple(_table(k, text) for k, text in enumerate(HOSTILE))
     boards = []
     for name in ("exp1", "exp2"):
-        own = tuple(r for r in records if r["protocol"]["id"] == name)
-        boards.append(Board(load_protocol(name), own, tables, {}))
-    return Material(tuple(boards), HOSTILE[0])
+        own = tuple(r for r in records if r.protocol.id == name)
+        boards.append(ReportBoard(load_protocol(name), own, tables, {}))
+    return ReportData(tuple(boards), HOSTILE[0])
 
 
 def _resolved(k: int) -> tuple[tuple[str, str, float], ...]:
@@ -93,3 +95,251 @@ def _table(k: int, text: str) -> PublishedTable:
             "rows": rows,
         }
     )
+
+
+UNITS = {
+    "r2": "",
+    "resolved": "share",
+    "missed": "share",
+    "catch_resolved": "share",
+    "coverage": "share",
+    "spurious": "per frame",
+    "d_prime": "",
+    "rmse_over_bound": "",
+    "orientation_mae_deg": "deg",
+    "tilt_mae_deg": "deg",
+}
+DISTANCES = [f"{6.5 + k / 2:.1f}" for k in range(12)]
+
+
+def metric_row(
+    metric: str,
+    group: str,
+    value: float | None,
+    spread: float = 0.03,
+    n: int = 1000,
+    clusters: int = 1000,
+    **more: Any,
+) -> Metric:
+    low, high = (None, None) if value is None else (value - spread, value + spread)
+    if UNITS.get(metric) == "share" and value is not None:
+        low, high = max(0.0, value - spread), min(1.0, value + spread)
+    return Metric(
+        metric=metric,
+        group=group,
+        value=value,
+        low=low,
+        high=high,
+        n=n,
+        clusters=clusters,
+        unit=UNITS.get(metric, "mm"),
+        better="lower",
+        **more,
+    )
+
+
+def exp1_rows() -> list[Metric]:
+    rows = [
+        metric_row("r2", a, 0.99941 - k / 1e3, 0.0002)
+        for k, a in enumerate(("x", "y", "z", "mean"))
+    ]
+    rows += [metric_row("mae_mm", a, 0.0412 + k / 100, 0.0014) for k, a in enumerate("xyz")]
+    rows += [metric_row("mae_mm", "mean", 0.0512, 0.0011)]
+    rows += [metric_row("rmse_mm", a, 0.0531 + k / 100, 0.0031) for k, a in enumerate("xyz")]
+    rows += [
+        metric_row("rmse_mm", "mean", 0.0634, 0.0021),
+        metric_row("rmse_pooled_mm", "all", 0.0641, 0.0022),
+        metric_row("surface_rmse_mm", "all", 0.2113, 0.004),
+    ]
+    rows += [metric_row("rmse_over_bound", a, 3.14 + k, 0.2) for k, a in enumerate("xyz")]
+    return [
+        *rows,
+        metric_row("missed", "all", 0.0, 0.0037),
+        metric_row("spurious", "all", 0.0021, 0.001),
+    ]
+
+
+def exp2_rows(resolved: float = 0.6) -> list[Metric]:
+    rows = []
+    for k, d in enumerate(DISTANCES):
+        share = min(1.0, resolved + k * 0.05) if resolved else 0.0
+        n = round(100 * share)
+        error = None if not n else 0.92 - 0.05 * k
+        rows += [
+            metric_row("distance_mae_mm", d, error, 0.07, n, n),
+            metric_row(
+                "distance_penalised_mm",
+                d,
+                (1 - share) * float(d) + (error or 0) * share,
+                0.4,
+                100,
+                100,
+            ),
+            metric_row("resolved", d, share, 0.07, 100, 100),
+            metric_row("orientation_mae_deg", d, None if not n else 8.2 - 0.4 * k, 0.6, n, n),
+        ]
+    n = round(1200 * resolved)
+    some = None if not n else 0.652
+    rows += [
+        metric_row("distance_mae_mm", "all", some, 0.021, n, n),
+        metric_row("distance_penalised_mm", "all", 1.934, 0.11, 1200, 1200),
+        metric_row("resolved", "all", resolved, 0.02, 1200, 1200),
+        metric_row("threshold_mm", "all", 6.5, 0.2, 1200, 1200, censored="<"),
+        metric_row("catch_resolved", "all", 0.008, 0.01, 120, 120),
+        metric_row("d_prime", "all", 3.41, 0.4, 1320, 1320),
+        metric_row("orientation_mae_deg", "all", None if not n else 5.31, 0.2, n, n),
+    ]
+    rows += [
+        metric_row(m, "all", v, 0.01, 2200, 1200)
+        for m, v in (
+            ("position_mean_mm", 0.361),
+            ("position_ungated_mm", 0.912),
+            ("depth_mae_mm", 0.204),
+            ("gospa1_mm", 0.891),
+            ("gospa2_mm", 1.21),
+            ("missed", 0.081),
+            ("spurious", 0.031),
+            ("surface_rmse_mm", 0.311),
+        )
+    ]
+    return rows
+
+
+def exp3_rows() -> list[Metric]:
+    rows = []
+    for metric, v in (
+        ("position_mean_mm", 0.408),
+        ("position_ungated_mm", 0.71),
+        ("depth_mae_mm", 0.164),
+        ("relative_depth_mae_mm", 0.21),
+        ("gospa1_mm", 0.9),
+        ("gospa2_mm", 1.1),
+        ("missed", 0.021),
+        ("spurious", 0.017),
+        ("surface_rmse_mm", 0.33),
+    ):
+        for group, true, presses in (
+            ("dual", 2000, 1000),
+            ("triple", 3000, 1000),
+            ("all", 5000, 2000),
+        ):
+            n = round(0.979 * true) if metric in {"position_mean_mm", "depth_mae_mm"} else true
+            rows.append(metric_row(metric, group, v, 0.012, n, presses))
+    return rows
+
+
+def surface_rows() -> list[Metric]:
+    return [
+        metric_row("depth_mae_mm", "all", 0.0561, 0.0021, 1210, 1210),
+        metric_row("tilt_mae_deg", "all", 1.134, 0.05, 1210, 1210),
+        metric_row("coverage", "all", 1.0, 0.003, 1210, 1210),
+    ]
+
+
+METRICS = {
+    "exp1": exp1_rows,
+    "exp2": exp2_rows,
+    "exp3": exp3_rows,
+    "surface": surface_rows,
+}
+RECORD_FILE = "experiments/of/a/long/name/tactile/runs/{}/record.json"
+TITLES = {
+    "exp1": "single-point sensing",
+    "exp2": "two-point discrimination",
+    "exp3": "position and depth of several tips",
+    "surface": "depth and tilt of a plate",
+}
+
+
+def made_record(protocol: str, **changes: Any) -> Record:
+    real = protocol == "surface"
+    speed = [
+        {
+            "scenario": "single",
+            "threads": t,
+            "batch": 1,
+            "phase": phase,
+            "p50_ms": ms / t,
+            "p90_ms": 1.2 * ms / t,
+            "p99_ms": 1.9 * ms / t,
+            "mean_ms": 1.05 * ms / t,
+            "per_s": 950 * t / 6.3,
+            "settled": True,
+        }
+        for t in (1, 2)
+        for phase, ms in (("preprocess", 0.09), ("forward", 5.4), ("decode", 0.81), ("total", 6.3))
+    ]
+    made = {
+        "schema": 1,
+        "name": f"{protocol}-unet-single-1f00",
+        "created": "2026-01-01T00:00:00+00:00",
+        "regime": "recorded" if real else "single",
+        "protocol": {
+            "id": protocol,
+            "version": 1,
+            "hash": "0123456789ab",
+            "title": TITLES[protocol],
+        },
+        "model": {"name": "cnn" if real else "unet", "parameters": {"width": 16}},
+        "encoder": None if real else {"name": "hertz", "parameters": {}},
+        "sensor": {
+            "name": "recorded" if real else "tactip-127",
+            "parameters": {},
+            "origin": "real" if real else "simulated",
+        },
+        "seed": 0,
+        "partial": False,
+        "limits": {"quick": False, "limit": None},
+        "identity": {"weights_hash": "", "predictions_hash": "", "stored": {}},
+        "environment": {
+            "cpu": "Intel(R) Xeon(R) Processor @ 2.10GHz",
+            "threads": 2,
+            "fingerprint": "0a1b2c3d4e5f",
+        },
+        "metrics": METRICS[protocol](),
+        "speed": speed,
+        "timed": {"configuration": "bfloat16, channels_last, batch 1", "difference_mm": 0.0012},
+        "training": {"epochs": 20, "seconds": 241.3, "presses": 3600},
+        "data": {
+            "train": 3600,
+            "validation": 400,
+            "test": 1320,
+            "rejected": 0 if real else 2417,
+            "published_frames": real,
+        },
+        "signature": f"tactibench 0.1.0|{protocol}@1#0123456789ab|unet#77aa|hertz|tactip-127|"
+        "seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
+    }
+    return Record.model_validate({**made, **changes})
+
+
+@pytest.fixture
+def row() -> Callable[..., Metric]:
+    """Metric, group, value, ... -> a metric of a record."""
+    return metric_row
+
+
+@pytest.fixture
+def exp2() -> Callable[..., list[Metric]]:
+    """The share of pairs that were resolved -> the metrics of exp2."""
+    return exp2_rows
+
+
+@pytest.fixture
+def record() -> Callable[..., Record]:
+    """Protocol, keys to change -> a record."""
+    return made_record
+
+
+@pytest.fixture(scope="session")
+def render() -> Callable[..., str]:
+    """A record, the width and other stored records -> what is printed, published rows below."""
+    folder = Path(__file__).parents[2] / "leaderboards" / "published"
+    tables = load_published(["tactiverse", "tac-vgnn"], folder)
+
+    def rendered(shown: Record, width: int = 80, others: Any = ()) -> str:
+        console = Console(file=io.StringIO(), width=width, force_terminal=False)
+        print_run(console, shown, RECORD_FILE.format(shown.name), tables, others)
+        return console.file.getvalue()  # type: ignore[attr-defined]
+
+    return rendered

@@ -123,8 +123,8 @@ class Lab:
     def _command(
         self, where: Path, arguments: tuple[str, ...], before: Callable[[], None] | None
     ) -> int:
-        from tactibench.board import run_pictures
         from tactibench.cli.main import call
+        from tactibench.report.plots import run_pictures
 
         os.chdir(where)
         os.environ["TACTIBENCH_CACHE"] = str(where / "cache")

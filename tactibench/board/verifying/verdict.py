@@ -19,12 +19,12 @@ from tactibench.board.committed import (
     split_ranked,
 )
 from tactibench.board.labels import label_of, measured_on
-from tactibench.board.ranking import RANKING
 from tactibench.board.safe import read_untrusted, refuse_names
 from tactibench.board.submissions import refuse_partial
 from tactibench.board.verifying.answers import check_answers
 from tactibench.board.verifying.truth import Source, shots_of, truth_of
 from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
@@ -62,8 +62,8 @@ class Verdict:
 
     def headline(self) -> list[Metric]:
         """The error that orders the board, and what was missed."""
-        by = RANKING.get(self.record.protocol.id)
-        wanted = [] if by is None else [(by.metric, by.group)]
+        ranking = board_spec(self.record.protocol.id).ranking
+        wanted = [] if ranking is None else [(ranking.metric, ranking.group)]
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
         return [row for row in self.again if (row.metric, row.group) in wanted]
 

@@ -1,0 +1,152 @@
+"""The boards as a tidy list, for other programs, and as LaTeX, for a paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tactibench.board.cost import (
+    by_machine,
+    frames_per_second,
+    memory,
+    operations,
+    parameters,
+    training_seconds,
+)
+from tactibench.board.labels import whole
+from tactibench.board.ranking import ordered
+from tactibench.board.ranks import Errors, Ranks, ranks
+from tactibench.board.rows import Row, latency, machine
+from tactibench.board.sections import Section, sections_of
+from tactibench.board.submissions import all_press_errors, read_submissions
+from tactibench.protocols.board_spec import Block as BoardTable
+from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.loader import protocol_files
+from tactibench.report.numbers import fixed
+from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
+from tactibench.report.writers.csv import csv_text
+from tactibench.report.writers.latex import latex_text
+
+COSTS = (
+    ("p90_ms", "ms", lambda record: latency(record, threads=1)),
+    ("frames_per_s", "1/s", frames_per_second),
+    ("parameters", "", parameters),
+    ("flops", "", operations),
+    ("peak_memory_mb", "MB", memory),
+    ("training_s", "s", training_seconds),
+)
+
+
+def tidy_rows(board: Path) -> list[dict[str, Any]]:
+    """Return a line for every board, row and metric: rank, mean over seeds, interval, counts."""
+    lines = []
+    for name, sections, errors in _boards(board):
+        for section in sections:
+            ranked = ranks(name, section.rows, errors)
+            for k, row in enumerate(section.rows):
+                rank = None if ranked is None else ranked.by_row[k]
+                lines += [{**line, "rank": rank} for line in _lines(name, section, row)]
+    return lines
+
+
+def board_csv(lines: list[dict[str, Any]]) -> str:
+    """Return tidy rows as CSV; lists are written with spaces between."""
+    heads = list(dict.fromkeys(key for line in lines for key in line))
+    return csv_text(table(heads, [[_cell(line.get(head)) for head in heads] for line in lines]))
+
+
+def board_latex(board: Path) -> str:
+    """Return the first table of every section of every board."""
+    texts = []
+    for name, sections, errors in _boards(board):
+        spec = board_spec(name)
+        for section in sections if spec.blocks else ():
+            rows = ordered(name, section.rows)
+            title = f"{name}, {section.title}"
+            signatures = [record.signature for row in rows for record in row.records]
+            first = _first_table(title, rows, spec.blocks[0], ranks(name, rows, errors))
+            texts.append(latex_text(first, signatures))
+    return "\n".join(texts)
+
+
+def _boards(board: Path) -> Iterator[tuple[str, list[Section], Errors]]:
+    for name in protocol_files():
+        records = read_submissions(board, name)
+        yield name, sections_of(whole(records)), all_press_errors(board, records)
+
+
+def _first_table(title: str, rows: list[Row], spec: BoardTable, ranked: Ranks | None) -> Table:
+    numbers = (None,) * len(rows) if ranked is None else ranked.by_row
+    heads: list[Head] = [
+        Column(""),
+        *("model", "encoder", "regime"),
+        Column("seeds"),
+        *(Column(column.head) for column in spec.columns),
+    ]
+    body: list[list[Cell]] = []
+    for rank, row in zip(numbers, rows, strict=True):
+        metrics = (
+            metric_number(row.metric(c.metric, c.group), c.decimals, interval=c.interval)
+            for c in spec.columns
+        )
+        body.append(
+            [
+                None if rank is None else Number(rank, fixed(0)),
+                Text(row.model, "italic" if row.trivial else ""),
+                row.encoder or None,
+                row.regime,
+                str(len(row.records)),
+                *metrics,
+            ]
+        )
+    note = r"mean over seeds [95\,\% interval over presses]"
+    return table(heads, body, title=title, note=note)
+
+
+def _cell(value: Any) -> Cell:
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, list):
+        return " ".join(map(str, value))
+    return Number(value, str)
+
+
+def _lines(protocol: str, section: Section, row: Row) -> list[dict[str, Any]]:
+    subject = {
+        "protocol": protocol,
+        "sensor": section.title,
+        "model": row.model,
+        "encoder": row.encoder or None,
+        "regime": row.regime,
+        "mixing": row.mixing or None,
+        "seeds": list(row.seeds),
+    }
+    lines = []
+    for metric, group in dict.fromkeys((m.metric, m.group) for r in row.records for m in r.metrics):
+        pooled = row.metric(metric, group)
+        if pooled is not None:
+            facts = {
+                "metric": metric,
+                "group": group,
+                "value": pooled.value,
+                "unit": pooled.unit,
+                "low": pooled.low,
+                "high": pooled.high,
+                "sd": pooled.sd,
+                "clusters": list(pooled.clusters),
+                "censored": pooled.censored,
+            }
+            lines.append(subject | facts)
+    for part in by_machine(row):
+        for metric, unit, quantity in COSTS:
+            if values := part.over(quantity):
+                facts = {
+                    "seeds": list(part.seeds),
+                    "metric": metric,
+                    "group": machine(part.first),
+                    "value": sum(values) / len(values),
+                    "unit": unit,
+                }
+                lines.append(subject | facts)
+    return lines

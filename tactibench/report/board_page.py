@@ -1,0 +1,288 @@
+"""The page of a board: a function of the committed records and published tables.
+
+The Markdown pages under ``leaderboards/`` and the chapters of the HTML report are the same blocks,
+written by two writers.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from tactibench.board.boards import check_folder
+from tactibench.board.curve import Curve, curves
+from tactibench.board.labels import TRIVIAL, command_options, section_key, trained_on, whole
+from tactibench.board.published import PublishedTable, load_published
+from tactibench.board.ranking import ordered
+from tactibench.board.ranks import Errors, ranks
+from tactibench.board.rows import Row, rows_of
+from tactibench.board.sections import Section, sections_of
+from tactibench.board.submissions import all_press_errors, committed_protocols, read_submissions
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.board_spec import Block as BoardTable
+from tactibench.protocols.board_spec import BoardSpec, board_spec
+from tactibench.protocols.board_spec import Column as MetricColumn
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.records.files import atomic
+from tactibench.records.record import Record
+from tactibench.report.board_tables import cost_blocks, curve_table, metric_table, published_blocks
+from tactibench.report.document import Block, Code, Fold, Heading, Inline, Paragraph, Prose, prose
+from tactibench.report.hard_cases import hard_case_blocks
+from tactibench.report.numbers import plural
+from tactibench.report.writers.markdown import markdown
+from tactibench.shipped import shipped_folder
+
+READING = """\
+Each table holds one sensor: simulated and real never share a column. A row is a model with its
+parameters (those that are not at their defaults), encoder and training regime, its training seeds
+pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over presses.
+`sd`: standard deviation over training seeds, which is not part of the interval. `mixing`: frames
+that a model made for itself out of single presses, per training frame. Models in italics are
+trivial. `n/a`: not measured, or one seed has no value."""
+GENERATED = "<!-- Made by `tactibench board` from submissions/ and published/; do not edit. -->"
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """The tables of one sensor.
+
+    Attributes:
+        section: Its rows, sensor and test frames.
+        rows: Those of the first table, in their order.
+        curves: Learning curves.
+        blocks: All tables and notes.
+    """
+
+    section: Section
+    rows: tuple[Row, ...]
+    curves: tuple[Curve, ...]
+    blocks: tuple[Block, ...]
+
+    @property
+    def title(self) -> str:
+        """The sensor and what it was tested on."""
+        return self.section.title
+
+
+@dataclass(frozen=True)
+class BoardPage:
+    """A board as blocks. published: with its heading; empty where no paper has a row."""
+
+    title: str
+    intro: tuple[Block, ...]
+    sections: tuple[PageSection, ...]
+    published: tuple[Block, ...]
+
+    def markdown(self) -> str:
+        """Return the page as it stands under ``leaderboards/``."""
+        blocks: list[Block] = [*self.intro]
+        for part in self.sections:
+            blocks += [Heading(2, part.title), *part.blocks]
+        body = markdown([*blocks, *self.published])
+        return f"# {self.title}\n\n{GENERATED}\n\n{body}\n"
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """The file of a page. records: that it was made from; on_curve: those of fewer presses."""
+
+    path: Path
+    text: str
+    records: int
+    on_curve: int
+
+    @property
+    def current(self) -> bool:
+        """Whether the file holds this very text."""
+        try:
+            return self.path.read_text(encoding="utf-8") == self.text
+        except (OSError, UnicodeDecodeError):
+            return False
+
+    def write(self) -> None:
+        """Write the file at once."""
+        with atomic(self.path) as stream:
+            stream.write(self.text.encode())
+
+
+def page_files(board: Path) -> list[PageFile]:
+    """Return the page of every protocol, made from the committed records.
+
+    Raises:
+        UserError: There is no board, or it holds records of an unknown protocol.
+    """
+    check_folder(board)
+    files = protocol_files()
+    for name in committed_protocols(board):
+        if name not in files:
+            raise UserError(
+                f"{board} holds records of a protocol {name!r}; {did_you_mean(name, files)}"
+            )
+    return [_page_file(board, name, files[name]) for name in files]
+
+
+def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTable]:
+    """Return the published tables of a protocol: the board's own, or those of the package."""
+    own = board / "published"
+    folder = own if own.is_dir() else shipped_folder("published")
+    return load_published(protocol.keys.published.tables, folder)
+
+
+def _page_file(board: Path, name: str, file: Path) -> PageFile:
+    protocol = read_protocol(file)
+    records = read_submissions(board, name)
+    page = board_page(
+        protocol, records, published_tables(protocol, board), all_press_errors(board, records)
+    )
+    on_curve = len(records) - len(whole(records))
+    return PageFile(board / f"{name}.md", page.markdown(), len(records), on_curve)
+
+
+def board_page(
+    protocol: LoadedProtocol,
+    records: Sequence[Record],
+    published: Sequence[PublishedTable],
+    errors: Errors = MappingProxyType({}),
+) -> BoardPage:
+    """Return the page of a board.
+
+    Args:
+        protocol: Its present version.
+        records: Those of this protocol, of any version.
+        published: Tables of papers.
+        errors: Press by press, of the records that have predictions beside them.
+    """
+    name = protocol.keys.id
+    spec = board_spec(name)
+    sections = tuple(
+        _page_section(spec, section, protocol, records, errors)
+        for section in sections_of(whole(records))
+    )
+    intro = [prose(READING), *_order(spec)]
+    if not sections:
+        text = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
+        intro.append(prose(text))
+    title = f"{name}: {protocol.keys.title}"
+    return BoardPage(title, tuple(intro), sections, tuple(published_blocks(name, published)))
+
+
+def _order(spec: BoardSpec) -> list[Block]:
+    if spec.ranking is None:
+        return []
+    text = (
+        f"Rows are ordered by {spec.ranking.name}, trivial ones last. The order is no rank: "
+        "rows that cannot be told apart share one."
+    )
+    return [prose(text)]
+
+
+def _page_section(
+    spec: BoardSpec,
+    section: Section,
+    protocol: LoadedProtocol,
+    records: Iterable[Record],
+    errors: Errors,
+) -> PageSection:
+    name, first = protocol.keys.id, section.record
+    rows = ordered(name, section.rows)
+    blocks: list[Block | None] = [
+        *_other_version(first, protocol),
+        *_test_frames(first),
+        *_scene_counts(first),
+    ]
+    ranked = ranks(name, rows, errors)
+    for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):
+        blocks.append(metric_table(table, rows, None if k else ranked))
+    blocks += hard_case_blocks(rows, protocol.keys.axes)
+    learning: tuple[Curve, ...] = ()
+    if spec.ranking is not None:
+        here = [r for r in records if section_key(r) == section_key(first)]
+        learning = tuple(curves(rows_of(here), spec.ranking))
+        blocks.append(curve_table(learning, spec.ranking))
+    timed = any(record.speed for row in rows for record in row.records)
+    if timed and (first.test_sensor is None or trained_on(first)):
+        blocks += cost_blocks(rows)  # elsewhere the same weights cost the same
+    runs = [record for row in rows for record in row.records]
+    signatures = tuple(record.signature for record in runs)
+    summary = f"Signature{'s' if len(runs) > 1 else ''} of {plural(len(runs), 'run')}"
+    blocks += [*_missing_trivial(name, rows), _commits(runs), Fold(summary, signatures)]
+    kept = tuple(block for block in blocks if block is not None)
+    return PageSection(section, tuple(rows), learning, kept)
+
+
+def _other_version(record: Record, protocol: LoadedProtocol) -> list[Block]:
+    made_with = record.protocol
+    if made_with.hash == protocol.hash:
+        return []
+    text = (
+        f"Made with version {made_with.version} of the protocol (`{made_with.hash[:8]}`), "
+        f"which is not the present one (`{protocol.hash[:8]}`)."
+    )
+    return [prose(text)]
+
+
+def _test_frames(record: Record) -> list[Block]:
+    """Return how many frames of how many presses, where the protocol's draws are not tested."""
+    tested = record.test_sensor
+    if tested is None:
+        return []
+    frames, presses = record.data.test, tested.presses
+    counted = f"{presses:,} presses"
+    if frames != presses:
+        counted = f"{frames:,} frames of {counted}"
+    parts: list[Inline]
+    if trained := trained_on(record):
+        adapted = record.data.of_tested_sensor
+        left = 0 if adapted is None else adapted.left_out_calibrated
+        fitted = f" {left:,} frames to which the simulator was fitted test nothing." if left else ""
+        text = (
+            f", tested on {counted} of another sensor, of which a "
+            "model is given the rest image and as many labelled frames as a column says, none "
+            f"of them a test press.{fitted}"
+        )
+        parts = [Prose("Trained on "), trained, Prose(text)]
+    else:
+        text = f"Trained on the sensor itself and tested on {counted}: "
+        parts = [Prose(text), Code(command_options(record)[1:]), Prose(".")]
+    return [Paragraph(tuple(parts))]
+
+
+def _scene_counts(record: Record) -> list[Block]:
+    """Return how the sensor made the test scenes, where it made them in more than one way."""
+    counts = record.sensor.scene_counts.get("test", {})
+    made = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
+    return [Paragraph((Prose("Test scenes: "), made, Prose(".")))] if made else []
+
+
+def _commits(runs: Sequence[Record]) -> Block:
+    """Return the commits that the runs were made with, and whether files had been changed."""
+    commits = Counter(record.identity.commit for record in runs)
+    parts: list[Inline] = [Prose("Runs by commit of tactibench: ")]
+    for k, (commit, count) in enumerate(sorted(commits.items())):
+        name, plus, _ = commit.partition("+")
+        changed = ", with uncommitted changes" if plus else ""
+        parts += [Prose("; " if k else ""), Code(name[:10]), Prose(f"{changed} ({count})")]
+    return Paragraph((*parts, Prose(".")))
+
+
+def _missing_trivial(name: str, rows: Sequence[Row]) -> list[Block]:
+    """Return how to make the trivial rows that a board lacks."""
+    there = {row.first.model.name for row in rows}
+    absent = sorted(TRIVIAL - there)
+    if trained_on(rows[0].first) or not absent:  # the board does not know where recordings lie
+        return []
+    asked = "".join({command_options(row.first) for row in rows})
+    made = " and ".join(f"`tactibench run {name} --model {model}{asked}`" for model in absent)
+    return [prose(f"Trivial rows are missing: {made} on this sensor.")]
+
+
+def _all_metrics(rows: Sequence[Row]) -> BoardTable:
+    """Return the table of a protocol that declares none."""
+    names = dict.fromkeys(
+        m.metric for row in rows for record in row.records for m in record.metrics
+    )
+    columns = tuple(MetricColumn(metric=n, group="all", head=n, decimals=4) for n in names)
+    return BoardTable(title="Metrics", columns=columns)

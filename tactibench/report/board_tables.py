@@ -1,0 +1,323 @@
+"""Tables of a board: one row a model in one configuration, its training seeds pooled."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from tactibench.board.cost import (
+    by_machine,
+    difference,
+    frames_per_second,
+    memory,
+    operations,
+    parameters,
+    training_seconds,
+)
+from tactibench.board.curve import Curve, Step, counts
+from tactibench.board.published import PublishedRow, PublishedTable, rows_for
+from tactibench.board.ranks import Ranks
+from tactibench.board.rows import Pooled, Row, latency, machine
+from tactibench.protocols.board_spec import Block as BoardTable
+from tactibench.protocols.board_spec import Column as MetricColumn
+from tactibench.protocols.board_spec import Ranking
+from tactibench.records.record import Record
+from tactibench.report import document
+from tactibench.report.document import Bullets, Code, Emphasis, Heading, Paragraph, prose
+from tactibench.report.labels import HEADS
+from tactibench.report.numbers import Format, duration, fixed, number, scaled, significant, span
+from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
+
+IDENTITY = (
+    Column("model", right=False, who=True),
+    "encoder",
+    "regime",
+    Column("mixing"),
+    Column("seeds"),
+)
+PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distance error, mm"}
+LATENCY_NOTE = (
+    "One frame to contacts in mm, batch 1, one thread where nothing else is said; mean over seeds. "
+    "frames/s: the best batch. To float32: median distance of the timed configuration's answers "
+    "from the float32 ones, which are scored. Times may be compared inside one machine only. "
+    "\\*: still drifting when the warm-up ended."
+)
+COST_NOTE = (
+    "Operations: floating-point, of one frame. Memory: peak of the whole process while it was "
+    "timed. Training: the experiments share their weights; a run that found them in the cache "
+    "shows the time that they took."
+)
+
+
+def identity(row: Row) -> list[Cell]:
+    """Return the cells of IDENTITY; trivial models are in italics."""
+    return [
+        Text(row.model, "italic" if row.trivial else ""),
+        row.encoder or "none",
+        row.regime,
+        row.mixing or "no",
+        seed_count(len(row.records)),
+    ]
+
+
+def seed_count(count: int) -> str:
+    """Return "3", or "1 seed": one says nothing about the others."""
+    return "1 seed" if count == 1 else str(count)
+
+
+def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = None) -> Table | None:
+    """Return the table of a board; None where it is optional and no row has its first column.
+
+    Args:
+        spec: Which metrics stand in the table.
+        rows: In the order of the table.
+        ranks: Of the rows, in a column before the others; None: no such column.
+    """
+    first = spec.columns[0]
+    pooled = [row.metric(first.metric, first.group) for row in rows]
+    if spec.optional and not any(pooled):
+        return None
+    heads: list[Column | str] = [*IDENTITY]
+    for column in spec.columns:
+        heads.append(Column(column.head))
+        if column.spread:
+            title = f"standard deviation over training seeds of {column.head}"
+            heads.append(Column("sd", title=title))
+    body = [[*identity(row), *_metric_cells(row, spec)] for row in rows]
+    if ranks is not None:
+        heads.insert(0, Column("rank"))
+        body = [
+            [rank if rank is None else Number(rank, fixed(0)), *cells]
+            for rank, cells in zip(ranks.by_row, body, strict=True)
+        ]
+    presses = [count for one in pooled if one is not None for count in one.clusters]
+    counted = f"{span(presses)} presses." if presses else ""
+    note = " ".join(filter(None, (spec.note, counted, "" if ranks is None else ranks.note)))
+    return table(heads, body, title=spec.title, note=note)
+
+
+def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:
+    for column in spec.columns:
+        pooled = row.metric(column.metric, column.group)
+        below = _share_below(row, column, spec)
+        yield metric_number(pooled, column.decimals, interval=column.interval, below=below)
+        if column.spread:
+            yield _spread(pooled, column.decimals)
+
+
+def _spread(pooled: Pooled | None, decimals: int) -> Number | None:
+    if pooled is None or pooled.sd is None:
+        return None
+    return Number(pooled.sd * (100.0 if pooled.unit == "share" else 1.0), fixed(decimals))
+
+
+def _share_below(row: Row, column: MetricColumn, spec: BoardTable) -> str:
+    """Return the share that qualifies an error of one distance."""
+    share = spec.below.get(column.metric)
+    pooled = None if share is None else row.metric(share, column.group)
+    return "" if pooled is None else f"{number(100 * pooled.value, 0)} %"
+
+
+def cost_blocks(rows: Sequence[Row]) -> list[document.Block]:
+    """Return the tables of latency and cost, and the machines behind the fingerprints."""
+    parts = [part for row in rows for part in by_machine(row)]
+    latencies = table(
+        (
+            *IDENTITY,
+            Column("p90, ms"),
+            Column("sd", title="standard deviation over training seeds of p90, ms"),
+            *map(Column, ("p50, ms", "p90, all threads, ms", "frames/s", "to float32, mm")),
+            "timed as",
+            "machine",
+        ),
+        [[*identity(row), *_latency_cells(row)] for row in parts],
+        title="Latency",
+        note=LATENCY_NOTE,
+    )
+    costs = table(
+        (
+            *IDENTITY,
+            *map(Column, ("weights", "operations", "memory, MB", "training")),
+            Column("sd, s", title="standard deviation over training seeds of the training time"),
+            "trained on",
+            "machine",
+        ),
+        [[*identity(row), *_cost_cells(row)] for row in parts],
+        title="Cost",
+        note=COST_NOTE,
+    )
+    machines = {machine(record): record for row in rows for record in row.records}
+    named = tuple(
+        (Code(name), document.Prose(": "), _machine(record))
+        for name, record in sorted(machines.items())
+    )
+    return [latencies, costs, Bullets(named)]
+
+
+def _latency_cells(row: Row) -> Iterator[Cell]:
+    times = row.over(lambda record: latency(record, threads=1))
+    mark = "" if _settled(row) else "*"
+    yield Number(statistics.fmean(times), significant, mark=mark) if times else None
+    yield _deviation(times, lambda value: significant(value, 2))
+    yield _mean(row, lambda r: latency(r, threads=1, statistic="p50_ms"), significant)
+    yield _mean(row, lambda r: latency(r, threads=None), significant)
+    yield _mean(row, frames_per_second, fixed(0))
+    yield _mean(row, difference, fixed(4))
+    yield _each_once(row, lambda record: record.timed.configuration)
+    yield Text(machine(row.first), "code")
+
+
+def _cost_cells(row: Row) -> Iterator[Cell]:
+    yield _mean(row, parameters, scaled)
+    yield _mean(row, operations, scaled)
+    yield _mean(row, memory, "{:,.0f}".format)
+    yield _mean(row, training_seconds, duration)
+    yield _deviation(row.over(training_seconds), "{:,.0f}".format)
+    yield _each_once(row, lambda record: record.training.device)
+    yield Text(machine(row.first), "code")
+
+
+def _mean(row: Row, quantity: Callable[[Record], float | None], write: Format) -> Number | None:
+    values = row.over(quantity)
+    return Number(statistics.fmean(values), write) if values else None
+
+
+def _deviation(values: Sequence[float], write: Format) -> Number | None:
+    """Return the sample standard deviation over seeds, None for one."""
+    return Number(statistics.stdev(values), write) if len(values) > 1 else None
+
+
+def _each_once(row: Row, words: Callable[[Record], str | None]) -> str:
+    return "; ".join(sorted({words(record) or "n/a" for record in row.records}))
+
+
+def _settled(row: Row) -> bool:
+    return all(
+        speed.settled
+        for record in row.records
+        for speed in record.speed
+        if (speed.scenario, speed.threads) == ("single", 1)
+    )
+
+
+def _machine(record: Record) -> str:
+    facts = record.environment
+    parts = [
+        facts.cpu,
+        f"{facts.cores_logical} logical cores" if facts.cores_logical else None,
+        ", ".join(facts.cpu_flags),
+        *(facts.gpu),
+        f"torch {facts.torch}" if facts.torch else None,
+        facts.os,
+    ]
+    return "; ".join(part for part in parts if part)
+
+
+def curve_table(curves: Sequence[Curve], error: Ranking) -> Table | None:
+    """Return the learning curves, a column for every number of presses; None without curves."""
+    if not curves:
+        return None
+    presses = counts(curves)
+    body: list[list[Cell]] = []
+    for curve in curves:
+        steps = {step.presses: step for step in curve.steps}
+        body.append([curve.label, *(_step_number(steps.get(n), error.decimals) for n in presses)])
+    note = (
+        f"{error.name[0].upper()}{error.name[1:]}, {error.unit}, by the presses that a model "
+        "learned from; the validation presses are the same in all. Below: the standard deviation "
+        "over seeds, or how many there are."
+    )
+    heads: list[Head] = [
+        Column("model", right=False, who=True),
+        *(Column(f"{n:,}") for n in presses),
+    ]
+    return table(heads, body, title="Learning curve", note=note)
+
+
+def _step_number(step: Step | None, decimals: int) -> Number | None:
+    if step is None or step.error is None:
+        return None
+    sd = step.error.sd
+    below = seed_count(step.seeds) if sd is None else f"sd {number(sd, decimals)}"
+    return Number(step.error.value, fixed(decimals), below=below)
+
+
+def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[document.Block]:
+    """Return the published rows of a protocol, a table a paper, with where they come from."""
+    blocks: list[document.Block] = []
+    for paper in papers:
+        if rows := rows_for(protocol, paper):
+            blocks += _paper_blocks(paper, rows)
+    if not blocks:
+        return []
+    return [
+        Heading(2, "Published"),
+        prose("Numbers as printed, measured elsewhere by others."),
+        *blocks,
+    ]
+
+
+def _paper_blocks(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[document.Block]:
+    """Columns are the metrics and groups that any of its rows has."""
+    metrics = list(
+        dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items() for g in groups)
+    )
+    digits = {metric: _printed_decimals(metric, rows) for metric, _ in metrics}
+    rated = any(row.speed for row in rows)
+    heads: list[Head] = [
+        Column("model", right=False, who=True),
+        "regime",
+        *(Column(_published_head(metric, group)) for metric, group in metrics),
+        Column("n"),
+        *(["speed"] if rated else []),
+        "comparable",
+        "source",
+    ]
+    body = [
+        [
+            row.model,
+            row.regime,
+            *(_printed_number(row, m, g, digits[m]) for m, g in metrics),
+            f"{row.n:,} {row.unit}" if row.n else None,
+            *([_printed_speed(row)] if rated else []),
+            row.comparable,
+            row.source,
+        ]
+        for row in rows
+    ]
+    who = (paper.authors, document.Prose(", "), Emphasis(paper.title))
+    where = (document.Prose(f", {paper.year}. Measured on: "), paper.measured_on)
+    reasons = dict.fromkeys(row.note for row in rows)
+    return [
+        Heading(3, paper.name),
+        Paragraph((*who, *where, document.Prose("."))),
+        table(heads, body),
+        Bullets(tuple((text,) for text in (*reasons, *paper.notes))),
+    ]
+
+
+def _published_head(metric: str, group: str) -> str:
+    name = PUBLISHED_HEADS.get(metric, metric)
+    return name if group == "all" else f"{name}, {group}"
+
+
+def _printed_number(row: PublishedRow, metric: str, group: str, digits: int) -> Number | None:
+    value = row.value(metric, group)
+    if value is None:
+        return None
+    digits = min(digits, row.decimals)
+    if metric == "coverage":
+        return Number(100 * value, f"{{:.{digits - 2}f}}".format)
+    return Number(value, f"{{:.{digits}f}}".format)
+
+
+def _printed_decimals(metric: str, rows: Sequence[PublishedRow]) -> int:
+    """Return the decimals that a paper prints of a metric: the most that any value has."""
+    values = [value for row in rows for value in row.metrics.get(metric, {}).values()]
+    return max((len(str(value).partition(".")[2]) for value in values), default=0)
+
+
+def _printed_speed(row: PublishedRow) -> str | None:
+    if row.speed is None:
+        return None
+    return f"{row.speed.phase} {row.speed.per_s:g}/s, {row.speed.hardware}"

@@ -1,0 +1,73 @@
+"""A page before it is Markdown or HTML: headings, paragraphs, lists, tables.
+
+Text of this program is ``Prose``, in which `...` is code. All other text (names, notes, titles of
+papers) is a plain string, which every writer escapes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tactibench.report.table import Table
+
+
+@dataclass(frozen=True)
+class Prose:
+    """Words of this program; `backticks` mark code."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Emphasis:
+    """Words in italics."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Code:
+    """Words in a fixed pitch."""
+
+    text: str
+
+
+Inline = Prose | Emphasis | Code | str
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading; level 1 is the title of the page."""
+
+    level: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Words in a row."""
+
+    parts: tuple[Inline, ...]
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    items: tuple[tuple[Inline, ...], ...]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Lines in a fixed pitch behind a summary that a reader opens."""
+
+    summary: str
+    lines: tuple[str, ...]
+
+
+Block = Heading | Paragraph | Bullets | Fold | Table
+
+
+def prose(text: str) -> Paragraph:
+    """Return a paragraph of this program's own words."""
+    return Paragraph((Prose(text),))

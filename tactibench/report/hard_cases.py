@@ -1,0 +1,145 @@
+"""Tables of hard cases: where errors double, and the error case by case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tactibench.board.hard_cases import ERROR, Case, Graded, graded
+from tactibench.board.rows import Pooled, Row
+from tactibench.protocols.families import Axis
+from tactibench.report.board_tables import IDENTITY, identity
+from tactibench.report.document import Block, Heading, prose
+from tactibench.report.numbers import fixed, general, number
+from tactibench.report.table import Cell, Column, Head, Number, Table, table
+
+WITH_INTERVALS = 2
+"""Intervals of more models than these would not fit beside each other."""
+DOUBLING_NOTE = (
+    "Value at which the error is twice that of the easy case, linear between the cases; below "
+    'it, where the ends of the ratios\' 95 % intervals reach two. "<", ">": not doubled at '
+    "the hardest case, which stands behind it. n/a: the easy case costs more than half the "
+    "gate already. A model with a small error doubles it early: "
+    "the error itself stands below."
+)
+
+
+def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
+    """Return tables of doubling points and of the error case by case.
+
+    Families that are pressed stand apart from families of faults; nothing for a protocol without
+    families.
+    """
+    if not axes:
+        return []
+    families = [graded(row, axes) for row in rows]
+    pressed = [a for a in axes if a.ordered and a.reference.startswith(f"{a.family}:")]
+    faults = [axis for axis in axes if axis.ordered and axis not in pressed]
+    note = (
+        f"`{ERROR}`, the easy case first; below it, missed contacts in %, and false contacts per "
+        "frame where there are any."
+    )
+    return [
+        _doubling_table(rows, families, pressed, "Where the error doubles: what is pressed"),
+        _doubling_table(
+            rows, families, faults, "Where the error doubles: the camera and its light"
+        ),
+        Heading(3, "Error by case, mm"),
+        prose(note),
+        *(block for k, axis in enumerate(axes) for block in _case_blocks(rows, families, k, axis)),
+    ]
+
+
+def _doubling_table(
+    rows: Sequence[Row], families: Sequence[Sequence[Graded]], axes: Sequence[Axis], title: str
+) -> Table:
+    body = []
+    for row, grades in zip(rows, families, strict=True):
+        by_family = {grade.axis.family: grade for grade in grades}
+        cells = (doubling_number(by_family[axis.family].doubles) for axis in axes)
+        body.append([*identity(row), *cells])
+    heads: list[Head] = [*IDENTITY, *(Column(family_head(axis)) for axis in axes)]
+    return table(heads, body, title=title, note=DOUBLING_NOTE)
+
+
+def family_head(axis: Axis) -> str:
+    """Return a family with its unit: "grazing, mm"."""
+    return f"{axis.family}, {axis.unit}" if axis.unit else axis.family
+
+
+def doubling_number(pooled: Pooled | None) -> Number | None:
+    """Return where an error doubles: "0.21" with its interval, "> 6.5" where it does not."""
+    if pooled is None:
+        return None
+    return Number(pooled.value, general, (pooled.low, pooled.high), pooled.censored or "")
+
+
+def _case_blocks(
+    rows: Sequence[Row], families: Sequence[Sequence[Graded]], k: int, axis: Axis
+) -> list[Block]:
+    heads: list[Head] = [*IDENTITY, *(Column(f"{case.value:g}") for case in families[0][k].cases)]
+    body = [
+        [*identity(row), *(_case_number(case) for case in grades[k].cases)]
+        for row, grades in zip(rows, families, strict=True)
+    ]
+    unit = f", {axis.unit}" if axis.unit else ""
+    return [Heading(4, f"{axis.family}: {axis.title}{unit}"), table(heads, body)]
+
+
+def _case_number(case: Case) -> Number | None:
+    if case.error is None:
+        return None
+    below = []
+    if case.missed is not None:
+        below.append(f"{number(100 * case.missed.value, 1)} %")
+    if case.spurious is not None and case.spurious.value:
+        below.append(f"{number(case.spurious.value, 2)} false")
+    return Number(case.error.value, fixed(3), below=", ".join(below))
+
+
+def family_table(row: Row, axes: Sequence[Axis]) -> Table:
+    """Return the error of the easy and of the hardest case of every family of one row."""
+    heads: list[Head] = [
+        "family",
+        *map(Column, ("easy", "mm", "hardest", "mm", "missed, %", "worst ratio")),
+        "doubles at",
+    ]
+    title = "Error by family, from the easy case to the hardest"
+    return table(heads, [_family_cells(grade) for grade in graded(row, axes)], title=title)
+
+
+def _family_cells(grade: Graded) -> list[Cell]:
+    first, last = grade.cases[0], grade.cases[-1]
+    several = len(grade.cases) > 1
+    return [
+        family_head(grade.axis),
+        f"{first.value:g}" if several else "",
+        _error(first) if several else "",
+        f"{last.value:g}" if several else "",
+        _error(last),
+        "" if last.missed is None else Number(100 * last.missed.value, fixed(1)),
+        "" if grade.worst is None else Number(grade.worst.value, fixed(1)),
+        doubling_number(grade.doubles) if grade.axis.ordered else "",
+    ]
+
+
+def _error(case: Case) -> Number | None:
+    return None if case.error is None else Number(case.error.value, fixed(3))
+
+
+def doubling_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
+    """Return where the errors of several models double, a row a family, a column a model."""
+    families = [graded(row, axes) for row in rows]
+    body: list[list[Cell]] = []
+    for k, axis in enumerate(axes):
+        if axis.ordered:
+            numbers: list[Cell] = []
+            for grades in families:
+                doubles = doubling_number(grades[k].doubles)
+                if doubles is not None and len(rows) > WITH_INTERVALS:
+                    doubles = replace(doubles, interval=None)
+                numbers.append(doubles)
+            body.append([family_head(axis), f"{axis.easy:g} to {axis.values[-1]:g}", *numbers])
+    heads: list[Head] = ["family", "easy to hardest", *(row.label for row in rows)]
+    interval = "" if len(rows) > WITH_INTERVALS else ": value [95 % interval]"
+    return table(heads, body, title=f"Where the error doubles{interval}")

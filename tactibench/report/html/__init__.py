@@ -1,0 +1,1 @@
+"""The report: boards and runs as one HTML file that asks no network for anything."""

@@ -1,0 +1,326 @@
+"""The figures of a report: the same pictures as PNG files, with their numbers as tables."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tactibench.board.frontier import frontiers
+from tactibench.board.rows import Row, latency, machine
+from tactibench.errors import UserError
+from tactibench.metrics.gospa import gospa_per_frame
+from tactibench.metrics.trials import Trials
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records.record import Record
+from tactibench.report.board_page import PageSection
+from tactibench.report.hard_cases import doubling_table
+from tactibench.report.html.report_data import ReportBoard
+from tactibench.report.numbers import fixed, number, plural, significant
+from tactibench.report.plot_tables import curve_steps_table, frontier_table
+from tactibench.report.plots.curve import curve_figure
+from tactibench.report.plots.distance import (
+    Series,
+    distance_figure,
+    distance_series,
+    threshold_figure,
+)
+from tactibench.report.plots.frames import worst_frames_figure
+from tactibench.report.plots.frontier import frontier_figure
+from tactibench.report.plots.relief import relief_figure
+from tactibench.report.plots.run_pictures import RunArrays
+from tactibench.report.plots.stability import stability_figure
+from tactibench.report.plots.style import image_bytes
+from tactibench.report.table import Cell, Column, Number, Table, metric_number, table
+
+CURVES = 6
+"""Rows in one picture: more could not be told apart."""
+WORST_ROWS, WORST = 8, 3
+"""Rows whose worst frames are shown, the best first, and frames of each."""
+RELIEF_ROWS = 2
+PAGE_DPI = 100
+WITHOUT_FRAMES = (
+    "Worst frames and heatmaps in relief are stored with runs, not with committed records: run a "
+    "model, such as `tactibench run {} --model unet`, and make the report with `--store runs`."
+)
+T = TypeVar("T")
+MISSES = (("missed", "missed"), ("resolved", "resolved as two"), ("coverage", "answered"))
+"""What an error is never shown without: the first of these that a row has."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One choice of a panel. image: data URI. tables: the numbers behind the image."""
+
+    label: str
+    image: str
+    tables: tuple[Table, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A figure under a heading, of which one option is shown. ask: the name of the choice."""
+
+    title: str
+    caption: str
+    options: tuple[Option, ...]
+    ask: str = ""
+
+
+def panels(section: PageSection, board: ReportBoard) -> list[Panel]:
+    """Return the figures of one sensor."""
+    rows = [row for row in section.rows if not row.trivial]
+    candidates = (
+        _frontier_panel(rows, board.name),
+        *_distance_panels(rows, board, section.title),
+        _curve_panel(section, board.name),
+        _stability_panel(rows, board, section.title),
+        _worst_panel(rows, board),
+        _relief_panel(rows, board),
+    )
+    return [panel for panel in candidates if panel is not None and panel.options]
+
+
+def machine_words(record: Record) -> str:
+    """Return a machine in words: "AMD EPYC, 2 cores (2814b7530aaa)"."""
+    facts = record.environment
+    cores = f"{facts.cores_logical} cores" if facts.cores_logical else ""
+    parts = [str(facts.cpu or "unknown"), cores, *(str(gpu) for gpu in facts.gpu)]
+    return f"{', '.join(filter(None, parts))} ({machine(record)})"
+
+
+def misses(row: Row) -> str:
+    """Return "missed 0.17 %": of all frames; "" where the row counts no misses."""
+    for metric, words in MISSES:
+        for group in ("all", "0"):
+            pooled = row.metric(metric, group)
+            if pooled is not None:
+                return f"{words} {number(100 * pooled.value, 2)} %"
+    return ""
+
+
+def row_latency(row: Row) -> Number | None:
+    """Return the p90 of one frame, ms, where all seeds were timed on one machine."""
+    times = row.over(lambda record: latency(record, threads=1))
+    if not times or len({machine(record) for record in row.records}) > 1:
+        return None
+    return Number(sum(times) / len(times), significant)
+
+
+def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
+    data = base64.b64encode(image_bytes(figure, kind, PAGE_DPI)).decode()
+    return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
+
+
+def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
+    error = board_spec(protocol).ranking
+    if error is None:
+        return None
+    options = []
+    for name in sorted({machine(record) for row in rows for record in row.records}):
+        found = [one for one in frontiers(rows, error, name) if one.points]
+        if found:
+            words = machine_words(found[0].points[0].row.first)
+            untimed = ", ".join(label for one in found for label in one.untimed)
+            note = f"Without a time or an error: {untimed}." if untimed else ""
+            image = _image(frontier_figure(found, error, measured_on=words))
+            tables = tuple(frontier_table(one, error) for one in found)
+            options.append(Option(words, image, tables, note))
+    caption = (
+        "p90 of one frame to contacts on one thread against the error that orders the board; bars: "
+        "95 % over presses, of all seeds. Hollow: dominated beyond the intervals. Dashed: the "
+        "least error within a time. Times are compared inside one machine only."
+    )
+    return Panel("Speed against error", caption, tuple(options), "timed on")
+
+
+def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
+    series = [distance_series(row, fitted=True) for row in rows]
+    series = [one for one in series if len(one.resolved) > 1]
+    if not series:
+        return
+    batches = _batches(series)
+    published = board.published
+    yield Panel(
+        "Error against distance",
+        "Means over seeds; bars: 95 % over presses. Hollow: less than half of the pairs were "
+        "resolved, so that the error is one of few. Dashed lines: published means over all "
+        "distances, of another sensor and other presses.",
+        tuple(
+            Option(
+                label,
+                _image(distance_figure(part, published=published, measured_on=where)),
+                (_distance_table(part),),
+            )
+            for label, part in batches
+        ),
+        "rows",
+    )
+    yield Panel(
+        "Seen as two",
+        "Above: an unresolved pair counts its true distance. Below: share of pairs resolved "
+        "(exactly two contacts predicted, both matched), and the logistic fit behind the "
+        "threshold. Fits are means over seeds; where one does not cross 75 % at any tested "
+        "distance, the points are joined instead.",
+        tuple(
+            Option(
+                label,
+                _image(threshold_figure(part, measured_on=where)),
+                (_threshold_table([row for row in rows if row.label in labels]),),
+            )
+            for label, part in batches
+            for labels in [{one.label for one in part}]
+        ),
+        "rows",
+    )
+
+
+def _batches(rows: Sequence[T]) -> list[tuple[str, Sequence[T]]]:
+    """Return the rows by sixes, the best first, each with the places of its rows."""
+    parts = [rows[k : k + CURVES] for k in range(0, len(rows), CURVES)]
+    if len(parts) == 1:
+        return [("", parts[0])]
+    return [(f"{k * CURVES + 1} to {k * CURVES + len(part)}", part) for k, part in enumerate(parts)]
+
+
+def _distance_table(series: Sequence[Series]) -> Table:
+    rows: list[list[Cell]] = []
+    for one in series:
+        penalised = {line[0]: line for line in one.penalised}
+        error = {line[0]: line for line in one.error}
+        for distance, share, *_ in one.resolved:
+            cells = (
+                None if line is None else Number(line[1], fixed(3), (line[2], line[3]))
+                for line in (error.get(distance), penalised.get(distance))
+            )
+            rows.append(
+                [
+                    one.label,
+                    Number(distance, "{:g}".format),
+                    *cells,
+                    Number(100 * share, fixed(0)),
+                ]
+            )
+    names = ["distance, mm", "error, mm", "penalised error, mm", "resolved, %"]
+    return table((Column("model", right=False, who=True), *map(Column, names)), rows)
+
+
+def _threshold_table(rows: Sequence[Row]) -> Table:
+    shown = (("threshold_mm", 2), ("resolved", 1), ("catch_resolved", 1))
+    body = [
+        [row.label, *(metric_number(row.metric(name, "all"), digits) for name, digits in shown)]
+        for row in rows
+    ]
+    names = ["threshold, mm", "resolved, %", "single seen as two, %"]
+    return table((Column("model", right=False, who=True), *map(Column, names)), body)
+
+
+def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
+    error = board_spec(protocol).ranking
+    if error is None or not section.curves:
+        return None
+    options = tuple(
+        Option(label, _image(curve_figure(part, error)), (curve_steps_table(part, error),))
+        for label, part in _batches(section.curves)
+    )
+    caption = "Error against the presses that a model learned from; bars: 95 % over presses."
+    return Panel("Learning curve", caption, options, "rows")
+
+
+def _stability_panel(rows: Sequence[Row], board: ReportBoard, where: str) -> Panel | None:
+    axes = board.protocol.keys.axes
+    if not axes or not rows:
+        return None
+    options = tuple(
+        Option(
+            label,
+            _image(stability_figure(part, axes, measured_on=where), "png"),
+            (doubling_table(part, axes),),
+        )
+        for label, part in _batches(rows)
+    )
+    caption = (
+        "Every panel is a family, from the easy case on the left to the hardest on the right. A "
+        "tick marks where the error is twice that of the easy case."
+    )
+    return Panel("Error on hard cases", caption, options, "rows")
+
+
+def _stored(rows: Sequence[Row], board: ReportBoard) -> Iterator[tuple[Row, RunArrays]]:
+    """Return rows whose first seed is a stored run of the present protocol."""
+    if board.protocol.keys.answer != "contacts":
+        return
+    for row in rows:
+        run = board.runs.get(row.first.name)
+        if run is not None and row.first.protocol.hash == board.protocol.hash:
+            yield row, RunArrays(run, board.protocol.keys)
+
+
+def _worst_panel(rows: Sequence[Row], board: ReportBoard) -> Panel:
+    options = []
+    for row, arrays in _stored(rows[:WORST_ROWS], board):
+        try:
+            options.append(_worst_frames(row, arrays))
+        except (UserError, KeyError, ValueError, IndexError):
+            continue  # a run with damaged arrays keeps its other figures
+    caption = (
+        "A ring of the tip's radius at every true contact, a cross at every predicted one. Ordered "
+        "by GOSPA (p = 1), in which a miss costs half the gate."
+    )
+    return Panel("Worst frames", caption, tuple(options), "model")
+
+
+def _worst_frames(row: Row, arrays: RunArrays) -> Option:
+    """Draw the worst of the frames that a run has stored."""
+    frames = [int(k) for k in arrays.examples["index"]]
+    test = arrays.spec.test
+    trials = Trials(
+        tuple(arrays.contacts[k] for k in frames),
+        tuple(arrays.predicted[k] for k in frames),
+        arrays.truth["press"][frames],
+        tuple(str(arrays.truth["group"][k]) for k in frames),
+        max_depth=arrays.spec.workspace.depth_max_mm,
+        gate=test.gate_mm,
+        level=test.level,
+    )
+    errors = gospa_per_frame(trials, 1).values
+    worst = np.argsort(-errors, kind="stable")[:WORST]
+    examples = [
+        (f"{arrays.truth['press'][frames[k]]}: {errors[k]:.3f} mm", arrays.example(frames[k]))
+        for k in worst
+    ]
+    note = (
+        f"Seed {row.seeds[0]}, of the {len(frames)} frames that the run stored; "
+        f"{len(arrays.contacts):,} were tested."
+    )
+    return Option(row.label, _image(worst_frames_figure(examples), "png"), note=note)
+
+
+def _relief_panel(rows: Sequence[Row], board: ReportBoard) -> Panel:
+    options: list[Option] = []
+    for row, arrays in _stored(rows, board):
+        if len(options) == RELIEF_ROWS:
+            break
+        try:
+            counts = [len(contacts) for contacts in arrays.contacts]
+            frame = int(np.argmax(counts))
+            heatmap, surface = arrays.map_of(frame), arrays.map_of(frame, "surface")
+            if heatmap is None:
+                continue
+            depth = heatmap * arrays.spec.workspace.depth_max_mm
+            image = _image(relief_figure(arrays.grid, depth, surface), "png")
+        except (UserError, KeyError, ValueError, IndexError):
+            continue
+        count = plural(counts[frame], "contact")
+        note = f"Seed {row.seeds[0]}, {arrays.truth['press'][frame]}, {count}."
+        options.append(Option(row.label, image, note=note))
+    caption = (
+        "The heatmap of a model, as scored, and the true inward displacement of the skin where the "
+        "sensor knows it, on the same scale; the first test frame with the most contacts."
+    )
+    return Panel("Predicted heatmap in relief", caption, tuple(options), "model")

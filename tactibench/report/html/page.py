@@ -1,0 +1,133 @@
+"""The page of a report: one template fed with pages of boards and their figures.
+
+The same data gives the same bytes. A Content-Security-Policy names the one script by its hash, so
+that nothing else runs, whatever a name or note says.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+from tactibench import __version__
+from tactibench.errors import UserError
+from tactibench.report.board_page import BoardPage, PageSection, board_page
+from tactibench.report.html.facts import best_rows, machines, plan, software
+from tactibench.report.html.figures import WITHOUT_FRAMES, Panel, panels
+from tactibench.report.html.report_data import ReportBoard, ReportData
+from tactibench.report.writers.html import html, prose_html, table_html
+
+POLICY = (
+    "default-src 'none'; script-src '{}'; style-src 'unsafe-inline'; img-src data:; "
+    "base-uri 'none'; form-action 'none'"
+)
+
+
+@dataclass(frozen=True)
+class SectionView:
+    """One sensor on the page. key: of its anchor. lacking: why some figures are not there."""
+
+    key: str
+    title: str
+    tables: str
+    panels: tuple[Panel, ...]
+    lacking: str
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One protocol on the page. intro, published: HTML made of escaped text."""
+
+    key: str
+    title: str
+    intro: str
+    sections: tuple[SectionView, ...]
+    published: str
+
+
+def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: None) -> str:
+    """Return the HTML of a report.
+
+    Args:
+        data: What it shows.
+        advance: Is told the protocol that is being worked on.
+
+    Raises:
+        UserError: The library of the extra ``report`` is missing.
+    """
+    template = _template()
+    pages = [
+        (board, board_page(board.protocol, board.records, board.published, board.errors))
+        for board in data.boards
+    ]
+    chapters = []
+    for board, page in pages:
+        advance(board.name)
+        chapters.append(_chapter(board, page))
+    advance("page")
+    records = [record for board in data.boards for record in board.records]
+    script = _asset("page.js")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    text: str = template.render(
+        origin=data.origin,
+        version=__version__,
+        chapters=chapters,
+        style=_asset("page.css"),
+        script=script,
+        policy=POLICY.format(f"sha256-{digest}"),
+        best=best_rows(pages),
+        plans=[plan(board) for board in data.boards],
+        environment=[machines(records), software(records)],
+    )
+    return text
+
+
+def _chapter(board: ReportBoard, page: BoardPage) -> Chapter:
+    sections = tuple(
+        _section(board, section, _anchor(board.name, k)) for k, section in enumerate(page.sections)
+    )
+    published = html(page.published[1:])  # the template has its heading
+    return Chapter(board.name, page.title, html(page.intro), sections, published)
+
+
+def _section(board: ReportBoard, section: PageSection, key: str) -> SectionView:
+    stored = any(row.first.name in board.runs for row in section.rows)
+    lacking = board.protocol.keys.answer == "contacts" and not stored
+    return SectionView(
+        key,
+        section.title,
+        html(section.blocks),
+        tuple(panels(section, board)),
+        WITHOUT_FRAMES.format(board.name) if lacking else "",
+    )
+
+
+def _anchor(name: str, number: int) -> str:
+    return re.sub(r"[^a-z0-9-]", "-", f"{name}-{number}")
+
+
+def _template() -> Any:
+    try:
+        from jinja2 import Environment, StrictUndefined
+        from markupsafe import Markup
+    except ImportError:
+        raise UserError(
+            "the HTML report needs jinja2, which is not installed; run "
+            "`pip install 'tactibench[report]'`."
+        ) from None
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    # The writers escape every text that they are given.
+    environment.filters["table"] = lambda table: Markup(table_html(table))  # noqa: S704  # nosec
+    environment.filters["prose"] = lambda text: Markup(prose_html(text))  # noqa: S704  # nosec
+    return environment.from_string(_asset("page.html.j2"))
+
+
+def _asset(name: str) -> str:
+    return (files("tactibench.report.html") / "assets" / name).read_text(encoding="utf-8")

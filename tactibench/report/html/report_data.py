@@ -1,0 +1,173 @@
+"""The data of a report: stored runs, committed records, or both, protocol by protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tactibench.board.boards import check_folder
+from tactibench.board.committed import PressErrors, press_errors_of
+from tactibench.board.published import PublishedTable
+from tactibench.board.ranks import Errors
+from tactibench.board.submissions import all_press_errors, read_submissions, slot
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.records.record import Record
+from tactibench.records.store import RECORD, StoredRun, stored_runs
+from tactibench.report.board_page import published_tables
+from tactibench.report.html.origins import AUTO, BOARD, RUNS
+from tactibench.report.numbers import plural
+from tactibench.run.request import folder_label
+from tactibench.run.score import trials_of
+
+
+@dataclass(frozen=True, eq=False)
+class ReportBoard:
+    """One protocol of a report.
+
+    Attributes:
+        protocol: Its present version.
+        records: Of all runs that are shown.
+        published: Tables of papers.
+        errors: Press by press, by the name of the record.
+        runs: Stored runs, by the name of the record.
+    """
+
+    protocol: LoadedProtocol
+    records: tuple[Record, ...]
+    published: tuple[PublishedTable, ...]
+    errors: Errors
+    runs: Mapping[str, StoredRun] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The id of the protocol."""
+        return self.protocol.keys.id
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Boards in the order of the page. origin: a sentence on what was read and left out."""
+
+    boards: tuple[ReportBoard, ...]
+    origin: str
+
+
+def gather(
+    store: Path, board: Path, *, origin: str = AUTO, protocols: Sequence[str] = ()
+) -> ReportData:
+    """Read the data of a report.
+
+    Args:
+        store: The run store.
+        board: Folder of the leaderboards.
+        origin: One of ORIGINS; auto takes the store's runs where it holds complete ones, else the
+            committed records.
+        protocols: Those shown; () for all that have records.
+
+    Raises:
+        UserError: A protocol is unknown, or there is nothing to show.
+    """
+    files = protocol_files()
+    for name in protocols:
+        if name not in files:
+            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
+    runs = list(stored_runs(store)) if origin != BOARD else []
+    complete = [run for run in runs if not run.record.partial]
+    if origin == AUTO:
+        origin = RUNS if complete else BOARD
+    if origin == RUNS and not complete:
+        raise UserError(_no_complete_run(store, len(runs)))
+    if origin != RUNS:
+        check_folder(board)
+    shown = [name for name in files if not protocols or name in protocols]
+    boards = [_board(name, files[name], complete, board, origin) for name in shown]
+    boards = [one for one in boards if one.records or one.name in protocols]
+    if not boards:
+        raise UserError(
+            f"there is no complete run to show, neither in {store} nor in {board}; run a protocol "
+            "first, or name another store with --store."
+        )
+    return ReportData(tuple(boards), _origin_sentence(origin, store, runs, boards))
+
+
+def _board(
+    name: str, file: Path, runs: Iterable[StoredRun], board: Path, origin: str
+) -> ReportBoard:
+    protocol = read_protocol(file)
+    newest: dict[str, StoredRun] = {}
+    for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
+        if run.record.protocol.id == name:
+            newest[slot(run.record)] = run
+    by_name = {run.record.name: run for run in newest.values()}
+    committed: list[Record] = []
+    errors: dict[str, PressErrors] = {}
+    if origin != RUNS:
+        committed = [r for r in read_submissions(board, name) if slot(r) not in newest]
+        errors |= all_press_errors(board, committed)
+    errors |= _press_errors(protocol, by_name)
+    records = sorted(
+        [*committed, *(run.record for run in by_name.values())], key=lambda record: record.name
+    )
+    tables = tuple(published_tables(protocol, board))
+    return ReportBoard(protocol, tuple(records), tables, errors, by_name)
+
+
+def _press_errors(
+    protocol: LoadedProtocol, runs: Mapping[str, StoredRun]
+) -> dict[str, PressErrors]:
+    """Return the error that orders the board, press by press; equal arrays are read once."""
+    if board_spec(protocol.keys.id).ranking is None:
+        return {}
+    known: dict[tuple[str, str], PressErrors] = {}
+    errors = {}
+    for name, run in runs.items():
+        stored = run.record.identity.stored
+        key = stored.get("truth", name), stored.get("predictions", name)
+        if run.record.protocol.hash != protocol.hash:
+            continue
+        if key not in known:
+            try:
+                truth, predicted = run.arrays("truth"), run.arrays("predictions")
+                known[key] = press_errors_of(
+                    protocol.keys, trials_of(protocol.keys, truth, predicted)
+                )
+            except (UserError, KeyError, ValueError):
+                continue  # a damaged run is ranked by its intervals
+        errors[name] = known[key]
+    return errors
+
+
+def _origin_sentence(
+    origin: str, store: Path, runs: Sequence[StoredRun], boards: Sequence[ReportBoard]
+) -> str:
+    """Return what is shown, where it is from, and how much of the store is not shown."""
+    stored = sum(len(board.runs) for board in boards)
+    committed = sum(len(board.records) for board in boards) - stored
+    shown = []
+    if origin != RUNS:
+        shown.append(plural(committed, "committed record"))
+    if origin != BOARD:
+        shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
+    newest = max((r.created[:10] for board in boards for r in board.records), default="")
+    partial = sum(run.record.partial for run in runs)
+    other = len(runs) - partial - stored
+    damaged = 0 if origin == BOARD else len(list(store.glob(f"[!.]*/{RECORD}"))) - len(runs)
+    left = [plural(partial, "partial run")] if partial else []
+    left += [plural(damaged, "run") + " that cannot be read"] if damaged else []
+    if other:
+        left.append(f"{plural(other, 'run')} of other protocols, or older ones of the same row")
+    text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
+    return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."
+
+
+def _no_complete_run(store: Path, partial: int) -> str:
+    held = "no complete run"
+    if partial:
+        held = f"{partial} partial runs (--quick or --limit) and no complete one"
+    return (
+        f"{store} holds {held}; run a protocol whole, name another store with --store, or "
+        "leave --from out to see the committed boards."
+    )

@@ -1,0 +1,184 @@
+"""Tables and tidy rows of ``tactibench plot``: the numbers behind its pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from tactibench.board.curve import Curve
+from tactibench.board.frontier import Frontier, Range
+from tactibench.board.hard_cases import graded
+from tactibench.board.limits import LimitMaps, summary
+from tactibench.board.rows import Row
+from tactibench.protocols.families import Axis
+from tactibench.protocols.board_spec import Ranking
+from tactibench.report.numbers import Format, fixed, significant
+from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
+
+JsonRows = list[dict[str, Any]]
+FRONTIER_NOTE = (
+    "Range: from the lowest end of the seeds' intervals to the highest; a time is at "
+    "least 2 % wide. Dominated: another of the same regime is better on both by more than "
+    "the ranges. Trivial rows are left out."
+)
+
+
+def frontier_table(frontier: Frontier, error: Ranking) -> Table:
+    """Return the points of one regime, by latency."""
+    heads: list[Head] = [
+        f"regime {frontier.regime}",
+        Column("seeds"),
+        "p90 and range, ms",
+        f"error and range, {error.unit}",
+        "",
+    ]
+    rows = [
+        (
+            point.label,
+            str(len(point.row.records)),
+            _range(point.latency, significant),
+            _range(point.error, fixed(error.decimals)),
+            frontier.verdict(point),
+        )
+        for point in frontier.points
+    ]
+    return table(heads, rows)
+
+
+def frontier_remarks(frontiers: Sequence[Frontier]) -> Iterator[str]:
+    """Return how to read the tables and what they leave out, one sentence each."""
+    yield FRONTIER_NOTE
+    if elsewhere := sum(frontier.elsewhere for frontier in frontiers):
+        machine = frontiers[0].machine
+        yield f"Left out: {elsewhere:,} runs that were timed on another machine than {machine}."
+    untimed = [f"{name} ({one.regime})" for one in frontiers for name in one.untimed]
+    if untimed:
+        yield f"Left out, without an error or a time: {'; '.join(untimed)}."
+
+
+def frontier_rows(frontier: Frontier, error: Ranking) -> JsonRows:
+    """Return two tidy rows for every point: its latency and its error."""
+    rows = []
+    for point in frontier.points:
+        verdict = {
+            "dominated_by": list(frontier.dominated.get(point.label, ())),
+            "on_frontier": point in frontier.best,
+            "regime": frontier.regime,
+            "machine": frontier.machine,
+            "seeds": list(point.row.seeds),
+        }
+        for metric, value, unit in (
+            ("p90_ms", point.latency, "ms"),
+            (error.metric, point.error, error.unit),
+        ):
+            ends = {"value": value.value, "low": value.low, "high": value.high}
+            rows.append({"metric": metric, "group": point.label, **ends, "unit": unit, **verdict})
+    return rows
+
+
+def _range(value: Range, write: Format) -> Number:
+    return Number(value.value, write, (value.low, value.high))
+
+
+def curve_steps_table(curves: Sequence[Curve], error: Ranking) -> Table:
+    """Return every step of every curve with its interval and spread."""
+    rows: list[list[Cell]] = []
+    for curve in curves:
+        for k, step in enumerate(curve.steps):
+            sd = None if step.error is None else step.error.sd
+            rows.append(
+                [
+                    "" if k else curve.label,
+                    f"{step.presses:,}",
+                    metric_number(step.error, error.decimals),
+                    None if sd is None else Number(sd, fixed(error.decimals)),
+                    str(step.seeds),
+                ]
+            )
+    counts = (Column("sd of seeds"), Column("seeds"))
+    return table(
+        ("", Column("presses"), f"error, {error.unit}", *counts),
+        rows,
+        title=f"{error.name} by training presses: value [95 % interval]",
+    )
+
+
+def curve_rows(curves: Sequence[Curve], error: Ranking) -> JsonRows:
+    """Return a tidy row for every step of every curve."""
+    return [
+        {
+            "metric": error.metric,
+            "group": curve.label,
+            "presses": step.presses,
+            "value": step.error and step.error.value,
+            "low": step.error and step.error.low,
+            "high": step.error and step.error.high,
+            "sd": step.error and step.error.sd,
+            "unit": error.unit,
+            "seeds": step.seeds,
+        }
+        for curve in curves
+        for step in curve.steps
+    ]
+
+
+def stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> JsonRows:
+    """Return tidy rows of where errors double, and of the error case by case."""
+    lines = []
+    for row in rows:
+        for grade in graded(row, axes):
+            axis, doubles = grade.axis, grade.doubles
+            subject = {"group": row.label, "family": axis.family}
+            if doubles is not None:
+                ends = {"value": doubles.value, "low": doubles.low, "high": doubles.high}
+                facts = {"censored": doubles.censored, "unit": axis.unit, "harder": axis.harder}
+                lines.append({"metric": "doubles_at", **subject, **ends, **facts})
+            for case in grade.cases:
+                if case.error is not None:
+                    error = case.error
+                    ends = {"value": error.value, "low": error.low, "high": error.high}
+                    place = {"at": case.value, "easy": case.easy}
+                    lines.append({"metric": "ospa_mm", **subject, **place, **ends, "unit": "mm"})
+    return lines
+
+
+def limit_table(maps: LimitMaps) -> Table:
+    """Return one row per depth and quantity: quantiles over the workspace, um."""
+    heads: list[Head] = [
+        *("depth, mm", "sd of", "middle", "median", "90 %", "worst", "at x, y mm"),
+        Column("presses"),
+    ]
+    rows: list[list[Cell]] = []
+    last = None
+    for line in summary(maps):
+        bounds = (_bound(line.get(name)) for name in ("middle", "median", "p90", "worst"))
+        place = "{:+.1f}, {:+.1f}".format(*line["worst_at"]) if "worst_at" in line else ""
+        depth = "" if line["depth"] == last else f"{line['depth']:g}"
+        rows.append([depth, line["quantity"], *bounds, place, f"{line['n']:,}"])
+        last = line["depth"]
+    return table(heads, rows, title="Cramer-Rao bound: smallest standard deviation, um")
+
+
+def _bound(value: float | None) -> Number | None:
+    return None if value is None or math.isnan(value) else Number(value, micrometres)
+
+
+def micrometres(value: float) -> str:
+    """Return mm as um with three digits: "0.834", "12.9", "1,480"; "inf" without a bound."""
+    if math.isinf(value):
+        return "inf"
+    micro = 1000 * value
+    return f"{micro:,.0f}" if micro >= 999.5 else f"{micro:#.3g}"
+
+
+def limit_remarks(maps: LimitMaps) -> Iterator[str]:
+    """Return what the numbers leave out, one sentence each."""
+    per_depth = summary(maps)[:: len(maps.request.quantities)]
+    presses = f"of {maps.request.presses:,} presses"
+    if len(maps.request.indenter.offsets) > 1:
+        yield "x, y, depth: of the worse of the two tips."
+    if unbounded := sum(line["unbounded"] for line in per_depth):
+        yield f"{unbounded:,} {presses} have no bound, since a tip leaves no trace."
+    if refused := sum(line["refused"] for line in per_depth):
+        yield f"{refused:,} {presses} are refused: {maps.refusal}"

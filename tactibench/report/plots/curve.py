@@ -1,0 +1,66 @@
+"""Learning curves: error against training presses, both logarithmic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+
+from tactibench.board.curve import Curve, counts
+from tactibench.protocols.board_spec import Ranking
+from tactibench.report.plots.style import (
+    error_bars,
+    headline,
+    log_ticks,
+    new_figure,
+    plain,
+    row_looks,
+    short_label,
+)
+
+DODGE = 0.012
+"""Between the curves, as a share of the presses, so that bars stand beside each other."""
+TITLE = "Learning curve; bars: 95 % over presses, mean of the seeds"
+
+
+def curve_figure(
+    curves: Sequence[Curve], error: Ranking, *, title: str = TITLE, measured_on: str = ""
+) -> Figure:
+    """Draw every curve with its 95 % intervals over presses."""
+    figure = new_figure(8.0, 5.2)
+    axes = figure.subplots()
+    middle = (len(curves) - 1) / 2
+    looks = row_looks([curve.model for curve in curves])
+    for k, (curve, look) in enumerate(zip(curves, looks, strict=True)):
+        known = [(step.presses, step.error) for step in curve.steps if step.error is not None]
+        y = [pooled.value for _, pooled in known]
+        axes.errorbar(
+            [presses * (1 + DODGE * (k - middle)) for presses, _ in known],
+            y,
+            error_bars(
+                y, [pooled.low for _, pooled in known], [pooled.high for _, pooled in known]
+            ),
+            **look.points,
+            linestyle=look.line,
+            markersize=5.5,
+            linewidth=1.5,
+            elinewidth=1.1,
+            capsize=2.5,
+            label=short_label(curve.label),
+        )
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="presses that the model learned from",
+        ylabel=f"{error.name}, {error.unit}",
+    )
+    axes.xaxis.set_major_locator(FixedLocator(counts(curves) or [1000]))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    log_ticks(axes.yaxis, subs=(1, 2, 3, 5))
+    plain(axes)
+    if curves:
+        figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    headline(figure, title, measured_on)
+    return figure

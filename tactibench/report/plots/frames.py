@@ -1,0 +1,64 @@
+"""Test frames: what the camera saw, what the model predicted, and what was there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from tactibench.report.plots.marks import FrameExample, marks, outline, show_field, show_image
+from tactibench.report.plots.style import BLACK, ORANGE, headline, new_figure
+
+
+def frame_figure(example: FrameExample, *, title: str = "", measured_on: str = "") -> Figure:
+    """Draw a frame beside the prediction; rings are true contacts, crosses predicted ones."""
+    figure = new_figure(8.0, 4.6)
+    left, right = figure.subplots(1, 2)
+    show_image(left, example.image)
+    _show_prediction(figure, right, example)
+    right.set_title("prediction" if example.heatmap is not None else "prediction (no heatmap)")
+    handles = [_ring(f"truth ({len(example.truth)}), ring: tip, number: depth in mm")]
+    depths = ", ".join(f"{depth:.1f}" for depth in example.predicted.depth)
+    text = f"predicted ({len(example.predicted)})" + (f", depth {depths} mm" if depths else "")
+    handles.append(_cross(text))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    headline(figure, title, measured_on)
+    return figure
+
+
+def worst_frames_figure(
+    examples: Sequence[tuple[str, FrameExample]], *, title: str = "", measured_on: str = ""
+) -> Figure:
+    """Draw frames with large errors, a column each; each has a caption."""
+    figure = new_figure(3.4 * len(examples), 6.6)
+    panels = figure.subplots(2, len(examples), squeeze=False)
+    for k, (caption, example) in enumerate(examples):
+        show_image(panels[0, k], example.image)
+        panels[0, k].set_title(caption, fontsize=9)
+        _show_prediction(figure, panels[1, k], example)
+    handles = [_ring("truth, number: depth in mm"), _cross("predicted")]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    headline(figure, title, measured_on)
+    return figure
+
+
+def _show_prediction(figure: Figure, axes: Axes, example: FrameExample) -> None:
+    shown = show_field(axes, example.grid, example.heatmap, example.truth, example.max_depth)
+    marks(axes, example.predicted, ORANGE)
+    if shown is not None:
+        figure.colorbar(shown, ax=axes, label="heatmap, mm", shrink=0.85)
+
+
+def _ring(label: str) -> Line2D:
+    look: dict[str, Any] = {"marker": "o", "markersize": 11, "markerfacecolor": "none"}
+    return Line2D([], [], linestyle="none", color=BLACK, label=label, **look)
+
+
+def _cross(label: str) -> Line2D:
+    look: dict[str, Any] = {"marker": "x", "markersize": 8, "markeredgewidth": 1.8}
+    return Line2D(
+        [], [], linestyle="none", color=ORANGE, path_effects=outline(), label=label, **look
+    )

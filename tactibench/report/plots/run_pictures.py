@@ -1,0 +1,266 @@
+"""The pictures of a run, beside its record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tactibench.board.labels import TRIVIAL, label_of, measured_on
+from tactibench.contacts import Contacts, FloatArray, Grid
+from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.protocols.schema import Protocol
+from tactibench.records.answers import unpack_contacts
+from tactibench.records.record import Record
+from tactibench.records.store import Arrays, StoredRun
+from tactibench.report.plots.marks import FrameExample
+from tactibench.report.plots.style import save_png
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CURVES, PANELS = 6, 3
+"""Other runs in a picture of curves, and in one of panels: more could not be told apart."""
+
+
+@dataclass(frozen=True)
+class RunArrays:
+    """A run with the arrays that pictures need, each read once."""
+
+    run: StoredRun
+    spec: Protocol
+
+    @property
+    def record(self) -> Record:
+        """The record of the run."""
+        return self.run.record
+
+    @cached_property
+    def truth(self) -> Arrays:
+        """True contacts, press and group of every test frame."""
+        return self.run.arrays("truth")
+
+    @cached_property
+    def contacts(self) -> tuple[Contacts, ...]:
+        """The true contacts of every test frame."""
+        return unpack_contacts(self.truth)
+
+    @cached_property
+    def predicted(self) -> tuple[Contacts, ...]:
+        """The predicted contacts of every test frame."""
+        return unpack_contacts(self.run.arrays("predictions"))
+
+    @cached_property
+    def maps(self) -> Arrays:
+        """Heatmaps and true surfaces, for models and sensors that have them."""
+        return self.run.arrays("maps")
+
+    @cached_property
+    def examples(self) -> Arrays:
+        """The test frames that are stored with the run."""
+        return self.run.arrays("examples")
+
+    @property
+    def grid(self) -> Grid:
+        """Of the heatmaps."""
+        return self.spec.grid.grid()
+
+    def map_of(self, row: int, name: str = "maps") -> FloatArray | None:
+        """Return the (H, W) heatmap 0..1 of a test frame, None for a model without maps."""
+        return self.maps[name][row].astype(np.float64) if name in self.maps else None
+
+    def example(self, row: int) -> FrameExample:
+        """Return a stored test frame with its truth and prediction."""
+        image = self.examples["images"][int(np.searchsorted(self.examples["index"], row))]
+        depth = self.spec.workspace.depth_max_mm
+        heatmap = self.map_of(row)
+        return FrameExample(
+            image, self.grid, heatmap, self.contacts[row], self.predicted[row], depth
+        )
+
+    def title(self, row: int) -> str:
+        """Return the label of the run and the press of a test frame."""
+        return f"{label_of(self.record)}, press {self.truth['press'][row]}"
+
+
+def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
+    """Draw the pictures of a run and return their files. Plate poses have none yet."""
+    record = run.record
+    file = protocol_files().get(record.protocol.id)
+    protocol = None if file is None else read_protocol(file)
+    if protocol is None or protocol.hash != record.protocol.hash:
+        return []
+    spec = protocol.keys
+    if spec.answer != "contacts":
+        return []
+    arrays, beside = RunArrays(run, spec), runs_beside(record, others)
+    figures: dict[str, Figure] = {}
+    if spec.families:
+        figures["stability"] = _stability(arrays, beside[:CURVES])
+    else:
+        figures |= _frame(arrays) | _features(arrays)
+        if spec.test.group == "all":
+            figures["errors"] = _single(arrays)
+        if spec.test.group == "distance":
+            figures["distance"] = _distance(arrays, beside[:CURVES])
+        if spec.test.group == "indenter":
+            figures |= _triple(arrays, beside[:PANELS])
+    paths = []
+    for name, figure in figures.items():
+        paths.append(run.folder / f"{name}.png")
+        save_png(figure, paths[-1])
+    return paths
+
+
+def runs_beside(record: Record, others: Sequence[StoredRun]) -> list[StoredRun]:
+    """Return runs that a picture may show beside this one, one a label, the newest of each.
+
+    In the order in which they are taken while there is room: no trivial rows, the fewest
+    parameters that are not at their defaults, the same regime.
+    """
+    by_label = {
+        label_of(other.record): other
+        for other in sorted(others, key=lambda other: other.record.created)
+        if _comparable(other.record, record)
+    }
+
+    def order(run: StoredRun) -> tuple[bool, int, bool, str]:
+        model = run.record.model
+        other_regime = run.record.regime != record.regime
+        return model.name in TRIVIAL, len(model.changed), other_regime, label_of(run.record)
+
+    return sorted(by_label.values(), key=order)
+
+
+def press_error(truth: Contacts, predicted: Contacts) -> float:
+    """Return the mean distance from a true contact to the nearest predicted one, mm."""
+    if not len(predicted):
+        return float("inf")
+    gaps = np.linalg.norm(truth.xy[:, None] - predicted.xy[None], axis=2)
+    return float(gaps.min(axis=1).mean())
+
+
+def _comparable(other: Record, record: Record) -> bool:
+    """Return whether two runs answered the same frames with different models or regimes."""
+
+    def asked(one: Record) -> tuple[Any, ...]:
+        identity = one.identity
+        test = (identity.test_frames, identity.protocol, identity.quick, identity.limit)
+        return (*test, one.seed, one.limits.presses)
+
+    return asked(other) == asked(record) and label_of(other) != label_of(record)
+
+
+def _median(arrays: RunArrays, rows: Sequence[int]) -> int:
+    """Return the test frame whose error is the median one."""
+    errors = [press_error(arrays.contacts[row], arrays.predicted[row]) for row in rows]
+    return int(rows[int(np.argsort(errors, kind="stable")[len(errors) // 2])])
+
+
+def _frame(arrays: RunArrays) -> dict[str, Figure]:
+    from tactibench.report.plots.frames import frame_figure
+    from tactibench.report.plots.relief import relief_figure
+
+    row = _median(arrays, arrays.examples["index"].tolist())
+    where = measured_on(arrays.record)
+    title = f"{arrays.title(row)}: the median one of {len(arrays.examples['index'])}"
+    figures = {"frame": frame_figure(arrays.example(row), title=title, measured_on=where)}
+    heatmap, surface = arrays.map_of(row), arrays.map_of(row, "surface")
+    if heatmap is not None and surface is not None:
+        depth = heatmap * arrays.spec.workspace.depth_max_mm
+        figures["surface"] = relief_figure(
+            arrays.grid, depth, surface, title=title, measured_on=where
+        )
+    return figures
+
+
+def _features(arrays: RunArrays) -> dict[str, Figure]:
+    """Draw the layers of a model on the press that was stored for it, if it shows them."""
+    if "features_row" not in arrays.examples:
+        return {}
+    from tactibench.report.plots.features import features_figure
+    from tactibench.run.examples import unpacked_features
+
+    row = int(arrays.examples["features_row"])
+    title = (
+        f"{arrays.title(row)}: the most varied channels of every layer, down the left and up the "
+        "right"
+    )
+    figure = features_figure(
+        arrays.example(row),
+        unpacked_features(arrays.examples),
+        title=title,
+        measured_on=measured_on(arrays.record),
+    )
+    return {"features": figure}
+
+
+def _single(arrays: RunArrays) -> Figure:
+    from tactibench.report.plots.single import single_figure
+
+    answered = [k for k, contacts in enumerate(arrays.predicted) if len(contacts)]
+    return single_figure(
+        _best_contacts([arrays.contacts[k] for k in answered]),
+        _best_contacts([arrays.predicted[k] for k in answered]),
+        title=label_of(arrays.record),
+        measured_on=measured_on(arrays.record),
+    )
+
+
+def _best_contacts(contacts: Sequence[Contacts]) -> FloatArray:
+    """Return (N, 3) x, y, depth of the best contact of each."""
+    rows = [(*one.xy[0], one.depth[0]) for one in contacts]
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _by_label(arrays: RunArrays, beside: Sequence[StoredRun]) -> list[StoredRun]:
+    return sorted([arrays.run, *beside], key=lambda run: label_of(run.record))
+
+
+def _stability(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
+    from tactibench.board.rows import Row
+    from tactibench.report.plots.stability import stability_figure
+
+    rows = [Row((run.record,)) for run in _by_label(arrays, beside)]
+    return stability_figure(rows, arrays.spec.axes, measured_on=measured_on(arrays.record))
+
+
+def _distance(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
+    from tactibench.board.published import load_published
+    from tactibench.board.rows import Row
+    from tactibench.report.plots.distance import distance_figure, distance_series
+    from tactibench.shipped import shipped_folder
+
+    series = [distance_series(Row((run.record,))) for run in _by_label(arrays, beside)]
+    published = load_published(arrays.spec.published.tables, shipped_folder("published"))
+    return distance_figure(series, published=published, measured_on=measured_on(arrays.record))
+
+
+def _triple(arrays: RunArrays, beside: Sequence[StoredRun]) -> dict[str, Figure]:
+    from tactibench.report.plots.triple import Prediction, triple_figure
+
+    triples = [k for k, contacts in enumerate(arrays.contacts) if len(contacts) == 3]
+    if not triples:
+        return {}
+    row = _median(arrays, triples)
+    each = [
+        arrays if run is arrays.run else RunArrays(run, arrays.spec)
+        for run in _by_label(arrays, beside)
+    ]
+    predictions = [
+        Prediction(label_of(a.record), a.record.model.name, a.predicted[row], a.map_of(row))
+        for a in each
+    ]
+    figure = triple_figure(
+        arrays.grid,
+        arrays.contacts[row],
+        predictions,
+        max_depth=arrays.spec.workspace.depth_max_mm,
+        title=f"press {arrays.truth['press'][row]}",
+        measured_on=measured_on(arrays.record),
+    )
+    return {"triple": figure}

@@ -1,0 +1,82 @@
+"""Several models on one press of three tips: who sees three, where and how deep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from textwrap import fill
+from typing import Any
+
+import numpy.typing as npt
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from tactibench.contacts import Contacts, Grid
+from tactibench.report.plots.marks import depths, field_inks, marks, millimetres, rings, show_field
+from tactibench.report.plots.style import BLACK, headline, new_figure, row_looks, short_label
+
+LETTERS = 30
+"""Of a label in one line above its panel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Contacts of one model. heatmap: (H, W) in 0..1; None for a model without heatmaps."""
+
+    label: str
+    model: str
+    contacts: Contacts
+    heatmap: npt.NDArray[Any] | None
+
+
+def triple_figure(
+    grid: Grid,
+    truth: Contacts,
+    predictions: Sequence[Prediction],
+    *,
+    max_depth: float = 6.0,
+    title: str = "",
+    measured_on: str = "",
+) -> Figure:
+    """Draw a panel for every model, and a last one with all models and the truth.
+
+    Truth is a ring of the tip's radius; numbers are depths, mm.
+    """
+    count = len(predictions) + 1
+    figure = new_figure(3.0 * count + 0.7, 4.5)
+    panels = list(figure.subplots(1, count, sharex=True, sharey=True, squeeze=False)[0])
+    looks = row_looks([prediction.model for prediction in predictions])
+    together = panels[-1]
+    rings(together, truth, BLACK, contour="white")
+    together.set_title("all models and the truth", fontsize=9)
+    millimetres(together, grid)
+    shown = None
+    for axes, one, look in zip(panels, predictions, looks, strict=False):
+        shown = show_field(axes, grid, one.heatmap, truth, max_depth) or shown
+        ink, contour = field_inks(one.heatmap)
+        for place in (axes, together):
+            marks(place, one.contacts, look.color, look.marker, contour="white")
+        depths(axes, one.contacts, ink, contour=contour)
+        counts = f"{len(one.contacts)} predicted, {len(truth)} true"
+        axes.set_title(f"{fill(short_label(one.label), LETTERS)}\n{counts}", fontsize=9)
+    for axes in panels:
+        axes.label_outer()
+    if shown is not None:
+        figure.colorbar(shown, ax=panels, label="heatmap, mm", shrink=0.8)
+    ring: dict[str, Any] = {
+        "marker": "o",
+        "markersize": 11,
+        "markerfacecolor": "none",
+        "color": BLACK,
+    }
+    handles = [Line2D([], [], linestyle="none", label="truth", **ring)]
+    for one, look in zip(predictions, looks, strict=True):
+        line = Line2D(
+            [], [], linestyle="none", markersize=8, label=short_label(one.label), **look.points
+        )
+        handles.append(line)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=min(3, count), frameon=False, fontsize=9
+    )
+    headline(figure, title, "; ".join(filter(None, (measured_on, "numbers are depths in mm"))))
+    return figure

@@ -1,0 +1,327 @@
+"""A run on the terminal: errors with intervals, misses, published rows, speed.
+
+Every section says what it was measured on. All tables fit 80 columns; a wider terminal gets the
+counts as columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.board.labels import measured_on
+from tactibench.board.published import PublishedRow, PublishedTable, rows_for
+from tactibench.protocols.families import Axis
+from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
+from tactibench.records.record import Metric, Record
+from tactibench.report.labels import HEADS, NAMES, is_share, named
+from tactibench.report.numbers import duration, fixed, general, span
+from tactibench.report.run_speed import print_speed
+from tactibench.report.table import (
+    PERCENT,
+    Caption,
+    Cell,
+    Column,
+    Head,
+    Number,
+    Table,
+    metric_number,
+    table,
+)
+from tactibench.report.writers.terminal import print_table
+
+OTHERS = 6
+"""More stored runs than these would hide the run itself."""
+COUNTS = (Column("n", optional=True), Column("presses", optional=True))
+TOTALS = {"false_per_1000": 1, "not_finite": 0, "raised": 0}
+"""Metrics of hard cases that stand in sentences below the families, with their decimals."""
+DECIMALS = {"share": 1, "deg": 2, "": 2}
+"""Of the list of further metrics, by unit; 3 for every other."""
+Key = tuple[str, str]
+"""Metric and group."""
+
+
+def print_run(
+    console: Console,
+    record: Record,
+    path: Path,
+    published: Sequence[PublishedTable],
+    others: Sequence[Record] = (),
+    axes: Sequence[Axis] = (),
+) -> None:
+    """Print one run beside published rows and other stored runs.
+
+    Args:
+        console: Where to print.
+        record: Of the run.
+        path: Its file.
+        published: Tables of papers.
+        others: Stored runs; the first six of the same version of the protocol are shown.
+        axes: Of the families of hard cases that the run is about.
+    """
+    spec = board_spec(record.protocol.id)
+    comparable = [other for other in others if same_question(other, record)]
+    _print_heading(console, record)
+    if axes:
+        _print_hard_cases(console, record, axes)
+    for run_table in spec.run_tables:
+        console.print()
+        print_table(console, _main_table(run_table, record, published, comparable[:OTHERS]))
+    _print_notes(console, record, spec, published, len(comparable))
+    further = _further_metrics(record, spec.run_tables)
+    if further.rows:
+        console.print()
+        print_table(console, further)
+    print_speed(console, record, spec, published)
+    console.print()
+    _print_warning(console, record)
+    console.print(Text(record.signature), soft_wrap=True)  # one line, to be copied whole
+    console.print(Text(f"record: {path}"), soft_wrap=True)
+
+
+def same_question(one: Record, other: Record) -> bool:
+    """Return whether two different runs answer one version of a protocol, tested alike."""
+    return (
+        one.name != other.name
+        and one.test_sensor == other.test_sensor
+        and one.protocol.id == other.protocol.id
+        and one.protocol.version == other.protocol.version
+        and one.protocol.hash == other.protocol.hash
+    )
+
+
+def partial_line(record: Record) -> str:
+    """Return the warning of a run that was cut short; "" for a whole one."""
+    if not record.partial:
+        return ""
+    causes = ["quick"] if record.limits.quick else []
+    if record.limits.limit is not None:
+        causes.append(f"limit {record.limits.limit}")
+    cause = f" ({', '.join(causes)})" if causes else ""
+    return f"PARTIAL{cause}: not for a board"
+
+
+def _print_heading(console: Console, record: Record) -> None:
+    data, tested = record.data, record.test_sensor
+    encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
+    console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
+    console.print(Text(f"{_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}"))
+    rejected = f"; {data.rejected:,} rejected by geometry" if data.rejected else ""
+    frames = ""
+    if tested is not None and tested.presses != data.test:
+        frames = f"frames of {tested.presses:,} "
+    console.print(
+        Text(
+            f"{data.train:,} training, {data.validation:,} validation, "
+            f"{data.test:,} test {frames}presses{rejected}"
+        )
+    )
+    training = record.training
+    if training.epochs:
+        when = "weights reused, trained" if training.reused else "trained"
+        console.print(
+            Text(
+                f"{when} {training.epochs} epochs on {training.presses:,} "
+                f"presses in {duration(training.seconds or 0.0)}"
+            )
+        )
+    _print_warning(console, record)
+
+
+def _print_warning(console: Console, record: Record) -> None:
+    if line := partial_line(record):
+        console.print(Text(line, style="bold red"))
+
+
+def _label(record: Record) -> str:
+    """Return the model with its regime, as published rows are labelled."""
+    return f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+
+
+def _main_table(
+    run_table: RunTable,
+    record: Record,
+    published: Sequence[PublishedTable],
+    others: Sequence[Record],
+) -> Table:
+    """Return this run, other runs and published rows, each below a caption with its origin."""
+    rows: list[list[Cell]] = []
+    captions: dict[int, tuple[Caption, ...]] = {}
+
+    def add(caption: tuple[Caption, ...], more: list[list[Cell]]) -> None:
+        if more:
+            captions[len(rows)] = caption
+            rows.extend(more)
+
+    add(*_measured(run_table, record))
+    for other in others if run_table.compared else ():
+        add(*_measured(run_table, other, stored=True))
+    for paper in published if run_table.compared else ():
+        head = f"published: {paper.measured_on} ({paper.name} {paper.year})"
+        for k, row in enumerate(rows_for(record.protocol.id, paper)):
+            label = Caption(_published_label(row), "italic")
+            origin = (label,) if k else (Caption(head, "magenta"), label)
+            add(origin, _printed_rows(run_table, row))
+    names = ["", *(HEADS[metric] for metric in run_table.metrics)]
+    columns = [Column(name, right=False) for name in names]
+    title = f"{run_table.title}: value [95 % interval]"
+    return Table((*columns, *COUNTS), tuple(map(tuple, rows)), title, captions=captions)
+
+
+def _measured(
+    run_table: RunTable, record: Record, *, stored: bool = False
+) -> tuple[tuple[Caption, ...], list[list[Cell]]]:
+    metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
+    groups = run_table.groups or _distances(run_table, metrics)
+    decimals = {m: _decimals(run_table, m, metrics, groups) for m in run_table.metrics}
+    rows: list[list[Cell]] = []
+    shown: list[Metric] = []
+    for group in groups:
+        cells = {name: metrics.get((name, group)) for name in run_table.metrics}
+        known = [metric for metric in cells.values() if metric is not None]
+        shown += known
+        n = "/".join(f"{n:,}" for n in sorted({metric.n for metric in known}))
+        presses = f"{max((metric.clusters for metric in known), default=0):,}"
+        values = (_value(metric, decimals[name]) for name, metric in cells.items())
+        rows.append([group, *values, n, presses])
+    head = f"measured here: {_label(record)}, {measured_on(record)}"
+    if stored:
+        warning = partial_line(record)
+        head += f"\n  stored as {record.name}" + (f"; {warning}" if warning else "")
+    n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
+    return (Caption(head, "cyan"), Caption("", "italic", f"n {n}, presses {presses}")), rows
+
+
+def _value(metric: Metric | None, decimals: int) -> Number | None:
+    value = metric_number(metric, decimals)
+    # The last tested distance is a bound as it stands: "< 6.5".
+    return replace(value, write=general) if value is not None and value.bound else value
+
+
+def _distances(run_table: RunTable, metrics: Mapping[Key, Metric]) -> list[str]:
+    groups = {group for name, group in metrics if name in run_table.metrics and group != "all"}
+    return sorted(groups, key=float)
+
+
+def _decimals(
+    run_table: RunTable, name: str, metrics: Mapping[Key, Metric], groups: Iterable[str]
+) -> int:
+    """Return the decimals; by distance one less where values reach 1 mm or 10 deg.
+
+    So that the tables of two-point discrimination keep to 80 columns.
+    """
+    decimals = run_table.metrics[name]
+    if run_table.groups:
+        return decimals
+    rows = [metrics[name, group] for group in groups if (name, group) in metrics]
+    if is_share(name):
+        return decimals + any(row.n > 100 and row.value is not None for row in rows)
+    tops = (row.value if row.high is None else row.high for row in rows)
+    top = max((top for top in tops if top is not None), default=0.0)
+    return decimals - (top >= (10.0 if name.endswith("_deg") else 1.0))
+
+
+def _published_label(row: PublishedRow) -> str:
+    count = f", n {row.n:,} {row.unit}" if row.n else ""
+    return f"{row.label}: {row.source.split(',')[0]}{count}"
+
+
+def _printed_rows(run_table: RunTable, row: PublishedRow) -> list[list[Cell]]:
+    """Return the values of a paper with no more digits than it prints, nor than the column has."""
+    rows: list[list[Cell]] = []
+    for group in run_table.groups:
+        cells: list[Cell] = []
+        for name, decimals in run_table.metrics.items():
+            value, share = row.value(name, group), is_share(name)
+            printed = max(row.decimals - 2, 0) if share else row.decimals
+            write = fixed(min(printed, decimals))
+            scale = PERCENT if share else 1.0
+            cells.append(None if value is None else Number(scale * value, write))
+        if any(cells):
+            rows.append([group, *cells, f"{row.n:,}" if row.n else "n/a", ""])
+    return rows
+
+
+def _print_notes(
+    console: Console,
+    record: Record,
+    spec: BoardSpec,
+    published: Sequence[PublishedTable],
+    comparable: int,
+) -> None:
+    notes = [spec.note] if spec.note else []
+    if comparable > OTHERS and spec.run_tables:
+        hidden = comparable - OTHERS
+        notes.insert(0, f"{hidden} more stored runs of {record.protocol.id} are not shown")
+    for note in (*notes, *_comparability(record, published)):
+        console.print(Text(note, style="dim"))
+
+
+def _comparability(record: Record, published: Sequence[PublishedTable]) -> Iterable[str]:
+    """Return why published rows may or may not be read against this run, each reason once."""
+    words = {"yes": "Comparable", "partly": "Partly comparable", "no": "Not comparable"}
+    simulated = record.sensor.origin == "simulated"
+    reasons = []
+    for row in (row for paper in published for row in rows_for(record.protocol.id, paper)):
+        if simulated:
+            reasons.append(f"Not comparable (simulated here): {row.note}")
+        elif row.comparable == "yes" and not record.data.published_frames:
+            reasons.append("Not comparable: this run was not tested on the published test frames.")
+        else:
+            reasons.append(f"{words[row.comparable]}: {row.note}")
+    return dict.fromkeys(reasons)
+
+
+def _further_metrics(record: Record, tables: Sequence[RunTable]) -> Table:
+    """Return every metric that no main table has shown, with its counts."""
+    metrics = [metric for metric in record.metrics if _is_further(metric, record, tables)]
+    grouped = any(metric.group != "all" for metric in metrics)
+    rows: list[list[Cell]] = []
+    last = ""
+    for metric in metrics:
+        name = "" if metric.metric == last else named(metric.metric, metric.unit)
+        value = _value(metric, DECIMALS.get(metric.unit, 3))
+        group = (metric.group,) if grouped else ()
+        rows.append([name, *group, value, f"{metric.n:,}", f"{metric.clusters:,}"])
+        last = metric.metric
+    group_head = ("of",) if grouped else ()
+    counts = (Column("n"), Column("presses"))
+    heads: list[Head] = ["Also measured", *group_head, "value [95 % interval]", *counts]
+    return table(heads, rows)
+
+
+def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> bool:
+    """Return whether no main table shows a metric; of hard cases only totals over all cases."""
+    if any(metric.metric in t.metrics and metric.group in t.groups for t in tables):
+        return False
+    by_distance = any(metric.metric in t.metrics and not t.groups for t in tables)
+    if by_distance and metric.group != "all":
+        return False
+    hard = any(other.metric == "error_ratio" for other in record.metrics)
+    return not hard or (metric.group == "all" and metric.metric not in TOTALS)
+
+
+def _print_hard_cases(console: Console, record: Record, axes: Sequence[Axis]) -> None:
+    from tactibench.board.rows import Row
+    from tactibench.report.hard_cases import family_table
+
+    console.print()
+    print_table(console, family_table(Row((record,)), axes))
+    console.print()
+    for line in _totals(record):
+        console.print(Text(line))
+
+
+def _totals(record: Record) -> Iterator[str]:
+    totals = {m.metric: m for m in record.metrics if m.group == "all"}
+    for name, decimals in TOTALS.items():
+        total = metric_number(totals.get(name), decimals, interval=decimals > 0)
+        if total is not None:
+            yield f"{NAMES[name]}: {total}"
+    failures = record.data.failures
+    for cause in () if failures is None else failures.causes:
+        yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"

@@ -1,0 +1,71 @@
+"""The cells of a sweep as a table, and below it why some failed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.report.numbers import duration
+from tactibench.report.table import Column, Table, table
+from tactibench.report.writers.terminal import print_table
+from tactibench.sweep.data_sets import DatasetTask
+from tactibench.sweep.run import CellResult
+from tactibench.sweep.spec import AXES
+
+STATES = {"done": "in the store", "to do": "to do", "cannot": "failed"}
+RIGHT = frozenset({"seed", "time"})
+
+
+def print_sweep(
+    console: Console, finished: Sequence[CellResult], sets: Sequence[DatasetTask], store: Path
+) -> None:
+    """Print every cell with its state, every data set, and how many there are of each."""
+    if sets:
+        print_table(console, _set_table(sets))
+    if not finished:
+        return
+    print_table(console, _cell_table(finished))
+    for one in finished:
+        if one.why:
+            console.print(Text(f"{one.cell.label}: {one.why}"), soft_wrap=True)
+    console.print(Text(f"{_counts(finished)}; store {store}"), soft_wrap=True)
+
+
+def _set_table(sets: Sequence[DatasetTask]) -> Table:
+    rows = [
+        (
+            one.label,
+            f"{one.samples:,}",
+            one.source.identity["name"],
+            "complete" if one.is_complete else "to do",
+        )
+        for one in sets
+    ]
+    return table(("data set", Column("samples"), "sensor", "state"), rows)
+
+
+def _cell_table(finished: Sequence[CellResult]) -> Table:
+    axes = [axis for axis in AXES if any(one.cell.axes[axis] for one in finished)]
+    rows = []
+    for one in finished:
+        time = "" if one.outcome is None else duration(one.outcome.seconds)
+        settings = (one.cell.axes[axis] or "default" for axis in axes)
+        rows.append((*settings, _state(one), time, one.name))
+    heads = [*axes, "state", "time", "run"]
+    return table([Column(head, right=head in RIGHT) for head in heads], rows)
+
+
+def _state(one: CellResult) -> str:
+    if one.why:
+        return "failed"
+    return STATES[one.plan.state] if one.outcome is None else "run"
+
+
+def _counts(finished: Sequence[CellResult]) -> str:
+    """Return "6 cells: 4 run, 1 in the store, 1 failed"."""
+    states = [_state(one) for one in finished]
+    parts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
+    return f"{len(finished)} cells: {', '.join(parts)}"

@@ -1,0 +1,145 @@
+"""The one table of the program: columns, and rows of typed cells.
+
+A cell is a fact: a number with its interval, or a text. It becomes text in a writer
+(``tactibench.report.writers``) and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from tactibench.report.numbers import Format, fixed
+
+if TYPE_CHECKING:
+    from tactibench.board.rows import Pooled
+    from tactibench.records.record import Metric
+
+MISSING = "n/a"
+"""What a reader sees where there is no value."""
+PERCENT = 100.0
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number with what belongs to it.
+
+    Attributes:
+        value: In the unit of its column.
+        write: How the value and the ends of its interval become text.
+        interval: Low and high end; an end that is not known is None. None: no interval is shown.
+        bound: "<" or ">" where the value is only a bound, "" otherwise.
+        below: Text in small letters below the value.
+        mark: A sign behind the value that a note explains.
+    """
+
+    value: float
+    write: Format
+    interval: tuple[float | None, float | None] | None = None
+    bound: str = ""
+    below: str = ""
+    mark: str = ""
+
+    @property
+    def text(self) -> str:
+        """The value alone: "0.412", "< 6.5"."""
+        return f"{self.bound} {self.write(self.value)}" if self.bound else self.write(self.value)
+
+    @property
+    def ends(self) -> tuple[str, str] | None:
+        """The ends of the interval as text; "open" for an end that is not known."""
+        if self.interval is None or self.bound:
+            return None
+        low, high = ("open" if end is None else self.write(end) for end in self.interval)
+        return low, high
+
+    def __str__(self) -> str:
+        """Return the value and its interval in one line: "0.412 [0.398, 0.426]"."""
+        return self.text if self.ends is None else f"{self.text} [{', '.join(self.ends)}]"
+
+
+@dataclass(frozen=True)
+class Text:
+    """Words of a cell. style: "" (plain), "italic", "bold" or "code"."""
+
+    text: str
+    style: str = ""
+
+
+Cell = Number | Text | str | None
+"""None: there is no value."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column.
+
+    Attributes:
+        head: Its name, with the unit.
+        right: Whether cells stand to the right, as numbers do.
+        title: An explanation of the head, for a page.
+        optional: Whether a narrow terminal may leave the column out.
+        who: Whether the column names its row; it stays in view when a page scrolls.
+    """
+
+    head: str
+    right: bool = True
+    title: str = ""
+    optional: bool = False
+    who: bool = False
+
+
+Head = Column | str
+"""A column, or the name of a column of words."""
+
+
+@dataclass(frozen=True)
+class Caption:
+    """A line above a row of a table. narrow: what it says in addition without optional columns."""
+
+    text: str
+    style: str = ""
+    narrow: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        columns: From left to right.
+        rows: Cells, as many in each row as there are columns.
+        title: The heading.
+        note: A paragraph below the table.
+        captions: Lines above rows, by the number of the row.
+    """
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    title: str = ""
+    note: str = ""
+    captions: Mapping[int, tuple[Caption, ...]] = field(default_factory=dict)
+
+
+def table(
+    heads: Iterable[Head], rows: Iterable[Iterable[Cell]], *, title: str = "", note: str = ""
+) -> Table:
+    """Return a table. heads: a column, or the name of a column of words, which stand to the left.
+
+    title, note: of the table.
+    """
+    columns = tuple(Column(head, right=False) if isinstance(head, str) else head for head in heads)
+    return Table(columns, tuple(tuple(row) for row in rows), title, note)
+
+
+def metric_number(
+    metric: Metric | Pooled | None, decimals: int, *, interval: bool = True, below: str = ""
+) -> Number | None:
+    """Return the number of a metric, of one run or over seeds; shares become per cent."""
+    if metric is None or metric.value is None:
+        return None
+    scale = PERCENT if metric.unit == "share" else 1.0
+    low, high = (None if end is None else end * scale for end in (metric.low, metric.high))
+    shown = (low, high) if interval else None
+    return Number(metric.value * scale, fixed(decimals), shown, metric.censored or "", below)

@@ -1,0 +1,38 @@
+"""The report of ``tactibench board verify`` on a submission that was not refused."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.board.verifying.verdict import Verdict
+from tactibench.report.labels import NAMES, named
+from tactibench.report.table import Column, metric_number, table
+from tactibench.report.writers.terminal import print_table
+
+
+def print_verdict(console: Console, verdict: Verdict) -> None:
+    """Print the name, what was computed anew, and what rests on the submitter's word."""
+    record = verdict.record
+    lines = (
+        f"VERIFIED {verdict.path.name}",
+        f"  {verdict.subject}",
+        f"  {record.protocol.id}@{record.protocol.version}: truth of "
+        f"{verdict.frames:,} test frames made again, predictions "
+        f"{record.identity.predictions_hash[:12]}, {len(verdict.again)} metric rows equal",
+    )
+    for number, line in enumerate(lines):
+        console.print(Text(line, style="" if number else "bold"), soft_wrap=True)
+    rows = [
+        (
+            f"  {named(row.metric, row.unit)}",
+            row.group,
+            metric_number(row, 2 if row.unit == "share" else 4),
+            f"{row.clusters:,}",
+        )
+        for row in verdict.headline()
+    ]
+    print_table(console, table(("  metric", "group", "value [95 %]", Column("presses")), rows))
+    stated = ["times", "training", "weights", *(NAMES.get(n, n) for n in verdict.stated)]
+    text = f"  on the submitter's word: {', '.join(stated)}"
+    console.print(Text(text, style="dim"), soft_wrap=True)

@@ -1,0 +1,1 @@
+"""Writers of tables: one format a module, each a function from a table to text."""

@@ -1,0 +1,25 @@
+"""Tables as comma-separated values, for other programs: values alone, in full precision."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from tactibench.report.table import Cell, Number, Table, Text
+
+
+def csv_text(table: Table) -> str:
+    """Return the table as CSV with a line of heads."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(column.head for column in table.columns)
+    writer.writerows([_value(cell) for cell in row] for row in table.rows)
+    return stream.getvalue()
+
+
+def _value(cell: Cell) -> float | str | None:
+    if isinstance(cell, Number):
+        return cell.value
+    text = cell.text if isinstance(cell, Text) else cell
+    # A spreadsheet would take such a text for a formula.
+    return f"'{text}" if text and text[0] in "=+-@" else text

@@ -1,0 +1,110 @@
+"""Tables and pages as HTML; all text is escaped, so that no name or note can bring markup.
+
+Number cells carry their value for sorting (``data-v``): nothing is read back from the text.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from html import escape
+
+from tactibench.report.document import (
+    Block,
+    Bullets,
+    Code,
+    Emphasis,
+    Fold,
+    Heading,
+    Inline,
+    Paragraph,
+    Prose,
+)
+from tactibench.report.table import MISSING, Cell, Column, Number, Table, Text
+
+_CODE = re.compile(r"`([^`]*)`")
+_ESCAPED_SIGN = re.compile(r"\\([*_])")
+_STYLES = {"italic": "em", "bold": "strong", "code": "code"}
+
+
+def html(blocks: Iterable[Block]) -> str:
+    """Return the blocks of a page; headings are one level deeper than in the Markdown page."""
+    return "\n".join(_block(block) for block in blocks)
+
+
+def table_html(table: Table) -> str:
+    """Return a table that a page can scroll and sort, with its note below, without its title."""
+    heads = "".join(_head(column) for column in table.columns)
+    rows = "\n".join(
+        "<tr>" + "".join(map(_cell, row, table.columns)) + "</tr>" for row in table.rows
+    )
+    note = f'\n<p class="note">{prose_html(table.note)}</p>' if table.note else ""
+    return (
+        f'<div class="scroll" role="region" tabindex="0" aria-label="{escape(table.title)}">\n'
+        f'<table class="board">\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>'
+        f"</table></div>{note}"
+    )
+
+
+def prose_html(text: str) -> str:
+    """Return words of this program: `backticks` become code, "\\*" a star."""
+    return _ESCAPED_SIGN.sub(r"\1", _CODE.sub(r"<code>\1</code>", escape(text, quote=False)))
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading):
+        return f"<h{block.level + 1}>{escape(block.text)}</h{block.level + 1}>"
+    if isinstance(block, Paragraph):
+        return f"<p>{_line(block.parts)}</p>"
+    if isinstance(block, Bullets):
+        return f"<ul>{''.join(f'<li>{_line(item)}</li>' for item in block.items)}</ul>"
+    if isinstance(block, Fold):
+        lines = escape("\n".join(block.lines))
+        return (
+            f"<details><summary>{escape(block.summary)}</summary>"
+            f"<pre tabindex=0>{lines}</pre></details>"
+        )
+    title = f"<h4>{escape(block.title)}</h4>\n" if block.title else ""
+    return title + table_html(block)
+
+
+def _line(parts: Iterable[Inline]) -> str:
+    return "".join(_inline(part) for part in parts)
+
+
+def _inline(part: Inline) -> str:
+    if isinstance(part, Prose):
+        return prose_html(part.text)
+    if isinstance(part, Emphasis):
+        return f"<em>{escape(part.text)}</em>"
+    return f"<code>{escape(part.text)}</code>" if isinstance(part, Code) else escape(part)
+
+
+def _head(column: Column) -> str:
+    title = f' title="{escape(column.title)}"' if column.title else ""
+    return f'<th scope="col"{_class(column)}{title}>{escape(column.head)}</th>'
+
+
+def _cell(cell: Cell, column: Column) -> str:
+    value = f' data-v="{cell.value:.10g}"' if isinstance(cell, Number) else ""
+    return f"<td{_class(column)}{value}>{_content(cell)}</td>"
+
+
+def _class(column: Column) -> str:
+    names = [*(["n"] if column.right else []), *(["who"] if column.who else [])]
+    return f' class="{" ".join(names)}"' if names else ""
+
+
+def _content(cell: Cell) -> str:
+    if cell is None:
+        return MISSING
+    if isinstance(cell, Number):
+        lines = [escape(cell.text + cell.mark)]
+        if cell.ends is not None:
+            lines.append(f"<sub>{' – '.join(cell.ends)}</sub>")
+        if cell.below:
+            lines.append(f"<sub>{escape(cell.below)}</sub>")
+        return "<br>".join(lines)
+    text = Text(cell) if isinstance(cell, str) else cell
+    tag = _STYLES.get(text.style)
+    return f"<{tag}>{escape(text.text)}</{tag}>" if tag else escape(text.text)

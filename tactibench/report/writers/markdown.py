@@ -1,0 +1,95 @@
+"""Tables and pages in GitHub's Markdown, into which no name or note can bring markup."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from tactibench.report.document import (
+    Block,
+    Bullets,
+    Code,
+    Emphasis,
+    Fold,
+    Heading,
+    Inline,
+    Paragraph,
+    Prose,
+)
+from tactibench.report.table import MISSING, Cell, Number, Table
+
+_MARKUP = re.compile(r"([\\`*_{}\[\]<>#|~&])")
+_STYLES = {"italic": "*", "bold": "**"}
+
+
+def escape(text: str) -> str:
+    """Return text that is shown as it is: one line, every character of markup escaped."""
+    return _MARKUP.sub(r"\\\1", " ".join(text.split()))
+
+
+def code(text: str) -> str:
+    """Return text in a fixed pitch, backticks left out, for table cells too."""
+    return f"`{' '.join(text.split()).replace('`', '').replace('|', '/')}`"
+
+
+def table_lines(table: Table) -> list[str]:
+    """Return the lines of a table, without its title and note."""
+    heads = [escape(column.head) for column in table.columns]
+    sides = ["---:" if column.right else "---" for column in table.columns]
+    rows = [[_cell(cell) for cell in row] for row in table.rows]
+    return [f"| {' | '.join(cells)} |" for cells in (heads, sides, *rows)]
+
+
+def markdown(blocks: Iterable[Block]) -> str:
+    """Return the blocks of a page as Markdown, an empty line between them."""
+    return "\n\n".join(text for block in blocks if (text := _block(block)))
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading):
+        return f"{'#' * block.level} {escape(block.text)}"
+    if isinstance(block, Paragraph):
+        return _line(block.parts)
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {_line(item)}" for item in block.items)
+    if isinstance(block, Fold):
+        lines = (line.replace("```", "") for line in block.lines)
+        summary = f"<details><summary>{block.summary}</summary>"
+        return "\n".join([summary, "", "```text", *lines, "```", "", "</details>"])
+    title = [f"### {escape(block.title)}"] if block.title else []
+    note = [block.note] if block.note else []
+    return "\n\n".join([*title, "\n".join(table_lines(block)), *note])
+
+
+def _line(parts: Iterable[Inline]) -> str:
+    return "".join(_inline(part) for part in parts)
+
+
+def _inline(part: Inline) -> str:
+    if isinstance(part, Prose):
+        return part.text
+    if isinstance(part, Emphasis):
+        return f"*{escape(part.text)}*"
+    return code(part.text) if isinstance(part, Code) else escape(part)
+
+
+def _cell(cell: Cell) -> str:
+    if cell is None:
+        return MISSING
+    if isinstance(cell, Number):
+        return _number(cell)
+    if isinstance(cell, str):
+        return escape(cell)
+    if cell.style == "code":
+        return code(cell.text)
+    sign = _STYLES.get(cell.style, "")
+    return f"{sign}{escape(cell.text)}{sign}"
+
+
+def _number(cell: Number) -> str:
+    lines = [escape(cell.text) + escape(cell.mark)]
+    if cell.ends is not None:
+        lines.append(f"<sub>{' – '.join(cell.ends)}</sub>")
+    if cell.below:
+        lines.append(f"<sub>{escape(cell.below)}</sub>")
+    return "<br>".join(lines)

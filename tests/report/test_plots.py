@@ -1,0 +1,316 @@
+"""Pictures: they show what they are given, are written whole, and touch no global state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from report_material import DISTANCES, exp2_metrics
+from scipy.optimize import minimize
+
+from tactibench.board.curve import curves
+from tactibench.board.frontier import frontiers
+from tactibench.board.published import load_published, published_means
+from tactibench.board.ranking import ranking_error
+from tactibench.board.rows import Row, rows_of
+from tactibench.contacts import Contacts, Grid
+from tactibench.metrics.threshold import fit_threshold
+from tactibench.records.record import Metric
+from tactibench.report.plots import style
+from tactibench.report.plots.curve import curve_figure
+from tactibench.report.plots.distance import (
+    by_distance,
+    distance_figure,
+    distance_series,
+    logistic_fit,
+    threshold_figure,
+)
+from tactibench.report.plots.features import features_figure
+from tactibench.report.plots.frames import frame_figure, worst_frames_figure
+from tactibench.report.plots.frontier import frontier_figure
+from tactibench.report.plots.marks import FrameExample, extent
+from tactibench.report.plots.relief import relief_figure
+from tactibench.report.plots.single import histogram_edge, single_figure
+from tactibench.report.plots.style import MODELS, image_bytes, model_look, row_looks, save_png
+from tactibench.report.plots.triple import Prediction, triple_figure
+
+TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")
+GRID = Grid.centred(64, 0.4)
+TRUTH = Contacts.truth([[0, 4.6], [-4, -2.3], [4, -2.3]], [4.0, 2.5, 1.0])
+FOUND = Contacts(np.array([[0.2, 4.4], [-3.9, -2.1]]), np.array([3.8, 2.4]), np.array([0.9, 0.7]))
+IMAGE = np.zeros((128, 128), np.uint8)
+
+
+def heatmap(contacts: Contacts) -> Any:
+    x, y = np.meshgrid(*GRID.axes())
+    peaks = [
+        d / 6 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 12)
+        for (a, b), d in zip(contacts.xy, contacts.depth, strict=True)
+    ]
+    return np.max(peaks, axis=0)
+
+
+ERROR = ranking_error("exp1")
+
+
+def example(heat: Any = None, truth: Contacts = TRUTH, predicted: Contacts = FOUND) -> FrameExample:
+    return FrameExample(IMAGE, GRID, heat, truth, predicted, 6.0)
+
+
+def predictions(**heatmaps: Any) -> list[Prediction]:
+    found = {"cnn": FOUND.top(1), "unet": FOUND}
+    return [Prediction(name, name, c, heatmaps.get(name)) for name, c in found.items()]
+
+
+def layers(count: int) -> list[Any]:
+    rng = np.random.default_rng(0)
+    return [(f"layer {k}", 8, rng.random((min(6, 2 + k), 4, 4))) for k in range(count)]
+
+
+NONE = Contacts.none()
+FLAT = np.zeros((64, 64))
+DRAWN: dict[str, Callable[[], Figure]] = {
+    "curve, nothing": lambda: curve_figure([], ERROR),
+    "distance, nothing": lambda: distance_figure([]),
+    "features": lambda: features_figure(example(heatmap(FOUND)), layers(4)),
+    "features, nothing": lambda: features_figure(example(None, NONE, NONE), []),
+    "frame": lambda: frame_figure(example(heatmap(FOUND))),
+    "frame, nothing": lambda: frame_figure(example(None, NONE, NONE)),
+    "frontier, nothing": lambda: frontier_figure([], ERROR),
+    "relief": lambda: relief_figure(GRID, heatmap(FOUND) * 6, heatmap(TRUTH) * 6),
+    "relief, flat": lambda: relief_figure(GRID, FLAT, FLAT),
+    "single": lambda: single_figure(np.ones((5, 3)), np.ones((5, 3)) + 0.1 * np.eye(5, 3)),
+    "single, nothing": lambda: single_figure(np.empty((0, 3)), np.empty((0, 3))),
+    "triple": lambda: triple_figure(GRID, TRUTH, predictions(unet=heatmap(FOUND))),
+    "worst": lambda: worst_frames_figure([("press 1", example()), ("press 2", example())] * 2),
+}
+
+
+@pytest.mark.parametrize("name", sorted(DRAWN))
+def test_a_picture_is_a_png_of_the_width_of_a_page_and_nothing_else(
+    tmp_path: Path, name: str
+) -> None:
+    save_png(DRAWN[name](), tmp_path / "new" / "picture.png")
+    assert [file.name for file in (tmp_path / "new").iterdir()] == ["picture.png"]
+    assert 1000 <= imread(tmp_path / "new" / "picture.png").shape[1] <= 2100
+
+
+def test_a_failed_write_leaves_the_old_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"old")
+
+    def full(_figure: Figure, stream: Any, **_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", full)
+    with pytest.raises(OSError, match="No space"):
+        save_png(DRAWN["single"](), path)
+    assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
+
+
+@pytest.mark.parametrize("kind", ["png", "svg"])
+def test_the_same_data_gives_the_same_bytes(kind: Any) -> None:
+    assert len({image_bytes(DRAWN["frame"](), kind) for _ in range(2)}) == 1
+
+
+def test_a_name_with_dollars_is_no_formula() -> None:
+    figure = frame_figure(example(), title=r"$\frac{", measured_on="$x$")
+    assert rb"$\frac{" in image_bytes(figure, "svg")
+
+
+def test_a_model_keeps_its_look_and_rows_of_one_model_differ() -> None:
+    looks = [model_look(name) for name in MODELS]
+    assert len({look.color for look in looks}) == len({look.marker for look in looks}) == 7
+    assert model_look("mine") == model_look("mine")
+    rows = row_looks(["cnn", "unet", "unet", "mean", "unet"])
+    assert [rows[k].color for k in (1, 2, 4)] == [model_look("unet").color] * 3
+    assert len({(look.marker, str(look.line)) for look in rows}) == 5
+    assert rows[1] == model_look("unet")
+
+
+def distance_row(fabricate: Any, error: float | None, model: str = "unet") -> Row:
+    """A row of which 40 % are resolved at three distances."""
+    counts: dict[str, Any] = {"n": 9, "clusters": 9, "unit": "mm", "better": "lower"}
+    ends = (None, None) if error is None else (error * 0.8, error * 1.3)
+    record = fabricate("exp2", model)
+    for group in ("12.0", "6.5", "9.0", "all"):
+        for name, value, low, high in (
+            ("distance_mae_mm", error, *ends),
+            ("resolved", 0.4, 0.3, None),
+        ):
+            facts = {"metric": name, "group": group, "value": value, "low": low, "high": high}
+            record.metrics.append(Metric(**facts, **counts))
+    return Row((record,))
+
+
+def filled(axes: Any) -> list[Any]:
+    return [line for line in axes.lines if len(line.get_ydata())]
+
+
+def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabricate: Any) -> None:
+    rows = [distance_row(fabricate, 0.6), distance_row(fabricate, None, "cnn")]
+    figure = distance_figure([distance_series(row) for row in rows], published=TABLES)
+    errors, shares = figure.axes
+    lines = {str(line.get_label()): line for line in errors.lines}
+    assert list(lines[rows[0].label].get_ydata()) == [0.6] * 3
+    assert f"{rows[1].label}: no pair resolved" in lines
+    assert {1.214, 0.383} <= {float(line.get_ydata()[0]) for line in filled(errors)}
+    assert [text.get_text() for text in errors.texts] == [
+        "U-Net (single) 1.214 mm\nhardware, published",
+        "U-Net (multiple) 0.383 mm\nhardware, published",
+    ]
+    values = [list(line.get_ydata()) for line in shares.lines if line.get_marker() == "o"]
+    assert values == [[40.0] * 3] * len(values)
+    assert errors.get_ylim()[0] == 0
+    assert errors.get_ylim()[1] > 1.214
+    assert "hollow: less than half resolved" in figure.get_suptitle()
+
+
+def test_values_by_distance_are_sorted_and_missing_ends_draw_no_bar(fabricate: Any) -> None:
+    table = by_distance(distance_row(fabricate, 0.6), "resolved")
+    assert table[:, 0].tolist() == [6.5, 9.0, 12.0]
+    assert (table[:, 3] == table[:, 1]).all()
+    assert by_distance(distance_row(fabricate, None), "distance_mae_mm").shape == (0, 4)
+
+
+def test_published_means_come_from_the_tables() -> None:
+    assert published_means(TABLES) == [("U-Net (single)", 1.214), ("U-Net (multiple)", 0.383)]
+    assert published_means([]) == []
+
+
+def test_the_fit_is_the_most_likely_logistic_through_the_threshold(fabricate: Any) -> None:
+    rng = np.random.default_rng(3)
+    distance = np.repeat([float(d) for d in DISTANCES], 60)
+    hits = (rng.random(len(distance)) < 1 / (1 + np.exp(-(1.4 * (distance - 8.2))))).astype(float)
+    estimate = fit_threshold(distance, hits, np.arange(len(distance)))
+    assert estimate.censored is None
+    shares = tuple(("resolved", d, float(hits[distance == float(d)].mean())) for d in DISTANCES)
+    record = fabricate("exp2", metrics=(*shares, ("threshold_mm", "all", estimate.value)))
+    for metric in record.metrics:
+        metric.n = 60
+
+    def negative(theta: Any) -> float:  # intercept and slope, in no way the metric's parameters
+        eta = theta[0] + theta[1] * (distance - 8)
+        return float(np.logaddexp(0, -np.where(hits > 0, eta, -eta)).sum())
+
+    best = minimize(negative, [0.0, 1.0], method="BFGS").x
+    at = np.linspace(6.5, 12, 7)
+    expected = 1 / (1 + np.exp(-(best[0] + best[1] * (at - 8))))
+    np.testing.assert_allclose(logistic_fit(record, at), expected, atol=2e-4)
+
+
+def test_a_bound_instead_of_a_threshold_has_no_fit(fabricate: Any) -> None:
+    record = fabricate("exp2", metrics=exp2_metrics(0.2))
+    fitted = distance_series(Row((record,)), fitted=True)
+    assert fitted.fit is not None
+    next(m for m in record.metrics if m.metric == "threshold_mm").censored = "<"
+    bound = distance_series(Row((record,)), fitted=True)
+    assert bound.fit is None
+    assert logistic_fit(fabricate(), np.array([7.0])) is None
+    shares = [threshold_figure([one]).axes[1] for one in (fitted, bound)]
+    marks = [sum(list(line.get_ydata()) == [75] for line in axes.lines) for axes in shares]
+    assert marks == [1, 0]
+
+
+def test_both_reliefs_share_their_axis_and_colours() -> None:
+    figure = relief_figure(GRID, heatmap(FOUND) * 3, heatmap(TRUTH) * 6)
+    left, right = (axes for axes in figure.axes if axes.name == "3d")
+    assert left.get_zlim() == right.get_zlim()  # type: ignore[attr-defined]
+    scales = [axes.collections[0].norm for axes in (left, right)]
+    assert scales[0] is scales[1]
+    assert scales[0].vmax == pytest.approx((heatmap(TRUTH) * 6).max())
+
+
+def test_one_style_per_model_and_every_model_beside_the_truth() -> None:
+    cnn, unet, both = triple_figure(GRID, TRUTH, predictions()).axes[:3]
+    looks = [(axes.lines[0].get_marker(), axes.lines[0].get_color()) for axes in (cnn, unet)]
+    assert looks == [(line.get_marker(), line.get_color()) for line in both.lines]
+    assert looks[0][0] != looks[1][0]
+    assert cnn.get_title() == "cnn\n1 predicted, 3 true"
+    assert all(len(axes.patches) == 3 for axes in (cnn, unet, both))
+
+
+def test_contacts_are_drawn_in_millimetres_and_not_on_the_frame() -> None:
+    frame, field = frame_figure(example(heatmap(FOUND))).axes[:2]
+    assert not frame.lines
+    np.testing.assert_allclose(np.column_stack(field.lines[0].get_data()), FOUND.xy)
+    assert {text.get_text() for text in field.texts} == {"4.0", "2.5", "1.0"}
+
+
+@pytest.mark.parametrize("count", [1, 4, 10])
+def test_layers_go_down_the_left_and_up_the_right(count: int) -> None:
+    figure = features_figure(example(heatmap(FOUND)), layers(count))
+    shown = [axes.get_title("left") for axes in figure.axes if axes.get_title("left")]
+    rows = -(-count // 2)
+    left = [f"layer {k}" for k in range(rows)]
+    right = [f"layer {k}" for k in reversed(range(rows, count))]
+    assert all(title.endswith(": 8 of 4 x 4") for title in shown)
+    order = [title.partition(":")[0] for title in shown]
+    assert sorted(order) == sorted(left + right)
+    assert [name for name in order if name in left] == left
+    assert [name for name in order if name in right] == right
+
+
+def test_every_point_of_a_frontier_is_named_and_dominated_ones_are_hollow(fabricate: Any) -> None:
+    widths = ((8, 0.05, 2.0), (16, 0.10, 3.0), (32, 0.03, 9.0))
+    records = [
+        fabricate(settings={"width": w}, error=e, p90_ms=p, regime=regime)
+        for w, e, p in widths
+        for regime in ("single", "multiple")
+    ]
+    found = frontiers(rows_of(records), ERROR)
+    panels = frontier_figure(found, ERROR).axes
+    titles = [axes.get_title("left") for axes in panels]
+    assert titles == ["trained in regime single", "trained in regime multiple"]
+    for axes, one in zip(panels, found, strict=True):
+        assert [text.get_text() for text in axes.texts] == [p.label for p in one.points]
+        faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
+        assert faces.count("white") == len(one.dominated) == 1
+    assert panels[0].get_xscale() == panels[0].get_yscale() == "log"
+
+
+def test_a_learning_curve_has_its_values_and_bars(fabricate: Any) -> None:
+    few = fabricate(error=0.2, limits={"presses": 250}, data={"train": 250})
+    axes = curve_figure(curves(rows_of([fabricate(), few]), ERROR), ERROR).axes[0]
+    assert list(axes.lines[0].get_ydata()) == [0.2, 0.05]
+    assert list(axes.lines[0].get_xdata()) == [250, 3600]
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["250", "3,600"]
+
+
+def test_the_extent_reaches_the_outer_borders_of_the_cells() -> None:
+    assert extent(GRID) == pytest.approx((-12.8, 12.8, 12.8, -12.8))
+
+
+@pytest.mark.parametrize(("scale", "edge"), [(0.0123, 0.02), (0.3, 0.3), (7.1, 8.0), (0.0, 0.1)])
+def test_histogram_edge_is_a_round_number(scale: float, edge: float) -> None:
+    assert histogram_edge(np.full((100, 3), scale)) == pytest.approx(edge)
+
+
+@given(st.lists(st.floats(0, 10), max_size=8), st.floats(0.01, 2))
+def test_spread_labels_keep_their_order_and_do_not_touch(places: list[float], least: float) -> None:
+    moved = style.spread(places, least)
+    order = np.argsort(places, kind="stable")
+    assert (np.diff(np.array(moved)[order]) >= least - 1e-9).all()
+    assert np.sum(moved) == pytest.approx(np.sum(places), abs=1e-6)
+
+
+def test_labels_that_stand_apart_stay() -> None:
+    assert style.spread([1.214, 0.383], 0.1) == [1.214, 0.383]
+
+
+def test_pyplot_is_never_loaded() -> None:
+    import subprocess
+    import sys
+
+    module = "tactibench.report.plots.run_pictures"
+    code = f"import sys, {module}; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,61 @@
+"""Each protocol draws its own pictures beside the record, of runs that answered the same frames."""
+
+from __future__ import annotations
+
+import pytest
+from tiny_lab import Lab, tiny_commands
+
+from tactibench.board.labels import label_of
+from tactibench.cli.main import call
+from tactibench.records.store import stored_runs
+from tactibench.report.plots.run_pictures import draw_pictures
+from tactibench.report.plots.style import new_figure
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    """Each protocol in miniature, run with the tiny model as it is, and trained longer for those
+    whose pictures show several runs."""
+    folder = tmp_path_factory.mktemp("pictures")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACTIBENCH_CACHE", str(folder / "cache"))
+        tiny_commands(patch.setattr, Lab(folder / "lab").protocols)
+        for protocol, epochs in (("exp1", 6), ("exp2", 6), ("exp2", 7), ("exp3", 6), ("exp3", 7)):
+            options = ["--param", f"model.epochs={epochs}", "--store", str(folder / "runs")]
+            assert call(["run", protocol, "--model", "tiny", *options]) == 0
+        yield folder / "runs"
+
+
+@pytest.mark.parametrize(
+    ("protocol", "own"), [("exp1", "errors.png"), ("exp2", "distance.png"), ("exp3", "triple.png")]
+)
+def test_a_run_leaves_its_pictures(store, protocol, own):
+    runs = [run for run in stored_runs(store) if run.record.protocol.id == protocol]
+    assert runs
+    for run in runs:
+        drawn = {path.name for path in run.folder.glob("*.png")}
+        assert drawn == {"frame.png", own}  # the tiny model has no heatmap to show as relief
+        assert all((run.folder / name).read_bytes().startswith(PNG) for name in drawn)
+
+
+def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypatch):
+    runs = list(stored_runs(store))
+    pairs = [run for run in runs if run.record.protocol.id == "exp2"]
+    seen: list[str] = []
+
+    def record_series(series, **_more):
+        seen.extend(one.label for one in series)
+        return new_figure(1, 1)
+
+    monkeypatch.setattr("tactibench.report.plots.distance.distance_figure", record_series)
+    others = [run for run in runs if run.folder != pairs[0].folder]
+    draw_pictures(pairs[0], others)
+    assert seen == sorted(label_of(run.record) for run in pairs)
+
+
+def test_a_run_of_another_protocol_version_draws_nothing(store):
+    run = next(stored_runs(store))
+    run.record.protocol.hash = "0" * 64
+    assert draw_pictures(run, []) == []
