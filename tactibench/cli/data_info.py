@@ -184,13 +184,13 @@ def draw_sheet(path: Path, recording: Recording) -> None:
     """
     import numpy as np
 
-    from tactibench.report.plots.style import DPI, headline, new_figure, save_png
     from tactibench.datasets.description import (
         changing_labels,
         label_values,
         spread_rows,
         unit_of,
     )
+    from tactibench.report.plots.style import DPI, headline, new_figure, save_png
 
     labels = changing_labels(label_values(recording))
     rows = spread_rows(

@@ -11,8 +11,8 @@ from tactibench.board.frontier import Frontier, Range
 from tactibench.board.hard_cases import graded
 from tactibench.board.limits import LimitMaps, summary
 from tactibench.board.rows import Row
-from tactibench.protocols.families import Axis
 from tactibench.protocols.board_spec import Ranking
+from tactibench.protocols.families import Axis
 from tactibench.report.numbers import Format, fixed, significant
 from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
 

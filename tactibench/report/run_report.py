@@ -15,8 +15,8 @@ from rich.text import Text
 
 from tactibench.board.labels import measured_on
 from tactibench.board.published import PublishedRow, PublishedTable, rows_for
-from tactibench.protocols.families import Axis
 from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
+from tactibench.protocols.families import Axis
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
 from tactibench.report.numbers import duration, fixed, general, span
