@@ -64,6 +64,7 @@ def sweep(
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
+    from tactibench.report.sweep_report import print_sweep
     from tactibench.sweep.cluster import Storage, count_cores, local_cluster, remote_cluster
     from tactibench.sweep.data_sets import list_data_sets
     from tactibench.sweep.plan import plan_cells
