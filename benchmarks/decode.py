@@ -19,8 +19,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Grid
-from tactibench.run.latency import time_single
-from tactibench.run.latency_rows import speed_rows
+from tactibench.run.latency import time_calls
 from tactibench_heatmaps.axes import Axes
 from tactibench_heatmaps.discs import HeatAndDepth, Offsets
 from tactibench_heatmaps.hertz import HertzGaussian
@@ -111,7 +110,7 @@ def best_seconds(work: Callable[[], object], clock: Callable[[], float], rounds:
 def timed(name: str, decode: Callable[[np.ndarray], Contacts], maps: np.ndarray) -> float:
     """Print the times of one map; returns the thread's own in us."""
     stage = ("decode", lambda one: decode(one[0]))
-    row = speed_rows(time_single([stage], maps[:300], threads=1, calls=1000), "single")[-1]
+    row = time_calls([stage], maps[:300], threads=1, calls=1000).rows("single")[-1]
     cpu = best_seconds(lambda: [decode(one) for one in maps[:300]], time.thread_time) / 300
     print(
         f"{name:21s} one map p50 {1e3 * row['p50_ms']:5.0f} us, p90 {1e3 * row['p90_ms']:5.0f} us,"

@@ -21,9 +21,10 @@ import numpy as np
 from skimage.feature import peak_local_max
 
 from tactibench import Contacts, Frame, Grid, ModelContext, Pose
-from tactibench.run.configurations import COMPILED, configurations, fastest
-from tactibench.run.device import machine
-from tactibench.run.latency import LatencySample, Stage, time_in_rounds, torch_threads
+from tactibench.plugins.base import Stage
+from tactibench.run.configurations import COMPILED, compare_configurations, fastest
+from tactibench.run.latency import LatencySample, time_in_rounds, torch_threads
+from tactibench.run.machine import machine
 from tactibench_heatmaps.hertz import HertzGaussian
 from tactibench_unet.model import UNet
 
@@ -102,7 +103,7 @@ def main() -> None:
     with torch_threads(1):
         scored = model.predict(frames[:3])
         truth = [Contacts.truth([[0, 0]], [1.0])] * 3  # random weights have no error to compare
-        found = configurations(model, frames[:3], scored, truth, compiled=options.compile)
+        found = compare_configurations(model, frames[:3], scored, truth, compiled=options.compile)
     entries = {PLAIN: with_true_maps(plain(model), maps)}
     entries |= {one.name: with_true_maps(one.stages, maps) for one in found.usable}
     amx = "amx_bf16" in facts["cpu_flags"]

@@ -25,7 +25,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactibench.run.fingerprint import fingerprint, fingerprint_hash
+from tactibench.run.machine import fingerprint, fingerprint_hash
 
 
 @dataclass(frozen=True)

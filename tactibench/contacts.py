@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.errors import NotFiniteError
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -26,7 +28,7 @@ def _column(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatAr
             raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
         array = array.reshape(shape)
     if not all(map(math.isfinite, array.ravel().tolist())):  # a few values: faster than an array
-        raise ValueError(f"{name} holds a value that is not finite")
+        raise NotFiniteError(f"{name} holds a value that is not finite")
     array.flags.writeable = False
     return array
 

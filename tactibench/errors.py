@@ -23,6 +23,10 @@ class PluginError(Exception):
     """A call into a plugin that raised; the message is one line, the cause is the exception."""
 
 
+class NotFiniteError(ValueError):
+    """A value that must be a finite number is NaN or infinite."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: the close match, or all known names."""
     names = sorted(known)

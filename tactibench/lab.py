@@ -83,9 +83,9 @@ def trained_model(
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.run.plan import make_plan
-    from tactibench.run.reporter import Silent
+    from tactibench.run.reporter import NullReporter
     from tactibench.run.request import RunRequest, read_parameters
-    from tactibench.run.train import trained_model as load
+    from tactibench.run.train import train_model as load
 
     request = RunRequest(
         protocol,
@@ -96,12 +96,12 @@ def trained_model(
         sensor=sensor,
     )
     plan = make_plan(request, PluginHost(), cache_folder())
-    label = plan.parts.model.label()
+    label = plan.components.model.label
     if untrained:
-        return plan.parts.build_model(plan.context()), label
+        return plan.components.build_model(plan.context()), label
     if not plan.weights.cached:
         raise UserError(
             f"there are no trained weights of {label} in the cache for this request; make them "
             f"with `tactibench run {protocol} --model {name} --train-only` and the same options."
         )
-    return load(plan, Silent())[0], label
+    return load(plan, NullReporter())[0], label

@@ -24,8 +24,7 @@ from tactibench.metrics.registry import find_metric
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.records.identity import canonical
 from tactibench.records.store import StoredRun
-from tactibench.run.rescore import protocol_of
-from tactibench.run.score import trials_of
+from tactibench.run.score import protocol_of, trials_of
 from tactibench.stats.estimate import Estimate
 from tactibench.stats.intervals import mean_interval
 from tactibench.stats.paired import holm, sign_flip_ps

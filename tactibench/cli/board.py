@@ -152,7 +152,7 @@ def verify(
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
     from tactibench.report.verify_report import print_verdict
-    from tactibench.run.components import data_folder
+    from tactibench.run.request import data_folder
 
     source = Source(trusted_host(), cache_folder(), data_folder(data))
     terminal = Terminal()

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tactibench.cli.options import json_option
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -23,44 +22,9 @@ Finding = tuple[bool, str, str]
 
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), help="Also check a folder of frames.")
-@click.option(
-    "--determinism",
-    is_flag=True,
-    help="Work four times on a small run instead, and compare all that is made bit for bit.",
-)
-@click.option(
-    "--model",
-    "models",
-    multiple=True,
-    metavar="NAME",
-    help="Of --determinism; several may be named.  [default: cnn]",
-)
-@click.option("--protocol", help="Of --determinism.  [default: exp1]")
-@click.option("--sensor", help="Of --determinism; default: the protocol's.")
-@json_option
 @click.pass_context
-def doctor(
-    ctx: click.Context,
-    data: Path | None,
-    determinism: bool,
-    models: tuple[str, ...],
-    protocol: str | None,
-    sensor: str | None,
-    json_file: Path | None,
-) -> None:
-    """Check packages, cache, plugins and protocols. Exit code 1 when something is wrong.
-
-    With --determinism data, weights, answers and metrics of a small run are made again in
-    processes and caches of their own: by one process, by two at once, and the frames with another
-    number of threads. Exit code 1 when anything differs in a bit.
-    """
-    if determinism:
-        _repeat(ctx, models or ("cnn",), protocol or "exp1", sensor, json_file)
-        return
-    if models or protocol or sensor or json_file:
-        raise UserError(
-            "--model, --protocol, --sensor and --json of doctor belong to --determinism; add it."
-        )
+def doctor(ctx: click.Context, data: Path | None) -> None:
+    """Check packages, cache, plugins and protocols. Exit code 1 when something is wrong."""
     from tactibench.plugins.host import PluginHost
 
     host = PluginHost()
@@ -84,46 +48,8 @@ def doctor(
         ctx.exit(1)
 
 
-def _repeat(
-    ctx: click.Context,
-    models: tuple[str, ...],
-    protocol: str,
-    sensor: str | None,
-    json_file: Path | None,
-) -> None:
-    from tactibench.cli.output import Terminal
-    from tactibench.records.files import write_json
-    from tactibench.report.determinism_report import print_findings
-    from tactibench.run.environment import environment_facts
-    from tactibench.run.evidence import Asked
-    from tactibench.run.repeated import repeat, steps
-    from tactibench.run.request import QUICK_FIT
-
-    terminal = Terminal()
-    with terminal.task("repeat", len(models) * steps()) as advance:
-        found = [row for name in models for row in repeat(Asked(name, protocol, sensor), advance)]
-    facts = environment_facts()
-    machine = f"{facts['cpu']}, fingerprint {facts['fingerprint']}"
-    subject = f"{protocol}, seed 0, {QUICK_FIT} presses; {machine}"
-    print_findings(terminal.out, found, subject)
-    if json_file is not None:
-        rows = [row.as_row() for row in found]
-        metrics = [
-            {
-                "metric": "same",
-                "group": f"{row.model}, {row.what}",
-                "value": float(row.same),
-                "unit": "1",
-            }
-            for row in found
-        ]
-        write_json(json_file, {"environment": facts, "findings": rows, "metrics": metrics})
-    if not all(row.same for row in found):
-        ctx.exit(1)
-
-
 def _machine() -> Iterator[Finding]:
-    from tactibench.run.fingerprint import fingerprint, fingerprint_hash
+    from tactibench.run.machine import fingerprint, fingerprint_hash
 
     try:
         found = fingerprint(with_torch=True)

@@ -12,7 +12,7 @@ from tactibench.cli.options import board_option, json_option, store_option
 if TYPE_CHECKING:
     from tactibench.board.published import PublishedTable
     from tactibench.plugins.host import PluginHost
-    from tactibench.run.cached_weights import KeptWeights
+    from tactibench.run.cached_weights import CachedWeights
 
 PLUGINS = ("models", "sensors", "encoders", "protocols")
 KINDS = (*PLUGINS, "runs", "weights", "published")
@@ -109,7 +109,7 @@ def _list_weights() -> list[Row]:
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.report.numbers import duration, number
-    from tactibench.run.cached_weights import kept_weights
+    from tactibench.run.cached_weights import cached_weights
 
     folder = cache_folder()
     host = PluginHost()
@@ -129,7 +129,7 @@ def _list_weights() -> list[Row]:
             "hash": weights.hash,
             "folder": weights.folder.name,
         }
-        for weights in kept_weights(folder)
+        for weights in cached_weights(folder)
     ]
     shown = [
         {
@@ -146,7 +146,7 @@ def _list_weights() -> list[Row]:
     return rows
 
 
-def _weights_label(weights: KeptWeights, host: PluginHost) -> str:
+def _weights_label(weights: CachedWeights, host: PluginHost) -> str:
     """Return the model with the parameters that are not at their defaults, as far as known."""
     spec = host.models.specs.get(weights.model)
     defaults = {p.name: p.default for p in spec.parameters} if spec else {}

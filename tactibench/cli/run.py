@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--published",
-    "released",
+    "published",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="Released answers to the test frames; default: looked for beside --data.",
 )
@@ -81,11 +81,11 @@ def run(
     from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
     from tactibench.run.plan import make_plan, plan_lines
-    from tactibench.run.request import read_tested
+    from tactibench.run.request import read_test_options
 
-    tested = read_tested(tests, hidden=hidden)
+    test = read_test_options(tests, hidden=hidden)
     request = request_of(
-        protocol, model, asked, quick=quick, limit=limit, presses=presses, tested=tested
+        protocol, model, asked, quick=quick, limit=limit, presses=presses, test=test
     )
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())
@@ -114,20 +114,21 @@ def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:
     """Train, or find the weights in the cache, and say where they are."""
     from tactibench.records.files import write_json
     from tactibench.report.numbers import duration
-    from tactibench.run.train import trained_model
+    from tactibench.run.train import train_model
 
-    _, trained = trained_model(plan, terminal)
-    report, model = trained.report, plan.parts.model.label()
+    _, trained = train_model(plan, terminal)
+    report, model = trained.report, plan.components.model.label
     how = "found in the cache, trained" if trained.reused else "trained"
     terminal.say(
-        f"{model} ({plan.parts.regime}), seed {plan.request.seed}: {how} {report['epochs']} epochs "
-        f"on {plan.frames.count('fit'):,} presses in {duration(report['seconds'])}"
+        f"{model} ({plan.components.regime}), seed {plan.request.seed}: {how} "
+        f"{report['epochs']} epochs on {plan.frames.count('fit'):,} presses in "
+        f"{duration(report['seconds'])}"
     )
     terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
     if json_file is not None:
         facts = {
             "model": model,
-            "regime": plan.parts.regime,
+            "regime": plan.components.regime,
             "seed": plan.request.seed,
             "weights": trained.hash,
             "reused": trained.reused,

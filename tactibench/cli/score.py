@@ -24,13 +24,13 @@ def score(ctx: click.Context, run_name: str, store: Path, json_file: Path | None
     from tactibench.cli.output import Terminal, show_run
     from tactibench.records.files import write_json
     from tactibench.records.store import StoredRun, open_run
-    from tactibench.run.rescore import differences, rescored
+    from tactibench.run.score import metric_differences, rescore
 
     terminal = Terminal()
     run = open_run(store, run_name)
-    record = rescored(run)
+    record = rescore(run)
     show_run(terminal, StoredRun(run.folder, record), store)
-    changed = differences(run.record.metrics, record.metrics)
+    changed = metric_differences(run.record.metrics, record.metrics)
     if json_file is not None:
         write_json(json_file, record.json_values())
     if changed:

@@ -1,124 +1,234 @@
-"""Frames that a sensor makes of the presses a protocol draws."""
+"""Frames that a sensor makes of the presses that a protocol draws."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
+from typing import Any
 
-from tactibench.frames.presser import Presser
-from tactibench.frames.source import FramePlan, Wanted, fewer, scored_limit, spread
-from tactibench.protocols.draws import SceneSet
-from tactibench.protocols.hidden_seed import HiddenSeed
+import numpy as np
+
+from tactibench.contacts import Scene
+from tactibench.frames.cache import FrameRecipe, folder_of, is_cached, open_frames
+from tactibench.frames.presses import Presses
+from tactibench.frames.source import (
+    QUICK_FIT,
+    QUICK_VALIDATION,
+    Advance,
+    FramePlan,
+    FrameRequest,
+    FrameSet,
+    FrameSource,
+    group_of,
+    sensor_identity,
+    spread_over_sets,
+)
+from tactibench.plugins.base import Sensor, SensorContext
+from tactibench.plugins.specs import SensorSpec
+from tactibench.protocols.draws import SceneSet, draw_scenes, pressable
 from tactibench.protocols.schema import Protocol, Split
-from tactibench.protocols.split import split_presses
-from tactibench.run.components import Sensors
-from tactibench.run.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
-
-FIT, VALIDATION, TEST, WHOLE = 0, 1, 2, 3
-"""PressSplit of a draw; the frames of each have noise of their own."""
+from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
+from tactibench.records.bound_spec import BoundSpec
 
 Rows = dict[str, Sequence[int]]
 """Draw -> numbers of its presses."""
 
 
-def drawn_frames(
-    request: RunRequest,
-    keys: Protocol,
-    split: Split,
-    parts: Sensors,
-    cache: Path,
-    hidden: HiddenSeed | None = None,
-) -> FramePlan:
-    """Draw the presses and divide them; frames are keyed, not made."""
-    extra = keys.regimes[parts.regime]
-    presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
-    draws = {name: presser.draw(name) for name in {split.draw, *extra}}
-    divided = split_presses(len(draws[split.draw].scenes), split, keys.data_seed)
+@dataclass(frozen=True, kw_only=True)
+class GeneratedFrameSet(FrameSet):
+    """Frames that are made by a recipe when they are opened, and cached."""
 
-    fit: Rows = {
-        split.draw: fewer(divided.fit, request),
-        **{name: range(len(draws[name].scenes)) for name in extra},
-    }
-    validation: Sequence[int] = divided.validation
-    if request.quick:
-        share = max(1, QUICK_FIT // len(fit))
-        fit = {name: rows[:share] for name, rows in fit.items()}
-        validation = validation[:QUICK_VALIDATION]
+    recipe: FrameRecipe
+    cache: Path
 
-    tester = presser_of_test(keys, parts, cache, hidden)
-    known = draws if tester.pressed == presser.pressed else {}
-    test, rejected = frames_of_test(request, tester, split, known)
-    return FramePlan(
-        tuple(
-            _wanted(presser, draws[name], split, "fit", name, rows, FIT)
-            for name, rows in fit.items()
-        ),
-        (
-            _wanted(
-                presser, draws[split.draw], split, "validation", split.draw, validation, VALIDATION
+    @property
+    def key(self) -> str:
+        """Return the identity of the recipe."""
+        return self.recipe.key
+
+    @property
+    def cached(self) -> bool:
+        """Return whether the frames are in the cache."""
+        return is_cached(folder_of(self.cache, self.key))
+
+    def open(self, advance: Advance) -> Presses:
+        """Return the frames, made where they are not in the cache."""
+        return open_frames(self.recipe, self.cache, advance)
+
+
+@dataclass(frozen=True)
+class SensorFrames:
+    """A sensor that makes the frames of a protocol's scenes.
+
+    Attributes:
+        protocol: whose scenes are pressed.
+        component: the sensor.
+        cache: folder in which frames are kept.
+        secret: whether the protocol's data seed must not be written down.
+    """
+
+    protocol: Protocol
+    component: BoundSpec[SensorSpec]
+    cache: Path
+    secret: bool = False
+
+    @cached_property
+    def sensor(self) -> Sensor:
+        """Return the sensor, to be asked and not to be pressed."""
+        return self.open(np.random.SeedSequence(0))
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """Return all that determines the frames but the seed."""
+        return sensor_identity(self.component, self.sensor.describe())
+
+    @cached_property
+    def pressed(self) -> Protocol:
+        """Return the protocol on the sensor's own surface."""
+        return pressable(self.protocol, self.sensor)
+
+    def open(self, seed: np.random.SeedSequence) -> Sensor:
+        """Return a sensor with that randomness."""
+        sensor: Sensor = self.component.build(SensorContext(seed))
+        return sensor
+
+    def draw(self, name: str) -> SceneSet:
+        """Return the scenes of one of the protocol's draws on the sensor's surface."""
+        return draw_scenes(self.pressed, name)
+
+    def frame_set(
+        self,
+        role: str,
+        name: str,
+        scenes: Sequence[Scene],
+        names: Sequence[str],
+        part: int,
+        *,
+        stream: int | None = None,
+        presses: Sequence[str] = (),
+        groups: Sequence[str] | None = None,
+    ) -> GeneratedFrameSet:
+        """Return the frames of scenes, to be made when they are opened.
+
+        Args:
+            role, name: see ``FrameSet``.
+            scenes, names: of every frame.
+            part: number of the part of a draw; the frames of every part have noise of their own.
+            stream: of that noise; None: the draw's.
+            presses, groups: see ``FrameSet``; no groups: those of the draw.
+        """
+        radius = self.pressed.workspace.dome_radius_mm
+        recipe = FrameRecipe(
+            name,
+            self.component.build,
+            self.identity,
+            tuple(scenes),
+            tuple(names),
+            (self.protocol.data_seed, stream or self.protocol.draw(name).stream, part),
+            None if radius == self.protocol.workspace.dome_radius_mm else radius,
+            self.secret,
+        )
+        if groups is None:
+            groups = [group_of(self.protocol, name, scene) for scene in scenes]
+        return GeneratedFrameSet(
+            role=role,
+            name=name,
+            scenes=recipe.scenes,
+            groups=tuple(groups),
+            names=recipe.names,
+            presses=tuple(presses),
+            recipe=recipe,
+            cache=self.cache,
+        )
+
+
+class DrawnFrames(FrameSource):
+    """Presses that a protocol draws and divides; one sensor makes the training frames, the same
+    or another one the test frames."""
+
+    simulates = True
+
+    def __init__(self, request: FrameRequest) -> None:
+        super().__init__(request)
+        assert self.spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
+        self.split: Split = self.spec.split
+        self.training = SensorFrames(self.spec, request.sensor, request.cache)
+        tested, hidden = self.spec, request.hidden
+        if hidden is not None:
+            tested = tested.model_copy(update={"data_seed": hidden.data_seed})
+        self.testing = SensorFrames(tested, request.tested, request.cache, hidden is not None)
+
+    def plan(self) -> FramePlan:
+        """Return the drawn presses of every role."""
+        request, split = self.request, self.split
+        extra = self.spec.regimes[request.regime]
+        draws = {name: self.training.draw(name) for name in {split.draw, *extra}}
+        divided = split_presses(len(draws[split.draw].scenes), split, self.spec.data_seed)
+        fit: Rows = {
+            split.draw: divided.fit[: request.training_count(len(divided.fit))],
+            **{name: range(len(draws[name].scenes)) for name in extra},
+        }
+        validation: Sequence[int] = divided.validation
+        if request.quick:
+            share = max(1, QUICK_FIT // len(fit))
+            fit = {name: rows[:share] for name, rows in fit.items()}
+            validation = validation[:QUICK_VALIDATION]
+        return FramePlan(
+            source=self,
+            fit=tuple(
+                self._frame_set(self.training, "fit", name, rows, FIT) for name, rows in fit.items()
             ),
-        ),
-        test,
-        rejected,
-        presser.identity,
-        tested_identity=None if parts.tested is None else tester.identity,
-    )
+            validation=(
+                self._frame_set(self.training, "validation", split.draw, validation, VALIDATION),
+            ),
+            test=self.test_frames(),
+            rejected=self.rejected(),
+            sensor_identity=self.training.identity,
+            test_identity=None if request.test_sensor is None else self.testing.identity,
+        )
 
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the presses that the protocol tests, or as many as are asked for."""
+        rows: Rows = {
+            name: range(len(self.testing.draw(name).scenes)) for name in self.spec.test.sets
+        }
+        if (split := self.split).draw in rows:
+            count, seed = len(rows[split.draw]), self.testing.protocol.data_seed
+            rows[split.draw] = split_presses(count, split, seed).test
+        return tuple(
+            self._frame_set(self.testing, "test", name, kept, TEST)
+            for name, kept in spread_over_sets(rows, self.request.test_count).items()
+        )
 
-def presser_of_test(
-    keys: Protocol, parts: Sensors, cache: Path, hidden: HiddenSeed | None = None
-) -> Presser:
-    """What presses the test scenes of a protocol, drawn from its own or a hidden seed."""
-    if hidden is not None:
-        keys = keys.model_copy(update={"data_seed": hidden.data_seed})
-    return Presser(keys, parts.test_sensor, parts.build_test_sensor, cache, hidden is not None)
+    def rejected(self) -> int:
+        """Return how many candidates of the test draws geometry refused."""
+        names = [name for name in self.spec.test.sets if name != self.split.draw]
+        return sum(self.testing.draw(name).rejected for name in names)
 
+    def scene_counts(self, plan: FramePlan) -> dict[str, dict[str, int]]:
+        """Return, by role, how many scenes the sensors made in which way."""
+        roles = {
+            "fit": (plan.fit, self.training),
+            "validation": (plan.validation, self.training),
+            "test": (plan.test, self.testing),
+        }
+        counts = {}
+        for role, (sets, frames) in roles.items():
+            sensor = frames.open(np.random.SeedSequence(self.spec.data_seed))
+            scenes = [scene for frame_set in sets for scene in frame_set.scenes]
+            counts[role] = dict(sensor.scene_counts(scenes))
+        return {role: counted for role, counted in counts.items() if counted}
 
-def frames_of_test(
-    request: RunRequest,
-    tester: Presser,
-    split: Split,
-    known: Mapping[str, SceneSet] = MappingProxyType({}),
-) -> tuple[tuple[Wanted, ...], int]:
-    """Test presses, and how many candidates geometry refused. known: draws that were made."""
-    from tactibench.frames.reference import reference_frames
-
-    if tester.keys.families:
-        from tactibench.frames.hard_cases import hard_frames
-
-        return hard_frames(request, tester), 0
-    if request.tested.reference:
-        return reference_frames(request, tester)
-    sets = tester.keys.test.sets
-    draws = {name: known.get(name) or tester.draw(name) for name in sets}
-    rows: Rows = {name: range(len(drawn.scenes)) for name, drawn in draws.items()}
-    if split.draw in rows:
-        rows[split.draw] = split_presses(len(rows[split.draw]), split, tester.keys.data_seed).test
-    wanted = (
-        _wanted(tester, draws[name], split, "test", name, kept, TEST)
-        for name, kept in thinned(rows, scored_limit(request)).items()
-    )
-    rejected = sum(drawn.rejected for name, drawn in draws.items() if name != split.draw)
-    return tuple(wanted), rejected
-
-
-def _wanted(
-    presser: Presser,
-    drawn: SceneSet,
-    split: Split,
-    role: str,
-    name: str,
-    rows: Sequence[int],
-    part: int,
-) -> Wanted:
-    scenes = [drawn.scenes[row] for row in rows]
-    names = [f"{name}-{row}" for row in rows]
-    return presser.want(role, name, scenes, names, part if name == split.draw else WHOLE)
-
-
-def thinned(test: Rows, limit: int | None) -> Rows:
-    """At most ``limit`` presses of all sets together, evenly spread over them."""
-    kept = spread([(name, row) for name, rows in test.items() for row in rows], limit)
-    found = {name: [row for of, row in kept if of == name] for name in test}
-    return {name: rows for name, rows in found.items() if rows}
+    def _frame_set(
+        self, frames: SensorFrames, role: str, name: str, rows: Sequence[int], part: int
+    ) -> FrameSet:
+        scenes = frames.draw(name).scenes
+        return frames.frame_set(
+            role,
+            name,
+            [scenes[row] for row in rows],
+            [f"{name}-{row}" for row in rows],
+            part if name == self.split.draw else WHOLE,
+        )

@@ -1,4 +1,4 @@
-"""What can go wrong with a camera or its light: pure functions of a frame, an amount, a generator.
+"""Faults of a camera or its light: pure functions of a frame, an amount and a generator.
 
 Images are (H, W) or (H, W, 3) uint8 and are never changed in place. The amount 0 (of ``gain``: 1)
 leaves every frame as it is. What a fault draws at random does not depend on its amount: a greater
@@ -13,9 +13,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.frames.spots import discs, pin_labels, repainted
+from tactibench.images import gray
+from tactibench.markers.blobs import FAINTEST
 
 Image = npt.NDArray[np.uint8]
+Labels = npt.NDArray[np.int32]
 Levels = npt.NDArray[np.float64]
 Generator = np.random.Generator
 
@@ -23,39 +25,45 @@ MIDDLE = 0.6
 """Share of either side, around the middle, in which spots and patches have their centres."""
 SPREAD = 0.8
 """The same of spurious blobs."""
+BLOB_EDGE = 2
+"""Pixels around a blob that its soft edge reaches."""
+WINDOW = 8
+"""Half the side of the window, px, whose dark pixels replace those of a blob."""
+SMALLEST_BLOB = 0.25
+"""Blobs below this share of the median area are noise."""
 
 
-def blurred(image: Image, sigma: float) -> Image:
-    """Gaussian blur of ``sigma`` px; the frame's own noise is smoothed with it."""
+def blur(image: Image, sigma: float) -> Image:
+    """Smooth with a Gaussian of ``sigma`` px; the frame's own noise is smoothed with it."""
     from scipy.ndimage import gaussian_filter
 
     if sigma == 0:
         return image
     wide = (sigma, sigma, *(0,) * (image.ndim - 2))
-    return as_levels(gaussian_filter(image.astype(np.float64), wide, mode="nearest"))
+    return _to_levels(gaussian_filter(image.astype(np.float64), wide, mode="nearest"))
 
 
-def noisy(image: Image, deviation: float, rng: Generator) -> Image:
-    """Gaussian noise of that many grey levels rms, beyond the frame's own."""
-    return as_levels(image + deviation * rng.standard_normal(image.shape))
+def add_noise(image: Image, deviation: float, rng: Generator) -> Image:
+    """Add Gaussian noise of that many grey levels rms, beyond the frame's own."""
+    return _to_levels(image + deviation * rng.standard_normal(image.shape))
 
 
-def scaled(image: Image, factor: float) -> Image:
-    """Every grey level times ``factor``, cut off at white."""
-    return as_levels(image.astype(np.float64) * factor)
+def scale(image: Image, factor: float) -> Image:
+    """Multiply every grey level by ``factor``, cut off at white."""
+    return _to_levels(image.astype(np.float64) * factor)
 
 
-def glaring(image: Image, radius: float, rng: Generator) -> Image:
-    """A round reflection: white up to half of ``radius`` px, then falling to nothing there."""
+def add_glare(image: Image, radius: float, rng: Generator) -> Image:
+    """Add a round reflection: white up to half of ``radius`` px, falling to nothing there."""
     away = np.hypot(*_from(image, _place(rng, image, MIDDLE)))
     if radius == 0:
         return image
     light = 255 * np.clip(2 - 2 * away / radius, 0, 1)
-    return as_levels(image + _over(light, image))
+    return _to_levels(image + _over(light, image))
 
 
-def drifted(image: Image, amount: float, rng: Generator) -> Image:
-    """A gain that drifts along the frame: 1 - amount at one edge, 1 + amount at the other.
+def drift_gain(image: Image, amount: float, rng: Generator) -> Image:
+    """Apply a gain that drifts along the frame: 1 - amount at one edge, 1 + amount at the other.
 
     Linear in a direction drawn for each frame; 1 in the middle.
     """
@@ -64,19 +72,19 @@ def drifted(image: Image, amount: float, rng: Generator) -> Image:
     y, x = np.mgrid[:height, :width]
     along = math.cos(turn) * (2 * x / (width - 1) - 1) + math.sin(turn) * (2 * y / (height - 1) - 1)
     most = abs(math.cos(turn)) + abs(math.sin(turn))
-    return as_levels(image * _over(1 + amount * along / most, image))
+    return _to_levels(image * _over(1 + amount * along / most, image))
 
 
-def without_rows(image: Image, count: float, rng: Generator) -> Image:
-    """``count`` whole rows of the sensor chip are dead: black."""
+def blacken_rows(image: Image, count: float, rng: Generator) -> Image:
+    """Blacken ``count`` whole rows, as dead rows of the sensor chip do."""
     rows = rng.permutation(len(image))[: round(count)]
     out = image.copy()
     out[rows] = 0
     return out
 
 
-def occluded(image: Image, side: float, rng: Generator) -> Image:
-    """A black square of ``side`` px covers part of the view."""
+def occlude(image: Image, side: float, rng: Generator) -> Image:
+    """Cover part of the view with a black square of ``side`` px."""
     down, right = _from(image, _place(rng, image, MIDDLE))
     covered = (2 * abs(down) < side) & (2 * abs(right) < side)
     out = image.copy()
@@ -84,30 +92,30 @@ def occluded(image: Image, side: float, rng: Generator) -> Image:
     return out
 
 
-def without_pins(image: Image, share: float, rng: Generator) -> Image:
-    """round(share x pins) pins lose their white tip: they are painted over by what is around them.
+def remove_pins(image: Image, share: float, rng: Generator) -> Image:
+    """Paint round(share x pins) pins over by what is around them: they lost their white tip.
 
     Pins are the bright blobs of the frame itself.
     """
-    labels, count = pin_labels(image)
+    labels, count = label_pins(image)
     lost = rng.permutation(count)[: round(share * count)] + 1
-    return repainted(image, labels, lost, rng)
+    return paint_over(image, labels, lost, rng)
 
 
-def with_blobs(image: Image, count: float, rng: Generator) -> Image:
-    """``count`` bright discs that are no pins, as large and as bright as the frame's pins."""
-    labels, pins = pin_labels(image)
+def add_blobs(image: Image, count: float, rng: Generator) -> Image:
+    """Add ``count`` bright discs that are no pins, as large and as bright as the frame's pins."""
+    labels, pins = label_pins(image)
     places = np.array([_place(rng, image, SPREAD) for _ in range(round(count))]).reshape(-1, 2)
     if not len(places):
         return image
     area = float(np.median(np.bincount(labels.ravel())[1:])) if pins else 9.0
     bright = np.percentile(image[labels > 0], 90, axis=0) if pins else 255.0
-    cover = _over(discs(image.shape[:2], places, math.sqrt(area / math.pi)), image)
-    return as_levels(np.maximum(image, image + cover * (bright - image.astype(np.float64))))
+    cover = _over(draw_discs(image.shape[:2], places, math.sqrt(area / math.pi)), image)
+    return _to_levels(np.maximum(image, image + cover * (bright - image.astype(np.float64))))
 
 
-def shifted(image: Image, right: float, down: float) -> Image:
-    """The camera moved: everything is seen ``right`` and ``down`` px from where it was.
+def move(image: Image, right: float, down: float) -> Image:
+    """Move the image: everything is seen ``right`` and ``down`` px from where it was.
 
     Cubic splines between the pixels; what comes into view repeats the border.
     """
@@ -116,11 +124,11 @@ def shifted(image: Image, right: float, down: float) -> Image:
     if right == down == 0:
         return image
     by = (down, right, *(0.0,) * (image.ndim - 2))
-    return as_levels(shift(image.astype(np.float64), by, order=3, mode="nearest"))
+    return _to_levels(shift(image.astype(np.float64), by, order=3, mode="nearest"))
 
 
-def turned(image: Image, degrees: float) -> Image:
-    """The camera turned about its axis: everything is seen turned by so much, x towards y.
+def rotate(image: Image, degrees: float) -> Image:
+    """Rotate the image about its middle by so much, x towards y.
 
     Cubic splines between the pixels, around the frame's middle; the border is repeated.
     """
@@ -133,55 +141,115 @@ def turned(image: Image, degrees: float) -> Image:
     back[:2, :2] = [[c, -s], [s, c]]
     middle = np.array([(n - 1) / 2 for n in image.shape[:2]] + [0.0] * (image.ndim - 2))
     levels = image.astype(np.float64)
-    return as_levels(
+    return _to_levels(
         affine_transform(levels, back, middle - back @ middle, order=3, mode="nearest")
     )
 
 
-def _shifted_somewhere(image: Image, length: float, rng: Generator) -> Image:
+def _shift_somewhere(image: Image, length: float, rng: Generator) -> Image:
     turn = rng.uniform(0, 2 * math.pi)
-    return shifted(image, length * math.cos(turn), length * math.sin(turn))
+    return move(image, length * math.cos(turn), length * math.sin(turn))
 
 
-def _turned_either_way(image: Image, degrees: float, rng: Generator) -> Image:
-    return turned(image, degrees * float(rng.choice([-1.0, 1.0])))
+def _rotate_either_way(image: Image, degrees: float, rng: Generator) -> Image:
+    return rotate(image, degrees * float(rng.choice([-1.0, 1.0])))
 
 
-def as_levels(image: npt.NDArray[np.floating]) -> Image:
-    """Grey levels, rounded and cut off at 0 and 255."""
+def _to_levels(image: npt.NDArray[np.floating]) -> Image:
+    """Return grey levels, rounded and cut off at 0 and 255."""
     return np.asarray(np.rint(np.clip(image, 0, 255)), dtype=np.uint8)
 
 
 def _place(rng: Generator, image: Image, share: float) -> Levels:
-    """(row, column) px, uniform over the middle ``share`` of either side."""
+    """Draw (row, column) px, uniform over the middle ``share`` of either side."""
     last = np.array(image.shape[:2], dtype=np.float64) - 1
     place: Levels = (0.5 + share * rng.uniform(-0.5, 0.5, 2)) * last
     return place
 
 
 def _from(image: Image, place: Levels) -> tuple[Levels, Levels]:
-    """(H, W) px down and right of a place."""
+    """Return (H, W) px down and right of a place."""
     rows, columns = (np.arange(n, dtype=np.float64) for n in image.shape[:2])
     down, right = np.meshgrid(rows - place[0], columns - place[1], indexing="ij")
     return down, right
 
 
 def _over(plane: Levels, image: Image) -> Levels:
-    """(H, W) to be combined with every colour of an image."""
+    """Return an (H, W) plane that can be combined with every colour of an image."""
     return plane if image.ndim == 2 else plane[..., None]
 
 
+def label_pins(image: Image) -> tuple[Labels, int]:
+    """Return (H, W) the number of the bright blob at every pixel, 0 for none, and their count.
+
+    Brighter than Otsu's threshold (IEEE Trans. SMC 9, 1979), joined by sides; none in a frame whose
+    contrast is too small to hold pins.
+    """
+    import cv2
+
+    level = gray(image)
+    if int(level.max()) - int(level.min()) < FAINTEST:
+        return np.zeros(level.shape, np.int32), 0
+    _, bright = cv2.threshold(level, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    _, found = cv2.connectedComponents(bright, connectivity=4, ltype=cv2.CV_32S)
+    area = np.bincount(found.ravel())
+    kept = np.flatnonzero(area[1:] >= SMALLEST_BLOB * np.median(area[1:])) + 1
+    number = np.zeros(len(area), np.int32)
+    number[kept] = np.arange(1, len(kept) + 1)
+    return number[found], len(kept)
+
+
+def paint_over(
+    image: Image, labels: Labels, which: npt.NDArray[np.intp], rng: np.random.Generator
+) -> Image:
+    """Return the image with blobs painted over by pixels drawn from the dark ones around each.
+
+    Noise and shading of the gel stay what they are there.
+    """
+    import cv2
+
+    out = image.copy()
+    square = np.ones((2 * BLOB_EDGE + 1, 2 * BLOB_EDGE + 1), np.uint8)
+    dark = cv2.dilate((labels > 0).astype(np.uint8), square) == 0
+    if not dark.any():
+        dark = labels == 0
+    for number in which:
+        own = labels == number
+        rows, columns = np.nonzero(own)
+        window = (
+            slice(max(0, rows.min() - WINDOW), rows.max() + WINDOW + 1),
+            slice(max(0, columns.min() - WINDOW), columns.max() + WINDOW + 1),
+        )
+        blob = cv2.dilate(own[window].astype(np.uint8), square) > 0
+        blob &= (labels[window] == 0) | own[window]
+        here = dark[window] if dark[window].any() else labels[window] == 0
+        out[window][blob] = rng.choice(image[window][here], int(blob.sum()))
+    return out
+
+
+def draw_discs(
+    shape: tuple[int, ...], places: npt.NDArray[np.float64], radius: float
+) -> npt.NDArray[np.float64]:
+    """Return (H, W) in 0..1: discs of ``radius`` px at (row, column) places, edges a pixel wide."""
+    rows, columns = (np.arange(n, dtype=np.float64) for n in shape)
+    cover = np.zeros(shape)
+    for row, column in places:
+        away = np.hypot(rows[:, None] - row, columns[None] - column)
+        np.maximum(cover, np.clip(radius + 0.5 - away, 0, 1), out=cover)
+    return cover
+
+
 FAULTS: Mapping[str, Callable[[Image, float, Generator], Image]] = {
-    "blur": lambda image, sigma, _: blurred(image, sigma),
-    "noise": noisy,
-    "gain": lambda image, factor, _: scaled(image, factor),
-    "glare": glaring,
-    "gain-drift": drifted,
-    "dead-rows": without_rows,
-    "occlusion": occluded,
-    "lost-pins": without_pins,
-    "spurious-blobs": with_blobs,
-    "shift": _shifted_somewhere,
-    "rotation": _turned_either_way,
+    "blur": lambda image, sigma, _: blur(image, sigma),
+    "noise": add_noise,
+    "gain": lambda image, factor, _: scale(image, factor),
+    "glare": add_glare,
+    "gain-drift": drift_gain,
+    "dead-rows": blacken_rows,
+    "occlusion": occlude,
+    "lost-pins": remove_pins,
+    "spurious-blobs": add_blobs,
+    "shift": _shift_somewhere,
+    "rotation": _rotate_either_way,
 }
 """By the name that a protocol gives it: image, amount, generator -> image."""

@@ -1,80 +1,71 @@
-"""What a simulator knows beyond the frames, kept beside them: surfaces and bounds.
+"""What only a simulator knows of its frames: true surfaces and smallest possible errors.
 
-The folder's key holds the sensor's code and tables, so a file in it is of this simulator.
+Both are kept beside the frames. The folder's key holds the sensor's code and tables, so a file in
+it is of this simulator.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import FloatArray, Grid, Scene
-from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
 from tactibench.plugins.base import Sensor
-from tactibench.records.files import arrays_hash, read_arrays, write_arrays
+from tactibench.records.files import read_checked_arrays, write_checked_arrays
 from tactibench.records.identity import digest
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 
 def true_surfaces(sensor: Sensor, presses: Presses, grid: Grid) -> npt.NDArray[np.float16] | None:
-    """(N, H, W) float16 mm inward displacement of the skin; None where nobody knows it."""
+    """Return (N, H, W) mm inward displacement of the skin; None where the sensor knows none."""
     place = digest([grid.shape, grid.origin, grid.pitch])[:12]
 
     def compute() -> Arrays | None:
-        surfaces = _known_of_all(presses, lambda scene: sensor.surface(scene, grid))
+        surfaces = _for_all(presses, lambda scene: sensor.surface(scene, grid))
         return None if surfaces is None else {"surface": np.stack(surfaces).astype(np.float16)}
 
-    kept = _kept(presses, f"surface-{place}.npz", compute)
-    return None if kept is None else kept["surface"]
+    arrays = _cached(presses, f"surface-{place}.npz", compute)
+    return None if arrays is None else arrays["surface"]
 
 
-def true_bounds(sensor: Sensor, presses: Presses) -> tuple[FloatArray, ...] | None:
-    """(K, 3) mm smallest standard deviation of x, y, depth per press; None where unknown."""
+def true_bounds(sensor: Sensor, presses: Presses) -> FloatArray | None:
+    """Return (M, 3) mm Cramer-Rao standard deviations of x, y and depth of all M contacts.
+
+    None where the sensor knows none.
+    """
 
     def compute() -> Arrays | None:
-        bounds = _known_of_all(presses, sensor.bound)
-        if bounds is None:
-            return None
-        counts = np.array([len(bound) for bound in bounds], dtype=np.int64)
-        return {"bound": np.concatenate(bounds), "count": counts}
+        bounds = _for_all(presses, sensor.bound)
+        return None if bounds is None else {"bound": np.concatenate(bounds)}
 
-    kept = _kept(presses, "bound.npz", compute)
-    if kept is None:
-        return None
-    return tuple(np.split(kept["bound"], np.cumsum(kept["count"])[:-1]))
+    arrays = _cached(presses, "bound.npz", compute)
+    return None if arrays is None else arrays["bound"]
 
 
-def _known_of_all(
-    presses: Presses, ask: Callable[[Scene], FloatArray | None]
+def _for_all(
+    presses: Presses, compute: Callable[[Scene], FloatArray | None]
 ) -> list[FloatArray] | None:
-    """What the sensor knows of every press; None as soon as it knows nothing of one."""
-    found = []
+    """The sensor's knowledge of every press; None as soon as it knows nothing of one."""
+    arrays = []
     for scene in presses.reached():
-        one = ask(scene)
-        if one is None:
+        array = compute(scene)
+        if array is None:
             return None
-        found.append(one)
-    return found
+        arrays.append(array)
+    return arrays
 
 
-def _kept(presses: Presses, name: str, compute: Callable[[], Arrays | None]) -> Arrays | None:
-    """The arrays of a file beside the frames, computed when it is missing or damaged."""
-    path: Path | None = presses.folder / name if presses.folder else None
-    if path is not None:
-        try:
-            stored = read_arrays(path)
-            seal = str(stored.pop("seal", ""))
-            if seal == arrays_hash(stored):
-                return stored
-        except UserError:
-            pass  # not there, or damaged: it can be computed
-    arrays = compute()
-    if path is not None and arrays is not None:
-        write_arrays(path, {**arrays, "seal": np.array(arrays_hash(arrays))})
+def _cached(presses: Presses, name: str, compute: Callable[[], Arrays | None]) -> Arrays | None:
+    """The arrays of a file beside the frames, computed where it is missing or damaged."""
+    path = None if presses.folder is None else presses.folder / name
+    arrays = None if path is None else read_checked_arrays(path)
+    if arrays is None:
+        arrays = compute()
+        if path is not None and arrays is not None:
+            write_checked_arrays(path, arrays)
     return arrays

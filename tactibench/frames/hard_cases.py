@@ -1,6 +1,6 @@
 """Test frames of hard cases, in place of those that a protocol draws.
 
-Scenes are pressed; faults are done, when they are asked for, to the frames of the base family.
+Scenes are pressed; faults are done to the frames of the base family when they are opened.
 """
 
 from __future__ import annotations
@@ -9,183 +9,235 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from tactibench.contacts import Frame, Scene
 from tactibench.errors import UserError
+from tactibench.frames.drawn import DrawnFrames, SensorFrames
 from tactibench.frames.faults import FAULTS
 from tactibench.frames.hard_scenes import case_scene
-from tactibench.frames.presser import Presser
 from tactibench.frames.presses import Presses
-from tactibench.frames.source import Advance, Wanted, scored_limit, spread
-from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.families import Cases, Family, case
-from tactibench.protocols.schema import Protocol
+from tactibench.frames.source import Advance, FramePlan, FrameSet, spread
+from tactibench.protocols.families import Family, case
+from tactibench.protocols.schema import Workspace
+from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.files import arrays_hash
 from tactibench.records.identity import combined, digest
-from tactibench.run.components import Part, Sensors
-from tactibench.run.request import RunRequest
 
 PART = 5
-"""Of a family, beside those of ``frames_drawn`` and ``frames_reference``."""
-DAMAGED = 1_000
+"""Of a family, beside those of ``protocols.split`` and of reference frames."""
+FAULT_STREAM = 1_000
 """Last word of the spawn key behind the faults of a press; the others stand behind its scene."""
 
-Row = tuple[str, float, int]
-"""Family, value, number of the press."""
+
+class Row(NamedTuple):
+    """One frame: a press of one case of a family."""
+
+    family: str
+    value: float
+    press: int
+
+    @property
+    def group(self) -> str:
+        """Return the name of the case."""
+        return case(self.family, self.value)
+
+    @property
+    def name(self) -> str:
+        """Return the name of the frame."""
+        return f"{self.group}-{self.press}"
 
 
-def hard_frames(request: RunRequest, tester: Presser) -> tuple[Wanted, ...]:
-    """Frames of all families, in their order. Raises UserError for a sensor that cannot be set so.
+class HardCaseFrames(DrawnFrames):
+    """The cases of all families of a protocol; the training presses are drawn as usual."""
 
-    A limit takes frames that are spread evenly over all cases.
-    """
-    if request.tested.reference:
-        raise UserError(
-            f"protocol {tester.keys.id!r} presses hard cases of its own and has no reference "
-            "scenes; leave --test reference out."
-        )
-    if math.isinf(tester.pressed.workspace.dome_radius_mm):
-        raise UserError(
-            f"protocol {tester.keys.id!r} presses a dome as far as its edge, but sensor "
-            f"{tester.part.name!r} is flat; take a sensor with a dome."
-        )
-    maker = _Maker(tester, tester.pressed)
-    kept = spread(maker.rows, scored_limit(request))
-    wanted: list[Wanted] = []
-    for family in tester.keys.families:
-        rows = [row for row in kept if row[0] == family.name]
-        if rows:
-            wanted += maker.family(family, rows)
-    return tuple(wanted)
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the frames of all families, in their order, or as many as are asked for.
 
+        Raises:
+            UserError: for a sensor that cannot be set as a family asks, or that has no dome.
+        """
+        if self.request.reference:
+            raise UserError(
+                f"protocol {self.spec.id!r} presses hard cases of its own and has no reference "
+                "scenes; leave --test reference out."
+            )
+        if math.isinf(self._space.dome_radius_mm):
+            raise UserError(
+                f"protocol {self.spec.id!r} presses a dome as far as its edge, but sensor "
+                f"{self.testing.component.name!r} is flat; take a sensor with a dome."
+            )
+        kept = spread(self._rows, self.request.test_count)
+        sets: list[FrameSet] = []
+        for family in self.spec.families:
+            rows = [row for row in kept if row.family == family.name]
+            if rows:
+                sets += self._family_sets(family, rows)
+        return tuple(sets)
 
-@dataclass(frozen=True)
-class _Maker:
-    """tester: presses the nominal cases. keys: the protocol on the sensor's own surface."""
+    def rejected(self) -> int:
+        """Return 0: every case is made so that it fits."""
+        return 0
 
-    tester: Presser
-    keys: Protocol
+    def scene_counts(self, plan: FramePlan) -> dict[str, dict[str, int]]:
+        """Return the counts of the training frames alone: families change the tested sensor."""
+        return super().scene_counts(replace(plan, test=()))
 
     @cached_property
-    def cases(self) -> Cases:
-        assert self.keys.cases is not None  # noqa: S101 - the schema asks for it
-        return self.keys.cases
+    def _base(self) -> Family:
+        """The family whose frames the faults are done to."""
+        assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
+        return self.spec.family(self.spec.cases.base)
 
     @cached_property
-    def base(self) -> Family:
-        return self.keys.family(self.cases.base)
-
-    @cached_property
-    def rows(self) -> list[Row]:
+    def _rows(self) -> list[Row]:
         """Every frame of every case."""
         return [
-            (family.name, value, k)
-            for family in self.keys.families
+            Row(family.name, value, press)
+            for family in self.spec.families
             for value in family.pressed_values
-            for k in range(family.presses or self.cases.presses)
+            for press in range(self._presses(family))
         ]
 
-    def family(self, family: Family, rows: Sequence[Row]) -> list[Wanted]:
+    @property
+    def _space(self) -> Workspace:
+        return self.testing.pressed.workspace
+
+    def _presses(self, family: Family) -> int:
+        assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
+        return family.presses or self.spec.cases.presses
+
+    def _family_sets(self, family: Family, rows: Sequence[Row]) -> list[FrameSet]:
         if family.press is not None:
             return [self._pressed(family, rows)]
         if family.fault is not None:
             return [self._faulty(family, rows)]
         return [
-            self._by_another(family, value, [row for row in rows if row[1] == value])
-            for value in dict.fromkeys(value for _, value, _ in rows)
+            self._on_another_sensor(family, value, [row for row in rows if row.value == value])
+            for value in dict.fromkeys(row.value for row in rows)
         ]
 
-    def _pressed(self, family: Family, rows: Sequence[Row]) -> Wanted:
-        presser = _with(self.tester, family, family.sensor)
-        scenes = [self._scene(family, value, k) for _, value, k in rows]
-        return self._want(presser, family, rows, scenes)
+    def _pressed(self, family: Family, rows: Sequence[Row]) -> FrameSet:
+        """Scenes of the family's own."""
+        scenes = [self._scene(family, row.value, row.press) for row in rows]
+        presses = [f"{family.name}-{row.press}" for row in rows]
+        frames = _with_parameters(self.testing, family, family.sensor)
+        return self._frame_set_of(frames, family, rows, scenes, presses)
 
-    def _by_another(self, family: Family, value: float, rows: Sequence[Row]) -> Wanted:
-        presser = _with(self.tester, family, {str(family.parameter): f"{value:g}"})
-        scenes = [self._scene(self.base, self.base.values[0], k) for _, _, k in rows]
-        return self._want(presser, family, rows, scenes)
+    def _on_another_sensor(self, family: Family, value: float, rows: Sequence[Row]) -> FrameSet:
+        """Scenes of the base family on a sensor with another parameter."""
+        base = self._base
+        scenes = [self._scene(base, base.values[0], row.press) for row in rows]
+        presses = [f"{base.name}-{row.press}" for row in rows]
+        frames = _with_parameters(self.testing, family, {str(family.parameter): f"{value:g}"})
+        return self._frame_set_of(frames, family, rows, scenes, presses)
 
-    def _want(
-        self, presser: Presser, family: Family, rows: Sequence[Row], scenes: Sequence[Scene]
-    ) -> Wanted:
-        own = family.press is not None
-        names = [f"{case(name, value)}-{k}" for name, value, k in rows]
-        presses = [f"{family.name if own else self.base.name}-{k}" for _, _, k in rows]
-        wanted = presser.want(
-            "test", family.name, scenes, names, PART, presses, stream=family.stream
+    def _faulty(self, family: Family, rows: Sequence[Row]) -> FrameSet:
+        """Frames of the base family with a fault."""
+        base = self._base
+        count = self._presses(base)
+        whole = self._pressed(base, [Row(base.name, base.values[0], k) for k in range(count)])
+        return FaultyFrameSet(
+            role="test",
+            name=family.name,
+            scenes=tuple(whole.scenes[row.press] for row in rows),
+            groups=tuple(row.group for row in rows),
+            names=tuple(row.name for row in rows),
+            presses=tuple(whole.presses[row.press] for row in rows),
+            base=whole,
+            fault=str(family.fault),
+            seed=(self.testing.protocol.data_seed, family.stream),
+            rows=tuple(rows),
         )
-        return replace(wanted, groups=tuple(case(name, value) for name, value, _ in rows))
 
-    def _faulty(self, family: Family, rows: Sequence[Row]) -> Wanted:
-        value, count = self.base.values[0], self.base.presses or self.cases.presses
-        base = self._pressed(self.base, [(self.base.name, value, k) for k in range(count)])
-        damage = Damage(str(family.fault), self.tester.keys.data_seed, family.stream, tuple(rows))
-        return Wanted(
+    def _frame_set_of(
+        self,
+        frames: SensorFrames,
+        family: Family,
+        rows: Sequence[Row],
+        scenes: Sequence[Scene],
+        presses: Sequence[str],
+    ) -> FrameSet:
+        return frames.frame_set(
             "test",
             family.name,
-            tuple(base.scenes[k] for _, _, k in rows),
-            tuple(case(name, value) for name, value, _ in rows),
-            base.cached,
-            digest([base.key, damage.fault, damage.data_seed, damage.stream, rows]),
-            lambda advance: damaged(base, damage, advance),
-            tuple(base.presses[k] for _, _, k in rows),
-            tuple(f"{case(name, value)}-{k}" for name, value, k in rows),
+            scenes,
+            [row.name for row in rows],
+            PART,
+            stream=family.stream,
+            presses=presses,
+            groups=[row.group for row in rows],
         )
 
-    def _scene(self, family: Family, value: float, k: int) -> Scene:
-        seed = np.random.SeedSequence(self.keys.data_seed, spawn_key=(family.stream, k))
-        return case_scene(family, value, self.keys.workspace, seed)
+    def _scene(self, family: Family, value: float, press: int) -> Scene:
+        protocol = self.testing.protocol
+        seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(family.stream, press))
+        return case_scene(family, value, self._space, seed)
 
 
-@dataclass(frozen=True)
-class Damage:
-    """A fault of every one of ``rows``, drawn from a stream of the data seed."""
+@dataclass(frozen=True, kw_only=True)
+class FaultyFrameSet(FrameSet):
+    """Frames of the base family with a fault each; the rest frame stays as it was.
 
+    Attributes:
+        base: the frames before the fault.
+        fault: its name in ``FAULTS``.
+        seed: data seed and stream of its random numbers. Press k has the same ones for every
+            value, so that a greater value is the same fault, grown.
+        rows: of every frame, its case and the number of its press.
+    """
+
+    base: FrameSet
     fault: str
-    data_seed: int
-    stream: int
+    seed: tuple[int, int]
     rows: tuple[Row, ...]
 
+    @property
+    def key(self) -> str:
+        """Return the identity of the base frames and their faults."""
+        return digest([self.base.key, self.fault, *self.seed, self.rows])
 
-def damaged(base: Wanted, damage: Damage, advance: Advance) -> Presses:
-    """The frames of the base with a fault each; the rest frame stays as it was before the fault.
+    @property
+    def cached(self) -> bool:
+        """Return whether the base frames are in the cache."""
+        return self.base.cached
 
-    Press k has the same random numbers for every value, so that a greater one is the same fault,
-    grown.
-    """
-    whole = base.open(lambda _: None)
-    frames: list[Frame] = []
-    for _, value, k in damage.rows:
-        seed = np.random.SeedSequence(damage.data_seed, spawn_key=(damage.stream, k, DAMAGED))
-        frame = whole.frames[k]
-        image = FAULTS[damage.fault](np.array(frame.image), value, np.random.default_rng(seed))
-        image.setflags(write=False)
-        frames.append(replace(frame, image=image))
-        advance(1)
-    rows = [f"{case(name, value)}-{k}" for name, value, k in damage.rows]
-    images = arrays_hash({"images": np.stack([frame.image for frame in frames])})
-    content = combined([whole.hash, images, *rows])
-    scenes = tuple(whole.scenes[k] for _, _, k in damage.rows)
-    return Presses(whole.name, scenes, frames, tuple(rows), content, None, whole.dome_radius)
+    def open(self, advance: Advance) -> Presses:
+        """Return the base frames with their faults."""
+        whole = self.base.open(lambda _: None)
+        data_seed, stream = self.seed
+        frames: list[Frame] = []
+        for row in self.rows:
+            key = (stream, row.press, FAULT_STREAM)
+            rng = np.random.default_rng(np.random.SeedSequence(data_seed, spawn_key=key))
+            frame = whole.frames[row.press]
+            image = FAULTS[self.fault](np.array(frame.image), row.value, rng)
+            image.setflags(write=False)
+            frames.append(replace(frame, image=image))
+            advance(1)
+        images = arrays_hash({"images": np.stack([frame.image for frame in frames])})
+        return Presses(
+            whole.name,
+            self.scenes,
+            frames,
+            self.names,
+            combined([whole.hash, images, *self.names]),
+            dome_radius=whole.dome_radius,
+        )
 
 
-def _with(tester: Presser, family: Family, given: dict[str, str]) -> Presser:
-    """The presser with other parameters of its sensor. Raises UserError."""
+def _with_parameters(frames: SensorFrames, family: Family, given: dict[str, str]) -> SensorFrames:
+    """The sensor with other parameters. Raises UserError for those it does not have."""
     if not given:
-        return tester
-    spec: SensorSpec = tester.part.spec
+        return frames
+    component = frames.component
     try:
-        changed = spec.settings(given)
+        changed = component.spec.settings(given)
     except UserError as error:
         raise UserError(
-            f"family {family.name!r} of protocol {tester.keys.id!r} changes the sensor: {error}"
+            f"family {family.name!r} of protocol {frames.protocol.id!r} changes the sensor: {error}"
         ) from None
-    values = {
-        name: changed[name] if name in given else value
-        for name, value in tester.part.values.items()
-    }
-    part = Part(spec, values, tester.part.origin)
-    build = Sensors(sensor=part, regime="").build_sensor
-    return Presser(tester.keys, part, build, tester.cache, tester.secret)
+    values = {**component.values, **{name: changed[name] for name in given}}
+    return replace(frames, component=BoundSpec(component.spec, values, component.origin))

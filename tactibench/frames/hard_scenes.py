@@ -26,9 +26,16 @@ Candidate = Callable[[Family, float, Workspace, np.random.Generator], Tips]
 def case_scene(
     family: Family, value: float, workspace: Workspace, seed: np.random.SeedSequence
 ) -> Scene:
-    """One press of a case. seed: of the press, the same for every value of the family.
+    """Return one press of a case.
 
-    Raises UserError when the workspace leaves (almost) no room for it.
+    Args:
+        family: of the case.
+        value: of the case, graded from easy to hard.
+        workspace: in which the tips lie.
+        seed: of the press, the same for every value of the family.
+
+    Raises:
+        UserError: when the workspace leaves (almost) no room for it.
     """
     rng = np.random.default_rng(seed)
     kind = str(family.press)
@@ -38,17 +45,17 @@ def case_scene(
         inside = kind == "off-axis" or float(np.abs(xy).max()) <= workspace.half_width_mm + 1e-9
         inside &= float(np.hypot(*xy.T).max()) < workspace.dome_radius_mm + radius
         if inside and (kind != "distance" or float(depth.min()) >= workspace.depth_min_mm):
-            return pressed(xy, depth, radius, workspace.dome_radius_mm, kind)
+            return scene_of_depths(xy, depth, radius, workspace.dome_radius_mm, kind)
     raise UserError(
         f"family {family.name!r}: none of {PATIENCE:,} candidates of {value:g} fitted the "
         "workspace; make the workspace larger or the indenter smaller."
     )
 
 
-def pressed(
+def scene_of_depths(
     xy: FloatArray, depth: FloatArray, radius: float, dome_radius: float, name: str
 ) -> Scene:
-    """The scene in which tips at xy (K, 2) mm reach these depths (K,) mm.
+    """Return the scene in which tips at xy (K, 2) mm reach these depths (K,) mm.
 
     A tip at distance rho from the axis first touches at sqrt((R_d + R)^2 - rho^2) (on a flat pad at
     0), so it is made longer by depth_k minus that, up to what all tips share.
@@ -57,7 +64,7 @@ def pressed(
     middle = xy.mean(axis=0)
     offsets = np.column_stack([xy - middle, longer - longer.max()])
     tips = tuple((float(x), float(y), float(z)) for x, y, z in offsets)
-    x, y = (float(one) for one in middle)
+    x, y = (float(value) for value in middle)
     return Scene(Indenter(radius, tips, name), Pose(x, y, depth=float(depth.max())))
 
 

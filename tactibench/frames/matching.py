@@ -1,4 +1,4 @@
-"""Frames of a folder that knows what was pressed, for a protocol that draws its presses.
+"""Recorded presses matched to the draws of a protocol.
 
 A recorded press belongs to a draw when the protocol could have drawn it. The presses of one kind of
 indenter are divided by press: of those of the split's draw the same shares train, validate and test
@@ -21,16 +21,20 @@ from tactibench.protocols.schema import Draw, Protocol, Split, Workspace
 from tactibench.protocols.split import SPLIT_STREAM
 
 _SAME_MM = 1e-6
+"""Lengths that differ by less are equal: a recording states them in decimals."""
 
 Rows = dict[str, list[int]]
 """Draw -> rows of the recording."""
 
 
 @dataclass(frozen=True)
-class Matched:
-    """Rows by draw and role. lacking: draws that the protocol needs and nothing was recorded for.
+class Match:
+    """Rows of a recording by role and draw.
 
-    left_out: rows that are of no draw.
+    Attributes:
+        fit, validation, test: rows that train, validate and test.
+        lacking: draws that the protocol needs and nothing was recorded for.
+        left_out: how many rows belong to no draw.
     """
 
     fit: Rows
@@ -40,87 +44,99 @@ class Matched:
     left_out: int
 
 
-def matches(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
-    """Whether the protocol could have drawn this press."""
+def could_be_drawn(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
+    """Return whether the protocol could have drawn this press."""
     tips = np.array(scene.indenter.offsets)
-    wanted = TIPS[draw.indenter]
-    if len(tips) != wanted or abs(scene.indenter.radius - draw.radius_mm) > _SAME_MM:
+    count = TIPS[draw.indenter]
+    if len(tips) != count or abs(scene.indenter.radius - draw.radius_mm) > _SAME_MM:
         return False
     if scene.pose.tilt or not fits(scene, workspace):
         return False
-    apart = np.linalg.norm(tips[:, None, :2] - tips[None, :, :2], axis=2)[
-        np.triu_indices(wanted, 1)
-    ]
+    pairs = np.triu_indices(count, 1)
+    distances = np.linalg.norm(tips[:, None, :2] - tips[None, :, :2], axis=2)[pairs]
     if draw.indenter == "dual":
         flat = abs(float(tips[0, 2] - tips[1, 2])) < _SAME_MM
-        return flat and _among(float(apart[0]), draw.distances_mm)
-    return all(_among(float(d), [draw.side_mm or 0.0]) for d in apart) and (
-        draw.indenter == "single" or all(_among(float(h), draw.heights_mm) for h in tips[:, 2])
+        return flat and _is_among(float(distances[0]), draw.distances_mm)
+    if not all(_is_among(float(distance), [draw.side_mm or 0.0]) for distance in distances):
+        return False
+    return draw.indenter == "single" or all(
+        _is_among(float(height), draw.heights_mm) for height in tips[:, 2]
     )
 
 
 def match(
-    keys: Protocol,
+    protocol: Protocol,
     split: Split,
     regime: str,
     scenes: Sequence[Scene],
     presses: Sequence[str],
     parts: Sequence[str] | None = None,
-) -> Matched:
+) -> Match:
     """Divide recorded presses between what a protocol trains on and tests.
 
-    presses: of every scene, the press that it belongs to. parts: of every scene, the part of the
-    recording's own split.
+    Args:
+        protocol: whose draws are looked for, on the recorded sensor's surface.
+        split: of the protocol.
+        regime: name of the training regime.
+        scenes: of every row.
+        presses: of every row, the press that it belongs to.
+        parts: of every row, its part of the recording's own split; None: it has none.
     """
-    extra, tested = keys.regimes[regime], keys.test.sets
+    extra, tested = protocol.regimes[regime], protocol.test.sets
     needed = list(dict.fromkeys([split.draw, *extra, *tested]))
+    kinds = {name: protocol.draw(name).indenter for name in needed}
     pools = {
         name: [
             row
             for row, scene in enumerate(scenes)
-            if matches(scene, keys.draw(name), keys.workspace)
+            if could_be_drawn(scene, protocol.draw(name), protocol.workspace)
         ]
         for name in needed
     }
-    order = _order(sorted(set(presses)), keys.data_seed)
-    whole = keys.draw(split.draw).count or 1
-    end, start = split.test / whole, (split.test + split.validation) / whole
-    main = keys.draw(split.draw).indenter
+    order = _shuffled_order(sorted(set(presses)), protocol.data_seed)
 
     def share(name: str, low: float, high: float, part: str) -> list[int]:
         """The rows whose press lies in this share of the pool's presses, or is of this part."""
         if parts is not None:
             return [row for row in pools[name] if parts[row] == part]
-        ranks = {
-            press: k
-            for k, press in enumerate(
-                sorted({presses[row] for row in pools[name]}, key=order.__getitem__)
-            )
-        }
-        first, last = (_edge(edge, len(ranks)) for edge in (low, high))
-        return [row for row in pools[name] if first <= ranks[presses[row]] < last]
+        pool_presses = sorted({presses[row] for row in pools[name]}, key=order.__getitem__)
+        first, last = (_edge(edge, len(pool_presses)) for edge in (low, high))
+        chosen = set(pool_presses[first:last])
+        return [row for row in pools[name] if presses[row] in chosen]
 
+    whole = protocol.draw(split.draw).count or 1
+    end, start = split.test / whole, (split.test + split.validation) / whole
     fit = {split.draw: share(split.draw, start, 1.0, "train")}
     validation = {split.draw: share(split.draw, end, start, "validation")}
     test = {}
     for name in tested:
-        of_main = keys.draw(name).indenter == main
-        also_trained = any(keys.draw(e).indenter == keys.draw(name).indenter for e in extra)
-        high = end if of_main else 0.5 if also_trained else 1.0
+        also_trained = any(kinds[other] == kinds[name] for other in extra)
+        high = end if kinds[name] == kinds[split.draw] else 0.5 if also_trained else 1.0
         test[name] = share(name, 0.0, high, "test")
     for name in extra:
-        both = any(keys.draw(t).indenter == keys.draw(name).indenter for t in tested)
-        fit[name] = share(name, 0.5 if both else 0.0, 1.0, "train")
-    kept = {presses[row] for rows in test.values() for row in rows}
+        also_tested = any(kinds[other] == kinds[name] for other in tested)
+        fit[name] = share(name, 0.5 if also_tested else 0.0, 1.0, "train")
+    test_presses = {presses[row] for rows in test.values() for row in rows}
     for name in extra:  # pools of one kind need not be alike
-        fit[name] = [row for row in fit[name] if presses[row] not in kept]
+        fit[name] = [row for row in fit[name] if presses[row] not in test_presses]
     lacking = [name for rows in (fit, validation, test) for name in rows if not rows[name]]
     used = {row for name in needed for row in pools[name]}
-    return Matched(fit, validation, test, tuple(dict.fromkeys(lacking)), len(scenes) - len(used))
+    return Match(fit, validation, test, tuple(dict.fromkeys(lacking)), len(scenes) - len(used))
 
 
-def _among(value: float, allowed: Sequence[float]) -> bool:
-    return any(abs(value - one) < _SAME_MM for one in allowed)
+def describe_draw(draw: Draw) -> str:
+    """Return what a draw is pressed with: "two tips of radius 3 mm 6.5 to 12 mm apart"."""
+    tips = {"single": "one spherical tip", "dual": "two tips", "triple": "three tips"}
+    text = f"{tips[draw.indenter]} of radius {draw.radius_mm:g} mm"
+    if draw.distances_mm:
+        text += f" {min(draw.distances_mm):g} to {max(draw.distances_mm):g} mm apart"
+    if draw.side_mm is not None and not math.isclose(draw.side_mm, 0):
+        text += f" {draw.side_mm:g} mm apart"
+    return text
+
+
+def _is_among(value: float, allowed: Sequence[float]) -> bool:
+    return any(abs(value - other) < _SAME_MM for other in allowed)
 
 
 def _edge(share: float, count: int) -> int:
@@ -129,19 +145,8 @@ def _edge(share: float, count: int) -> int:
     return min(max(round(share * count), int(inside)), count)
 
 
-def _order(presses: Sequence[str], data_seed: int) -> Mapping[str, int]:
+def _shuffled_order(presses: Sequence[str], data_seed: int) -> Mapping[str, int]:
     """Press -> place in a seeded permutation."""
     seed = np.random.SeedSequence(data_seed, spawn_key=(SPLIT_STREAM,))
     places = np.random.default_rng(seed).permutation(len(presses))
     return dict(zip(presses, places.tolist(), strict=True))
-
-
-def needs(draw: Draw) -> str:
-    """What a draw is made of, in words."""
-    tips = {"single": "one spherical tip", "dual": "two tips", "triple": "three tips"}
-    text = f"{tips[draw.indenter]} of radius {draw.radius_mm:g} mm"
-    if draw.distances_mm:
-        text += f" {min(draw.distances_mm):g} to {max(draw.distances_mm):g} mm apart"
-    if draw.side_mm is not None and not math.isclose(draw.side_mm, 0):
-        text += f" {draw.side_mm:g} mm apart"
-    return text

@@ -1,22 +1,27 @@
-"""Presses: scenes with the frames a sensor made of them."""
+"""Presses: scenes with the frames that a sensor made of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tactibench.contacts import Answer, Frame, Scene
 from tactibench.geometry import plate_pose, true_contacts
+from tactibench.protocols.schema import Protocol
 
 
 @dataclass(frozen=True)
 class Presses:
     """Frames with their scenes, in order.
 
-    names: id of every press, unique in a data set. hash: of the frames and scenes.
-    folder: where the frames are cached, None when they are not. dome_radius: of the surface that
-    was pressed, mm, inf where it is flat; None: the protocol's.
+    Attributes:
+        name: of the set.
+        scenes, frames: what was pressed, and what the sensor saw.
+        names: of every frame, unique in the set.
+        hash: of frames and scenes.
+        folder: where the frames are cached; None where they are not.
+        dome_radius: of the pressed surface, mm, inf where it is flat; None: the protocol's.
     """
 
     name: str
@@ -31,9 +36,11 @@ class Presses:
         return len(self.scenes)
 
     def truth(self, answer: str, dome_radius: float) -> list[Answer]:
-        """What a model should answer, from the poses actually reached.
+        """Return what a model should answer, from the poses actually reached.
 
-        dome_radius: of the protocol, mm; the sensor's own radius goes before it.
+        Args:
+            answer: "contacts" or "plate".
+            dome_radius: of the protocol, mm; the sensor's own radius goes before it.
         """
         if answer == "plate":
             return [plate_pose(scene) for scene in self.reached()]
@@ -41,8 +48,14 @@ class Presses:
         return [true_contacts(scene, radius) for scene in self.reached()]
 
     def reached(self) -> list[Scene]:
-        """The scenes with the poses that the sensor says it reached."""
+        """Return the scenes with the poses that the sensor says it reached."""
         return [
             replace(scene, pose=frame.pose)
             for scene, frame in zip(self.scenes, self.frames, strict=True)
         ]
+
+
+def true_answers(protocol: Protocol, sets: Iterable[Presses]) -> list[Answer]:
+    """Return, for every frame of several sets in order, the answer that a protocol asks for."""
+    radius = protocol.workspace.dome_radius_mm
+    return [answer for presses in sets for answer in presses.truth(protocol.answer, radius)]

@@ -3,201 +3,379 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tactibench.contacts import Frame, Scene
 from tactibench.errors import UserError
-from tactibench.frames.drawn import thinned
-from tactibench.frames.folder import Folder
-from tactibench.frames.matching import Matched, match, needs
-from tactibench.frames.presser import group_of
+from tactibench.frames.matching import Match, describe_draw, match
+from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
+    QUICK_FIT,
+    QUICK_VALIDATION,
+    Advance,
     FramePlan,
-    Wanted,
-    fewer,
-    scored_limit,
+    FrameRequest,
+    FrameSet,
+    FrameSource,
+    group_of,
     sensor_identity,
     spread,
+    spread_over_sets,
 )
-from tactibench.plugins.base import SensorContext
+from tactibench.plugins.base import Sensor, SensorContext
+from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.draws import pressable
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import RECORDED, Protocol
 from tactibench.protocols.split import split_recorded
-from tactibench.run.components import Sensors
-from tactibench.run.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
+from tactibench.records.bound_spec import BoundSpec
+from tactibench.records.identity import digest
+
+Sets = tuple[FrameSet, ...]
 
 
-def recorded_frames(request: RunRequest, protocol: LoadedProtocol, parts: Sensors) -> FramePlan:
-    """Look the presses of a folder up and divide them. Raises UserError."""
-    sensor = parts.build_sensor(SensorContext(np.random.SeedSequence(0), request.data))
-    scenes = sensor.scenes()
-    if scenes is None:
-        raise UserError(
-            f"sensor {parts.sensor.name!r} does not say which presses it has, which protocol "
-            f"{protocol.keys.id!r} needs; use --sensor recorded."
+class Division(NamedTuple):
+    """Rows of a recording that train, validate and test."""
+
+    fit: tuple[int, ...]
+    validation: tuple[int, ...]
+    test: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The frames of a recorded folder as a run reads them.
+
+    Attributes:
+        sensor: reads the frames.
+        identity: all that determines them.
+        names, scenes, presses: of every frame; frames of one press share it.
+        parts: of every frame, its part of the recording's own split, "" for none; None: it has no
+            split.
+    """
+
+    sensor: Sensor
+    identity: dict[str, Any]
+    names: tuple[str, ...]
+    scenes: tuple[Scene, ...]
+    presses: tuple[str, ...]
+    parts: tuple[str, ...] | None = None
+
+    @classmethod
+    def open(
+        cls,
+        protocol: Protocol,
+        component: BoundSpec[SensorSpec],
+        folder: Path | None,
+        *,
+        indentation: bool = False,
+    ) -> Recording:
+        """Return the recording in a folder; for a protocol of plates, the plate presses alone.
+
+        Args:
+            protocol: whose presses are looked for.
+            component: the sensor that reads the folder.
+            folder: of the recording.
+            indentation: whether depths must mean the same on every sensor.
+
+        Raises:
+            UserError: where the sensor names no presses, or no plate was pressed.
+        """
+        seed = np.random.SeedSequence(0)
+        sensor: Sensor = component.build(SensorContext(seed, folder, indentation=indentation))
+        scenes = sensor.scenes()
+        if scenes is None:
+            raise UserError(
+                f"sensor {component.name!r} does not say which presses it has, which protocol "
+                f"{protocol.id!r} needs; use --sensor recorded."
+            )
+        presses, split = sensor.presses(), sensor.split()
+        recording = cls(
+            sensor,
+            sensor_identity(component, sensor.describe()),
+            tuple(scenes),
+            tuple(scenes.values()),
+            tuple(presses.get(name, name) for name in scenes),
+            tuple(split.get(name, "") for name in scenes) if split else None,
         )
-    folder = Folder.of(sensor, scenes, sensor_identity(parts.sensor, sensor.describe()))
-    if protocol.keys.recorded is None:
-        return _matched_frames(request, protocol.keys, parts, folder)
-    folder = plates_of(request.data, protocol.keys, folder)
-    published = None
-    if folder.parts is None:
-        image = folder.identity["describe"].get("image")
-        published = published_split(protocol, folder.names, image)
-    fit, validation, test = divided(protocol.keys, folder, published)
-    return FramePlan(
-        *training(request, folder, fit, validation),
-        (folder.want("test", RECORDED, spread(test, scored_limit(request))),),
-        0,
-        folder.identity,
-        published is not None and not request.partial,
-    )
+        return recording if protocol.answer != "plate" else recording._plates(protocol, folder)
+
+    def _plates(self, protocol: Protocol, folder: Path | None) -> Recording:
+        rows = [row for row, scene in enumerate(self.scenes) if scene.indenter.is_plate]
+        if not rows:
+            raise UserError(
+                f"{folder} holds {self.contents()}, but protocol {protocol.id!r} needs presses by "
+                "a plate; take another folder or another protocol."
+            )
+        return replace(
+            self,
+            names=tuple(self.names[row] for row in rows),
+            scenes=tuple(self.scenes[row] for row in rows),
+            presses=tuple(self.presses[row] for row in rows),
+            parts=None if self.parts is None else tuple(self.parts[row] for row in rows),
+        )
+
+    def contents(self) -> str:
+        """Return what was pressed: "30 presses by plate" or "12 presses by dual, 40 by single"."""
+        owned = {
+            (scene.indenter.name.partition(" #")[0], press)
+            for scene, press in zip(self.scenes, self.presses, strict=True)
+        }
+        kinds = sorted(Counter(kind for kind, _ in owned).items())
+        texts = [f"{count:,} by {kind}" for kind, count in kinds]
+        return ", ".join([texts[0].replace(" by ", " presses by ", 1), *texts[1:]])
+
+    def frame_set(
+        self,
+        role: str,
+        name: str,
+        rows: Sequence[int],
+        group: Callable[[Scene], str] = lambda _: "all",
+    ) -> FrameSet:
+        """Return the frames of some rows; ``group`` gives a press its group in the tables."""
+        names = tuple(self.names[row] for row in rows)
+        scenes = tuple(self.scenes[row] for row in rows)
+        presses = tuple(self.presses[row] for row in rows)
+        return RecordedFrameSet(
+            role=role,
+            name=name,
+            scenes=scenes,
+            groups=tuple(group(scene) for scene in scenes),
+            names=names,
+            presses=() if presses == names else presses,
+            recording=self,
+        )
 
 
-def training(
-    request: RunRequest, folder: Folder, fit: Sequence[int], validation: Sequence[int]
-) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
-    """What is learned from and what validates, of the rows that may. Raises UserError."""
+@dataclass(frozen=True, kw_only=True)
+class RecordedFrameSet(FrameSet):
+    """Frames that are read from a folder when they are opened."""
+
+    recording: Recording
+
+    @property
+    def key(self) -> str:
+        """Return the identity of the recording and of the frames in it."""
+        return digest({"sensor": self.recording.identity, "frames": self.names})
+
+    @property
+    def cached(self) -> bool:
+        """Return True: nothing has to be made."""
+        return True
+
+    def open(self, advance: Advance) -> Presses:
+        """Return the frames, read from the folder."""
+        sensor = self.recording.sensor
+        frames: list[Frame] = []
+        with sensor:
+            for frame in sensor.press_many(self.scenes):
+                frames.append(frame)
+                advance(1)
+        return Presses(
+            self.name,
+            self.scenes,
+            frames,
+            self.names,
+            self.key,
+            dome_radius=sensor.dome_radius_mm,
+        )
+
+
+class RecordedFrames(FrameSource):
+    """The presses of a recording, all by one kind of indenter, divided by a share of them."""
+
+    def __init__(self, request: FrameRequest) -> None:
+        super().__init__(request)
+        self.recording = Recording.open(self.spec, request.sensor, request.data)
+        self._published = None
+        if self.recording.parts is None:
+            image = self.recording.identity["describe"].get("image")
+            self._published = published_frames(request.protocol, self.recording.names, image)
+        whole = not request.quick and request.limit is None
+        self.published = self._published is not None and whole
+
+    def plan(self) -> FramePlan:
+        """Return the recorded presses of every role."""
+        division = divide(self.spec, self.recording, self._published)
+        fit, validation = training_sets(self.request, self.recording, division)
+        return FramePlan(
+            source=self,
+            fit=fit,
+            validation=validation,
+            test=(self._test(division),),
+            sensor_identity=self.recording.identity,
+        )
+
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the test frames, or as many as are asked for."""
+        return (self._test(divide(self.spec, self.recording, self._published)),)
+
+    def _test(self, division: Division) -> FrameSet:
+        rows = spread(division.test, self.request.test_count)
+        return self.recording.frame_set("test", RECORDED, rows)
+
+
+class MatchedFrames(FrameSource):
+    """The presses of a recording that a protocol could have drawn."""
+
+    def __init__(self, request: FrameRequest) -> None:
+        super().__init__(request)
+        assert self.spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
+        self.split = self.spec.split
+        self.recording = Recording.open(self.spec, request.sensor, request.data)
+        pressed = pressable(self.spec, self.recording.sensor)
+        recording = self.recording
+        self.match = match(
+            pressed,
+            self.split,
+            request.regime,
+            recording.scenes,
+            recording.presses,
+            recording.parts,
+        )
+        if self.match.lacking:
+            raise UserError(_lacking(request.data, pressed, recording, self.match))
+
+    def plan(self) -> FramePlan:
+        """Return the matching presses of every role."""
+        request, draw = self.request, self.split.draw
+        fit: dict[str, Sequence[int]] = dict(self.match.fit)
+        fit[draw] = fit[draw][: request.training_count(len(fit[draw]))]
+        validation: Sequence[int] = self.match.validation[draw]
+        if request.quick:
+            share = max(1, QUICK_FIT // len(fit))
+            fit = {name: spread(rows, share) for name, rows in fit.items()}
+            validation = spread(validation, QUICK_VALIDATION)
+        return FramePlan(
+            source=self,
+            fit=tuple(self.recording.frame_set("fit", *item) for item in fit.items()),
+            validation=(self.recording.frame_set("validation", draw, validation),),
+            test=self.test_frames(),
+            rejected=self.match.left_out,
+            sensor_identity=self.recording.identity,
+        )
+
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the matching test presses, or as many as are asked for."""
+        rows = spread_over_sets(self.match.test, self.request.test_count)
+        return tuple(
+            self.recording.frame_set("test", name, kept, partial(group_of, self.spec, name))
+            for name, kept in rows.items()
+        )
+
+
+def recorded_source(request: FrameRequest) -> FrameSource:
+    """Return the source for a protocol of recordings, or for one that draws its presses."""
+    return MatchedFrames(request) if request.spec.recorded is None else RecordedFrames(request)
+
+
+def training_sets(
+    request: FrameRequest, recording: Recording, division: Division
+) -> tuple[Sets, Sets]:
+    """Return what is learned from and what validates. Raises UserError for too many presses."""
+    fit, validation = division.fit, division.validation
     if request.presses is not None:  # evenly: a recording has an order
-        fewer(fit, request)
-        fit = spread(fit, request.presses)
+        fit = spread(fit, request.training_count(len(fit)))
     if request.quick:
         fit, validation = spread(fit, QUICK_FIT), spread(validation, QUICK_VALIDATION)
     return (
-        (folder.want("fit", RECORDED, fit),),
-        (folder.want("validation", RECORDED, validation),),
+        (recording.frame_set("fit", RECORDED, fit),),
+        (recording.frame_set("validation", RECORDED, validation),),
     )
 
 
-def divided(
-    keys: Protocol, folder: Folder, published: tuple[str, ...] | None = None
-) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """Rows that train, validate and test. Frames of one press are in one part. Raises UserError."""
-    assert keys.recorded is not None  # noqa: S101 - the caller looked
-    if folder.parts is not None:
-        return own_parts(folder.parts, folder.presses)
-    units = folder.names if published else tuple(dict.fromkeys(folder.presses))
-    split = split_recorded(units, keys.recorded, keys.data_seed, published)
-    if len(units) == len(folder.names):
-        found = split.fit, split.validation, split.test
-    else:
-        rows: dict[str, list[int]] = {}
-        for row, press in enumerate(folder.presses):
-            rows.setdefault(press, []).append(row)
-        fit, validation, test = (
+def divide(
+    spec: Protocol, recording: Recording, published: tuple[str, ...] | None = None
+) -> Division:
+    """Return the rows that train, validate and test; frames of one press are in one part.
+
+    Args:
+        spec: says which share tests and validates.
+        recording: is divided by its own split where it has one.
+        published: names of published test frames, which are taken as they are.
+
+    Raises:
+        UserError: for too few presses, a part without frames, or a press in two parts.
+    """
+    assert spec.recorded is not None  # noqa: S101 - the caller looked
+    if recording.parts is not None:
+        return divide_by_parts(recording.parts, recording.presses)
+    units = recording.names if published else tuple(dict.fromkeys(recording.presses))
+    owners = recording.names if published else recording.presses
+    rows: dict[str, list[int]] = {}
+    for row, unit in enumerate(owners):
+        rows.setdefault(unit, []).append(row)
+    split = split_recorded(units, spec.recorded, spec.data_seed, published)
+    division = Division(
+        *(
             tuple(row for unit in part for row in rows[units[unit]])
             for part in (split.fit, split.validation, split.test)
         )
-        found = fit, validation, test
-    refuse_shared(folder.presses, found)
-    return found
-
-
-def own_parts(
-    parts: Sequence[str], presses: Sequence[str]
-) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """Rows that train, validate and test, as the recording says of every frame. Raises UserError
-    for a part without frames, and for a press in two parts."""
-    fit, validation, test = (
-        tuple(row for row, part in enumerate(parts) if part == name)
-        for name in ("train", "validation", "test")
     )
-    for name, rows in (("train", fit), ("validation", validation), ("test", test)):
+    _refuse_shared_presses(recording.presses, division)
+    return division
+
+
+def divide_by_parts(parts: Sequence[str], presses: Sequence[str]) -> Division:
+    """Return the rows of the parts "train", "validation" and "test" of a recording's own split.
+
+    Raises:
+        UserError: for a part without frames, or a press in two parts.
+    """
+    names = ("train", "validation", "test")
+    division = Division(
+        *(tuple(row for row, part in enumerate(parts) if part == name) for name in names)
+    )
+    for name, rows in zip(names, division, strict=True):
         if not rows:
             raise UserError(
                 f"the recording's split has no frames that this protocol can take in its part "
                 f"{name!r}; give it some, or leave --param sensor.split out."
             )
-    refuse_shared(presses, (fit, validation, test))
-    return fit, validation, test
+    _refuse_shared_presses(presses, division)
+    return division
 
 
-def plates_of(source: Path | None, keys: Protocol, folder: Folder) -> Folder:
-    """The frames in which a plate pressed, for a protocol that asks for its pose."""
-    if keys.answer != "plate":
-        return folder
-    plates = [row for row, scene in enumerate(folder.scenes) if scene.indenter.is_plate]
-    if not plates:
-        raise UserError(
-            f"{source} holds {_kinds(folder)}, but protocol "
-            f"{keys.id!r} needs presses by a plate; take another folder or another protocol."
-        )
-    return folder.take(plates)
+def published_frames(
+    protocol: LoadedProtocol, names: Sequence[str], image: list[int] | None
+) -> tuple[str, ...] | None:
+    """Return the published test frames, where a recording has them all, more, and at their size.
+
+    None where it has not.
+    """
+    published, recorded = protocol.test_frames, protocol.keys.recorded
+    if not published or recorded is None or recorded.test_frames_size is None or image is None:
+        return None
+    same = set(published) < set(names) and tuple(image) == recorded.test_frames_size
+    return published if same else None
 
 
-def refuse_shared(presses: Sequence[str], parts: Sequence[Sequence[int]]) -> None:
-    """Raises UserError when frames of one press are in two parts: the test would not be fair."""
-    seen: dict[str, int] = {}
-    for number, rows in enumerate(parts):
+def _refuse_shared_presses(presses: Sequence[str], division: Division) -> None:
+    """Raise UserError when frames of one press are in two parts: the test would not be fair."""
+    part_of: dict[str, int] = {}
+    for number, rows in enumerate(division):
         for row in rows:
-            if seen.setdefault(presses[row], number) != number:
+            if part_of.setdefault(presses[row], number) != number:
                 raise UserError(
                     f"frames of press {presses[row]!r} are in two parts of the split; a press "
                     "trains or tests, never both: divide the data set by press."
                 )
 
 
-def _matched_frames(
-    request: RunRequest, keys: Protocol, parts: Sensors, folder: Folder
-) -> FramePlan:
-    """The presses that a protocol could have drawn. Raises UserError, saying what is lacking."""
-    assert keys.split is not None  # noqa: S101 - a protocol that draws divides its draws
-    pressed = pressable(keys, folder.sensor)
-    found = match(pressed, keys.split, parts.regime, folder.scenes, folder.presses, folder.parts)
-    if found.lacking:
-        raise UserError(_lacking(request, pressed, folder, found))
-    fit = {**found.fit, keys.split.draw: list(fewer(found.fit[keys.split.draw], request))}
-    validation: Sequence[int] = found.validation[keys.split.draw]
-    if request.quick:
-        share = max(1, QUICK_FIT // len(fit))
-        fit = {name: list(spread(rows, share)) for name, rows in fit.items()}
-        validation = spread(validation, QUICK_VALIDATION)
-    test = thinned(dict(found.test), scored_limit(request))
-    return FramePlan(
-        tuple(folder.want("fit", name, rows) for name, rows in fit.items()),
-        (folder.want("validation", keys.split.draw, validation),),
-        tuple(
-            folder.want("test", name, rows, lambda scene, name=name: group_of(keys, name, scene))  # type: ignore[misc]
-            for name, rows in test.items()
-        ),
-        found.left_out,
-        folder.identity,
-    )
-
-
-def published_split(
-    protocol: LoadedProtocol, names: Sequence[str], image: list[int] | None
-) -> tuple[str, ...] | None:
-    """The published test frames, where a folder has them all, more, and at their size."""
-    listed, keys = protocol.test_frames, protocol.keys.recorded
-    if not listed or keys is None or keys.test_frames_size is None or image is None:
-        return None
-    same = set(listed) < set(names) and tuple(image) == keys.test_frames_size
-    return listed if same else None
-
-
-def _lacking(request: RunRequest, keys: Protocol, folder: Folder, found: Matched) -> str:
-    space = keys.workspace
-    lacks = "; ".join(f"{name}: {needs(keys.draw(name))}" for name in found.lacking)
-    spheres = any(not scene.indenter.is_plate for scene in folder.scenes)
-    do = "record those presses" if spheres else "run protocol 'surface' on it"
+def _lacking(folder: Path | None, spec: Protocol, recording: Recording, matched: Match) -> str:
+    space = spec.workspace
+    draws = "; ".join(f"{name}: {describe_draw(spec.draw(name))}" for name in matched.lacking)
+    spheres = any(not scene.indenter.is_plate for scene in recording.scenes)
+    remedy = "record those presses" if spheres else "run protocol 'surface' on it"
     return (
-        f"{request.data} holds {_kinds(folder)}, but protocol "
-        f"{keys.id!r} lacks presses by spherical tips to train, validate and test on "
-        f"({lacks}; all with x, y within {space.half_width_mm:g} mm and "
-        f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep); {do}."
+        f"{folder} holds {recording.contents()}, but protocol "
+        f"{spec.id!r} lacks presses by spherical tips to train, validate and test on "
+        f"({draws}; all with x, y within {space.half_width_mm:g} mm and "
+        f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep); {remedy}."
     )
-
-
-def _kinds(folder: Folder) -> str:
-    """ "30 presses by plate" or "12 presses by dual, 40 by single"."""
-    owned = {
-        (scene.indenter.name.partition(" #")[0], press)
-        for scene, press in zip(folder.scenes, folder.presses, strict=True)
-    }
-    kinds = sorted(Counter(kind for kind, _ in owned).items())
-    texts = [f"{count:,} by {kind}" for kind, count in kinds]
-    return ", ".join([texts[0].replace(" by ", " presses by ", 1), *texts[1:]])

@@ -2,77 +2,87 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from functools import cached_property
 
 from tactibench.contacts import Scene
 from tactibench.errors import UserError
-from tactibench.frames.presser import Presser
-from tactibench.frames.source import Wanted, scored_limit, spread
+from tactibench.frames.drawn import DrawnFrames
+from tactibench.frames.source import FrameSet, spread
 from tactibench.protocols.draws import TIPS, fits
-from tactibench.protocols.schema import Draw, Protocol
-from tactibench.run.request import RunRequest
+from tactibench.protocols.schema import Draw
 
 PART = 4
-"""Of a draw, beside those of ``frames_drawn``: reference frames have noise of their own."""
+"""Of a draw, beside those of ``protocols.split``: reference frames have noise of their own."""
 
 
-def reference_frames(request: RunRequest, tester: Presser) -> tuple[tuple[Wanted, ...], int]:
-    """Scenes with as many tips as the test draws have, and how many geometry refused.
+class ReferenceFrames(DrawnFrames):
+    """Scenes with as many tips as the test draws have, in the protocol's workspace and depths.
 
-    As in a draw, all tips lie in the protocol's workspace and inside its range of depths. There are
-    no catch trials. Raises UserError where no scene is left, or the sensor has none.
+    There are no catch trials.
     """
-    keys, sensor = tester.pressed, tester.sensor
-    scenes = sensor.scenes()
-    if scenes is None:
-        raise UserError(
-            f"sensor {tester.part.name!r} stands for reference scenes, but does not say which; "
-            "mend the plugin."
-        )
-    alike = {
-        draw.name: [name for name, scene in scenes.items() if _asked(draw, scene)]
-        for draw in _drawn(keys)
-    }
-    fitting = [
-        (draw, name)
-        for draw, names in alike.items()
-        for name in names
-        if fits(scenes[name], keys.workspace)
-    ]
-    if not fitting:
-        raise UserError(
-            f"none of the {len(scenes)} {tester.part.spec.scenes} of sensor {tester.part.name!r} "
-            f"has the tips that protocol {keys.id!r} tests, inside its workspace; take another "
-            "protocol, or leave --test reference out."
-        )
-    press = {name: name for name in scenes} | dict(sensor.presses())
-    kept = spread(fitting, scored_limit(request))
-    wanted = []
-    for draw in dict.fromkeys(draw for draw, _ in kept):
-        names = [name for of, name in kept if of == draw]
-        wanted.append(
-            tester.want(
-                "test",
-                draw,
-                [scenes[name] for name in names],
-                names,
-                PART,
-                [press[name] for name in names],
+
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the fitting scenes by draw. Raises UserError where there are none."""
+        component, workspace = self.testing.component, self.testing.pressed.workspace
+        fitting = [
+            (draw, name)
+            for draw, names in self._alike.items()
+            for name in names
+            if fits(self._scenes[name], workspace)
+        ]
+        if not fitting:
+            raise UserError(
+                f"none of the {len(self._scenes)} {component.spec.scenes} of sensor "
+                f"{component.name!r} has the tips that protocol {self.spec.id!r} tests, inside its "
+                "workspace; take another protocol, or leave --test reference out."
             )
-        )
-    return tuple(wanted), sum(map(len, alike.values())) - len(fitting)
+        presses = self.testing.sensor.presses()
+        kept = spread(fitting, self.request.test_count)
+        sets = []
+        for draw in dict.fromkeys(draw for draw, _ in kept):
+            names = [name for of, name in kept if of == draw]
+            sets.append(
+                self.testing.frame_set(
+                    "test",
+                    draw,
+                    [self._scenes[name] for name in names],
+                    names,
+                    PART,
+                    presses=[presses.get(name, name) for name in names],
+                )
+            )
+        return tuple(sets)
+
+    def rejected(self) -> int:
+        """Return how many scenes with the right tips lie outside of the workspace."""
+        workspace = self.testing.pressed.workspace
+        names = [name for names in self._alike.values() for name in names]
+        return sum(not fits(self._scenes[name], workspace) for name in names)
+
+    @cached_property
+    def _scenes(self) -> dict[str, Scene]:
+        scenes = self.testing.sensor.scenes()
+        if scenes is None:
+            raise UserError(
+                f"sensor {self.testing.component.name!r} stands for reference scenes, but does not "
+                "say which; fix the plugin."
+            )
+        return dict(scenes)
+
+    @cached_property
+    def _alike(self) -> dict[str, list[str]]:
+        """Test draw -> scenes with its tips; one draw of each kind of indenter, no catch trials."""
+        draws: dict[str, Draw] = {}
+        for name in self.spec.test.sets:
+            if name != self.spec.test.catch:
+                draw = self.spec.draw(name)
+                draws.setdefault(draw.indenter, draw)
+        return {
+            draw.name: [name for name, scene in self._scenes.items() if _has_tips_of(scene, draw)]
+            for draw in draws.values()
+        }
 
 
-def _drawn(keys: Protocol) -> Iterable[Draw]:
-    """One test draw of each kind of indenter, without the catch trials."""
-    found: dict[str, Draw] = {}
-    for name in keys.test.sets:
-        if name != keys.test.catch:
-            draw = keys.draw(name)
-            found.setdefault(draw.indenter, draw)
-    return found.values()
-
-
-def _asked(draw: Draw, scene: Scene) -> bool:
+def _has_tips_of(scene: Scene, draw: Draw) -> bool:
     tips = scene.indenter
     return len(tips.offsets) == TIPS[draw.indenter] and tips.radius == draw.radius_mm

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from tactibench.contacts import Scene
 from tactibench.datasets import ImportOptions, Recording, plate_scenes
 from tactibench.errors import UserError
-from tactibench.frames.matching import match, needs
+from tactibench.frames.matching import describe_draw, match
 from tactibench.protocols.loader import load_protocol, protocol_files
 from tactibench.protocols.schema import Protocol
 
@@ -18,7 +18,7 @@ SURFACE_HINT = "--param sensor.depth=COLUMN --param sensor.tilt=COLUMN name the 
 
 @dataclass(frozen=True)
 class Service:
-    """reason: what is there, or what is lacking."""
+    """Whether a recording can serve a protocol, and why: what is there, or what is lacking."""
 
     protocol: str
     title: str
@@ -27,31 +27,31 @@ class Service:
 
 
 def services(recording: Recording) -> list[Service]:
-    """Of every protocol that ships with tactibench, whether `run --data` can take the folder."""
+    """Return, for every protocol that ships, whether ``run --data`` can take the recording."""
+    labelled = [
+        (scene, press)
+        for scene, press in zip(recording.scenes, recording.presses, strict=True)
+        if scene
+    ]
+    scenes, presses = [scene for scene, _ in labelled], [press for _, press in labelled]
     found = []
     for name in sorted(protocol_files()):
-        keys = load_protocol(name).keys
-        scenes = [
-            (scene, press)
-            for scene, press in zip(recording.scenes, recording.presses, strict=True)
-            if scene
-        ]
-        known, presses = [s for s, _ in scenes], [p for _, p in scenes]
-        if keys.recorded is not None:
-            served, reason = _own(recording, known)
+        protocol = load_protocol(name).keys
+        if protocol.recorded is not None:
+            served, reason = _plates(recording, scenes)
         else:
-            served, reason = _drawn(keys, known, presses)
-        found.append(Service(name, keys.title, served, reason))
+            served, reason = _tips(protocol, scenes, presses)
+        found.append(Service(name, protocol.title, served, reason))
     return found
 
 
-def _own(recording: Recording, known: Sequence[Scene]) -> tuple[bool, str]:
+def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:
     """A protocol of plate presses takes them as they were recorded."""
-    plates = [scene for scene in known if scene.indenter.is_plate]
+    plates = [scene for scene in scenes if scene.indenter.is_plate]
     if plates:
         return True, f"{len(plates):,} frames of a plate with depth and tilt"
-    if known:
-        return False, f"its frames are of {_kinds(known)}, not of a plate"
+    if scenes:
+        return False, f"its frames are of {_kinds(scenes)}, not of a plate"
     try:
         _, roles = plate_scenes(recording, ImportOptions())
     except UserError as error:
@@ -62,28 +62,31 @@ def _own(recording: Recording, known: Sequence[Scene]) -> tuple[bool, str]:
     )
 
 
-def _drawn(keys: Protocol, known: Sequence[Scene], presses: Sequence[str]) -> tuple[bool, str]:
+def _tips(protocol: Protocol, scenes: Sequence[Scene], presses: Sequence[str]) -> tuple[bool, str]:
     """A protocol of spherical tips needs presses that it could have drawn."""
-    if not known:
+    if not scenes:
         return False, (
             "only labels are known: import with --param indenter=single and the columns of x, y "
             "and depth, if a spherical tip pressed"
         )
-    if keys.families:
+    if protocol.families:
         return False, "its hard cases need a sensor that presses them"
-    assert keys.split is not None  # noqa: S101 - a protocol that draws divides its draws
-    regime = next(iter(keys.regimes))
-    found = match(keys, keys.split, regime, known, presses)
-    if found.lacking:
-        space = keys.workspace
-        lacks = "; ".join(f"{name}: {needs(keys.draw(name))}" for name in found.lacking)
-        return False, (
-            f"lacks {lacks}, x and y within {space.half_width_mm:g} mm, "
-            f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep (there: {_kinds(known)})"
+    assert protocol.split is not None  # noqa: S101 - a protocol that draws divides its draws
+    regime = next(iter(protocol.regimes))
+    matched = match(protocol, protocol.split, regime, scenes, presses)
+    if matched.lacking:
+        space = protocol.workspace
+        draws = "; ".join(
+            f"{name}: {describe_draw(protocol.draw(name))}" for name in matched.lacking
         )
-    counts = [sum(map(len, part.values())) for part in (found.fit, found.validation, found.test)]
+        return False, (
+            f"lacks {draws}, x and y within {space.half_width_mm:g} mm, "
+            f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep (there: {_kinds(scenes)})"
+        )
+    roles = (matched.fit, matched.validation, matched.test)
+    counts = [sum(map(len, rows.values())) for rows in roles]
     text = f"{counts[0]:,} frames train, {counts[1]:,} validate, {counts[2]:,} test"
-    return True, text + (f"; {found.left_out:,} outside of it" if found.left_out else "")
+    return True, text + (f"; {matched.left_out:,} outside of it" if matched.left_out else "")
 
 
 def _kinds(scenes: Sequence[Scene]) -> str:

@@ -1,144 +1,247 @@
-"""Which frames a run trains on, validates on and is tested on."""
+"""Where the frames of a run come from: what is asked, which sets are planned, and the sources.
+
+A source plans all sets of frames from a request without making a frame. There is one class a
+source: drawn presses, reference scenes, hard cases, a recording, and another sensor's recording.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
 from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.loader import LoadedProtocol
+from tactibench.protocols.schema import Protocol
+from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.identity import combined
-from tactibench.run.components import Part, Sensors
-from tactibench.run.request import QUICK_TEST, RunRequest
+
+if TYPE_CHECKING:
+    from tactibench.protocols.hidden_seed import HiddenSeed
+
+QUICK_FIT, QUICK_VALIDATION, QUICK_TEST = 200, 40, 40
+"""Presses of a ``--quick`` run: it proves the path in under a minute, nothing else."""
 
 Advance = Callable[[int], None]
+"""Is told how many frames were finished."""
+
 Row = TypeVar("Row")
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """One set of presses that a run needs.
+@dataclass(frozen=True, kw_only=True)
+class FrameRequest:
+    """What a run asks of its frames.
 
-    role: "fit", "validation" or "test". groups: of every press, in the result tables. cached:
-    whether the frames are there already. key: identity of the frames, known before they are made.
-    presses: of every frame, the press that it belongs to; (): each is one of its own. names: of
-    every frame.
+    Attributes:
+        protocol: whose presses are trained and tested on.
+        regime: name of the protocol's training regime.
+        sensor: presses the training scenes.
+        test_sensor: presses the test scenes; None where the same sensor does.
+        cache: folder in which generated frames are kept.
+        data: recording of the training sensor, for a sensor that reads one.
+        test_data: recording of the tested sensor, for a protocol that changes the sensor.
+        reference: whether the sensor's reference scenes are tested on.
+        hidden: seed of test presses that is kept secret.
+        quick: whether a few presses are enough, to prove the path.
+        limit: at most so many test presses; None: all.
+        presses: learn from so many presses only; None: from all.
+    """
+
+    protocol: LoadedProtocol
+    regime: str
+    sensor: BoundSpec[SensorSpec]
+    test_sensor: BoundSpec[SensorSpec] | None = None
+    cache: Path
+    data: Path | None = None
+    test_data: Path | None = None
+    reference: bool = False
+    hidden: HiddenSeed | None = None
+    quick: bool = False
+    limit: int | None = None
+    presses: int | None = None
+
+    @property
+    def spec(self) -> Protocol:
+        """Return the validated protocol."""
+        return self.protocol.keys
+
+    @property
+    def tested(self) -> BoundSpec[SensorSpec]:
+        """Return the sensor that presses the test scenes."""
+        return self.test_sensor or self.sensor
+
+    @property
+    def test_count(self) -> int | None:
+        """Return the largest number of test presses; None: all."""
+        limits = [self.limit, QUICK_TEST if self.quick else None]
+        return min((limit for limit in limits if limit is not None), default=None)
+
+    def training_count(self, available: int) -> int:
+        """Return how many of the available presses are learned from.
+
+        Raises:
+            UserError: for ``--presses`` that names as many as there are, or more.
+        """
+        if self.presses is None:
+            return available
+        if self.presses >= available:
+            raise UserError(
+                f"--presses is {self.presses:,}, but must be less than the {available:,} presses "
+                "that there are to learn from; leave the option out to take them all."
+            )
+        return self.presses
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameSet(ABC):
+    """One set of frames that a run needs: known before a frame is made.
+
+    Attributes:
+        role: "fit", "validation", "test" or "few-shot".
+        name: of the draw, family or recording.
+        scenes: what is pressed, frame by frame.
+        groups: of every frame, its group in the result tables.
+        names: of every frame, unique in the set.
+        presses: of every frame, the press it belongs to; empty where each is a press of its own.
     """
 
     role: str
     name: str
     scenes: tuple[Scene, ...]
     groups: tuple[str, ...]
-    cached: bool
-    key: str
-    open: Callable[[Advance], Presses] = field(repr=False)
+    names: tuple[str, ...]
     presses: tuple[str, ...] = ()
-    names: tuple[str, ...] = ()
+
+    @property
+    @abstractmethod
+    def key(self) -> str:
+        """Return the identity of the frames, known before they are made."""
+
+    @property
+    @abstractmethod
+    def cached(self) -> bool:
+        """Return whether the frames are there already."""
+
+    @abstractmethod
+    def open(self, advance: Advance) -> Presses:
+        """Return the frames, made or read. Raises UserError."""
 
     @property
     def clusters(self) -> tuple[str, ...]:
-        """Of every frame, its press."""
+        """Return, of every frame, the press it belongs to."""
         return self.presses or self.names
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FramePlan:
     """The frames of a run.
 
-    rejected: candidates that geometry refused in the test draws. published: whether the test
-    frames are those of a publication, so that its numbers may be compared frame for frame.
-    tested_identity: of what presses the test scenes, where it is not the sensor. shots: labelled
-    frames of the tested sensor, in the order in which they are given; None: none are. calibrated:
-    how many of its frames nobody is tested on, because a simulator was fitted to them.
+    Attributes:
+        source: where they come from.
+        fit, validation, test: sets of frames by role.
+        few_shot: labelled frames of the tested sensor, in the order in which they are shown.
+        sensor_identity: all that determines the training frames but the seed.
+        test_identity: the same of the tested sensor; None where it is the same sensor.
+        rejected: candidates that geometry refused in the test draws.
+        calibrated: frames that test nothing because a simulator was fitted to them.
     """
 
-    fit: tuple[Wanted, ...]
-    validation: tuple[Wanted, ...]
-    test: tuple[Wanted, ...]
-    rejected: int
+    source: FrameSource = field(repr=False)
+    fit: tuple[FrameSet, ...]
+    validation: tuple[FrameSet, ...]
+    test: tuple[FrameSet, ...]
+    few_shot: FrameSet | None = None
     sensor_identity: dict[str, Any]
-    published: bool = False
-    tested_identity: dict[str, Any] | None = None
-    shots: Wanted | None = None
+    test_identity: dict[str, Any] | None = None
+    rejected: int = 0
     calibrated: int = 0
 
-    def __iter__(self) -> Iterator[Wanted]:
+    def __iter__(self) -> Iterator[FrameSet]:
         return iter((*self.fit, *self.validation, *self.test))
 
     def count(self, role: str) -> int:
-        return sum(len(wanted.scenes) for wanted in self if wanted.role == role)
+        """Return how many frames have a role."""
+        return sum(len(frames.scenes) for frames in self if frames.role == role)
 
     def training_key(self) -> str:
-        """Identity of what is handed to ``fit``."""
-        return combined([f"{w.role} {w.key}" for w in (*self.fit, *self.validation)])
+        """Return the identity of the frames that a model learns from."""
+        return combined([f"{frames.role} {frames.key}" for frames in (*self.fit, *self.validation)])
 
 
-def plan_frames(
-    request: RunRequest,
-    protocol: LoadedProtocol,
-    parts: Sensors,
-    cache: Path,
-    hidden: HiddenSeed | None = None,
-) -> FramePlan:
-    """Draw or look up all scenes; no frame is made yet. hidden: what the test presses are drawn
-    from. Raises UserError."""
-    from tactibench.frames.drawn import drawn_frames
-    from tactibench.frames.recorded import recorded_frames
+class FrameSource(ABC):
+    """A place that frames come from.
 
-    if protocol.keys.transfer is not None:
-        from tactibench.frames.transfer import transfer_frames
+    Attributes:
+        simulates: whether more is known of the test frames than their labels: true surfaces,
+            smallest possible errors, and how the sensor made its scenes.
+        published: whether the test frames are those of a publication, so that its numbers may be
+            compared frame for frame.
+    """
 
-        return transfer_frames(request, protocol, protocol.keys.transfer, parts, cache)
-    if parts.sensor.spec.needs_data and protocol.keys.families:
-        raise UserError(
-            f"protocol {protocol.keys.id!r} presses hard cases, which the folder of sensor "
-            f"{parts.sensor.name!r} does not hold; take a simulated sensor."
-        )
-    if parts.sensor.spec.needs_data:
-        return recorded_frames(request, protocol, parts)
-    if protocol.keys.split is None:
-        raise UserError(
-            f"protocol {protocol.keys.id!r} takes the presses of a recorded folder, which sensor "
-            f"{parts.sensor.name!r} does not have; use --sensor recorded --data DIR."
-        )
-    return drawn_frames(request, protocol.keys, protocol.keys.split, parts, cache, hidden)
+    simulates: bool = False
+    published: bool = False
+
+    def __init__(self, request: FrameRequest) -> None:
+        self.request = request
+        self.spec = request.spec
+
+    @abstractmethod
+    def plan(self) -> FramePlan:
+        """Return all sets of frames; no frame is made. Raises UserError."""
+
+    @abstractmethod
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the test sets alone: what a verification makes again. Raises UserError."""
+
+    def scene_counts(self, plan: FramePlan) -> dict[str, dict[str, int]]:  # noqa: ARG002
+        """Return, by role, how many scenes the sensor made in which way; {} if it does not say."""
+        return {}
 
 
-def sensor_identity(sensor: Part[SensorSpec], describe: dict[str, Any]) -> dict[str, Any]:
-    """All of a sensor that determines its frames, but the seed."""
+def sensor_identity(sensor: BoundSpec[SensorSpec], description: dict[str, Any]) -> dict[str, Any]:
+    """Return all of a sensor that determines its frames, but the seed."""
     return {
         "name": sensor.name,
         "parameters": dict(sensor.values),
         "code": sensor.code(),
-        "describe": describe,
+        "describe": description,
     }
 
 
-def scored_limit(request: RunRequest) -> int | None:
-    """At most how many test presses are scored; None: all."""
-    limits = [n for n in (request.limit, QUICK_TEST if request.quick else None) if n is not None]
-    return min(limits, default=None)
-
-
-def fewer(rows: Sequence[Row], request: RunRequest) -> tuple[Row, ...]:
-    """The first ``--presses`` rows to learn from, or all. Raises UserError for too many."""
-    count = request.presses
-    if count is not None and count >= len(rows):
-        raise UserError(
-            f"--presses is {count:,}, but must be less than the {len(rows):,} presses that there "
-            "are to learn from; leave the option out to take them all."
-        )
-    return tuple(rows[:count])
-
-
 def spread(rows: Sequence[Row], count: int | None) -> tuple[Row, ...]:
-    """At most ``count`` rows, evenly spread over all."""
+    """Return at most ``count`` rows, evenly spread over all; None: all of them."""
     if count is None or count >= len(rows):
         return tuple(rows)
     return tuple(rows[(2 * i + 1) * len(rows) // (2 * count)] for i in range(count))
+
+
+def spread_over_sets(
+    rows_by_set: Mapping[str, Sequence[int]], count: int | None
+) -> dict[str, list[int]]:
+    """Return at most ``count`` rows of all sets together, evenly spread over them.
+
+    A set of which no row is left is left out.
+    """
+    pairs = [(name, row) for name, rows in rows_by_set.items() for row in rows]
+    kept: dict[str, list[int]] = {}
+    for name, row in spread(pairs, count):
+        kept.setdefault(name, []).append(row)
+    return kept
+
+
+def group_of(spec: Protocol, draw: str, scene: Scene) -> str:
+    """Return the group of a drawn press in the result tables."""
+    if draw == spec.test.catch:
+        return "catch"
+    if spec.test.group == "distance":
+        tips = np.array(scene.indenter.offsets)[:, :2]
+        return str(round(float(np.linalg.norm(tips[0] - tips[-1])), 6))
+    kind = scene.indenter.name.partition(" #")[0]  # a repeated press of a recording has a number
+    return kind if spec.test.group == "indenter" else "all"

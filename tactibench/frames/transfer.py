@@ -1,138 +1,123 @@
-"""Frames of two sensors: one trains, the other gives some labelled frames and is tested."""
+"""Frames of two sensors: one trains, a recording of the other is tested on.
+
+Some labelled frames of the tested sensor come from its training part. Frames to which a simulated
+sensor was fitted are neither tested on nor shown.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
+from functools import cached_property
 
 from tactibench.errors import UserError
-from tactibench.frames.drawn import FIT, VALIDATION
-from tactibench.frames.folder import Folder
-from tactibench.frames.presser import Presser
-from tactibench.frames.recorded import divided, plates_of, training
+from tactibench.frames.drawn import SensorFrames
+from tactibench.frames.recorded import Division, Recording, Sets, divide, training_sets
 from tactibench.frames.source import (
+    QUICK_FIT,
+    QUICK_VALIDATION,
     FramePlan,
-    Wanted,
-    fewer,
-    scored_limit,
-    sensor_identity,
+    FrameRequest,
+    FrameSet,
+    FrameSource,
     spread,
 )
-from tactibench.plugins.base import SensorContext
-from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.draws import draw_plates, draw_shots
-from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.schema import RECORDED, Protocol, Transfer
-from tactibench.run.components import Part, Sensors
-from tactibench.run.request import QUICK_FIT, QUICK_VALIDATION, RunRequest
+from tactibench.protocols.schema import RECORDED
+from tactibench.protocols.split import FIT, VALIDATION
 
-PLATES, SHOTS = "plates", "shots"
+PLATES, FEW_SHOT = "plates", "shots"
 
 
-@dataclass(frozen=True)
-class Target:
-    """The recording that is tested. test: its test part. left: rows that may be shown with labels.
+class TransferFrames(FrameSource):
+    """Training frames of one sensor; test frames, and a few labelled ones, of another."""
 
-    calibrated: frames to which a simulated sensor was fitted; they are in neither.
-    """
+    def __init__(self, request: FrameRequest) -> None:
+        super().__init__(request)
+        self.simulated: SensorFrames | None = None
+        if not request.sensor.spec.needs_data:
+            self.simulated = SensorFrames(self.spec, request.sensor, request.cache)
+        self.target = Recording.open(self.spec, request.tested, request.test_data, indentation=True)
 
-    folder: Folder
-    test: list[int]
-    left: list[int]
-    calibrated: int
+    def plan(self) -> FramePlan:
+        """Return training frames of one sensor, test and labelled frames of the other.
 
-    def want(self, limit: int | None) -> Wanted:
-        """Its test frames, or ``limit`` of them."""
-        return self.folder.want("test", RECORDED, spread(self.test, limit))
-
-
-def open_target(
-    keys: Protocol, parts: Sensors, path: Path | None, source: Presser | None
-) -> Target:
-    """The tested recording of ``parts``, divided. source: what presses the training frames, None
-    where they are recorded too. Raises UserError."""
-    folder = _folder(keys, parts.test_sensor, path)
-    pool, _, test = divided(keys, folder)
-    used = frozenset[str]() if source is None else _calibrated(source, folder)
-    tested, left = ([row for row in rows if folder.names[row] not in used] for rows in (test, pool))
-    return Target(folder, tested, left, len(used))
-
-
-def transfer_frames(
-    request: RunRequest, protocol: LoadedProtocol, transfer: Transfer, parts: Sensors, cache: Path
-) -> FramePlan:
-    """Training frames of one sensor; of the other its test part, and shots from its training part.
-
-    Frames to which a simulated sensor was fitted are neither. Raises UserError.
-    """
-    keys = protocol.keys
-    if parts.sensor.spec.needs_data:
-        target = open_target(keys, parts, request.tested.data, None)
-        source = _folder(keys, parts.sensor, request.data)
-        fit, validation, _ = divided(keys, source)
-        learned = training(request, source, fit, validation)
-        identity = source.identity
-    else:
-        presser = Presser(keys, parts.sensor, parts.build_sensor, cache)
-        target = open_target(keys, parts, request.tested.data, presser)
-        learned = _pressed(request, keys, presser)
-        identity = presser.identity
-    shots = [target.left[number] for number in draw_shots(keys, len(target.left))]
-    if len(shots) < max(transfer.shots):
-        raise UserError(
-            f"{request.tested.data} leaves {len(target.left):,} presses besides its test part, but "
-            f"protocol {keys.id!r} gives a model up to {max(transfer.shots)} labelled ones; record "
-            "more presses."
+        Raises:
+            UserError: where the recording leaves too few presses to be shown with labels.
+        """
+        if self.simulated is None:
+            source = Recording.open(
+                self.spec, self.request.sensor, self.request.data, indentation=True
+            )
+            fit, validation = training_sets(self.request, source, divide(self.spec, source))
+            identity = source.identity
+        else:
+            fit, validation = self._pressed_sets(self.simulated)
+            identity = self.simulated.identity
+        return FramePlan(
+            source=self,
+            fit=fit,
+            validation=validation,
+            test=self.test_frames(),
+            few_shot=self._labelled_frames(),
+            sensor_identity=identity,
+            test_identity=self.target.identity,
+            calibrated=len(self._calibrated),
         )
-    return FramePlan(
-        *learned,
-        (target.want(scored_limit(request)),),
-        0,
-        identity,
-        tested_identity=target.folder.identity,
-        shots=target.folder.want("shots", SHOTS, shots),
-        calibrated=target.calibrated,
-    )
 
+    def test_frames(self) -> tuple[FrameSet, ...]:
+        """Return the test part of the recording, or as many frames of it as are asked for."""
+        rows = spread(self._usable(self._division.test), self.request.test_count)
+        return (self.target.frame_set("test", RECORDED, rows),)
 
-def _folder(keys: Protocol, sensor: Part[SensorSpec], path: Path | None) -> Folder:
-    """The plate presses of a recording. Raises UserError."""
-    context = SensorContext(np.random.SeedSequence(0), path, indentation=True)
-    opened = sensor.spec.load()(context, **sensor.values)
-    scenes = opened.scenes()
-    if scenes is None:
-        raise UserError(
-            f"sensor {sensor.name!r} does not say which presses it has, which protocol "
-            f"{keys.id!r} needs; use --sensor recorded."
+    def _labelled_frames(self) -> FrameSet:
+        pool = self._usable(self._division.fit)
+        rows = [pool[number] for number in draw_shots(self.spec, len(pool))]
+        assert self.spec.transfer is not None  # noqa: S101 - the source of such protocols
+        most = max(self.spec.transfer.shots)
+        if len(rows) < most:
+            raise UserError(
+                f"{self.request.test_data} leaves {len(pool):,} presses besides its test part, but "
+                f"protocol {self.spec.id!r} gives a model up to {most} labelled ones; record more "
+                "presses."
+            )
+        return self.target.frame_set("few-shot", FEW_SHOT, rows)
+
+    @cached_property
+    def _division(self) -> Division:
+        return divide(self.spec, self.target)
+
+    @cached_property
+    def _calibrated(self) -> frozenset[str]:
+        """Names of the target's frames to which the simulated sensor was fitted."""
+        if self.simulated is None:
+            return frozenset()
+        digest = self.target.identity["describe"].get("sha256", "")
+        fitted = self.simulated.sensor.calibrated_on().get(digest, ())
+        return frozenset(fitted) & frozenset(self.target.names)
+
+    def _usable(self, rows: Sequence[int]) -> list[int]:
+        return [row for row in rows if self.target.names[row] not in self._calibrated]
+
+    def _pressed_sets(self, frames: SensorFrames) -> tuple[Sets, Sets]:
+        """Plate presses that the sensor makes, each drawn on its own: the last ones validate."""
+        plates, recorded = self.spec.plates, self.spec.recorded
+        assert plates is not None  # noqa: S101 - the test sensor's check asks for it
+        assert recorded is not None  # noqa: S101 - with [transfer] it is there
+        scenes = draw_plates(frames.pressed, plates).scenes
+        end = len(scenes) - round(recorded.validation_share * len(scenes))
+        fit, validation = range(self.request.training_count(end)), range(end, len(scenes))
+        if self.request.quick:
+            fit, validation = fit[:QUICK_FIT], validation[:QUICK_VALIDATION]
+        roles = (("fit", fit, FIT), ("validation", validation, VALIDATION))
+        fit_set, validation_set = (
+            frames.frame_set(
+                role,
+                PLATES,
+                [scenes[row] for row in rows],
+                [f"{PLATES}-{row}" for row in rows],
+                part,
+                stream=plates.stream,
+            )
+            for role, rows, part in roles
         )
-    identity = sensor_identity(sensor, opened.describe())
-    return plates_of(path, keys, Folder.of(opened, scenes, identity))
-
-
-def _pressed(
-    request: RunRequest, keys: Protocol, presser: Presser
-) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
-    """Plate presses that the sensor makes, each drawn on its own: the last ones validate."""
-    assert keys.plates is not None  # noqa: S101 - the caller looked
-    assert keys.recorded is not None  # noqa: S101 - with [transfer] it is there
-    scenes = draw_plates(presser.pressed, keys.plates).scenes
-    end = len(scenes) - round(keys.recorded.validation_share * len(scenes))
-    fit, validation = fewer(range(end), request), range(end, len(scenes))
-    if request.quick:
-        fit, validation = fit[:QUICK_FIT], validation[:QUICK_VALIDATION]
-    stream = keys.plates.stream
-
-    def want(role: str, rows: Sequence[int], part: int) -> Wanted:
-        chosen, names = [scenes[row] for row in rows], [f"{PLATES}-{row}" for row in rows]
-        return presser.want(role, PLATES, chosen, names, part, stream=stream)
-
-    return (want("fit", fit, FIT),), (want("validation", validation, VALIDATION),)
-
-
-def _calibrated(presser: Presser, target: Folder) -> frozenset[str]:
-    """Names of the target's frames to which the simulated sensor was fitted."""
-    digest = target.identity["describe"].get("sha256", "")
-    return frozenset(presser.sensor.calibrated_on().get(digest, ())) & frozenset(target.names)
+        return (fit_set,), (validation_set,)

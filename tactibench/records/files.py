@@ -86,6 +86,29 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
         raise UserError(f"{what}; delete it and run again.") from None
 
 
+def write_checked_arrays(
+    path: Path, arrays: Mapping[str, npt.NDArray[Any]], identity: str = "", *, compress: bool = True
+) -> None:
+    """Write named arrays with a checksum over them and ``identity``, what they were made from."""
+    checksum = np.array(f"{identity} {arrays_hash(arrays)}")
+    write = np.savez_compressed if compress else np.savez
+    with atomic(path) as stream:
+        write(stream, allow_pickle=False, **arrays, checksum=checksum)
+
+
+def read_checked_arrays(path: Path, identity: str = "") -> dict[str, npt.NDArray[Any]] | None:
+    """Return the arrays of ``write_checked_arrays``.
+
+    None where the file is missing, damaged, or was made from something else.
+    """
+    try:
+        arrays = read_arrays(path)
+        checksum = str(arrays.pop("checksum"))
+    except (UserError, KeyError):
+        return None
+    return arrays if checksum == f"{identity} {arrays_hash(arrays)}" else None
+
+
 def arrays_hash(arrays: Mapping[str, npt.NDArray[Any]]) -> str:
     """Return sha256 over names, types, shapes and values; the file format does not matter."""
     total = hashlib.sha256()

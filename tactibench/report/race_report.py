@@ -11,7 +11,7 @@ from tactibench.report.numbers import fixed
 from tactibench.report.run_speed import change
 from tactibench.report.table import Cell, Column, Head, Number, Table, table
 from tactibench.report.writers.terminal import print_table
-from tactibench.run.race import Race
+from tactibench.run.configurations import Race
 
 
 def print_race(console: Console, race: Race, subject: str, note: str) -> None:
@@ -21,7 +21,7 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
         if shown is not None:
             console.print()
             print_table(console, shown)
-    for name, reason in race.found.skipped.items():
+    for name, reason in race.configurations.skipped.items():
         console.print(Text(f"left out: {name}: {reason.rstrip('.')}", style="dim"))
     if not all(row["settled"] for row in race.rows):
         text = "NOT SETTLED: some times still drifted after the warm-up"
@@ -33,8 +33,8 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
 
 def verdict(race: Race) -> str:
     """Return the sentence that names the default."""
-    first = race.found.usable[0]
-    text = f"default here: {race.best.name} ({race.best.words})"
+    first = race.configurations.usable[0]
+    text = f"default here: {race.best.name} ({race.best.description})"
     if race.best is first:
         return text
     best, plain = race.total(race.best.name, 1), race.total(first.name, 1)
@@ -52,10 +52,10 @@ def _latency_table(race: Race) -> Table:
         for row in race.rows
         if row["scenario"] == "single"
     }
-    first = race.found.usable[0].name
+    first = race.configurations.usable[0].name
     phases = [phase for name, threads, phase in times if (name, threads) == (first, 1)][:-1]
     rows: list[list[Cell]] = []
-    for one in race.found.usable:
+    for one in race.configurations.usable:
         for threads in _threads(race):
             parts = [times[one.name, threads, phase]["p50_ms"] for phase in phases]
             total = times[one.name, threads, "total"]
@@ -73,7 +73,7 @@ def _rate_table(race: Race) -> Table | None:
         return None
     threads = max(_threads(race))
     rows: list[list[Cell]] = []
-    for one in race.found.usable:
+    for one in race.configurations.usable:
         totals = [race.total(one.name, threads, batch, "offline") for batch in batches]
         numbers = (None if t is None else Number(t["per_s"], fixed(0)) for t in totals)
         rows.append([_marked(race, one.name), *numbers])
@@ -84,7 +84,7 @@ def _rate_table(race: Race) -> Table | None:
 
 def _prediction_table(race: Race) -> Table:
     rows: list[Sequence[Cell]] = []
-    for one in race.found.usable:
+    for one in race.configurations.usable:
         gap = one.difference
         refused = "" if gap.allowed else "; NOT ALLOWED: answers differ too much"
         rows.append(
@@ -93,7 +93,7 @@ def _prediction_table(race: Race) -> Table:
                 None if gap.median_mm is None else Number(gap.median_mm, fixed(5)),
                 None if gap.error_change is None else Number(gap.error_change, change),
                 f"{gap.other_count} of {gap.frames}",
-                f"{one.words}{refused}",
+                f"{one.description}{refused}",
             ]
         )
     counts = map(Column, ("apart, mm", "mean error", "other count"))

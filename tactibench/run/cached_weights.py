@@ -1,4 +1,4 @@
-"""What trained weights the cache holds."""
+"""The trained weights in the cache, for listings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from tactibench.run.weights import MANIFEST
 
 
 @dataclass(frozen=True)
-class KeptWeights:
-    """Weights in the cache. presses: they learned from, None where it was not noted; bytes: of all
-    their files."""
+class CachedWeights:
+    """Weights in the cache.
+
+    Attributes:
+        presses: they learned from; None where it was not noted.
+        bytes: of all their files.
+    """
 
     folder: Path
     model: str
@@ -31,24 +35,20 @@ class KeptWeights:
     hash: str
 
 
-def kept_weights(cache: Path) -> list[KeptWeights]:
-    """All readable ones, by model, regime, presses and seed."""
-    found = [
-        kept for path in sorted((cache / "weights").glob(f"*/{MANIFEST}")) for kept in _read(path)
-    ]
-    return sorted(
-        found,
-        key=lambda kept: (kept.model, kept.regime, kept.presses or 0, kept.seed, kept.folder.name),
-    )
+def cached_weights(cache: Path) -> list[CachedWeights]:
+    """Return all readable weights, by model, regime, presses and seed."""
+    paths = sorted((cache / "weights").glob(f"*/{MANIFEST}"))
+    weights = [readable for path in paths for readable in _read(path)]
+    return sorted(weights, key=lambda w: (w.model, w.regime, w.presses or 0, w.seed, w.folder.name))
 
 
-def _read(path: Path) -> Iterator[KeptWeights]:
+def _read(path: Path) -> Iterator[CachedWeights]:
     """One, or nothing where the manifest is damaged: a run would train anew."""
     try:
         manifest = read_json(path)
         identity, report = manifest["identity"], manifest["report"]
         encoder = identity["encoder"]
-        yield KeptWeights(
+        yield CachedWeights(
             path.parent,
             identity["model"],
             identity["parameters"],

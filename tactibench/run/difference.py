@@ -1,4 +1,4 @@
-"""What a faster way to compute costs in accuracy: its answers beside the float32 ones."""
+"""Answers of a faster way to compute beside the float32 ones: what it costs in accuracy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, PlatePose
+from tactibench.contacts import Answer, Contacts, Frame, PlatePose
+from tactibench.plugins.base import Stage
 
 ALLOWED = 0.02
 """Relative change of the mean error, and share of frames with another count, still allowed."""
@@ -19,10 +20,12 @@ ALLOWED = 0.02
 class Difference:
     """Answers of one configuration against those in float32, frame by frame.
 
-    median_mm: median distance between the two, None when no frame can be compared. frames: how
-    many were compared. other_count: in how many of them the number of contacts differs.
-    error_change: of the mean distance to the truth, relative to float32; None without truth.
-    largest_mm: largest distance between the two; not part of a record.
+    Attributes:
+        median_mm: median distance between the two; None when no frame can be compared.
+        frames: how many were compared.
+        other_count: in how many of them the number of contacts differs.
+        error_change: of the mean distance to the truth, relative to float32; None without truth.
+        largest_mm: largest distance between the two; not part of a record.
     """
 
     median_mm: float | None
@@ -33,12 +36,12 @@ class Difference:
 
     @property
     def allowed(self) -> bool:
-        """Whether this may stand for the float32 answers. Without truth only counts are known."""
+        """Return whether this may stand for float32. Without truth only counts are known."""
         changed = 0.0 if self.error_change is None else abs(self.error_change)
         return changed < ALLOWED and self.other_count <= ALLOWED * self.frames
 
     def as_row(self) -> dict[str, Any]:
-        """JSON values, as a record holds them."""
+        """Return JSON values, as a record holds them."""
         return {
             "difference_mm": self.median_mm,
             "frames": self.frames,
@@ -47,27 +50,38 @@ class Difference:
         }
 
 
+def answers_of(stages: Sequence[Stage], frames: Sequence[Frame]) -> list[Answer | None]:
+    """Return what stages answer at batch 1, frame by frame."""
+    answers: list[Answer | None] = []
+    for frame in frames:
+        value: Any = [frame]
+        for _, stage in stages:
+            value = stage(value)
+        answers.append(value[0])
+    return answers
+
+
 def compare(
-    found: Sequence[Answer | None],
+    answers: Sequence[Answer | None],
     scored: Sequence[Answer | None],
     truth: Sequence[Answer] | None = None,
 ) -> Difference:
     """Compare answers with the float32 ones of the same frames, and both with the truth."""
-    apart: list[float] = []
-    changed = 0
-    for one, other in zip(found, scored, strict=True):
-        distances = _apart(one, other)
+    gaps: list[float] = []
+    other_count = 0
+    for answer, reference in zip(answers, scored, strict=True):
+        distances = _distances(answer, reference)
         if distances is None:
-            changed += 1
+            other_count += 1
         else:
-            apart += distances
-    median = float(np.median(apart)) if apart else None
-    largest = max(apart, default=None)
-    return Difference(median, len(scored), changed, _change(found, scored, truth), largest)
+            gaps += distances
+    median = float(np.median(gaps)) if gaps else None
+    change = _error_change(answers, scored, truth)
+    return Difference(median, len(scored), other_count, change, max(gaps, default=None))
 
 
 def mean_error_mm(answers: Sequence[Answer | None], truth: Sequence[Answer]) -> float | None:
-    """Mean distance (x, y, depth) from each true contact to the nearest one answered, mm.
+    """Return the mean distance (x, y, depth) from each true contact to the nearest answer, mm.
 
     Of a plate: the mean error of its depth. Frames without an answer are left out; None when that
     is all of them.
@@ -80,14 +94,14 @@ def mean_error_mm(answers: Sequence[Answer | None], truth: Sequence[Answer]) -> 
     return float(np.mean(errors)) if errors else None
 
 
-def _change(
-    found: Sequence[Answer | None],
+def _error_change(
+    answers: Sequence[Answer | None],
     scored: Sequence[Answer | None],
     truth: Sequence[Answer] | None,
 ) -> float | None:
     if truth is None:
         return None
-    now, before = mean_error_mm(found, truth), mean_error_mm(scored, truth)
+    now, before = mean_error_mm(answers, truth), mean_error_mm(scored, truth)
     if now is None or not before:
         return None
     return now / before - 1
@@ -101,18 +115,18 @@ def _errors(answer: Answer | None, true: Answer) -> list[float]:
     return []
 
 
-def _apart(found: Answer | None, scored: Answer | None) -> list[float] | None:
+def _distances(answer: Answer | None, scored: Answer | None) -> list[float] | None:
     """Distances (x, y, depth) between answers in mm, contact by contact; None: other counts."""
-    if found is None and scored is None:
+    if answer is None and scored is None:
         return []
-    if isinstance(found, PlatePose) and isinstance(scored, PlatePose):
-        return [abs(found.depth - scored.depth)]
-    if not (isinstance(found, Contacts) and isinstance(scored, Contacts)):
+    if isinstance(answer, PlatePose) and isinstance(scored, PlatePose):
+        return [abs(answer.depth - scored.depth)]
+    if not (isinstance(answer, Contacts) and isinstance(scored, Contacts)):
         return None
-    if len(found) != len(scored):
+    if len(answer) != len(scored):
         return None
     # Scores of equal contacts may change order: compare each with the nearest.
-    return _nearest(_points(found), _points(scored)) if len(found) else []
+    return _nearest(_points(answer), _points(scored)) if len(answer) else []
 
 
 def _points(contacts: Contacts) -> npt.NDArray[np.float64]:

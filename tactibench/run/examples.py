@@ -27,12 +27,19 @@ def example_arrays(
     model: Model | None,
     rows: Sequence[int] | None = None,
 ) -> Arrays:
-    """index (E,), images (E, ...) of frames spread over all, or of ``rows``; features of one, if
-    the model shows them: features_row (), and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W)
-    float16.
+    """Return frames of a test, and what the model's layers make of one of them.
 
-    That one is the first with the most contacts. Raises UserError for features that are no finite
-    (C, H, W).
+    Args:
+        frames, truth: of the whole test.
+        model: whose features are kept, if it shows them; None: no model's are.
+        rows: of the frames that are kept; None: spread over all.
+
+    Returns:
+        index (E,) and images (E, ...). With features: features_row (), the first frame with the
+        most contacts, and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W) float16.
+
+    Raises:
+        UserError: for features that are no finite (C, H, W).
     """
     rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
     arrays: Arrays = {
@@ -41,34 +48,33 @@ def example_arrays(
     }
     if model is not None:
         row = max(rows, key=lambda row: (_contacts(truth[row]), -row))
-        features = model.features(blinded(frames[row]))
-        if features:
+        if features := model.features(blinded(frames[row])):
             arrays["features_row"] = np.array(row, dtype=np.int64)
-            arrays |= packed_features(features)
+            arrays |= pack_features(features)
     return arrays
 
 
-def packed_features(features: Mapping[str, npt.NDArray[Any]]) -> Arrays:
-    """The most varied channels of every layer, in the layers' order."""
-    packed = {}
+def pack_features(features: Mapping[str, npt.NDArray[Any]]) -> Arrays:
+    """Return the most varied channels of every layer, in the layers' order."""
+    arrays = {}
     for k, (name, values) in enumerate(features.items()):
         if values.ndim != 3 or not np.isfinite(values).all():
             raise UserError(
                 f"the model shows features {name!r} of shape {values.shape}; they must be finite "
-                "and of shape (channels, rows, columns): mend the model."
+                "and of shape (channels, rows, columns): fix the model."
             )
-        most = np.argsort(-values.std(axis=(1, 2)), kind="stable")[:CHANNELS]
-        packed[f"{FEATURE}{k:03d}.{len(values)}.{name}"] = values[most].astype(np.float16)
-    return packed
+        varied = np.argsort(-values.std(axis=(1, 2)), kind="stable")[:CHANNELS]
+        arrays[f"{FEATURE}{k:03d}.{len(values)}.{name}"] = values[varied].astype(np.float16)
+    return arrays
 
 
-def unpacked_features(arrays: Arrays) -> list[tuple[str, int, npt.NDArray[Any]]]:
-    """Layer, how many channels it has, and (<= 6, H, W) of them; the inverse of the above."""
-    found = []
+def unpack_features(arrays: Arrays) -> list[tuple[str, int, npt.NDArray[Any]]]:
+    """Return layer, its number of channels, and (<= 6, H, W) of them: undo ``pack_features``."""
+    features = []
     for key in sorted(name for name in arrays if name.startswith(FEATURE)):
         _, _, channels, name = key.split(".", 3)
-        found.append((name, int(channels), arrays[key].astype(np.float64)))
-    return found
+        features.append((name, int(channels), arrays[key].astype(np.float64)))
+    return features
 
 
 def _contacts(answer: Answer) -> int:

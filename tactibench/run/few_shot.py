@@ -1,106 +1,98 @@
-"""Answers after few labelled frames of the tested sensor, in a protocol that changes the sensor.
+"""Tests of a protocol that changes the sensor: after few labelled frames of the tested one.
 
 Every test frame is answered once for each number of labelled frames; those answers are a group of
-their own, named by that number. A protocol that trains and tests on one sensor has one group of
-each test set and shows no such frames.
+their own, named by that number. A model that cannot adapt is shown none and has the group "0".
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
 from tactibench.contacts import Answer, Frame
+from tactibench.frames.presses import true_answers
 from tactibench.plugins.base import Model
+from tactibench.records.answers import pack
+from tactibench.records.store import Arrays
+from tactibench.run.evaluation import Evaluation, TestFrames, truth_arrays
 from tactibench.run.plan import RunPlan
-from tactibench.run.train import Reporter, open_frames
-from tactibench.run.truth import true_answers
+from tactibench.run.predict import Answers, HeatMaps, predict_frames
+from tactibench.run.prediction_cache import Predictions
+from tactibench.run.reporter import Reporter
+from tactibench.run.train import open_frames
 
 Row = TypeVar("Row")
-Asked = tuple[list[Answer | None], npt.NDArray[np.float16] | None]
 
 
-@dataclass(frozen=True, eq=False)
-class Shots:
-    """counts: numbers of labelled frames, rising from 0; (): the protocol shows none.
+class FewShotEvaluation(Evaluation):
+    """The test of a model on another sensor, once for each number of labelled frames of it."""
 
-    frames, truth: the labelled frames; the first k are shown for k.
-    """
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        super().__init__(plan, model, test, reporter)
+        self.counts: tuple[int, ...] = (0,)
+        self.frames: Sequence[Frame] = ()
+        self.labels: Sequence[Answer] = ()
+        transfer, few_shot = plan.spec.transfer, plan.frames.few_shot
+        self.adapts = model.adapt([], []) is not None
+        if self.adapts and transfer is not None and few_shot is not None:
+            presses = open_frames(few_shot, reporter)
+            self.counts = transfer.shots
+            self.frames, self.labels = presses.frames, true_answers(plan.spec, [presses])
 
-    counts: tuple[int, ...] = ()
-    frames: Sequence[Frame] = ()
-    truth: Sequence[Answer] = ()
+    def predict(self) -> Predictions:
+        """Return answers after each number of labelled frames; heatmaps are those without any.
 
-    def __len__(self) -> int:
-        """How often every test frame is answered."""
-        return max(1, len(self.counts))
-
-    def repeated(self, rows: Sequence[Row]) -> list[Row]:
-        """Something of every test frame, once for each number of labelled frames."""
-        return list(rows) * len(self)
-
-    def groups(self, own: Sequence[str]) -> list[str]:
-        """Groups of ``repeated`` test frames."""
-        if not self.counts:
-            return list(own)
-        return [str(count) for count in self.counts for _ in own]
-
-    def chosen(self, model: Model) -> list[dict[str, Any]]:
-        """What the model says it chose for each number of labelled frames."""
-        if not self.frames:
-            return []
-        found = [{"shots": count, **self._shown(model, count)} for count in self.counts]
-        self._shown(model, 0)
-        return found
-
-    def each(self, model: Model, ask: Callable[[], Asked]) -> Asked:
-        """Answers to all test frames for every number in turn; the model is left as it was trained.
-
-        Heatmaps are those without labelled frames.
+        The model is left as it was trained.
         """
-        if not self.frames:
-            return ask()
-        found: list[Answer | None] = []
-        heat: npt.NDArray[np.float16] | None = None
-        for count in self.counts:
-            self._shown(model, count)
-            answers, maps = ask()
-            found += answers
-            heat = maps if count == 0 else heat
-        self._shown(model, 0)
-        return found, heat
+        frames = self.test.frames
+        answers: Answers = []
+        heat: HeatMaps | None = None
+        with self.reporter.task("predict", len(frames) * len(self.counts)) as advance:
+            for count in self.counts:
+                self._adapt(count)
+                predicted, maps = predict_frames(self.model, frames, self.rules, advance)
+                answers += predicted
+                heat = maps if count == 0 else heat
+        self._adapt(0)
+        return Predictions(pack(answers, self.kind), heat)
 
-    def record(self, plan: RunPlan, chosen: list[dict[str, Any]]) -> dict[str, Any]:
-        """What of the tested sensor a model saw before it was asked; {} where that is the trained
-        one."""
-        if plan.protocol.keys.transfer is None:
-            return {}
+    def truth(self) -> Arrays:
+        """Return the true answers once for each number of labelled frames."""
+        test, counts = self.test, self.counts
+        return truth_arrays(
+            self.kind,
+            repeat(test.truth, counts),
+            repeat(test.clusters, counts),
+            count_groups(len(test.frames), counts),
+        )
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return what the model was shown of the tested sensor, and what it chose."""
+        frames = self.plan.frames
+        adapted = []
+        if self.adapts:
+            adapted = [{"shots": count, **self._adapt(count)} for count in self.counts]
+            self._adapt(0)
         return {
             "of_tested_sensor": {
                 "rest_image": True,
                 "unlabelled_frames": 0,
                 "labelled_frames": list(self.counts),
-                "left_out_calibrated": plan.frames.calibrated,
-                "described": (plan.frames.tested_identity or {}).get("describe", {}),
-                "adapted": chosen,
+                "left_out_calibrated": frames.calibrated,
+                "described": (frames.test_identity or {}).get("describe", {}),
+                "adapted": adapted,
             }
         }
 
-    def _shown(self, model: Model, count: int) -> dict[str, Any]:
-        return dict(model.adapt(list(self.frames[:count]), list(self.truth[:count])) or {})
+    def _adapt(self, count: int) -> Mapping[str, Any]:
+        return self.model.adapt(list(self.frames[:count]), list(self.labels[:count])) or {}
 
 
-def open_shots(plan: RunPlan, model: Model, reporter: Reporter) -> Shots:
-    """The labelled frames of a plan. A model that cannot adapt is shown none: it has the group "0"
-    alone."""
-    keys, wanted = plan.protocol.keys, plan.frames.shots
-    if keys.transfer is None or wanted is None:
-        return Shots()
-    if model.adapt([], []) is None:
-        return Shots((0,))
-    presses = open_frames(wanted, reporter)
-    return Shots(keys.transfer.shots, presses.frames, true_answers(keys, [presses]))
+def repeat(rows: Sequence[Row], counts: Sequence[int]) -> list[Row]:
+    """Return something of every test frame, once for each number of labelled frames."""
+    return list(rows) * len(counts)
+
+
+def count_groups(frames: int, counts: Sequence[int]) -> list[str]:
+    """Return the group of every answer: the number of labelled frames before it."""
+    return [str(count) for count in counts for _ in range(frames)]

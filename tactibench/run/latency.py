@@ -1,7 +1,7 @@
-"""Latency scenarios: how long one call takes, phase by phase.
+"""Latency: how long one call takes, phase by phase.
 
-``single``: one frame a call, as in a closed loop. ``offline``: a batch a call. Both warm up until
-two successive blocks of calls have medians that differ by less than 2 %, then keep every raw time.
+A call is given one frame, as in a closed loop, or a batch of frames. It warms up until two
+successive blocks of calls have medians that differ by less than 2 %, then keeps every raw time.
 Scoring is never inside a call. The number of threads is set by the caller and only noted here.
 """
 
@@ -18,18 +18,33 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Stage = tuple[str, Callable[[Any], Any]]
+from tactibench.plugins.base import Stage
+
 Clock = Callable[[], float]
 
 SETTLED_WITHIN = 0.02
+"""Relative difference of the medians of two blocks of calls at which a warm-up ends."""
+BLOCK = 20
+"""Calls of a block: enough for a median that a neighbour's work does not move."""
+WARMUP_BLOCKS = 25
+"""Blocks after which a warm-up ends although it has not settled."""
+
+
+BATCHES = (1, 8, 32, 128)
+"""Frames of a call in the scenario ``offline``."""
 
 
 @dataclass(frozen=True, eq=False)
 class LatencySample:
-    """Raw times. phases: their names, in order. raw_ms: (calls, phases) milliseconds.
+    """Raw times of one way to compute.
 
-    settled: whether the warm-up ended by itself, after warmup_calls calls. threads: as the caller
-    set them. batch: frames in a call.
+    Attributes:
+        phases: their names, in order.
+        raw_ms: (calls, phases) milliseconds.
+        settled: whether the warm-up ended by itself.
+        warmup_calls: calls of the warm-up.
+        threads: as the caller set them.
+        batch: frames in a call.
     """
 
     phases: tuple[str, ...]
@@ -48,49 +63,77 @@ class LatencySample:
 
     @property
     def total_ms(self) -> npt.NDArray[np.float64]:
-        """(calls,) time of a whole call, ms."""
+        """Return (calls,) the time of a whole call, ms."""
         return np.asarray(self.raw_ms.sum(axis=1), dtype=np.float64)
 
+    def rows(self, scenario: str) -> list[dict[str, Any]]:
+        """Return a row of a record for each phase and one for the phase "total", ms a call.
 
-def time_single(
+        per_s is the same in every row: frames per second of the whole call, from its mean.
+        Quantiles interpolate linearly. p50 <= p90 <= p99 always; the quantiles of phases do not
+        add up.
+        """
+        whole = self.total_ms
+        per_s = 1e3 * self.batch / float(whole.mean()) if whole.any() else float("inf")
+        columns = {name: self.raw_ms[:, k] for k, name in enumerate(self.phases)}
+        rows = []
+        for phase, times in {**columns, "total": whole}.items():
+            p50, p90, p99 = (float(q) for q in np.quantile(times, (0.5, 0.9, 0.99)))
+            rows.append(
+                {
+                    "scenario": scenario,
+                    "threads": self.threads,
+                    "batch": self.batch,
+                    "phase": phase,
+                    "p50_ms": p50,
+                    "p90_ms": p90,
+                    "p99_ms": p99,
+                    "mean_ms": float(times.mean()),
+                    "per_s": per_s,
+                    "settled": self.settled,
+                }
+            )
+        return rows
+
+
+def time_calls(
     stages: Sequence[Stage],
     frames: Sequence[Any],
+    batch: int = 1,
     *,
     threads: int,
     calls: int = 300,
     budget_s: float | None = None,
     clock: Clock = time.perf_counter,
+    block: int = BLOCK,
+    warmup_blocks: int = WARMUP_BLOCKS,
 ) -> LatencySample:
-    """Time the stages, each given what the one before returned, on one-frame lists.
+    """Time the stages, each given what the one before returned, on lists of frames.
 
-    Frames are taken in turn, again from the first when they are used up. calls: that are timed.
-    budget_s: seconds after which the warm-up counts as not settled and the timing stops, though
-    never before one block of 20 timed calls.
+    Args:
+        stages: of the model.
+        frames: are taken in turn, again from the first when they are used up.
+        batch: frames of a call.
+        threads: as the caller set them.
+        calls: that are timed.
+        budget_s: seconds after which the warm-up counts as not settled and the timing stops, though
+            never before one block of timed calls.
+        clock: gives seconds.
+        block: calls of a block.
+        warmup_blocks: of the warm-up, at most.
+
+    Raises:
+        ValueError: for a job that cannot be timed.
     """
-    inputs = [[frame] for frame in frames]
-    return _measure(stages, inputs, 1, threads, calls, budget_s, clock, block=20, cap=500)
-
-
-def time_offline(
-    stages: Sequence[Stage],
-    frames: Sequence[Any],
-    batch: int,
-    *,
-    threads: int,
-    calls: int = 30,
-    budget_s: float | None = None,
-    clock: Clock = time.perf_counter,
-    block: int = 5,
-) -> LatencySample:
-    """Time the stages on lists of ``batch`` frames, taken in turn; otherwise as ``time_single``.
-
-    A call is longer here, so blocks are ``block`` calls and the warm-up ends after ten of them at
-    the latest.
-    """
-    inputs = batches(frames, batch)
-    return _measure(
-        stages, inputs, batch, threads, calls, budget_s, clock, block=block, cap=10 * block
-    )
+    phases = _check(stages, frames, calls)
+    source = cycle(batches(frames, batch))
+    over = _deadline(budget_s, clock)
+    with _no_collection():
+        settled, warmup = _warm_up(stages, source, clock, over, block, warmup_blocks)
+        raw: list[list[float]] = []
+        while len(raw) < calls and not (len(raw) >= block and over()):
+            raw.append(_call(stages, next(source), clock))
+    return LatencySample(phases, 1e3 * np.array(raw), settled, warmup, threads, batch)
 
 
 def time_in_rounds(
@@ -103,13 +146,22 @@ def time_in_rounds(
     rounds: int = 10,
     budget_s: float | None = None,
     clock: Clock = time.perf_counter,
-    block: int = 20,
+    block: int = BLOCK,
 ) -> dict[str, LatencySample]:
     """Time several lists of stages on the same frames in turns, so that all meet the same noise.
 
-    Each warms up first, as in the scenarios; then ``rounds`` times each is called ``calls /
-    rounds`` times. budget_s: seconds for all warm-ups together, and as many for all rounds, of
-    which the first is always finished.
+    Each warms up first, as in ``time_calls``; then ``rounds`` times each is called ``calls /
+    rounds`` times. The other arguments are those of ``time_calls``.
+
+    Args:
+        models: name -> stages.
+        frames, batch, threads, calls, clock, block: see ``time_calls``.
+        rounds: how many turns each has.
+        budget_s: seconds for all warm-ups together, and as many for all rounds, of which the first
+            is always finished.
+
+    Raises:
+        ValueError: for a job that cannot be timed.
     """
     if rounds < 1 or calls < rounds:
         raise ValueError(f"{calls} calls in {rounds} rounds: at least one call a round is needed")
@@ -121,7 +173,7 @@ def time_in_rounds(
         for name, stages in models.items():
             _check(stages, frames, calls)
             over = _deadline(share, clock)
-            warm[name] = _warm_up(stages, sources[name], clock, over, block, 25 * block)
+            warm[name] = _warm_up(stages, sources[name], clock, over, block, WARMUP_BLOCKS)
         over = _deadline(budget_s, clock)
         for number in range(rounds):
             if number and over():
@@ -129,20 +181,21 @@ def time_in_rounds(
             for name, stages in models.items():
                 for _ in range(calls // rounds):
                     raw[name].append(_call(stages, next(sources[name]), clock))
-    return {
-        name: LatencySample(
-            tuple(phase for phase, _ in stages),
-            1e3 * np.array(raw[name]),
-            *warm[name],
-            threads,
-            batch,
-        )
-        for name, stages in models.items()
-    }
+    samples = {}
+    for name, stages in models.items():
+        phases = tuple(phase for phase, _ in stages)
+        times = 1e3 * np.array(raw[name])
+        samples[name] = LatencySample(phases, times, *warm[name], threads, batch)
+    return samples
+
+
+def offline_block(batch: int) -> int:
+    """Return how many calls make a block: few, because a call of a large batch is long."""
+    return BLOCK // 4 if batch <= 8 else 1
 
 
 def batches(frames: Sequence[Any], batch: int) -> list[list[Any]]:
-    """Lists of ``batch`` frames, all frames taken in turn, the first ones again at the end."""
+    """Return lists of ``batch`` frames, all taken in turn, the first ones again at the end."""
     if batch < 1:
         raise ValueError(f"batch is {batch}, it must be at least 1")
     endless = cycle(frames)
@@ -175,33 +228,10 @@ def _no_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _measure(
-    stages: Sequence[Stage],
-    inputs: Sequence[list[Any]],
-    batch: int,
-    threads: int,
-    calls: int,
-    budget_s: float | None,
-    clock: Clock,
-    *,
-    block: int,
-    cap: int,
-) -> LatencySample:
-    phases = _check(stages, inputs, calls)
-    source = cycle(inputs)
-    over = _deadline(budget_s, clock)
-    with _no_collection():
-        settled, warmup = _warm_up(stages, source, clock, over, block, cap)
-        raw: list[list[float]] = []
-        while len(raw) < calls and not (len(raw) >= block and over()):
-            raw.append(_call(stages, next(source), clock))
-    return LatencySample(phases, 1e3 * np.array(raw), settled, warmup, threads, batch)
-
-
-def _check(stages: Sequence[Stage], inputs: Sequence[Any], calls: int) -> tuple[str, ...]:
+def _check(stages: Sequence[Stage], frames: Sequence[Any], calls: int) -> tuple[str, ...]:
     """The phases' names. Raises ValueError for a job that cannot be timed."""
     phases = tuple(name for name, _ in stages)
-    if not stages or not inputs or calls < 1:
+    if not stages or not frames or calls < 1:
         raise ValueError("timing needs at least one stage, one frame and one call")
     if len(set(phases)) < len(phases) or "total" in phases:
         raise ValueError(f"phases must have different names, none of them 'total': {phases}")
@@ -220,12 +250,12 @@ def _warm_up(
     clock: Clock,
     over: Callable[[], bool],
     block: int,
-    cap: int,
+    blocks: int,
 ) -> tuple[bool, int]:
     """Call until two successive blocks agree. Returns whether they did, and the calls made."""
     before = float("inf")
     done = 0
-    while done + block <= cap and not over():
+    while done < block * blocks and not over():
         times = [sum(_call(stages, next(source), clock)) for _ in range(block)]
         done += block
         median = float(np.median(times))

@@ -9,55 +9,39 @@ from typing import Any
 from tactibench.records.files import arrays_hash
 from tactibench.records.identity import code_commit
 from tactibench.records.record import SCHEMA, Metric, Record, make_signature
-from tactibench.records.store import Arrays
-from tactibench.run.environment import environment_facts
+from tactibench.run.evaluation import Evaluation
+from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan
-from tactibench.run.test_sensor import tested_record
+from tactibench.run.prediction_cache import Predictions
 from tactibench.run.timing import Speed
-from tactibench.run.weights import Trained
+from tactibench.run.weights import TrainedWeights
 
 
 def make_record(
     plan: RunPlan,
-    trained: Trained,
+    weights: TrainedWeights,
+    evaluation: Evaluation,
+    predictions: Predictions,
     speed: Speed,
     metrics: list[Metric],
-    predicted: Arrays,
-    *,
-    data: list[str],
-    account: dict[str, dict[str, int]],
-    presses: int,
-    shots: dict[str, Any],
 ) -> Record:
-    """Return the record for ``write_run``.
-
-    predicted: as packed. data: hashes of the test frames. account: by role, how the sensor made
-    its scenes (see ``Sensor.scene_counts``). presses: how many the test frames are of. shots: what
-    of the tested sensor was shown beforehand, where that is another one.
-    """
-    protocol, request, parts = plan.protocol, plan.request, plan.parts
-    environment = environment_facts()
-    report = trained.report
-    encoder = parts.encoder
+    """Return the record for ``write_run``."""
+    spec, request, components, frames = plan.spec, plan.request, plan.components, plan.frames
+    report = weights.report
     values = {
         "schema": SCHEMA,
         "name": plan.name,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "protocol": {
-            "id": protocol.keys.id,
-            "version": protocol.keys.version,
-            "hash": protocol.hash,
-            "title": protocol.keys.title,
+            "id": spec.id,
+            "version": spec.version,
+            "hash": plan.protocol.hash,
+            "title": spec.title,
         },
-        "model": parts.model.component().json_values(),
-        "regime": parts.regime,
-        "encoder": None if encoder is None else encoder.component().json_values(),
-        "sensor": {
-            **parts.sensor.component().json_values(),
-            "origin": parts.sensor.spec.origin,
-            **({"account": account} if account else {}),
-            **tested_record(parts, request.tested, presses, request.data),
-        },
+        "model": components.model.component.json_values(),
+        "regime": components.regime,
+        "encoder": components.encoder and components.encoder.component.json_values(),
+        "sensor": _sensor(plan, evaluation),
         "seed": request.seed,
         "partial": request.partial,
         "limits": {
@@ -68,12 +52,12 @@ def make_record(
         "identity": {
             **plan.identity,
             "commit": code_commit(Path(__file__).resolve().parents[2]),
-            "data": data,
-            "weights_hash": trained.hash,
-            "predictions_hash": arrays_hash(predicted),
+            "data": [presses.hash for presses in evaluation.test.sets],
+            "weights_hash": weights.hash,
+            "predictions_hash": arrays_hash(predictions.arrays),
             "stored": {},
         },
-        "environment": environment,
+        "environment": environment_facts(),
         "metrics": [row.json_values() for row in metrics],
         "speed": speed.rows,
         "timed": speed.timed,
@@ -81,22 +65,36 @@ def make_record(
         "training": {
             "epochs": report["epochs"],
             "seconds": report["seconds"],
-            "presses": plan.frames.count("fit"),
+            "presses": frames.count("fit"),
             "device": plan.device,
-            "reused": trained.reused,
+            "reused": weights.reused,
             "history": report["history"],
             "notes": report["notes"],
         },
         "data": {
-            "train": plan.frames.count("fit"),
-            "validation": plan.frames.count("validation"),
-            "test": plan.frames.count("test"),
-            "rejected": plan.frames.rejected,
-            "published_frames": plan.frames.published,
-            **shots,
+            "train": frames.count("fit"),
+            "validation": frames.count("validation"),
+            "test": frames.count("test"),
+            "rejected": frames.rejected,
+            "published_frames": frames.source.published,
+            **evaluation.record(predictions),
         },
         "signature": "",
     }
     record = Record.model_validate(values)
     record.signature = make_signature(record)
     return record
+
+
+def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
+    sensor, tested = plan.components.sensor, plan.components.test_sensor
+    values = {**sensor.component.json_values(), "origin": sensor.spec.origin}
+    if counts := plan.frames.source.scene_counts(plan.frames):
+        values["account"] = counts
+    if tested is not None:
+        from tactibench.run.test_sensor import target_record
+
+        presses = len(set(evaluation.test.clusters))
+        options, data = plan.request.test, plan.request.data
+        values["tested"] = target_record(tested, sensor, options, presses, data)
+    return values

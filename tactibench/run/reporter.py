@@ -1,14 +1,23 @@
-"""Reporters of work that nobody watches."""
+"""Progress of long work, and reporters of work that nobody watches."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from typing import Protocol
 
 from tactibench.plugins.base import Progress
 
 
-class SilentProgress:
+class Reporter(Protocol):
+    """Shows long work. ``task`` gives a function that is told of finished items."""
+
+    def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]: ...
+
+    def training(self) -> AbstractContextManager[Progress]: ...
+
+
+class NullProgress:
     """A training that shows nothing."""
 
     def start(self, epochs: int, steps: int) -> None: ...
@@ -18,7 +27,7 @@ class SilentProgress:
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None: ...
 
 
-class Silent:
+class NullReporter:
     """A reporter that shows nothing."""
 
     @contextmanager
@@ -27,4 +36,4 @@ class Silent:
 
     @contextmanager
     def training(self) -> Iterator[Progress]:
-        yield SilentProgress()
+        yield NullProgress()

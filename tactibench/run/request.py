@@ -1,4 +1,4 @@
-"""What was asked for, before anything is looked up."""
+"""The request of a run: what was asked for, before anything is looked up."""
 
 from __future__ import annotations
 
@@ -8,25 +8,19 @@ from pathlib import Path
 
 from tactibench.errors import UserError, did_you_mean
 
-QUICK_FIT, QUICK_VALIDATION, QUICK_TEST, QUICK_EPOCHS = 200, 40, 40, 2
-"""--quick: 200 training presses, 2 epochs, 40 test presses. It proves the path, nothing else."""
-
-
 REFERENCE, HIDDEN, DATA = "reference", "hidden", "data"
-
-
-def folder_label(path: Path) -> str:
-    """How a folder is called in records: its name and its parent's, the machine's paths are not."""
-    return "/".join(path.resolve().parts[1:][-2:])
+KINDS = ("model", "sensor", "encoder")
 
 
 @dataclass(frozen=True)
-class TestedOn:
-    """What presses the test scenes, where it is not what presses those of the training.
+class TestOptions:
+    """The sensor and presses of the test, where they are not those of the training.
 
-    reference: the sensor's reference scenes, in place of the protocol's. parameters: of the sensor,
-    in place of those of the training. hidden: presses drawn from a seed that is kept secret. data:
-    folder of another sensor's recording.
+    Attributes:
+        reference: test on the sensor's reference scenes, in place of the protocol's.
+        parameters: of the tested sensor, in place of those of the training.
+        hidden: test on presses drawn from a seed that is kept secret.
+        data: folder of another sensor's recording.
     """
 
     __test__ = False  # not a test case, whatever its name
@@ -37,24 +31,29 @@ class TestedOn:
     data: Path | None = None
 
     def __bool__(self) -> bool:
-        return self.reference or self.hidden or bool(self.parameters) or self.data is not None
+        return bool(self.texts)
 
     @property
     def texts(self) -> list[str]:
-        """As they are given with ``--test``, and "hidden" for ``--hidden-seed``."""
-        changed = [f"sensor.{name}={value}" for name, value in self.parameters.items()]
-        words = {REFERENCE: self.reference, HIDDEN: self.hidden}
-        folder = [] if self.data is None else [f"{DATA}={folder_label(self.data)}"]
-        return [*folder, *(word for word, given in words.items() if given), *changed]
+        """Return the options as they are given with ``--test``, and "hidden"."""
+        return [
+            *([] if self.data is None else [f"{DATA}={folder_label(self.data)}"]),
+            *([REFERENCE] if self.reference else []),
+            *([HIDDEN] if self.hidden else []),
+            *(f"sensor.{name}={value}" for name, value in self.parameters.items()),
+        ]
 
 
 @dataclass(frozen=True)
 class RunRequest:
     """The options of ``tactibench run``; None stands for the protocol's default.
 
-    presses: learn from that many of the presses that the protocol's split trains on, for a learning
-    curve; None: from all. The validation presses and those that a regime adds stay.
-    released: file of published answers to the test frames; None: looked for beside the data.
+    Attributes:
+        presses: learn from so many of the presses that the protocol's split trains on, for a
+            learning curve; None: from all. Validation presses and those that a regime adds stay.
+        test: what is tested on, where it is not what is trained on.
+        published: file of published predictions for the test frames; None: looked for beside the
+            data.
     """
 
     protocol: str
@@ -69,42 +68,56 @@ class RunRequest:
     quick: bool = False
     limit: int | None = None
     presses: int | None = None
-    tested: TestedOn = field(default_factory=TestedOn)
-    released: Path | None = None
+    test: TestOptions = field(default_factory=TestOptions)
+    published: Path | None = None
 
     @property
     def partial(self) -> bool:
-        """Whether the result may not stand on a board."""
+        """Return whether the result may not stand on a board."""
         return self.quick or self.limit is not None
 
 
+def folder_label(path: Path) -> str:
+    """Return a folder's name and its parent's: records do not hold the machine's paths."""
+    return "/".join(path.resolve().parts[1:][-2:])
+
+
+def data_folder(path: Path | None, option: str = "--data") -> Path | None:
+    """Return the folder given with an option. Raises UserError when it is not there."""
+    if path is not None and not path.is_dir():
+        what = "is not a folder" if path.exists() else "does not exist"
+        raise UserError(f"the data folder {path} {what}; check {option}.")
+    return path
+
+
 def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
-    """``("model.width=32",)`` -> ``{"model": {"width": "32"}}``. Raises UserError."""
-    found: dict[str, dict[str, str]] = {}
+    """Return ``{"model": {"width": "32"}}`` of ``("model.width=32",)``. Raises UserError."""
+    parameters: dict[str, dict[str, str]] = {}
     for text in texts:
         name, equals, value = text.partition("=")
-        kind, dot, key = name.partition(".")
-        if not equals or not dot or kind not in ("model", "sensor", "encoder") or not key:
+        kind, dot, parameter = name.partition(".")
+        if not equals or not dot or kind not in KINDS or not parameter:
             raise UserError(
                 f"--param {text!r} is not understood; write KIND.NAME=VALUE with KIND one of "
-                "model, sensor, encoder, for example --param model.width=32."
+                f"{', '.join(KINDS)}, for example --param model.width=32."
             )
-        if key in found.setdefault(kind, {}):
-            raise UserError(f"--param {kind}.{key} is given twice; give it once.")
-        found[kind][key] = value
-    return found
+        if parameter in parameters.setdefault(kind, {}):
+            raise UserError(f"--param {kind}.{parameter} is given twice; give it once.")
+        parameters[kind][parameter] = value
+    return parameters
 
 
-def read_tested(texts: tuple[str, ...], *, hidden: bool = False) -> TestedOn:
-    """``("reference",)``, ``("sensor.instance=1",)`` or ``("data=folder",)`` -> what to test on.
+def read_test_options(texts: tuple[str, ...], *, hidden: bool = False) -> TestOptions:
+    """Return the options of ``("reference",)``, ``("sensor.instance=1",)``, ``("data=folder",)``.
 
-    Raises UserError.
+    Raises:
+        UserError: for a text that is not understood or is given twice.
     """
     parameters: dict[str, str] = {}
     folder: Path | None = None
     for text in texts:
         name, equals, value = text.partition("=")
-        kind, _, key = name.partition(".")
+        kind, _, parameter = name.partition(".")
         if text == REFERENCE:
             continue
         if name == DATA and equals:
@@ -120,12 +133,12 @@ def read_tested(texts: tuple[str, ...], *, hidden: bool = False) -> TestedOn:
                 "example sensor.instance=1, nor data=FOLDER; "
                 f"{did_you_mean(text, [REFERENCE, DATA])}"
             )
-        if kind != "sensor" or not key:
+        if kind != "sensor" or not parameter:
             raise UserError(
                 f"--test {text!r} changes no sensor; write sensor.NAME=VALUE, for example "
                 "sensor.instance=1, or data=FOLDER; what the model is made with goes in --param."
             )
-        if key in parameters:
-            raise UserError(f"--test sensor.{key} is given twice; give it once.")
-        parameters[key] = value
-    return TestedOn(REFERENCE in texts, parameters, hidden, folder)
+        if parameter in parameters:
+            raise UserError(f"--test sensor.{parameter} is given twice; give it once.")
+        parameters[parameter] = value
+    return TestOptions(REFERENCE in texts, parameters, hidden, folder)

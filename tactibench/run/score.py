@@ -1,4 +1,4 @@
-"""From stored arrays to metric rows; the same for a fresh run and for `tactibench score`."""
+"""The score: from stored arrays to metric rows, in a fresh run and in ``tactibench score``."""
 
 from __future__ import annotations
 
@@ -8,75 +8,146 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.errors import UserError
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
-from tactibench.records.record import Metric
-from tactibench.run.published_predictions import unpack_released
+from tactibench.records.files import arrays_hash
+from tactibench.records.record import Metric, Record
+from tactibench.records.store import StoredRun
 
 if TYPE_CHECKING:
     from tactibench.metrics.trials import PlateTrials, Trials
 
 SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
+PUBLISHED = "released."
+"""Begins the names of arrays of published predictions: ``released.<table>.<array>``."""
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
-def score_arrays(keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays) -> list[Metric]:
-    """Rows of a record's metrics. truth also holds ``press`` and ``group`` of every frame,
-    and the predictions that others published of them."""
+def score_arrays(
+    protocol: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays
+) -> list[Metric]:
+    """Return the metric rows of a record.
+
+    Args:
+        protocol: names the metrics.
+        truth: packed true answers with ``press`` and ``group`` of every frame, and the predictions
+            that others published for them.
+        predicted: packed answers.
+        maps: heatmaps and true surfaces, where there are any.
+    """
     from tactibench.metrics.plate import PUBLISHED_NAMES
     from tactibench.metrics.score import score
     from tactibench.metrics.trials import PlateTrials
 
-    seed = np.random.SeedSequence(keys.data_seed, spawn_key=(SCORING_STREAM,))
-    trials = trials_of(keys, truth, predicted, maps)
-    names = keys.metrics.names
+    seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(SCORING_STREAM,))
+    trials = trials_of(protocol, truth, predicted, maps)
+    names = protocol.metrics.names
     if isinstance(trials, PlateTrials) and trials.published:
         names = (*names, *(name for name in PUBLISHED_NAMES if name not in names))
     return score(names, trials, rng=np.random.default_rng(seed))
 
 
 def trials_of(
-    keys: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays | None = None
+    protocol: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays | None = None
 ) -> Trials | PlateTrials:
-    """What the metrics are computed from. Without ``maps`` those of heatmaps are n/a."""
+    """Return what the metrics are computed from. Without ``maps`` those of heatmaps are n/a."""
     from tactibench.metrics.trials import PlateTrials, Trials
 
-    maps = maps or {}
-    if keys.answer == "plate":
+    groups = tuple(str(group) for group in truth["group"])
+    if protocol.answer == "plate":
         return PlateTrials(
             unpack_plates(truth),
             unpack_plates(predicted),
             truth["press"],
-            level=keys.test.level,
-            published=unpack_released(truth),
-            group=tuple(str(group) for group in truth["group"]),
+            level=protocol.test.level,
+            published=unpack_published(truth),
+            group=groups,
         )
+    maps = maps or {}
     bound = truth.get("bound")
     counts = np.cumsum(truth["count"])[:-1]
     return Trials(
         unpack_contacts(truth),
         unpack_contacts(predicted),
         truth["press"],
-        tuple(str(group) for group in truth["group"]),
-        max_depth=keys.workspace.depth_max_mm,
-        gate=keys.test.gate_mm,
-        level=keys.test.level,
+        groups,
+        max_depth=protocol.workspace.depth_max_mm,
+        gate=protocol.test.gate_mm,
+        level=protocol.test.level,
         maps=maps.get("maps"),
         surface=maps.get("surface"),
         bound=None if bound is None else tuple(np.split(bound, counts)),
-        axes=keys.axes,
-        failed=_failed(predicted),
+        axes=protocol.axes,
+        failed=_failures(predicted),
     )
 
 
-def _failed(predicted: Arrays) -> npt.NDArray[np.int8] | None:
-    """(N,) what became of the question about every frame; None where failures end a run."""
+def _failures(predicted: Arrays) -> npt.NDArray[np.int8] | None:
+    """(N,) how the question about every frame ended; None where a failure ends the run."""
     from tactibench.metrics.trials import NOT_FINITE, RAISED
 
     if "failed" not in predicted:
         return None
-    found = np.zeros(len(predicted["count"]), dtype=np.int8)
-    found[predicted["failed"]] = np.where(predicted["raised"], RAISED, NOT_FINITE)
-    return found
+    failures = np.zeros(len(predicted["count"]), dtype=np.int8)
+    failures[predicted["failed"]] = np.where(predicted["raised"], RAISED, NOT_FINITE)
+    return failures
+
+
+def unpack_published(arrays: Arrays) -> dict[str, Any]:
+    """Return the published predictions among the arrays, by table."""
+    tables: dict[str, dict[str, npt.NDArray[Any]]] = {}
+    for key, array in arrays.items():
+        if key.startswith(PUBLISHED):
+            table, _, name = key.removeprefix(PUBLISHED).rpartition(".")
+            tables.setdefault(table, {})[name] = array
+    return {table: unpack_plates(packed) for table, packed in tables.items()}
+
+
+def rescore(run: StoredRun) -> Record:
+    """Return the record of a stored run with metrics computed anew, without model or sensor.
+
+    Raises:
+        UserError: where the protocol is not the very one of the run (another version asks something
+            else), or the predictions are not those of the record.
+    """
+    protocol = protocol_of(run)
+    truth, predicted = run.arrays("truth"), run.arrays("predictions")
+    if arrays_hash(predicted) != run.record.identity.predictions_hash:
+        raise UserError(f"the predictions in {run.folder} are not those of its record.")
+    metrics = score_arrays(protocol.keys, truth, predicted, run.arrays("maps"))
+    return run.record.model_copy(update={"metrics": metrics})
+
+
+def protocol_of(run: StoredRun) -> LoadedProtocol:
+    """Return the protocol that a run was made with. Raises UserError if it is not installed."""
+    stated = run.record.protocol
+    path = protocol_files().get(stated.id)
+    if path is None:
+        raise UserError(
+            f"{run.folder} was made with protocol {stated.id!r}, which does not ship with "
+            "tactibench; run it again with its .toml file."
+        )
+    protocol = read_protocol(path)
+    if protocol.hash != stated.hash:
+        raise UserError(
+            f"{run.folder} was made with {stated.label}, but this tactibench has {protocol.label}; "
+            "run the protocol again."
+        )
+    return protocol
+
+
+def metric_differences(stored: list[Metric], again: list[Metric]) -> list[str]:
+    """Return a sentence for each row that is not exactly equal."""
+    before, after = (
+        {(row.metric, row.group): row.json_values() for row in rows} for rows in (stored, again)
+    )
+    return [
+        f"{metric} of {group}: stored {before.get((metric, group))}, "
+        f"now {after.get((metric, group))}"
+        for metric, group in sorted({*before, *after})
+        if before.get((metric, group)) != after.get((metric, group))
+    ]

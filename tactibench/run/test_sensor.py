@@ -1,34 +1,82 @@
-"""What presses the test scenes, where it is not what presses those of the training: ``--test``."""
+"""The sensor that presses the test scenes, where it is not the one of the training: ``--test``."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import SensorSpec, Value
-from tactibench.run.components import Part, Sensors
-from tactibench.run.request import REFERENCE, RunRequest, TestedOn, folder_label
+from tactibench.plugins.specs import SensorSpec
+from tactibench.protocols.schema import Protocol
+from tactibench.records.bound_spec import BoundSpec
+from tactibench.run.request import REFERENCE, TestOptions, data_folder, folder_label
 
-SensorsT = TypeVar("SensorsT", bound=Sensors)
+Sensor = BoundSpec[SensorSpec]
 
-INDIVIDUAL = "instance"
+INSTANCE = "instance"
 """Parameter of a sensor that stands for one of its make; 0 is the nominal one."""
 
 
-def with_test_sensor(request: RunRequest, parts: SensorsT, host: PluginHost) -> SensorsT:
-    """The parts with what is asked to press the test scenes. Raises UserError."""
-    sensor, asked = parts.sensor, request.tested
+def resolve_test_sensor(
+    options: TestOptions, protocol: Protocol, sensor: Sensor, host: PluginHost
+) -> Sensor | None:
+    """Return the sensor that presses the test scenes; None where it is the training sensor.
+
+    Raises:
+        UserError: for options that do not fit the protocol or the sensor.
+    """
+    if protocol.transfer is not None:
+        return _recorded_target(options, protocol, sensor, host)
     if of := sensor.spec.reference_of:
         raise UserError(
             f"sensor {sensor.name!r} has nothing but {sensor.spec.scenes} to be tested on; "
             f"use --sensor {of} --test {REFERENCE}."
         )
-    if not asked:
-        return parts
-    if asked.data is not None:
+    return _changed_sensor(options, sensor, host) if options else None
+
+
+def describe_target(tested: Sensor, options: TestOptions) -> str:
+    """Return what a model is tested on, such as "another individual (instance=1)"."""
+    values = [f"{name}={tested.values[name]}" for name in options.parameters]
+    settings = f" ({', '.join(values)})" if values else ""
+    if options.data is not None:
+        return f"recording {folder_label(options.data)}{settings}"
+    if options.reference:
+        return f"{tested.spec.scenes}{settings}"
+    if options.hidden:
+        return f"hidden presses{settings}"
+    kind = "individual" if set(options.parameters) == {INSTANCE} else "setting"
+    return f"another {kind}{settings}"
+
+
+def target_record(
+    tested: Sensor, sensor: Sensor, options: TestOptions, presses: int, data: Path | None
+) -> dict[str, Any]:
+    """Return what the record says of the tested sensor.
+
+    Args:
+        tested: presses the test scenes.
+        sensor: pressed the training scenes.
+        options: as they were given.
+        presses: how many the test frames are of.
+        data: folder of the training frames.
+    """
+    record = {
+        "name": tested.name,
+        "parameters": dict(tested.values),
+        "asked": options.texts,
+        "on": describe_target(tested, options),
+        "presses": presses,
+    }
+    if options.data is not None:
+        trained_on = sensor.label if data is None else f"recording {folder_label(data)}"
+        record["trained_on"] = f"{sensor.spec.origin} {trained_on}"
+    return record
+
+
+def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> Sensor:
+    if options.data is not None:
         raise UserError(
             "--test data=FOLDER is for protocols that test on another sensor than they train on, "
             "such as transfer; name the folder of this one with --data."
@@ -36,83 +84,66 @@ def with_test_sensor(request: RunRequest, parts: SensorsT, host: PluginHost) -> 
     if sensor.spec.needs_data:
         raise UserError(
             f"sensor {sensor.name!r} has the frames of its folder and can press no others; leave "
-            f"{'--hidden-seed' if asked.hidden else '--test'} out."
+            f"{'--hidden-seed' if options.hidden else '--test'} out."
         )
-    if asked.hidden and asked.reference:
+    if options.hidden and options.reference:
         raise UserError(
             "--hidden-seed draws presses anew and reference scenes are not drawn; leave one of "
             "--hidden-seed and --test reference out."
         )
-    name = _reference_of(sensor, host) if asked.reference else sensor.name
-    spec = host.sensors[name]
-    tested = Part(spec, _values(spec, sensor, asked), host.sensors.origins[name])
+    name = _reference_name(sensor, host) if options.reference else sensor.name
+    tested: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
+    kept = {
+        name: sensor.values[name]
+        for name in tested.values
+        if name not in options.parameters and name in sensor.values
+    }
+    tested = BoundSpec(tested.spec, {**tested.values, **kept}, tested.origin)
     same = tested.name == sensor.name and tested.values == sensor.values
-    if same and not (asked.hidden and not asked.parameters):
+    if same and not (options.hidden and not options.parameters):
         raise UserError(
-            f"--test {' --test '.join(asked.texts)} is what the training frames are made with "
+            f"--test {' --test '.join(options.texts)} is what the training frames are made with "
             "already; give another value, or leave --test out."
         )
-    return replace(parts, tested=tested)
+    return tested
 
 
-def words(parts: Sensors, asked: TestedOn) -> str:
-    """What the model is tested on: "finite-element scenes", "another individual (instance=1)"."""
-    other = [f"{name}={parts.test_sensor.values[name]}" for name in asked.parameters]
-    settings = f" ({', '.join(other)})" if other else ""
-    if asked.data is not None:
-        return f"recording {folder_label(asked.data)}{settings}"
-    if asked.reference:
-        return f"{parts.test_sensor.spec.scenes}{settings}"
-    if asked.hidden:
-        return f"hidden presses{settings}"
-    kind = "individual" if set(asked.parameters) == {INDIVIDUAL} else "setting"
-    return f"another {kind}{settings}"
-
-
-def tested_record(
-    parts: Sensors, asked: TestedOn, presses: int, trained_on: Path | None
-) -> dict[str, Any]:
-    """What the record says of it; empty where the sensor itself was pressed.
-
-    presses: how many the test frames are of. trained_on: folder of the training frames, said where
-    they and the test frames are of two sensors.
-    """
-    if parts.tested is None:
-        return {}
-    return {
-        "tested": {
-            "name": parts.tested.name,
-            "parameters": dict(parts.tested.values),
-            "asked": asked.texts,
-            "on": words(parts, asked),
-            "presses": presses,
-            **_trained(parts, asked, trained_on),
-        }
-    }
-
-
-def _trained(parts: Sensors, asked: TestedOn, folder: Path | None) -> dict[str, str]:
-    if asked.data is None:
-        return {}
-    on = parts.sensor.label() if folder is None else f"recording {folder_label(folder)}"
-    return {"trained_on": f"{parts.sensor.spec.origin} {on}"}
-
-
-def _reference_of(sensor: Part[SensorSpec], host: PluginHost) -> str:
+def _reference_name(sensor: Sensor, host: PluginHost) -> str:
     names = {spec.reference_of: spec.name for spec in host.sensors if spec.reference_of}
     if sensor.name not in names:
-        have = f"; {' and '.join(sorted(names))} have some" if names else ""
+        others = f"; {' and '.join(sorted(names))} have some" if names else ""
         raise UserError(
-            f"sensor {sensor.name!r} has no reference scenes{have}; take another sensor, or "
+            f"sensor {sensor.name!r} has no reference scenes{others}; take another sensor, or "
             "--test sensor.NAME=VALUE."
         )
     return names[sensor.name]
 
 
-def _values(spec: SensorSpec, sensor: Part[SensorSpec], asked: TestedOn) -> dict[str, Value]:
-    """Those asked for, and otherwise those of the training sensor, where it has them."""
-    values = spec.settings(asked.parameters)
-    for name in values:
-        if name not in asked.parameters and name in sensor.values:
-            values[name] = sensor.values[name]
-    return values
+def _recorded_target(
+    options: TestOptions, protocol: Protocol, sensor: Sensor, host: PluginHost
+) -> Sensor:
+    """The recorded sensor that a protocol tests which moves a model to another sensor."""
+    if options.data is None:
+        raise UserError(
+            f"protocol {protocol.id!r} tests on another sensor than it trains on; name the "
+            "recording of that one with --test data=FOLDER."
+        )
+    if options.reference or options.hidden:
+        raise UserError(
+            f"protocol {protocol.id!r} tests on a recording; leave "
+            f"{'--hidden-seed' if options.hidden else '--test reference'} out."
+        )
+    data_folder(options.data, "--test data=FOLDER")
+    if protocol.plates is None and not sensor.spec.needs_data:
+        raise UserError(
+            f"protocol {protocol.id!r} draws no presses for a sensor that makes its own frames, "
+            f"as {sensor.name!r} does; use --data DIR."
+        )
+    name = protocol.defaults.sensor
+    if not host.sensors[name].needs_data:
+        raise UserError(
+            f"protocol {protocol.id!r} reads the tested recording with sensor {name!r}, which "
+            "reads no folder; fix its key 'defaults.sensor'."
+        )
+    target: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
+    return target

@@ -2,131 +2,163 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.frames.source import spread
-from tactibench.plugins.base import Model
-from tactibench.run.configurations import (
-    answers_of,
-    configurations,
-    fastest,
-)
-from tactibench.run.cost import cost, peak_memory
-from tactibench.run.device import machine
-from tactibench.run.difference import compare
-from tactibench.run.latency import (
-    Stage,
-    time_in_rounds,
-    time_offline,
-    time_single,
-    torch_threads,
-)
-from tactibench.run.latency_rows import speed_rows
+from tactibench.plugins.base import Model, Stage
+from tactibench.run.difference import answers_of, compare
+from tactibench.run.latency import BATCHES, offline_block, time_calls, torch_threads
+from tactibench.run.machine import all_threads
 from tactibench.run.predict import blinded
 
 TIMED_FRAMES = 200
 """Test frames that calls take in turn, spread over all: groups follow each other in a test."""
-BUDGET_S = 12.0
-"""Seconds that timing may take for one thread count; a slower model gives fewer calls."""
-BATCHES = (1, 8, 32, 128)
-RACE_FRAMES, RACE_CALLS, RACE_ROUNDS = 50, 50, 5
-"""What decides between the ways to compute, before the chosen one is timed at length."""
+CALLS, QUICK_CALLS = 300, 60
+BUDGET_S, QUICK_BUDGET_S = 12.0, 3.0
+"""Seconds that timing may take for one thread count; a slower model gives fewer calls. Those of
+--quick are few: a neighbour on the other core must not eat its minute."""
+OFFLINE_CALLS, OFFLINE_BLOCKS = 30, 10
+
+_STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+_RESET_PEAK = "5"
+"""Written to clear_refs it sets the peak of the resident memory to what it is now (proc(5))."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Rows for the record, raw times, what the timed configuration costs in accuracy, its size."""
+    """How fast a model is; empty where it was not timed.
 
-    rows: list[dict[str, Any]]
-    raw: dict[str, np.ndarray]
-    timed: dict[str, Any]
-    efficiency: dict[str, Any]
+    Attributes:
+        rows: of the record.
+        raw: raw times.
+        timed: what the timed configuration is and costs in accuracy.
+        efficiency: size, operations and memory of the model.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    raw: dict[str, np.ndarray] = field(default_factory=dict)
+    timed: dict[str, Any] = field(default_factory=dict)
+    efficiency: dict[str, Any] = field(default_factory=dict)
 
 
-NOT_TIMED = Speed([], {}, {}, {})
-"""Of a protocol of hard cases: its weights are those of others, which time them."""
-
-
-def measure_speed(
+def time_model(
     model: Model,
     frames: Sequence[Frame],
     answers: Sequence[Answer | None],
-    calls: int,
-    budget_s: float = BUDGET_S,
     *,
-    truth: Sequence[Answer] | None = None,
+    truth: Sequence[Answer],
+    quick: bool = False,
 ) -> Speed:
     """Time frame -> answer: at batch 1 with one thread and with all, and in batches with all.
 
-    answers: the scored ones, in float32. With the truth, the ways to compute that the model offers
-    are timed against each other first, and the fastest whose error is that of float32 within 2 % is
-    the one that is timed; without it, the stages that the model declares are.
+    The ways to compute that the model offers are timed against each other first, and the fastest
+    whose error is that of float32 within 2 % is the one that is timed.
+
+    Args:
+        model: trained.
+        frames: of the test.
+        answers: the scored ones, in float32.
+        truth: of every frame.
+        quick: time few calls of the stages that the model declares, without a choice.
     """
-    picked = spread(range(len(frames)), TIMED_FRAMES)
-    seen = [blinded(frames[row]) for row in picked]
-    scored = [answers[row] for row in picked]
-    true = None if truth is None else [truth[row] for row in picked]
-    cores = int(machine()["cores_logical"] or 1)
-    words, stages, raced = _chosen(model, seen, scored, true, budget_s)
-    rows: list[dict[str, Any]] = []
-    raw: dict[str, np.ndarray] = {}
+    rows = spread(range(len(frames)), TIMED_FRAMES)
+    seen = [blinded(frames[row]) for row in rows]
+    scored, true = [answers[row] for row in rows], [truth[row] for row in rows]
+    calls, budget_s = (QUICK_CALLS, QUICK_BUDGET_S) if quick else (CALLS, BUDGET_S)
+    configuration, stages = model.timed_as, model.stages()
+    raced: list[dict[str, Any]] = []
+    if model.configurations and not quick:
+        from tactibench.run.configurations import race_briefly
+
+        best, raced = race_briefly(model, seen, scored, true, budget_s)
+        configuration, stages = best.description, best.stages
     with peak_memory() as peak:
-        for threads in sorted({1, cores}):
-            with torch_threads(threads):
-                sample = time_single(stages, seen, threads=threads, calls=calls, budget_s=budget_s)
-            rows += speed_rows(sample, "single")
-            raw[f"single_{threads}_threads_ms"] = np.asarray(sample.raw_ms)
-    with torch_threads(cores):
+        speed = _time_single(stages, seen, calls, budget_s)
+    _time_offline(stages, seen, budget_s / 6, speed)
+    difference = compare(answers_of(stages, seen), scored, None if quick else true)
+    speed.timed.update(configuration=configuration, **difference.as_row(), raced=raced)
+    speed.efficiency.update(
+        parameters=model.parameter_count(),
+        flops_per_frame=model.flops(seen[0]),
+        peak_memory_mb=peak.mb,
+    )
+    return speed
+
+
+def _time_single(
+    stages: Sequence[Stage], frames: Sequence[Frame], calls: int, budget_s: float
+) -> Speed:
+    speed = Speed()
+    for threads in sorted({1, all_threads()}):
+        with torch_threads(threads):
+            sample = time_calls(stages, frames, threads=threads, calls=calls, budget_s=budget_s)
+        speed.rows.extend(sample.rows("single"))
+        speed.raw[f"single_{threads}_threads_ms"] = np.asarray(sample.raw_ms)
+    return speed
+
+
+def _time_offline(
+    stages: Sequence[Stage], frames: Sequence[Frame], budget_s: float, speed: Speed
+) -> None:
+    threads = all_threads()
+    with torch_threads(threads):
         for batch in BATCHES:
-            sample = time_offline(
+            sample = time_calls(
                 stages,
-                seen,
+                frames,
                 batch,
-                threads=cores,
-                calls=30,
-                budget_s=budget_s / 6,
-                block=5 if batch <= 8 else 1,
+                threads=threads,
+                calls=OFFLINE_CALLS,
+                budget_s=budget_s,
+                block=offline_block(batch),
+                warmup_blocks=OFFLINE_BLOCKS,
             )
-            rows += speed_rows(sample, "offline")
-            raw[f"offline_{batch}_frames_ms"] = np.asarray(sample.raw_ms)
-    gap = compare(answers_of(stages, seen), scored, true)
-    timed = {
-        "configuration": words or model.timed_as,
-        **gap.as_row(),
-        "raced": raced,
-    }
-    return Speed(rows, raw, timed, {**cost(model, seen[0]), "peak_memory_mb": peak.mb})
+            speed.rows.extend(sample.rows("offline"))
+            speed.raw[f"offline_{batch}_frames_ms"] = np.asarray(sample.raw_ms)
 
 
-def _chosen(
-    model: Model,
-    frames: Sequence[Frame],
-    scored: Sequence[Answer | None],
-    truth: Sequence[Answer] | None,
-    budget_s: float,
-) -> tuple[str, Sequence[Stage], list[dict[str, Any]]]:
-    """The stages to time, what they are in words, and how all ways did on one thread."""
-    if truth is None or not model.configurations:
-        return "", model.stages(), []
-    rows = spread(range(len(frames)), RACE_FRAMES)
-    few = [frames[row] for row in rows]
-    with torch_threads(1):
-        found = configurations(model, few, [scored[r] for r in rows], [truth[r] for r in rows])
-        samples = time_in_rounds(
-            found.stages(), few, threads=1, calls=RACE_CALLS, rounds=RACE_ROUNDS, budget_s=budget_s
-        )
-    best = fastest(found.usable, samples)
-    raced = [
-        {
-            "configuration": one.words,
-            "p50_ms": float(np.median(samples[one.name].total_ms)),
-            **one.difference.as_row(),
-        }
-        for one in found.usable
-    ]
-    return best.words, best.stages, raced
+class PeakMemory:
+    """Largest resident memory of this process inside the block, in MB (10^6 bytes).
+
+    Attributes:
+        mb: None where the system does not tell it. Where the kernel cannot reset its count, the
+            peak is that of the whole life of the process.
+    """
+
+    mb: float | None = None
+
+
+@contextmanager
+def peak_memory() -> Iterator[PeakMemory]:
+    """Watch the memory of this process; the figure is there after the block."""
+    peak = PeakMemory()
+    with suppress(OSError):  # another system, or a kernel without it
+        _RESET.write_text(_RESET_PEAK)
+    yield peak
+    peak.mb = _peak_mb()
+
+
+def _peak_mb() -> float | None:
+    try:
+        lines = _STATUS.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return _peak_of_life_mb()
+    kib = [int(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
+    return 1.024e-3 * kib[0] if kib else _peak_of_life_mb()
+
+
+def _peak_of_life_mb() -> float | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes there, KiB elsewhere
+    return 1e-6 * unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

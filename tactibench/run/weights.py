@@ -1,4 +1,4 @@
-"""Trained weights: found in the cache or trained, and never used when damaged."""
+"""Trained weights: taken from the cache or trained, and never used when damaged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tactibench.records.identity import (
     installed_versions,
 )
 from tactibench.records.locks import locked
-from tactibench.run.components import Parts
+from tactibench.run.components import Components
 
 TRAINING_STREAM = 1
 MANIFEST = "manifest.json"
@@ -52,18 +52,18 @@ class WeightsPlan:
 
     @property
     def cached(self) -> bool:
-        """Whether the weights are there (they are verified when they are loaded)."""
+        """Return whether the weights are there (they are verified when they are loaded)."""
         return (self.folder / MANIFEST).is_file()
 
     @property
     def begun(self) -> bool:
-        """Whether an interrupted training can be continued."""
+        """Return whether an interrupted training can be continued."""
         return self.checkpoints.is_dir() and any(self.checkpoints.iterdir())
 
 
 @dataclass(frozen=True)
-class Trained:
-    """A trained model's weights: their hash, and how they came to be."""
+class TrainedWeights:
+    """The weights of a trained model: their hash, and how they came to be."""
 
     hash: str
     report: dict[str, Any]
@@ -71,23 +71,36 @@ class Trained:
 
 
 def plan_weights(
-    keys: Protocol, parts: Parts, *, seed: int, training_key: str, device: str, cache: Path
+    protocol: Protocol,
+    components: Components,
+    *,
+    seed: int,
+    training_key: str,
+    device: str,
+    cache: Path,
 ) -> WeightsPlan:
-    """Everything that determines the weights; equal identities share one training."""
-    encoder = parts.encoder
+    """Return everything that determines the weights; equal identities share one training."""
+    model, encoder = components.model, components.encoder
+    core: tuple[str, ...] = SHARED_CODE
+    if model.values.get("mixing") or model.mentions(*PIN_CODE):
+        core = (*SHARED_CODE, *PIN_CODE)
     identity = {
-        "model": parts.model.name,
-        "parameters": dict(parts.model.values),
-        "code": combined([parts.model.code(), *(code_hash(name) for name in _core_code(parts))]),
+        "model": model.name,
+        "parameters": dict(model.values),
+        "code": combined([model.code(), *(code_hash(name) for name in core)]),
         "encoder": None
         if encoder is None
-        else {"name": encoder.name, "parameters": parts.encode_values, "code": encoder.code()},
-        "answer": keys.answer,
-        **({} if keys.transfer is None else {"transfers": True}),
-        "grid": keys.grid.model_dump(),
-        "dome_radius_mm": keys.workspace.dome_radius_mm,
-        "max_depth_mm": keys.workspace.depth_max_mm,
-        "regime": parts.regime,
+        else {
+            "name": encoder.name,
+            "parameters": components.training_values,
+            "code": encoder.code(),
+        },
+        "answer": protocol.answer,
+        **({} if protocol.transfer is None else {"transfers": True}),
+        "grid": protocol.grid.model_dump(),
+        "dome_radius_mm": protocol.workspace.dome_radius_mm,
+        "max_depth_mm": protocol.workspace.depth_max_mm,
+        "regime": components.regime,
         "frames": training_key,
         "seed": seed,
         "device": device,
@@ -97,39 +110,41 @@ def plan_weights(
     return WeightsPlan(identity, cache / "weights" / key, cache / "training" / key)
 
 
-def _core_code(parts: Parts) -> tuple[str, ...]:
-    if parts.model.values.get("mixing") or parts.model.mentions(*PIN_CODE):
-        return (*SHARED_CODE, *PIN_CODE)
-    return SHARED_CODE
-
-
 def trained_weights(
     plan: WeightsPlan,
     model: Model,
     examples: Callable[[str], Examples],
     progress: Progress,
-) -> Trained:
+) -> TrainedWeights:
     """Load the weights into ``model``, training it first when they are not there.
 
-    examples: "fit" or "validation" -> frames and truth, asked for only when training is needed.
     The model that predicts is always the one that was read from the disk.
+
+    Args:
+        plan: identity and place of the weights.
+        model: is trained, or left as it was made, and loads the weights.
+        examples: gives frames and truth of "fit" and "validation", only when they are needed.
+        progress: is told of every step.
+
+    Raises:
+        UserError: for a training whose report cannot be recorded.
     """
     with locked(plan.folder.with_name(plan.folder.name + ".lock")):
-        manifest = _intact(plan)
+        manifest = _intact_manifest(plan)
         reused = manifest is not None
         if manifest is None:
             manifest = _train(plan, model, examples, progress)
         shutil.rmtree(plan.checkpoints, ignore_errors=True)
         model.load(plan.folder)
-    return Trained(manifest["hash"], manifest["report"], reused)
+    return TrainedWeights(manifest["hash"], manifest["report"], reused)
 
 
-def _intact(plan: WeightsPlan) -> dict[str, Any] | None:
+def _intact_manifest(plan: WeightsPlan) -> dict[str, Any] | None:
     """The manifest, when it and every file are what they were when they were written."""
     try:
         manifest: dict[str, Any] = read_json(plan.folder / MANIFEST)
         files = manifest["files"]
-        whole = (
+        intact = (
             canonical(manifest["identity"]) == canonical(plan.identity)
             and manifest["hash"] == _hash(files)
             and "report" in manifest
@@ -137,7 +152,7 @@ def _intact(plan: WeightsPlan) -> dict[str, Any] | None:
         )
     except (UserError, OSError, KeyError, TypeError, AttributeError, ValueError):
         return None
-    return manifest if whole else None
+    return manifest if intact else None
 
 
 def _train(
@@ -169,7 +184,7 @@ def _train(
         "identity": plan.identity,
         "files": files,
         "hash": _hash(files),
-        "report": _plain(report, plan.identity["model"]),
+        "report": _report_as_json(report, plan.identity["model"]),
         "presses": len(frames),
     }
     write_json(made / MANIFEST, manifest)
@@ -183,14 +198,14 @@ def _hash(files: dict[str, str]) -> str:
     return combined([f"{name} {value}" for name, value in sorted(files.items())])
 
 
-def _plain(report: FitReport, model: str) -> dict[str, Any]:
+def _report_as_json(report: FitReport, model: str) -> dict[str, Any]:
     """The report as JSON values, numpy's numbers as Python's."""
     try:
         text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())
     except (ValueError, TypeError, AttributeError) as error:
         raise UserError(
             f"model {model!r} reported a training that cannot be recorded ({error}): its loss was "
-            "not finite, or a note is no number or text; train with other parameters or mend it."
+            "not finite, or a note is no number or text; train with other parameters or fix it."
         ) from None
     plain: dict[str, Any] = json.loads(text)
     return plain

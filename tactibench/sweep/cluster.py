@@ -16,8 +16,7 @@ from typing import Any, TypeVar
 from tactibench import __version__
 from tactibench.errors import UserError
 from tactibench.records.identity import code_hash
-from tactibench.run.device import cuda_possible
-from tactibench.run.fingerprint import fingerprint
+from tactibench.run.machine import cuda_possible, fingerprint
 
 GPU = "GPU"
 """The resource of workers with a graphics card: ``dask worker --resources GPU=1``."""

@@ -17,9 +17,8 @@ from tactibench.metrics.registry import check_metrics
 from tactibench.plugins.host import PluginHost
 from tactibench.records.store import open_run
 from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import Silent
+from tactibench.run.reporter import NullReporter, Reporter
 from tactibench.run.request import RunRequest
-from tactibench.run.train import Reporter
 from tactibench.sweep.cluster import NO_GPU, Capacity, Cluster, Storage, WorkerLossError
 from tactibench.sweep.data_sets import DatasetTask, press_data_set
 from tactibench.sweep.plan import CellPlan, find_run
@@ -229,9 +228,9 @@ def train_weights(request: RunRequest, storage: Storage) -> Outcome:
     """Make sure that the weights of a cell are in the cache."""
 
     def train(plan: RunPlan) -> str:
-        from tactibench.run.train import trained_model
+        from tactibench.run.train import train_model
 
-        trained_model(plan, Silent())
+        train_model(plan, NullReporter())
         return ""
 
     return _attempt(train, request, storage)
@@ -249,7 +248,7 @@ def run_cell(request: RunRequest, storage: Storage) -> Outcome:
 
         if find_run(plan, storage, {}) is None:
             check_metrics(plan.protocol)
-            execute(plan, storage.store, Silent())
+            execute(plan, storage.store, NullReporter())
         return plan.name
 
     return _attempt(run, request, storage)

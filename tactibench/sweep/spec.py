@@ -26,7 +26,7 @@ from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import ModelSpec
 from tactibench.protocols.loader import load_protocol, protocol_files
 from tactibench.protocols.mistakes import first_mistake
-from tactibench.run.request import RunRequest, read_parameters, read_tested
+from tactibench.run.request import RunRequest, read_parameters, read_test_options
 
 AXES = ("protocol", "model", "regime", "encoder", "sensor", "seed")
 ANY = "*"
@@ -273,9 +273,9 @@ def _request(file: SweepFile, axes: Mapping[str, str], host: PluginHost) -> RunR
         kind: {**common.get(kind, {}), **choice.parameters} for kind, choice in own.items()
     }
     data = spec.data.get(axes["protocol"], spec.data.get(ANY))
-    tested = read_tested(spec.test)
-    if tested.data is not None:
-        tested = replace(tested, data=file.resolve(str(tested.data)))
+    test = read_test_options(spec.test)
+    if test.data is not None:
+        test = replace(test, data=file.resolve(str(test.data)))
     device = spec.device.get(axes["model"], spec.device.get(model.name, spec.device.get(ANY)))
     return RunRequest(
         resolve_protocol(file, axes["protocol"]),
@@ -290,7 +290,7 @@ def _request(file: SweepFile, axes: Mapping[str, str], host: PluginHost) -> RunR
         quick=spec.quick,
         limit=spec.limit,
         presses=spec.presses,
-        tested=tested,
+        test=test,
     )
 
 

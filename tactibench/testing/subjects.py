@@ -27,7 +27,7 @@ from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 from tactibench.testing.presses import (
     PROTOCOL,
     Examples,
@@ -121,7 +121,7 @@ class ModelSubject:
             list(training.truth),
             validation=(list(validation.frames), list(validation.truth)),
             rng=np.random.default_rng(SEED),
-            progress=SilentProgress(),
+            progress=NullProgress(),
         )
 
     @cached_property

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Grid, ModelContext
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def fitted(context: Any) -> Callable[..., Any]:
             truth,
             validation=([], []),
             rng=np.random.default_rng(0),
-            progress=SilentProgress(),
+            progress=NullProgress(),
         )
         assert report.notes == {"frames": len(frames)}
         return model

@@ -46,7 +46,7 @@ def test_a_torch_that_does_not_load(cli: Any, monkeypatch: pytest.MonkeyPatch) -
             raise ImportError("libc10.so: cannot open shared object file")
         return {"cpu": "some", "cores_logical": 2, "memory_gib": 1, "gpu": []}
 
-    monkeypatch.setattr("tactibench.run.fingerprint.fingerprint", missing)
+    monkeypatch.setattr("tactibench.run.machine.fingerprint", missing)
     code, out, _ = cli("doctor")
     assert code == 1
     assert broken(out) == [

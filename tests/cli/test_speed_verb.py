@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from tactibench.run import race
+from tactibench.run import configurations
 
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """One round of each scenario, one thread."""
-    monkeypatch.setattr(race, "WAIT_S", 0.0)
-    monkeypatch.setattr(race, "BATCHES", (1, 4))
-    monkeypatch.setattr(race, "machine", lambda: {"cores_logical": 1})
+    monkeypatch.setattr(configurations, "WAIT_S", 0.0)
+    monkeypatch.setattr(configurations, "BATCHES", (1, 4))
+    monkeypatch.setattr(configurations, "all_threads", lambda: 1)
 
 
 def test_random_weights_are_timed_and_said_to_be(short: Any, cli: Any, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import torch
 
 from tactibench import Answer, Contacts, Frame, Model, UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 from tactibench.testing import (
     ModelSubject,
     check,
@@ -111,7 +111,7 @@ def fit(model: Model, name: str, seed: int = 3, progress: Any = None) -> Any:
         list(few.truth),
         validation=(list(few.frames[:4]), list(few.truth[:4])),
         rng=np.random.default_rng(seed),
-        progress=progress or SilentProgress(),
+        progress=progress or NullProgress(),
     )
 
 
@@ -142,7 +142,7 @@ class StopError(Exception):
     pass
 
 
-class Stopping(SilentProgress):
+class Stopping(NullProgress):
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
         raise StopError
 
@@ -197,7 +197,7 @@ def test_training_without_frames_is_refused(name: str) -> None:
             [],
             validation=([], []),
             rng=np.random.default_rng(0),
-            progress=SilentProgress(),
+            progress=NullProgress(),
         )
 
 

@@ -22,7 +22,7 @@ from tactibench.datasets.press_plan import (
     plan_of_protocol,
 )
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRequest, open_frames
+from tactibench.frames.cache import FrameRecipe, open_frames
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
@@ -99,7 +99,7 @@ def test_frames_are_those_of_the_cache(
     dataset = open_dataset(tmp_path / "set")
     assert sum(told) == len(dataset.samples) == 21
     for series in small.series:
-        request = FrameRequest(
+        request = FrameRecipe(
             "x",
             Noise,
             {},

@@ -11,11 +11,12 @@ from tiny_lab import Lab, tiny_host
 
 from tactibench.records.record import Record
 from tactibench.records.store import StoredRun
-from tactibench.run import execute as running
+from tactibench.run import evaluation
+from tactibench.run.execute import execute
 from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import Silent
+from tactibench.run.reporter import NullReporter
 from tactibench.run.request import RunRequest
-from tactibench.run.timing import NOT_TIMED
+from tactibench.run.timing import Speed
 
 
 @pytest.fixture
@@ -30,10 +31,10 @@ def run(
     plan: Callable[[], RunPlan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., StoredRun]:
     """Carry the run out, untimed, into a store of that name; ``fresh`` as on the command line."""
-    monkeypatch.setattr(running, "measure_speed", lambda *_, **__: NOT_TIMED)
+    monkeypatch.setattr(evaluation, "time_model", lambda *_, **__: Speed())
 
     def executed(store: str = "runs", *, fresh: bool = False) -> StoredRun:
-        return running.execute(plan(), tmp_path / store, Silent(), fresh=fresh)
+        return execute(plan(), tmp_path / store, NullReporter(), fresh=fresh)
 
     return executed
 
@@ -45,9 +46,9 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Record]:
     protocol = Lab(folder / "lab").protocols / "exp1.toml"
     request = RunRequest(str(protocol), "tiny")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(running, "measure_speed", lambda *_, **__: NOT_TIMED)
-        made = running.execute(
-            make_plan(request, tiny_host(), folder / "cache"), folder / "runs", Silent()
+        patch.setattr(evaluation, "time_model", lambda *_, **__: Speed())
+        made = execute(
+            make_plan(request, tiny_host(), folder / "cache"), folder / "runs", NullReporter()
         )
     return folder, made.record
 

@@ -19,7 +19,7 @@ from tactibench.records.store import PARTS, RECORD, StoredRun, open_run, run_nam
 CACHED = (
     *(f"frames/*/{name}" for name in ("frames.npy", "rest.npy", "poses.npy", "manifest.json")),
     *(f"weights/*/{name}" for name in ("weights.safetensors", "manifest.json")),
-    "answers/*.npz",
+    "predictions/*.npz",
 )
 
 
@@ -44,7 +44,7 @@ def test_a_damaged_cache_is_made_again(
     whole, cache = first[1], copied / "cache"
     for part in PARTS_OF_A_FILE:
         if pattern.startswith("frames"):
-            for made in ("weights", "answers"):
+            for made in ("weights", "predictions"):
                 shutil.rmtree(cache / made)
         spoilt = {}
         for file in sorted(cache.glob(pattern)):

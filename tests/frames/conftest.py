@@ -15,7 +15,7 @@ import pytest
 
 from tactibench import Frame, Grid, Indenter, Pose, Scene, Sensor, SensorContext
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRequest
+from tactibench.frames.cache import FrameRecipe
 
 SHAPE = (6, 5)
 
@@ -83,8 +83,8 @@ def counter() -> Counter:
 
 
 @pytest.fixture
-def request_of(counter: Counter) -> Callable[..., FrameRequest]:
-    def build(count: int = 25, *, offset: float = 0.0, **changes: Any) -> FrameRequest:
+def request_of(counter: Counter) -> Callable[..., FrameRecipe]:
+    def build(count: int = 25, *, offset: float = 0.0, **changes: Any) -> FrameRecipe:
         keys: dict[str, Any] = {
             "name": "some",
             "build": lambda context: NoiseSensor(context, counter, offset),
@@ -93,7 +93,7 @@ def request_of(counter: Counter) -> Callable[..., FrameRequest]:
             "names": tuple(f"some-{3 * i}" for i in range(count)),
             "seed": (5, 1, 0),
         }
-        return FrameRequest(**{**keys, **changes})
+        return FrameRecipe(**{**keys, **changes})
 
     return build
 

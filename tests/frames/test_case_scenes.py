@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tactibench import UserError
 from tactibench.contacts import Scene
-from tactibench.frames.hard_scenes import CANDIDATES, case_scene, pressed
+from tactibench.frames.hard_scenes import CANDIDATES, case_scene, scene_of_depths
 from tactibench.geometry import tip_depths, tip_positions, true_contacts
 from tactibench.protocols.families import NEEDS, Family, Press
 from tactibench.protocols.loader import load_protocol
@@ -46,7 +46,7 @@ def test_a_press_is_repeated_by_its_seed(name: str, k: int) -> None:
 )
 def test_every_tip_reaches_its_depth(tips: list[tuple[float, float, float]], dome: float) -> None:
     table = np.array(tips)
-    made = pressed(table[:, :2], table[:, 2], 3.0, dome, "made")
+    made = scene_of_depths(table[:, :2], table[:, 2], 3.0, dome, "made")
     assert tip_depths(made, dome) == pytest.approx(table[:, 2], abs=1e-9)
     assert tip_positions(made)[:, :2] == pytest.approx(table[:, :2], abs=1e-9)
 
@@ -63,13 +63,13 @@ def test_nothing_presses_an_empty_frame() -> None:
 
 
 def test_plain_presses_are_those_that_exp1_could_have_drawn() -> None:
-    from tactibench.frames.matching import matches
+    from tactibench.frames.matching import could_be_drawn
     from tactibench.protocols.draws import fits
 
     exp1 = load_protocol("exp1").keys
     made = [scene("plain", 0, k) for k in range(50)]
     assert all(fits(one, exp1.workspace) for one in made)
-    assert all(matches(one, exp1.draw("singles"), exp1.workspace) for one in made)
+    assert all(could_be_drawn(one, exp1.draw("singles"), exp1.workspace) for one in made)
     depths = [one.pose.depth for one in made]
     assert min(depths) < 1.5
     assert max(depths) > 5

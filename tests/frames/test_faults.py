@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from tactibench.frames import faults
-from tactibench.frames.faults import FAULTS
-from tactibench.frames.spots import pin_labels
+from tactibench.frames.faults import FAULTS, label_pins
 from tactibench.protocols.families import Fault
 
 Image = npt.NDArray[np.uint8]
@@ -39,7 +38,7 @@ def rng(seed: int = 0) -> np.random.Generator:
 
 
 def count(image: Image) -> int:
-    return pin_labels(image)[1]
+    return label_pins(image)[1]
 
 
 def test_the_protocols_words_are_the_faults() -> None:
@@ -75,68 +74,68 @@ def test_a_fault_is_repeated_by_its_seed(name: str, seed: int, share: float) -> 
 
 
 def test_dead_rows_are_rows_of_one_constant(image: Image) -> None:
-    out = faults.without_rows(image, 7, rng())
+    out = faults.blacken_rows(image, 7, rng())
     dead = (out == 0).all(axis=1)
     assert dead.sum() == 7
     assert np.array_equal(out[~dead], image[~dead])
-    more = (faults.without_rows(image, 20, rng()) == 0).all(axis=1)
+    more = (faults.blacken_rows(image, 20, rng()) == 0).all(axis=1)
     assert (more >= dead).all()
 
 
 @pytest.mark.parametrize(("right", "down"), [(2, 0), (0, 2), (-3, 1)])
 def test_a_shift_by_whole_pixels_is_a_roll_inside(image: Image, right: int, down: int) -> None:
-    out = faults.shifted(image, float(right), float(down))
+    out = faults.move(image, float(right), float(down))
     rolled = np.roll(image, (down, right), axis=(0, 1))
     assert np.array_equal(out[INSIDE, INSIDE], rolled[INSIDE, INSIDE])
 
 
 def test_a_shift_moves_every_pin_by_its_length(image: Image) -> None:
     def centres(of: Image) -> npt.NDArray[np.float64]:
-        labels, found = pin_labels(image)  # windows of the pins that were not moved
+        labels, found = label_pins(image)  # windows of the pins that were not moved
         wide = ndimage.grey_dilation(labels, size=3)
         return np.array(ndimage.center_of_mass(of - 15.0, wide, range(1, found + 1)))
 
-    moved = centres(faults.shifted(image, 0.4, -0.3)) - centres(image)
+    moved = centres(faults.move(image, 0.4, -0.3)) - centres(image)
     assert moved.mean(axis=0) == pytest.approx([-0.3, 0.4], abs=0.05)
 
 
 def test_a_quarter_turn_is_exact_and_goes_from_x_to_y(image: Image) -> None:
     image[20:23, 60:70] = 255  # no symmetry
-    assert np.array_equal(faults.turned(image, 90), np.rot90(image, -1))
+    assert np.array_equal(faults.rotate(image, 90), np.rot90(image, -1))
     mark = np.zeros((101, 101), np.uint8)
     mark[48:53, 80:85] = 200  # on the x axis, right of the middle
-    row, column = np.unravel_index(faults.turned(mark, 30).argmax(), mark.shape)
+    row, column = np.unravel_index(faults.rotate(mark, 30).argmax(), mark.shape)
     assert np.degrees(np.arctan2(row - 50, column - 50)) == pytest.approx(30, abs=5)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.3, 1.0])
 def test_so_many_pins_are_lost_and_the_others_stay(image: Image, share: float) -> None:
-    out = faults.without_pins(image, share, rng())
+    out = faults.remove_pins(image, share, rng())
     assert count(image) == 81
     assert count(out) == 81 - round(share * 81)
-    labels, _ = pin_labels(out)
+    labels, _ = label_pins(out)
     kept = labels > 0
     assert np.array_equal(out[kept], image[kept])
-    lost = (pin_labels(image)[0] > 0) & (out != image)
+    lost = (label_pins(image)[0] > 0) & (out != image)
     assert out[lost].max(initial=0) < 25  # the ground's own levels
 
 
 def test_lost_pins_are_nested(image: Image) -> None:
-    few, many = (pin_labels(faults.without_pins(image, s, rng(3)))[0] > 0 for s in (0.1, 0.3))
+    few, many = (label_pins(faults.remove_pins(image, s, rng(3)))[0] > 0 for s in (0.1, 0.3))
     assert not (many & ~few).any()
 
 
 def test_a_frame_without_pins_loses_none() -> None:
     flat = np.full((40, 40), 15, np.uint8)
-    assert np.array_equal(faults.without_pins(flat, 0.5, rng()), flat)
-    assert faults.with_blobs(flat, 2, rng()).max() == 255
+    assert np.array_equal(faults.remove_pins(flat, 0.5, rng()), flat)
+    assert faults.add_blobs(flat, 2, rng()).max() == 255
 
 
 def test_blobs_are_as_large_and_as_bright_as_pins() -> None:
     ground = np.full((100, 100), 15, np.uint8)
     ground[50:53, 50:53] = 180
-    out = faults.with_blobs(ground, 3, rng(2))
-    labels, found = pin_labels(out)
+    out = faults.add_blobs(ground, 3, rng(2))
+    labels, found = label_pins(out)
     assert found == 4
     area = np.bincount(labels.ravel())[1:]
     assert area.min() >= 5
@@ -147,12 +146,12 @@ def test_blobs_are_as_large_and_as_bright_as_pins() -> None:
 @pytest.mark.parametrize("factor", [0.25, 2.0])
 def test_gain_multiplies_and_cuts_off(image: Image, factor: float) -> None:
     expected = np.minimum(np.rint(image.astype(float) * factor), 255)
-    assert np.array_equal(faults.scaled(image, factor), expected)
+    assert np.array_equal(faults.scale(image, factor), expected)
 
 
 def test_noise_has_the_deviation_that_was_asked_for() -> None:
     grey = np.full((200, 200), 128, np.uint8)
-    out = faults.noisy(grey, 10.0, rng()).astype(float)
+    out = faults.add_noise(grey, 10.0, rng()).astype(float)
     assert out.std() == pytest.approx(10.0, rel=0.02)
     assert out.mean() == pytest.approx(128, abs=0.2)
 
@@ -160,7 +159,7 @@ def test_noise_has_the_deviation_that_was_asked_for() -> None:
 def test_blur_spreads_a_point_as_a_gaussian_and_keeps_light() -> None:
     point = np.zeros((41, 41), np.uint8)
     point[20, 20] = 255
-    out = faults.blurred(point, 0.8).astype(float)
+    out = faults.blur(point, 0.8).astype(float)
     y, x = np.mgrid[-20:21, -20:21]
     exact = 255 * np.exp(-(x**2 + y**2) / (2 * 0.8**2)) / (2 * np.pi * 0.8**2)
     assert np.abs(out - exact).max() < 8  # a kernel of samples, rounded
@@ -169,7 +168,7 @@ def test_blur_spreads_a_point_as_a_gaussian_and_keeps_light() -> None:
 
 def test_drift_is_one_in_the_middle_and_linear() -> None:
     grey = np.full((101, 101), 100, np.uint8)
-    out = faults.drifted(grey, 0.5, rng(7)).astype(float)
+    out = faults.drift_gain(grey, 0.5, rng(7)).astype(float)
     assert out[50, 50] == 100
     assert {out.min(), out.max()} == {50.0, 150.0}
     assert np.abs(np.diff(out, 2, axis=0)).max() <= 1  # straight, but for rounding
@@ -178,14 +177,14 @@ def test_drift_is_one_in_the_middle_and_linear() -> None:
 
 def test_glare_is_white_in_its_middle_and_ends_at_its_radius() -> None:
     dark = np.zeros((128, 128), np.uint8)
-    out = faults.glaring(dark, 16.0, rng())
+    out = faults.add_glare(dark, 16.0, rng())
     assert (out == 255).sum() == pytest.approx(np.pi * 8**2, rel=0.1)
     assert (out > 0).sum() == pytest.approx(np.pi * 16**2, rel=0.1)
 
 
 def test_occlusion_is_a_black_square() -> None:
     white = np.full((128, 128), 255, np.uint8)
-    out = faults.occluded(white, 24.0, rng())
+    out = faults.occlude(white, 24.0, rng())
     rows, columns = np.nonzero(out == 0)
     assert (np.ptp(rows) + 1, np.ptp(columns) + 1) == (24, 24)
     assert len(rows) == 24**2

@@ -15,9 +15,9 @@ import pytest
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRequest, folder_of, is_cached, open_frames
+from tactibench.frames.cache import FrameRecipe, folder_of, is_cached, open_frames
 
-RequestOf = Callable[..., FrameRequest]
+RequestOf = Callable[..., FrameRecipe]
 
 
 def files(cache: Path) -> list[str]:
@@ -26,7 +26,7 @@ def files(cache: Path) -> list[str]:
     return sorted(name for name in found if not name.endswith(".lock"))
 
 
-def images(request: FrameRequest, cache: Path) -> np.ndarray:
+def images(request: FrameRecipe, cache: Path) -> np.ndarray:
     return np.array([frame.image for frame in open_frames(request, cache).frames])
 
 

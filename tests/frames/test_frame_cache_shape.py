@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench.frames.cache import CHUNK, FrameRequest, _plain, open_frames
+from tactibench.frames.cache import CHUNK, FrameRecipe, _as_json, open_frames
 from tactibench.geometry import true_contacts
 from tactibench.records.identity import digest
 
-RequestOf = Callable[..., FrameRequest]
+RequestOf = Callable[..., FrameRecipe]
 
 
 def test_the_key_of_a_dome_of_the_protocol_says_nothing_of_it(request_of: RequestOf) -> None:
@@ -22,7 +22,7 @@ def test_the_key_of_a_dome_of_the_protocol_says_nothing_of_it(request_of: Reques
     request = request_of()
     before = {
         "sensor": request.identity,
-        "scenes": digest([_plain(scene) for scene in request.scenes]),
+        "scenes": digest([_as_json(scene) for scene in request.scenes]),
         "seed": request.seed,
         "chunk": 7,  # the tests'
         "numpy": np.__version__,

@@ -11,11 +11,11 @@ import pytest
 from stubs import StubSensor
 
 from tactibench import Grid, SensorContext
-from tactibench.frames.cache import FrameRequest, open_frames
+from tactibench.frames.cache import FrameRecipe, open_frames
 from tactibench.frames.ground_truth import true_bounds, true_surfaces
 
 GRID = Grid.centred(8, 0.4)
-RequestOf = Callable[..., FrameRequest]
+RequestOf = Callable[..., FrameRecipe]
 
 
 @pytest.fixture

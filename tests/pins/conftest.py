@@ -7,7 +7,7 @@ import pytest
 from drawn_pins import presses
 
 from tactibench import Grid, ModelContext
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +38,7 @@ def fit():
             truth,
             validation=presses(held, 2, plate),
             rng=np.random.default_rng(seed),
-            progress=SilentProgress(),
+            progress=NullProgress(),
         )
 
     return _fit

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.run.timing import measure_speed
+from tactibench.run.timing import time_model
 from tactibench_pins.displacements import contact_threshold, read_answers, rms_displacement
 
 NAMES = ("kernel", "pins")
@@ -178,7 +178,7 @@ def test_times_and_costs_are_known(taught, make_presses, name):
     assert model.parameter_count() > 100
     assert model.flops(frames[0]) > 1000
     answers = model.predict(frames)
-    speed = measure_speed(model, frames, answers, 5, 0.05)
+    speed = time_model(model, frames, answers, truth=answers, quick=True)
     phases = {row["phase"] for row in speed.rows}
     assert phases == {"preprocess", "forward", "decode", "total"}
     assert report.seconds > 0

@@ -8,7 +8,7 @@ from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import common_lattice
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 from tactibench_pins.correction import RIDGES, Correction
 from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins
@@ -48,7 +48,7 @@ def taught():
             *presses(TRAINED, 240, 1),
             validation=presses(TRAINED, 40, 2),
             rng=np.random.default_rng(0),
-            progress=SilentProgress(),
+            progress=NullProgress(),
         )
         found[kind] = model
     return found

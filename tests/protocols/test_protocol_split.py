@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import SensorContext, UserError
-from tactibench.frames.recorded import published_split
+from tactibench.frames.recorded import published_frames
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Recorded, Split
 from tactibench.protocols.split import PressSplit, split_presses, split_recorded
@@ -83,12 +83,12 @@ def test_the_published_split_needs_every_name_and_the_size() -> None:
     surface = load_protocol("surface")
     listed = list(surface.test_frames)
     names = [*listed, "another.png"]
-    assert published_split(surface, names, [360, 360]) == surface.test_frames
-    assert published_split(surface, names, [180, 360]) is None
-    assert published_split(surface, names, None) is None
-    assert published_split(surface, names[1:], [360, 360]) is None
-    assert published_split(surface, listed, [360, 360]) is None  # nothing to train on
-    assert published_split(load_protocol("exp1"), names, [360, 360]) is None
+    assert published_frames(surface, names, [360, 360]) == surface.test_frames
+    assert published_frames(surface, names, [180, 360]) is None
+    assert published_frames(surface, names, None) is None
+    assert published_frames(surface, names[1:], [360, 360]) is None
+    assert published_frames(surface, listed, [360, 360]) is None  # nothing to train on
+    assert published_frames(load_protocol("exp1"), names, [360, 360]) is None
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the Tac-VGNN recordings are not here")
@@ -99,7 +99,7 @@ def test_the_real_folders(folder: str, is_published: bool) -> None:
     surface = load_protocol("surface")
     sensor = RecordedSensor(SensorContext(np.random.SeedSequence(0), REAL / folder))
     names = list(sensor.scenes())
-    published = published_split(surface, names, sensor.describe()["image"])
+    published = published_frames(surface, names, sensor.describe()["image"])
     assert (published is not None) == is_published
     keys = surface.keys
     assert keys.recorded is not None

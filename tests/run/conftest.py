@@ -17,7 +17,7 @@ from tactibench.plugins.host import Catalogue
 from tactibench.records.store import StoredRun
 from tactibench.run.execute import execute
 from tactibench.run.plan import RunPlan, make_plan
-from tactibench.run.reporter import Silent
+from tactibench.run.reporter import NullReporter
 from tactibench.run.request import RunRequest
 
 ORIGIN = Origin("tiny", "tiny-tactile", "1.0")
@@ -117,6 +117,6 @@ def planned(host: Any, mini: Callable[[str], str], tmp_path: Path) -> Callable[.
 @pytest.fixture
 def run(planned: Callable[..., RunPlan], tmp_path: Path) -> Callable[..., StoredRun]:
     def execute_it(*names: str, store: str = "runs", **more: Any) -> StoredRun:
-        return execute(planned(*names, **more), tmp_path / store, Silent())
+        return execute(planned(*names, **more), tmp_path / store, NullReporter())
 
     return execute_it

@@ -11,8 +11,8 @@ from tactibench.run.examples import (
     CHANNELS,
     EXAMPLES,
     example_arrays,
-    packed_features,
-    unpacked_features,
+    pack_features,
+    unpack_features,
 )
 
 
@@ -53,14 +53,14 @@ def test_features_are_of_the_first_frame_with_the_most_contacts_and_blind():
 
 
 def test_the_most_varied_channels_stay_in_the_order_of_the_layers():
-    one, two = unpacked_features(packed_features(Shows().features(None)))
+    one, two = unpack_features(pack_features(Shows().features(None)))
     assert (one[0], one[1], one[2].shape) == ("one", 8, (CHANNELS, 4, 4))
     assert one[2].max(axis=(1, 2)).tolist() == [7, 6, 5, 4, 3, 2]
     assert (two[0], two[1], two[2].shape) == ("two. b", 2, (2, 3, 3))
-    assert unpacked_features({"index": np.zeros(1)}) == []
+    assert unpack_features({"index": np.zeros(1)}) == []
 
 
 @pytest.mark.parametrize("values", [np.ones((3, 3)), np.full((1, 2, 2), np.nan)])
 def test_features_that_are_no_finite_maps_are_refused(values):
     with pytest.raises(UserError, match="must be finite and of shape"):
-        packed_features({"bad": values})
+        pack_features({"bad": values})

@@ -21,10 +21,10 @@ from tactibench.protocols.hidden_seed import (
 )
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.store import StoredRun
-from tactibench.run.request import TestedOn
+from tactibench.run.request import TestOptions
 
 SECRET = "5eed" * 16
-HIDDEN = TestedOn(hidden=True)
+HIDDEN = TestOptions(hidden=True)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> H
 def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
     run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
 ) -> None:
-    public, secret = run("exp1"), run("exp1", tested=HIDDEN)
+    public, secret = run("exp1"), run("exp1", test=HIDDEN)
     one, other = (done.record.identity for done in (public, secret))
     assert one.weights == other.weights
     assert other.hidden == committed.commitment
@@ -57,7 +57,7 @@ def test_a_hidden_run_is_tested_on_other_presses_with_the_same_weights(
 def test_the_seed_is_nowhere_on_the_disk(
     run: Callable[..., StoredRun], committed: HiddenSeed, tmp_path: Path
 ) -> None:
-    run("exp1", tested=HIDDEN)
+    run("exp1", test=HIDDEN)
     number = committed.data_seed
     clear = [text.encode() for text in (SECRET, f"{number}", f"{number:x}")]
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -95,4 +95,4 @@ def test_another_seed_and_damaged_hashes_are_refused(
 
 def test_a_recording_has_no_hidden_presses(planned: Callable[..., Any], tmp_path: Path) -> None:
     with pytest.raises(UserError, match="leave --hidden-seed out"):
-        planned("exp1", sensor="recorded", data=tmp_path, tested=HIDDEN)
+        planned("exp1", sensor="recorded", data=tmp_path, test=HIDDEN)

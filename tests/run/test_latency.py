@@ -1,4 +1,4 @@
-"""Scenarios under a clock that only stages move."""
+"""Latency under a clock that only stages move, and rows of raw times against closed forms."""
 
 from __future__ import annotations
 
@@ -7,25 +7,30 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from tactibench.run.latency import (
     LatencySample,
-    time_offline,
-    time_single,
+    batches,
+    time_calls,
+    time_in_rounds,
     torch_threads,
 )
 
 
 class Clock:
-    """Stands still until a stage says how long it takes."""
+    """Stands still until a stage says how long it takes; remembers the names of the called."""
 
     def __init__(self) -> None:
         self.now = 100.0
+        self.called: list[str] = []
 
     def __call__(self) -> float:
         return self.now
 
-    def stage(self, seconds, then=lambda value: value):
+    def stage(self, seconds, then=lambda value: value, name=""):
         """A stage that takes ``seconds(call number)`` and returns ``then(value)``."""
         count = 0
 
@@ -33,6 +38,7 @@ class Clock:
             nonlocal count
             self.now += seconds(count)
             count += 1
+            self.called.append(name)
             return then(value)
 
         return run
@@ -48,7 +54,7 @@ def test_phases_are_timed_apart():
         ("preprocess", clock.stage(constant(0.001))),
         ("forward", clock.stage(constant(0.004))),
     ]
-    sample = time_single(stages, ["a"], threads=1, clock=clock)
+    sample = time_calls(stages, ["a"], threads=1, clock=clock)
     assert sample.phases == ("preprocess", "forward")
     assert sample.raw_ms.shape == (300, 2)
     np.testing.assert_allclose(sample.raw_ms, np.tile([1.0, 4.0], (300, 1)), rtol=1e-6)
@@ -60,7 +66,7 @@ def test_phases_are_timed_apart():
 def test_each_stage_gets_what_the_one_before_returned():
     seen = []
     stages = [("one", lambda frames: [f + 1 for f in frames]), ("two", seen.append)]
-    time_single(stages, [10, 20, 30], threads=1, calls=4, budget_s=0.0, clock=Clock())
+    time_calls(stages, [10, 20, 30], threads=1, calls=4, budget_s=0.0, clock=Clock())
     assert seen == [[11], [21], [31], [11]]  # a budget already spent: no warm-up at all
 
 
@@ -68,7 +74,7 @@ def test_warm_up_goes_on_while_calls_get_faster():
     """Blocks of 20: 2.0, 1.0, 1.0 s: the third agrees with the second, the second not."""
     clock = Clock()
     stages = [("all", clock.stage(lambda call: 2.0 if call < 20 else 1.0))]
-    sample = time_single(stages, [0], threads=1, clock=clock)
+    sample = time_calls(stages, [0], threads=1, clock=clock)
     assert (sample.settled, sample.warmup_calls) == (True, 60)
     np.testing.assert_allclose(sample.raw_ms, 1000.0)
 
@@ -77,7 +83,7 @@ def test_warm_up_goes_on_while_calls_get_faster():
 def test_settled_means_within_two_percent(change, settles):
     clock = Clock()
     stages = [("all", clock.stage(lambda call: (1 - change) ** (call // 20)))]
-    sample = time_single(stages, [0], threads=1, clock=clock)
+    sample = time_calls(stages, [0], threads=1, clock=clock)
     assert sample.settled is settles
     assert sample.warmup_calls == (40 if settles else 500)
 
@@ -85,16 +91,16 @@ def test_settled_means_within_two_percent(change, settles):
 def test_outliers_do_not_keep_it_from_settling():
     clock = Clock()
     stages = [("all", clock.stage(lambda call: 9.0 if call == 25 else 1.0))]
-    assert time_single(stages, [0], threads=1, clock=clock).warmup_calls == 40
+    assert time_calls(stages, [0], threads=1, clock=clock).warmup_calls == 40
 
 
 def test_budget_stops_but_leaves_a_block():
     clock = Clock()
     stages = [("all", clock.stage(constant(1.0)))]
-    sample = time_single(stages, [0], threads=1, budget_s=100.0, clock=clock)
+    sample = time_calls(stages, [0], threads=1, budget_s=100.0, clock=clock)
     assert sample.settled
     assert len(sample.raw_ms) == 60  # 40 of the 100 went into the warm-up
-    sample = time_single(stages, [0], threads=1, budget_s=15.0, clock=clock)
+    sample = time_calls(stages, [0], threads=1, budget_s=15.0, clock=clock)
     assert (sample.settled, sample.warmup_calls, len(sample.raw_ms)) == (False, 20, 20)
 
 
@@ -105,14 +111,14 @@ def test_offline_batches_take_frames_in_turn():
         seen.append(tuple(frames))
         clock.now += 0.5
 
-    sample = time_offline([("all", look)], "abcde", 2, threads=2, calls=6, clock=clock)
+    sample = time_calls([("all", look)], "abcde", 2, threads=2, calls=6, clock=clock)
     assert sample.batch == 2
     assert sample.threads == 2
     assert len(sample.raw_ms) == 6
     assert set(seen) == {("a", "b"), ("c", "d"), ("e", "a")}
     with pytest.raises(ValueError, match="batch"):
-        time_offline([("all", look)], "abc", 0, threads=1, clock=clock)
-    big = time_offline([("all", look)], "abc", 7, threads=1, clock=clock)
+        time_calls([("all", look)], "abc", 0, threads=1, clock=clock)
+    big = time_calls([("all", look)], "abc", 7, threads=1, clock=clock)
     assert {len(s) for s in seen} == {2, 7}
     assert big.batch == 7
 
@@ -130,7 +136,7 @@ def test_collector_is_off_in_calls_and_restored(was_on):
     try:
         (gc.enable if was_on else gc.disable)()
         with pytest.raises(RuntimeError, match="stop"):
-            time_single([("all", fail)], [0], threads=1, clock=Clock())
+            time_calls([("all", fail)], [0], threads=1, clock=Clock())
         assert gc.isenabled() is was_on
     finally:
         (gc.enable if before else gc.disable)()
@@ -149,11 +155,11 @@ def test_collector_is_off_in_calls_and_restored(was_on):
 )
 def test_impossible_jobs_are_refused(stages, frames, calls):
     with pytest.raises(ValueError, match=r"timing needs|different names"):
-        time_single(stages, frames, threads=1, calls=calls)
+        time_calls(stages, frames, threads=1, calls=calls)
 
 
 def test_the_real_clock_runs_forward():
-    sample = time_single([("sum", lambda frames: sum(range(1000)))], [0], threads=1, calls=50)
+    sample = time_calls([("sum", lambda frames: sum(range(1000)))], [0], threads=1, calls=50)
     assert (sample.raw_ms > 0).all()
 
 
@@ -189,3 +195,88 @@ def test_torch_threads_are_restored_after_an_error(monkeypatch):
         use()
     assert inside == [3]
     assert FakeTorch.threads == 7
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def models(clock):
+    return {
+        name: [("all", clock.stage(constant(s), name=name))]
+        for name, s in (("a", 0.001), ("b", 0.003))
+    }
+
+
+def test_all_are_called_in_turns_after_their_warm_ups(clock, models):
+    found = time_in_rounds(models, "xyz", threads=1, calls=6, rounds=3, clock=clock, block=2)
+    assert "".join(clock.called) == "aaaa" + "bbbb" + "aabb" * 3
+    np.testing.assert_allclose(found["a"].total_ms, [1.0] * 6)
+    np.testing.assert_allclose(found["b"].total_ms, [3.0] * 6)
+    assert [(s.settled, s.warmup_calls, s.threads, s.batch) for s in found.values()] == [
+        (True, 4, 1, 1)
+    ] * 2
+
+
+def test_a_spent_budget_leaves_one_round(clock, models):
+    found = time_in_rounds(
+        models, "xyz", threads=2, calls=8, rounds=4, budget_s=0.0, clock=clock, block=2
+    )
+    assert "".join(clock.called) == "aabb"
+    assert [(s.settled, len(s.raw_ms)) for s in found.values()] == [(False, 2)] * 2
+
+
+def test_rounds_of_batches(clock):
+    seen = []
+    model = {"only": [("all", lambda frames: seen.append(tuple(frames)))]}
+    found = time_in_rounds(model, "abc", 2, threads=1, calls=2, rounds=1, clock=clock, block=1)
+    assert set(seen) == {("a", "b"), ("c", "a")}
+    assert found["only"].batch == 2
+    assert batches("abc", 7) == [list("abcabca")]
+    with pytest.raises(ValueError, match="batch is 0"):
+        batches("abc", 0)
+
+
+@pytest.mark.parametrize(("calls", "rounds"), [(3, 4), (3, 0)])
+def test_a_round_needs_a_call(models, calls, rounds):
+    with pytest.raises(ValueError, match="one call a round"):
+        time_in_rounds(models, "abc", threads=1, calls=calls, rounds=rounds)
+
+
+def test_impossible_rounds_are_refused(models):
+    with pytest.raises(ValueError, match="timing needs"):
+        time_in_rounds(models, "", threads=1)
+    assert time_in_rounds({}, "abc", threads=1) == {}
+
+
+def test_quantiles_of_a_ramp():
+    """0, 1 .. 100 ms: the q quantile is 100 q, the mean 50 ms, 4 frames a call: 80 a second."""
+    ramp = np.arange(101.0)
+    raw = np.column_stack([0.25 * ramp, 0.75 * ramp])
+    rows = LatencySample(("forward", "decode"), raw, True, 40, 2, 4).rows("offline")
+    assert [row["phase"] for row in rows] == ["forward", "decode", "total"]
+    for row, share in zip(rows, (0.25, 0.75, 1.0), strict=True):
+        assert row["p50_ms"] == pytest.approx(50 * share)
+        assert row["p90_ms"] == pytest.approx(90 * share)
+        assert row["p99_ms"] == pytest.approx(99 * share)
+        assert row["mean_ms"] == pytest.approx(50 * share)
+        assert row["per_s"] == pytest.approx(80)
+        assert (row["scenario"], row["threads"], row["batch"]) == ("offline", 2, 4)
+        assert row["settled"] is True
+
+
+@given(arrays(np.float64, (17, 3), elements=st.floats(0.001, 1e4)))
+def test_rows_are_ordered_and_add_up(raw):
+    rows = LatencySample(("a", "b", "c"), raw, False, 500, 1).rows("single")
+    for row in rows:
+        assert row["p50_ms"] <= row["p90_ms"] <= row["p99_ms"]
+        assert row["settled"] is False
+    assert sum(row["mean_ms"] for row in rows[:3]) == pytest.approx(rows[3]["mean_ms"])
+    assert rows[3]["per_s"] == pytest.approx(1e3 / rows[3]["mean_ms"])
+
+
+def test_json_values_only():
+    for row in LatencySample(("a",), [[1.0]], True, 40, 1).rows("single"):
+        assert {type(value) for value in row.values()} <= {str, int, float, bool}

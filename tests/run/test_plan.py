@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from tactibench import UserError
 from tactibench.frames.source import spread
 from tactibench.records.store import StoredRun
-from tactibench.run.device import choose_device, cuda_possible
-from tactibench.run.environment import environment_facts
+from tactibench.run.machine import choose_device, cuda_possible, environment_facts
 from tactibench.run.plan import RunPlan, plan_lines
 from tactibench.run.request import read_parameters
 
@@ -35,7 +34,7 @@ def test_spread_takes_evenly(rows: int, count: int | None) -> None:
 
 def test_quick_is_small_and_partial(planned: Planned, run: Callable[..., StoredRun]) -> None:
     plan = planned("exp2", quick=True)
-    assert plan.parts.model.values["epochs"] == 2
+    assert plan.components.model.values["epochs"] == 2
     assert plan.request.partial
     assert "quick" in plan.name
     record = run("exp2", quick=True).record
@@ -46,9 +45,9 @@ def test_quick_is_small_and_partial(planned: Planned, run: Callable[..., StoredR
 
 def test_quick_epochs_do_not_override_what_was_asked(planned: Planned) -> None:
     asked = {"model": {"epochs": "7"}}
-    assert planned(quick=True, parameters=asked).parts.model.values["epochs"] == 7
-    assert planned(parameters=asked).parts.model.values["epochs"] == 7
-    assert planned().parts.model.values["epochs"] == 3
+    assert planned(quick=True, parameters=asked).components.model.values["epochs"] == 7
+    assert planned(parameters=asked).components.model.values["epochs"] == 7
+    assert planned().components.model.values["epochs"] == 3
     assert asked == {"model": {"epochs": "7"}}, "the request is left alone"
 
 
@@ -115,9 +114,9 @@ def test_groups_are_the_true_distances(planned: Planned) -> None:
 def test_requests_that_cannot_be_met(
     planned: Planned, monkeypatch: pytest.MonkeyPatch, request_: dict[str, Any], said: str
 ) -> None:
-    from tactibench.run import device
+    from tactibench.run import machine
 
-    monkeypatch.setattr(device, "_cuda_there", lambda: False)
+    monkeypatch.setattr(machine, "_has_cuda", lambda: False)
     with pytest.raises(UserError) as raised:
         planned(**request_)
     assert said in str(raised.value)
@@ -138,7 +137,7 @@ def test_requests_that_cannot_be_met(
 def test_the_encoder_asked_for_or_the_models_or_the_protocols(
     planned: Planned, request_: dict[str, Any], encoder: str | None
 ) -> None:
-    part = planned(**request_).parts.encoder
+    part = planned(**request_).components.encoder
     assert (part and part.name) == encoder
 
 

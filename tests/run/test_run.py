@@ -13,8 +13,7 @@ from tactibench import Pose, UserError
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import StoredRun, open_run
 from tactibench.run import timing as speed
-from tactibench.run.rescore import differences, rescored
-from tactibench.run.score import score_arrays
+from tactibench.run.score import metric_differences, rescore, score_arrays
 
 Run = Callable[..., StoredRun]
 
@@ -205,19 +204,19 @@ def test_scoring_again_is_identical(
     done = run("exp2")
     keys = planned("exp2").protocol.keys
     arrays = (done.arrays(part) for part in ("truth", "predictions", "maps"))
-    assert not differences(done.record.metrics, score_arrays(keys, *arrays))
+    assert not metric_differences(done.record.metrics, score_arrays(keys, *arrays))
     with pytest.raises(UserError, match="run the protocol again"):
-        rescored(done)  # the shipped exp2 is another
-    from tactibench.run import rescore
+        rescore(done)  # the shipped exp2 is another
+    from tactibench.run import score
 
     mini = {"exp2": tmp_path / "protocols" / "exp2.toml"}
-    monkeypatch.setattr(rescore, "protocol_files", lambda: mini)
-    assert rescored(done) == done.record
+    monkeypatch.setattr(score, "protocol_files", lambda: mini)
+    assert rescore(done) == done.record
     changed = [
         done.record.metrics[0].model_copy(update={"value": 9.0}),
         *done.record.metrics[1:],
     ]
-    assert len(differences(done.record.metrics, changed)) == 1
+    assert len(metric_differences(done.record.metrics, changed)) == 1
 
 
 def test_wrong_metrics_are_refused_before_any_work(run: Run, tiny: Any, mini: Any) -> None:

@@ -26,10 +26,9 @@ from tactibench.records.answers import unpack_plates
 from tactibench.records.store import StoredRun
 from tactibench.run.execute import execute
 from tactibench.run.plan import RunPlan, make_plan, plan_lines
-from tactibench.run.reporter import Silent
-from tactibench.run.request import RunRequest, TestedOn, folder_label, read_tested
-from tactibench.run.rescore import differences
-from tactibench.run.score import score_arrays
+from tactibench.run.reporter import NullReporter
+from tactibench.run.request import RunRequest, TestOptions, folder_label, read_test_options
+from tactibench.run.score import metric_differences, score_arrays
 
 SHOTS = (0, 5, 20)
 GIVEN = {"labels": "given"}
@@ -83,7 +82,7 @@ def planned(protocol: str, folders: tuple[Path, Path], place: Path) -> Plan:
     def plan(model: str = "kernel", **more: Any) -> RunPlan:
         asked: dict[str, Any] = {
             "data": folders[0],
-            "tested": TestedOn(parameters=GIVEN, data=folders[1]),
+            "test": TestOptions(parameters=GIVEN, data=folders[1]),
             "parameters": {"sensor": GIVEN},
         }
         request = RunRequest(protocol, model, **asked | more)
@@ -101,7 +100,7 @@ def done(planned: Plan, place: Path) -> Done:
         plan = planned(model)
         with pytest.MonkeyPatch.context() as patch:
             time_briefly(patch.setattr)
-            return plan, execute(plan, place / "runs", Silent())
+            return plan, execute(plan, place / "runs", NullReporter())
 
     return run_of
 
@@ -124,18 +123,16 @@ def test_every_test_frame_is_answered_for_every_number_of_labelled_frames(
     assert seen.unlabelled_frames == 0
     assert [one["frames"] for one in seen.adapted] == list(SHOTS)
     again = score_arrays(plan.protocol.keys, truth, run.arrays("predictions"), {})
-    assert not differences(record.metrics, again)
+    assert not metric_differences(record.metrics, again)
     assert record.sensor.test_sensor.trained_on.startswith("real recording ")
-    assert measured_on(record).startswith(
-        f"real recording {folder_label(plan.request.tested.data)}"
-    )
+    assert measured_on(record).startswith(f"real recording {folder_label(plan.request.test.data)}")
     assert trained_on(record) in section_key(record)[-1]
     assert str(place.parent) not in str(record.sensor)
 
 
 def test_no_press_is_both_seen_and_tested(planned: Plan) -> None:
     plan = planned()
-    (test,), shots = plan.frames.test, plan.frames.shots
+    (test,), shots = plan.frames.test, plan.frames.few_shot
     assert shots is not None
     assert len(shots.names) == max(SHOTS)
     assert not set(shots.names) & set(test.names)
@@ -146,7 +143,7 @@ def test_two_recordings_of_one_plan_are_divided_alike(
     planned: Plan, folders: tuple[Path, Path]
 ) -> None:
     """A press of the plan that trains on one sensor tests nothing on the other."""
-    plan = planned(tested=TestedOn(parameters=GIVEN, data=folders[0]))
+    plan = planned(test=TestOptions(parameters=GIVEN, data=folders[0]))
     seen = {name for wanted in (*plan.frames.fit, *plan.frames.validation) for name in wanted.names}
     assert not seen & set(plan.frames.test[0].names)
 
@@ -167,8 +164,8 @@ def test_a_simulated_sensor_trains_and_its_calibration_frames_test_nothing(
     assert before.frames.sensor_identity["name"] == "fitted-127"
     assert [len(wanted.scenes) for wanted in before.frames.fit] == [36]
     assert [len(wanted.scenes) for wanted in before.frames.validation] == [4]
-    assert before.frames.tested_identity is not None
-    digest = before.frames.tested_identity["describe"]["sha256"]
+    assert before.frames.test_identity is not None
+    digest = before.frames.test_identity["describe"]["sha256"]
     used = (*before.frames.test[0].names[:3], "no such frame")
     monkeypatch.setattr(FittedSensor, "calibrated_on", lambda _: {digest: used, "other": ("x",)})
     after = planned(**simulated)
@@ -180,10 +177,10 @@ def test_a_simulated_sensor_trains_and_its_calibration_frames_test_nothing(
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"tested": TestedOn()}, "--test data=FOLDER"),
-        ({"tested": TestedOn(reference=True, data=Path())}, "--test reference out"),
-        ({"tested": TestedOn(hidden=True, data=Path())}, "--hidden-seed out"),
-        ({"tested": TestedOn(data=Path("nowhere"))}, "check --test data=FOLDER"),
+        ({"test": TestOptions()}, "--test data=FOLDER"),
+        ({"test": TestOptions(reference=True, data=Path())}, "--test reference out"),
+        ({"test": TestOptions(hidden=True, data=Path())}, "--hidden-seed out"),
+        ({"test": TestOptions(data=Path("nowhere"))}, "check --test data=FOLDER"),
         ({"data": None}, "--data DIR"),
         ({"data": None, "sensor": "tactip-127"}, "no parameter 'labels'"),
     ],
@@ -196,23 +193,23 @@ def test_what_cannot_be_is_said(planned: Plan, more: dict[str, Any], said: str) 
 def test_too_few_presses_for_the_shots_are_refused(planned: Plan, tmp_path: Path) -> None:
     small = write(tmp_path / "small", hexagon(3, 8.0), 20, 3)
     with pytest.raises(UserError, match="up to 20 labelled"):
-        planned(tested=TestedOn(parameters=GIVEN, data=small))
+        planned(test=TestOptions(parameters=GIVEN, data=small))
 
 
 def test_a_folder_is_tested_on_by_no_other_protocol(folders: tuple[Path, Path]) -> None:
-    request = RunRequest("surface", "kernel", data=folders[0], tested=TestedOn(data=folders[1]))
+    request = RunRequest("surface", "kernel", data=folders[0], test=TestOptions(data=folders[1]))
     with pytest.raises(UserError, match="such as transfer"):
         make_plan(request, PluginHost(), Path("cache"))
 
 
 def test_the_option_is_read() -> None:
-    found = read_tested(("data=a/b", "sensor.pivot_mm=3"))
+    found = read_test_options(("data=a/b", "sensor.pivot_mm=3"))
     assert (found.data, found.parameters) == (Path("a/b"), {"pivot_mm": "3"})
     assert found.texts == ["data=" + folder_label(Path("a/b")), "sensor.pivot_mm=3"]
     with pytest.raises(UserError, match="twice"):
-        read_tested(("data=a", "data=b"))
+        read_test_options(("data=a", "data=b"))
     with pytest.raises(UserError, match="data=FOLDER"):
-        read_tested(("data=",))
+        read_test_options(("data=",))
 
 
 def test_a_label_names_a_folder_without_the_machine() -> None:

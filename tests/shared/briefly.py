@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 
@@ -11,13 +11,9 @@ def time_briefly(put: Callable[[Any, str, Any], None]) -> None:
 
     put: ``setattr``, or that of a patch, which takes it back.
     """
-    from tactibench.run import execute as run
-    from tactibench.run import timing as speed
+    from tactibench.run import timing
 
-    def briefly(
-        model: Any, frames: Sequence[Any], answers: Sequence[Any], *_: Any, **more: Any
-    ) -> speed.Speed:
-        return speed.measure_speed(model, frames, answers, 5, 0.0, **more)
-
-    put(run, "measure_speed", briefly)
-    put(speed, "BATCHES", (1,))
+    for name, value in (("CALLS", 5), ("BUDGET_S", 0.0), ("BATCHES", (1,))):
+        put(timing, name, value)
+    for name, value in (("QUICK_CALLS", 5), ("QUICK_BUDGET_S", 0.0)):
+        put(timing, name, value)

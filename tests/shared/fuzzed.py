@@ -223,13 +223,13 @@ def commands() -> dict[str, click.Command]:
 
 def _words(data: bytes, _: Path) -> None:
     """A command line is read and checked, and not carried out."""
-    from tactibench.run.request import read_parameters, read_tested
+    from tactibench.run.request import read_parameters, read_test_options
 
     known = commands()
     line = data.decode("utf-8", errors="replace").replace("\x00", "").split("\n")
     command = known.get(line[0], known["run"])
     context = command.make_context(line[0], list(line[1:]))
-    for key, read in (("params", read_parameters), ("tests", read_tested)):
+    for key, read in (("params", read_parameters), ("tests", read_test_options)):
         if given := context.params.get(key):
             read(tuple(given))
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 
 
-class Epochs(SilentProgress):
+class Epochs(NullProgress):
     """epochs: (number, loss, validation error in mm) of each."""
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ import pytest
 from tactibench import Grid, Indenter, ModelContext, Pose, Scene, SensorContext
 from tactibench.geometry import true_contacts
 from tactibench.plugins.host import PluginHost
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 
 SETS = {"fit": 300, "validation": 50, "test": 60, "dual": 40, "law": 160, "crowded": 24}
 
@@ -74,7 +74,7 @@ def fit(presses):
             known[1] if truth is None else truth,
             validation=presses["validation"] if validation is None else validation,
             rng=np.random.default_rng(0),
-            progress=SilentProgress(),
+            progress=NullProgress(),
         )
 
     return _fit

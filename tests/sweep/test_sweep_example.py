@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import load_protocol
-from tactibench.run.components import resolve_parts
+from tactibench.run.components import resolve_components
 from tactibench.sweep.spec import DatasetSpec, SweepSpec, list_cells, read_sweep
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -18,7 +18,7 @@ def test_every_cell_of_the_example_can_be_run() -> None:
     host = PluginHost()
     cells = list_cells(read_sweep(DOCS / "examples/sweep.toml"), host)
     for cell in cells:
-        parts = resolve_parts(cell.request, load_protocol(cell.request.protocol), host)
+        parts = resolve_components(cell.request, load_protocol(cell.request.protocol).keys, host)
         assert parts.model.name == cell.request.model
     shown = {cell.axes["model"] for cell in cells}
     assert shown == {"superpose", "mixture", "vgnn", "unet", "unet, mixing=1", "cnn"}

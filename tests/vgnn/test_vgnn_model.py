@@ -10,7 +10,7 @@ import torch
 from state_hash import state_hash
 
 from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 from tactibench.training import save_weights
 
 
@@ -149,7 +149,7 @@ def test_frames_with_several_contacts_are_learned_from(make_vgnn, make_presses, 
         truth,
         validation=(frames[:4], truth[:4]),
         rng=np.random.default_rng(0),
-        progress=SilentProgress(),
+        progress=NullProgress(),
     )
     assert report.notes["kept_for_std"] == 1
     assert len(model.predict(frames)) == 60

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
-from tactibench.run.failures import COLUMNS as FAILURES
-from tactibench.run.failures import LONGEST
+from tactibench.run.hard_cases import FAILURE_COLUMNS as FAILURES
+from tactibench.run.hard_cases import LONGEST_CAUSE
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -95,8 +95,12 @@ def _failures(answers: Arrays, frames: int, where: str) -> None:
             f"{where}: the frames on which the model failed are not rising numbers below "
             f"{frames:,} of frames without contacts; submit the run again."
         )
-    if any(len(cause) > LONGEST or not cause.isprintable() for cause in found["cause"].tolist()):
-        raise UserError(f"{where}: a cause is longer than {LONGEST} characters or not printable.")
+    if any(
+        len(cause) > LONGEST_CAUSE or not cause.isprintable() for cause in found["cause"].tolist()
+    ):
+        raise UserError(
+            f"{where}: a cause is longer than {LONGEST_CAUSE} characters or not printable."
+        )
 
 
 def _lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where: str) -> None:

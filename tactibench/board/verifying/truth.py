@@ -15,27 +15,27 @@ import numpy as np
 
 from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
-from tactibench.frames.drawn import frames_of_test, presser_of_test
-from tactibench.frames.presser import Presser
-from tactibench.frames.recorded import recorded_frames
-from tactibench.frames.source import Wanted
-from tactibench.frames.transfer import Target, open_target
+from tactibench.frames.drawn import DrawnFrames
+from tactibench.frames.factory import frame_source
+from tactibench.frames.presses import true_answers
+from tactibench.frames.recorded import Recording
+from tactibench.frames.source import FrameRequest, FrameSet, FrameSource
+from tactibench.frames.transfer import TransferFrames
 from tactibench.geometry import true_contacts
-from tactibench.plugins.base import SensorContext
 from tactibench.plugins.discovery import installed
 from tactibench.plugins.host import PluginHost
+from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
+from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.record import Record
 from tactibench.records.store import Arrays
-from tactibench.run.components import Sensors, sensors_of
-from tactibench.run.few_shot import Shots
-from tactibench.run.published_predictions import find_released, released_arrays
-from tactibench.run.request import HIDDEN, RunRequest, TestedOn, read_tested
-from tactibench.run.test_sensor import with_test_sensor
-from tactibench.run.transfer import with_target
-from tactibench.run.truth import true_answers, truth_arrays
+from tactibench.run.evaluation import truth_arrays
+from tactibench.run.few_shot import count_groups, repeat
+from tactibench.run.published_predictions import find_published, published_arrays
+from tactibench.run.request import HIDDEN, TestOptions, read_test_options
+from tactibench.run.test_sensor import resolve_test_sensor
 
 OURS = "tactibench"
 """The distribution whose plugins are trusted."""
@@ -58,140 +58,140 @@ def trusted_host() -> PluginHost:
 def truth_of(
     record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
 ) -> Arrays:
-    """Packed answers with press and group of every frame, and the bounds that the metrics need.
+    """Return packed true answers with press and group, and the bounds that the metrics need.
 
-    Raises UserError where it cannot be made here.
+    Raises:
+        UserError: where they cannot be made here.
     """
-    if protocol.keys.transfer is not None:
-        return _transferred(record, protocol, source)
-    request = _request(record, source)
-    sensors = with_test_sensor(request, _sensors(record, request, source.host), source.host)
-    if sensors.sensor.spec.needs_data:
-        return _recorded(request, protocol, sensors)
-    if protocol.keys.split is None:
+    options = _test_options(record, source)
+    if protocol.keys.transfer is not None and options.data is None:
         raise UserError(
-            f"{record.name}: sensor {sensors.sensor.name!r} has no recorded folder, which "
-            f"protocol {protocol.keys.id!r} asks for."
+            f"{record.name}: the truth of {protocol.keys.id!r} is in the recording that was "
+            "tested, not in the one trained on; name the folder of the tested one with --data DIR."
         )
-    tester = presser_of_test(protocol.keys, sensors, source.cache, hidden)
-    wanted, _ = frames_of_test(request, tester, protocol.keys.split)
-    radius = tester.pressed.workspace.dome_radius_mm
-    truth = [true_contacts(scene, radius) for one in wanted for scene in one.scenes]
-    arrays = _arrays(protocol.keys, wanted, truth)
-    if "rmse_over_bound" in protocol.keys.metrics.names:
-        arrays |= _bounds(tester, wanted)
-    return arrays
+    sensor = _sensor(record, source)
+    request = FrameRequest(
+        protocol=protocol,
+        regime=record.regime,
+        sensor=sensor,
+        test_sensor=resolve_test_sensor(options, protocol.keys, sensor, source.host),
+        cache=source.cache,
+        data=source.data,
+        test_data=options.data,
+        reference=options.reference,
+        hidden=hidden,
+        presses=record.limits.presses,
+    )
+    frames = frame_source(request)
+    if isinstance(frames, TransferFrames):
+        return _transferred(record, frames)
+    return _drawn(frames) if isinstance(frames, DrawnFrames) else _recorded(frames)
 
 
-def shots_of(record: Record, protocol: LoadedProtocol) -> Shots:
-    """How often every test frame was answered, after how many labelled frames. Raises UserError."""
+def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:
+    """Return after how many labelled frames every test frame was answered; (): shown none.
+
+    Raises:
+        UserError: for other numbers than the protocol shows.
+    """
     transfer = protocol.keys.transfer
     if transfer is None:
-        return Shots()
+        return ()
     seen = record.data.of_tested_sensor
     stated = None if seen is None else seen.labelled_frames
     for counts in ((0,), transfer.shots):
         if stated == list(counts):
-            return Shots(counts)
+            return counts
     raise UserError(
         f"{record.name} says that its model was shown {stated} labelled frames of the tested "
         f"sensor; protocol {protocol.keys.id!r} shows none or {list(transfer.shots)} of them."
     )
 
 
-def _transferred(record: Record, protocol: LoadedProtocol, source: Source) -> Arrays:
+def _transferred(record: Record, frames: TransferFrames) -> Arrays:
     """The truth of the recording that was tested, which --data names."""
-    request, keys = _request(record, source), protocol.keys
-    if request.tested.data is None:
-        raise UserError(
-            f"{record.name}: the truth of {keys.id!r} is in the recording that was tested, not "
-            "in the one trained on; name the folder of the tested one with --data DIR."
-        )
-    shots = shots_of(record, protocol)
-    sensors = with_target(request, protocol, _sensors(record, request, source.host), source.host)
-    presser = None
-    if not sensors.sensor.spec.needs_data:
-        presser = Presser(keys, sensors.sensor, sensors.build_sensor, source.cache)
-    target = open_target(keys, sensors, request.tested.data, presser)
-    _same_recording(record, target, request.tested.data)
-    wanted = target.want(None)
-    truth = true_answers(keys, [wanted.open(lambda _: None)])
-    presses, groups = shots.repeated(wanted.clusters), shots.groups(wanted.groups)
-    return truth_arrays(keys, shots.repeated(truth), presses, groups)
+    counts = labelled_counts(record, frames.request.protocol)
+    _check_same_recording(record, frames.target, frames.request.test_data)
+    (test,) = frames.test_frames()
+    truth = true_answers(frames.spec, [test.open(lambda _: None)])
+    return truth_arrays(
+        frames.spec.answer,
+        repeat(truth, counts),
+        repeat(test.clusters, counts),
+        count_groups(len(truth), counts),
+    )
 
 
-def _same_recording(record: Record, target: Target, folder: Path) -> None:
+def _check_same_recording(record: Record, target: Recording, folder: Path | None) -> None:
     """Raise UserError where the labels in the folder are not those that the run was tested on."""
     seen, test = record.data.of_tested_sensor, record.test_sensor
     stated = None if seen is None else seen.described.get("sha256")
-    found = target.folder.identity["describe"].get("sha256")
-    if stated is None or stated != found:
+    if stated is None or stated != target.identity["describe"].get("sha256"):
         raise UserError(
             f"{record.name} was tested on {'' if test is None else test.description}, which is "
             f"not the recording in {folder}; name its folder with --data DIR."
         )
 
 
-def _request(record: Record, source: Source) -> RunRequest:
+def _test_options(record: Record, source: Source) -> TestOptions:
     test = record.test_sensor
-    asked = TestedOn()
-    if test is not None:
-        texts = tuple(text for text in test.options if text != HIDDEN)
-        asked = read_tested(texts, hidden=HIDDEN in test.options)
-        if asked.data is not None:  # a record holds the folder's last names alone
-            asked = replace(asked, data=source.data)
-    return RunRequest(
-        record.protocol.id,
-        "",
-        record.regime,
-        data=source.data,
-        tested=asked,
-        presses=record.limits.presses,
-    )
+    if test is None:
+        return TestOptions()
+    texts = tuple(text for text in test.options if text != HIDDEN)
+    options = read_test_options(texts, hidden=HIDDEN in test.options)
+    # A record holds the folder's last names alone.
+    return options if options.data is None else replace(options, data=source.data)
 
 
-def _sensors(record: Record, request: RunRequest, host: PluginHost) -> Sensors:
-    stated = record.sensor
-    if stated.name not in host.sensors.specs:
+def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:
+    """The sensor that pressed the training scenes, as the record says that it was set."""
+    stated, sensors = record.sensor, source.host.sensors
+    if stated.name not in sensors.specs:
         raise UserError(
             f"{record.name}: sensor {stated.name!r} does not ship with tactibench, so its "
             "presses cannot be made again here; only runs on sensors that do can be verified."
         )
-    spec = host.sensors[stated.name]
-    if spec.needs_data and request.data is None:
+    if sensors[stated.name].needs_data and source.data is None:
         raise UserError(
             f"{record.name}: the truth of {record.protocol.id!r} on sensor "
-            f"{spec.name!r} is in the recording; name its folder with --data DIR."
+            f"{stated.name!r} is in the recording; name its folder with --data DIR."
         )
-    return sensors_of(record, host)
+    sensor: BoundSpec[SensorSpec] = BoundSpec.of_record(sensors, stated)
+    return sensor
 
 
-def _recorded(request: RunRequest, protocol: LoadedProtocol, sensors: Sensors) -> Arrays:
-    frames = recorded_frames(request, protocol, sensors)
-    keys = protocol.keys
-    opened = [one.open(lambda _: None) for one in frames.test]
-    truth = true_answers(keys, opened)
-    arrays = _arrays(keys, frames.test, truth)
+def _recorded(frames: FrameSource) -> Arrays:
+    sets = frames.test_frames()
+    opened = [frame_set.open(lambda _: None) for frame_set in sets]
+    truth = true_answers(frames.spec, opened)
+    arrays = _arrays(frames.spec, sets, truth)
     if frames.published:
-        released = find_released(protocol, request.data, None)
+        protocol = frames.request.protocol
+        published = find_published(protocol, frames.request.data, None)
         names = [name for presses in opened for name in presses.names]
-        arrays |= released_arrays(released, protocol.test_frames, names, truth)
+        arrays |= published_arrays(published, protocol.test_frames, names, truth)
     return arrays
 
 
-def _arrays(keys: Protocol, wanted: Sequence[Wanted], truth: Sequence[Answer]) -> Arrays:
-    presses = [press for one in wanted for press in one.clusters]
-    return truth_arrays(keys, truth, presses, [group for one in wanted for group in one.groups])
-
-
-def _bounds(tester: Presser, wanted: Sequence[Wanted]) -> Arrays:
-    """Cramer-Rao standard deviations of every scene; empty where the sensor knows none."""
-    seed = np.random.SeedSequence(tester.keys.data_seed)
-    with tester.build(SensorContext(seed)) as sensor:
-        bounds: list[FloatArray] = []
-        for scene in (scene for one in wanted for scene in one.scenes):
+def _drawn(frames: DrawnFrames) -> Arrays:
+    """The truth of drawn scenes: a simulated sensor reaches the poses that it is asked for."""
+    sets = frames.test_frames()
+    scenes = [scene for frame_set in sets for scene in frame_set.scenes]
+    radius = frames.testing.pressed.workspace.dome_radius_mm
+    arrays = _arrays(frames.spec, sets, [true_contacts(scene, radius) for scene in scenes])
+    if "rmse_over_bound" not in frames.spec.metrics.names:
+        return arrays
+    bounds: list[FloatArray] = []
+    with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
+        for scene in scenes:
             bound = sensor.bound(scene)
             if bound is None:
-                return {}
+                return arrays
             bounds.append(bound)
-    return {"bound": np.concatenate(bounds)}
+    return {**arrays, "bound": np.concatenate(bounds)}
+
+
+def _arrays(protocol: Protocol, sets: Sequence[FrameSet], truth: Sequence[Answer]) -> Arrays:
+    clusters = [press for frame_set in sets for press in frame_set.clusters]
+    groups = [group for frame_set in sets for group in frame_set.groups]
+    return truth_arrays(protocol.answer, truth, clusters, groups)

@@ -22,7 +22,7 @@ from tactibench.board.labels import label_of, measured_on
 from tactibench.board.safe import read_untrusted, refuse_names
 from tactibench.board.submissions import refuse_partial
 from tactibench.board.verifying.answers import check_answers
-from tactibench.board.verifying.truth import Source, shots_of, truth_of
+from tactibench.board.verifying.truth import Source, labelled_counts, truth_of
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
@@ -100,7 +100,7 @@ def verify(
     if seed is not None and record.identity.hidden != seed.commitment:
         raise UserError(f"{path} was tested with another hidden seed than the published one.")
     truth = truth_of(record, protocol, source, seed)
-    times = len(shots_of(record, protocol))
+    times = len(labelled_counts(record, protocol)) or 1
     frames = len(truth["press"]) // times
     if record.data.test != frames:
         raise UserError(

@@ -183,7 +183,7 @@ def _features(arrays: RunArrays) -> dict[str, Figure]:
     if "features_row" not in arrays.examples:
         return {}
     from tactibench.report.plots.features import features_figure
-    from tactibench.run.examples import unpacked_features
+    from tactibench.run.examples import unpack_features
 
     row = int(arrays.examples["features_row"])
     title = (
@@ -192,7 +192,7 @@ def _features(arrays: RunArrays) -> dict[str, Figure]:
     )
     figure = features_figure(
         arrays.example(row),
-        unpacked_features(arrays.examples),
+        unpack_features(arrays.examples),
         title=title,
         measured_on=measured_on(arrays.record),
     )

@@ -1,4 +1,4 @@
-"""Released answers to test frames: found beside the data, aligned by name, refused when foreign."""
+"""Published predictions: found beside the data, aligned by name, refused when foreign."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.files import file_hash
 from tactibench.run import published_predictions as module
 from tactibench.run.published_predictions import (
-    Released,
-    find_released,
-    released_arrays,
-    unpack_released,
+    PublishedPredictions,
+    find_published,
+    published_arrays,
 )
+from tactibench.run.score import unpack_published
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
 NAMES = ("a.png", "b.png", "c.png")
@@ -44,7 +44,7 @@ def one(file):
     keys = ReleasedAnswers(
         file=file.name, sha256=file_hash(file), depth=("p1", "t1"), tilt=("p2", "t2")
     )
-    return Released("paper", "Net", keys, file)
+    return PublishedPredictions("paper", "Net", keys, file)
 
 
 def truth(offset=5.0, bend=0.0):
@@ -54,14 +54,14 @@ def truth(offset=5.0, bend=0.0):
 def test_answers_stand_by_name_and_keep_their_errors(one):
     order = ["c.png", "a.png"]
     true = [truth()[2], truth()[0]]
-    (poses,) = unpack_released(released_arrays([one], NAMES, order, true)).values()
+    (poses,) = unpack_published(published_arrays([one], NAMES, order, true)).values()
     error = [(p.depth - t.depth, p.tilt - t.tilt) for p, t in zip(poses, true, strict=True)]
     np.testing.assert_allclose(error, [(-0.25, 0.25), (-0.5, 1.0)])
 
 
 def test_a_depth_that_is_counted_from_elsewhere_changes_no_error(one):
     bent = truth(bend=0.01)
-    (poses,) = unpack_released(released_arrays([one], NAMES, NAMES, bent)).values()
+    (poses,) = unpack_published(published_arrays([one], NAMES, NAMES, bent)).values()
     error = [p.depth - t.depth for p, t in zip(poses, bent, strict=True)]
     np.testing.assert_allclose(error, [-0.5, 0.5, -0.25])
 
@@ -69,28 +69,28 @@ def test_a_depth_that_is_counted_from_elsewhere_changes_no_error(one):
 def test_other_tilts_or_another_count_are_refused(one):
     wrong = [replace(pose, tilt=pose.tilt + 0.1) for pose in truth()]
     with pytest.raises(UserError, match=r"answers.csv holds answers to other tilts .*0.1 deg"):
-        released_arrays([one], NAMES, NAMES, wrong)
+        published_arrays([one], NAMES, NAMES, wrong)
     with pytest.raises(UserError, match="3 rows for 4 test frames"):
-        released_arrays([one], (*NAMES, "d.png"), NAMES, truth())
+        published_arrays([one], (*NAMES, "d.png"), NAMES, truth())
 
 
 def test_a_column_that_is_no_number_is_refused(one):
-    keys = one.keys.model_copy(update={"depth": ("no such", "t1")})
+    keys = one.file.model_copy(update={"depth": ("no such", "t1")})
     with pytest.raises(UserError, match="columns no such and t1 must hold finite numbers"):
-        released_arrays([replace(one, keys=keys)], NAMES, NAMES, truth())
+        published_arrays([replace(one, file=keys)], NAMES, NAMES, truth())
 
 
 def test_what_was_not_found_gives_nothing(one):
     absent = replace(one, path=None)
-    assert released_arrays([absent], NAMES, NAMES, truth()) == {}
-    assert "--published FILE" in absent.words()
-    assert one.words() == "the released answers of Net, frame for frame"
+    assert published_arrays([absent], NAMES, NAMES, truth()) == {}
+    assert "--published FILE" in absent.describe()
+    assert one.describe() == "the released answers of Net, frame for frame"
 
 
 @pytest.fixture
 def published(monkeypatch, one):
     """One table with the small file, in place of the shipped ones."""
-    row = SimpleNamespace(protocol="surface", model="Net", released=one.keys)
+    row = SimpleNamespace(protocol="surface", model="Net", released=one.file)
     table = SimpleNamespace(name="paper", rows=(row,))
     monkeypatch.setattr(module, "load_published", lambda _names, _folder: [table])
     return load_protocol("surface")
@@ -100,14 +100,14 @@ def published(monkeypatch, one):
 def test_it_is_looked_for_beside_the_data(published, file, inside):
     data = file.parent / inside
     data.mkdir(parents=True, exist_ok=True)
-    (found,) = find_released(published, data, None)
+    (found,) = find_published(published, data, None)
     assert found.path is not None
     assert found.path.resolve() == file.resolve()
 
 
 def test_a_file_of_that_name_with_other_content_is_not_taken(published, file):
     file.write_text("p1,t1\n1,2\n")
-    (found,) = find_released(published, file.parent, None)
+    (found,) = find_published(published, file.parent, None)
     assert found.path is None
 
 
@@ -115,27 +115,29 @@ def test_a_given_file_is_taken_wherever_it_lies_or_refused(published, file, tmp_
     moved = tmp_path / "elsewhere.csv"
     moved.write_bytes(file.read_bytes())
     file.unlink()
-    (found,) = find_released(published, None, moved)
+    (found,) = find_published(published, None, moved)
     assert found.path == moved
     moved.write_text("other")
     with pytest.raises(UserError, match=r"not a file that was released.*answers.csv \(Net\)"):
-        find_released(published, None, moved)
+        find_published(published, None, moved)
     with pytest.raises(UserError, match="cannot be read"):
-        find_released(published, None, tmp_path / "nothing.csv")
+        find_published(published, None, tmp_path / "nothing.csv")
 
 
 def test_the_shipped_table_names_the_file_that_was_released():
-    (found,) = find_released(load_protocol("surface"), None, None)
+    (found,) = find_published(load_protocol("surface"), None, None)
     assert (found.table, found.model) == ("tac-vgnn", "Tac-VGNN")
-    assert found.keys.file == "published_prediction.csv"
+    assert found.file.file == "published_prediction.csv"
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data/tac-vgnn is not there")
 def test_the_released_file_gives_the_published_errors():
     """0.0552 mm and 1.011 deg over 1,210 frames, from columns 1 (depth) and 2 (roll)."""
-    (found,) = find_released(load_protocol("surface"), DATA / "331", None)
+    (found,) = find_published(load_protocol("surface"), DATA / "331", None)
     assert found.path is not None
-    columns = [module._columns(found.path, pair) for pair in (found.keys.depth, found.keys.tilt)]
+    columns = [
+        module.read_columns(found.path, pair) for pair in (found.file.depth, found.file.tilt)
+    ]
     errors = [float(np.abs(column[:, 0] - column[:, 1]).mean()) for column in columns]
     assert len(columns[0]) == 1210
     assert errors == pytest.approx([0.0552, 1.011], abs=5e-4)

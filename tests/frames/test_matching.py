@@ -1,4 +1,4 @@
-"""Recorded presses for protocols that draw theirs: what matches, who trains, what is lacking."""
+"""Recorded presses for protocols that draw theirs: which match, which train, what is lacking."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.frames.matching import match, matches
-from tactibench.frames.recorded import own_parts
+from tactibench.frames.matching import could_be_drawn, match
+from tactibench.frames.recorded import divide_by_parts
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
 
@@ -23,7 +23,7 @@ SINGLE = Scene(Indenter.single(), Pose(1.0, 2.0, depth=3.0))
 def test_what_a_protocol_draws_matches_its_draw(keys):
     for draw in keys.draws:
         for scene in draw_scenes(keys, draw.name).scenes[:40]:
-            assert matches(scene, draw, keys.workspace)
+            assert could_be_drawn(scene, draw, keys.workspace)
 
 
 @pytest.mark.parametrize(
@@ -39,20 +39,22 @@ def test_what_a_protocol_draws_matches_its_draw(keys):
     ],
 )
 def test_presses_that_the_draw_could_not_make(scene):
-    assert matches(SINGLE, EXP1.draw("singles"), EXP1.workspace)
-    assert not matches(scene, EXP1.draw("singles"), EXP1.workspace)
+    assert could_be_drawn(SINGLE, EXP1.draw("singles"), EXP1.workspace)
+    assert not could_be_drawn(scene, EXP1.draw("singles"), EXP1.workspace)
 
 
 def test_pairs_and_triples_by_their_geometry():
     pairs, triples = EXP2.draw("pairs"), EXP3.draw("triples")
     deep = Pose(depth=4.0)
-    assert matches(Scene(Indenter.dual(6.5), deep), pairs, EXP2.workspace)
-    assert not matches(Scene(Indenter.dual(6.6), deep), pairs, EXP2.workspace)
+    assert could_be_drawn(Scene(Indenter.dual(6.5), deep), pairs, EXP2.workspace)
+    assert not could_be_drawn(Scene(Indenter.dual(6.6), deep), pairs, EXP2.workspace)
     uneven = replace(Indenter.dual(8.0), offsets=((-4.0, 0.0, 0.0), (4.0, 0.0, 0.5)))
-    assert not matches(Scene(uneven, deep), pairs, EXP2.workspace)
-    assert matches(Scene(Indenter.triple((0.0, 0.5, 0.0)), deep), triples, EXP3.workspace)
-    assert not matches(Scene(Indenter.triple((0.0, 0.3, 0.0)), deep), triples, EXP3.workspace)
-    assert not matches(
+    assert not could_be_drawn(Scene(uneven, deep), pairs, EXP2.workspace)
+    assert could_be_drawn(Scene(Indenter.triple((0.0, 0.5, 0.0)), deep), triples, EXP3.workspace)
+    assert not could_be_drawn(
+        Scene(Indenter.triple((0.0, 0.3, 0.0)), deep), triples, EXP3.workspace
+    )
+    assert not could_be_drawn(
         Scene(Indenter.triple((0.0, 0.5, 0.0), side=7.0), deep), triples, EXP3.workspace
     )
 
@@ -105,11 +107,11 @@ def test_a_recording_with_its_own_split_is_divided_by_it():
 
 
 def test_a_split_of_a_recording_needs_every_part_and_keeps_presses_whole():
-    assert own_parts(["test", "train", "", "validation"], "abcd") == ((1,), (3,), (0,))
+    assert divide_by_parts(["test", "train", "", "validation"], "abcd") == ((1,), (3,), (0,))
     with pytest.raises(UserError, match="part 'validation'"):
-        own_parts(["test", "train"], "ab")
+        divide_by_parts(["test", "train"], "ab")
     with pytest.raises(UserError, match="two parts"):
-        own_parts(["test", "train", "validation"], "aba")
+        divide_by_parts(["test", "train", "validation"], "aba")
 
 
 def test_what_is_lacking_is_named_and_what_fits_nowhere_counted():

@@ -10,17 +10,21 @@ import pytest
 from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.run import race as race_module
-from tactibench.run import timing as speed_module
-from tactibench.run.configurations import Configuration, configurations, fastest
+from tactibench.run import configurations as configurations_module
+from tactibench.run import latency, timing
+from tactibench.run.configurations import (
+    Configuration,
+    compare_configurations,
+    fastest,
+    metric_rows,
+    race,
+    race_steps,
+)
 from tactibench.run.difference import Difference
 from tactibench.run.latency import LatencySample
-from tactibench.run.race import metric_rows, run_race, steps
-from tactibench.run.timing import measure_speed
+from tactibench.run.timing import time_model
 
 FRAMES = [Frame(np.full((2, 2), value, np.uint8), float(value), Pose()) for value in range(10)]
-BATCHES = speed_module.BATCHES
-"""As it ships: other tests of this folder time less."""
 TRUTH = [Contacts.truth([[0.0, 0.0]], [1.0 + value]) for value in range(10)]
 
 
@@ -71,7 +75,7 @@ def blinded(frames: list[Frame]) -> list[Frame]:
 
 def test_every_way_is_compared_and_what_fails_is_said() -> None:
     model, seen = Ways(), blinded(FRAMES)
-    found = configurations(model, seen, model.predict(seen), TRUTH)
+    found = compare_configurations(model, seen, model.predict(seen), TRUTH)
     assert [one.name for one in found.usable] == ["float32", "exact", "coarse", "many"]
     gaps = {one.name: one.difference for one in found.usable}
     assert gaps["exact"] == Difference(0.0, 10, 0, 0.0, largest_mm=0.0)
@@ -82,7 +86,7 @@ def test_every_way_is_compared_and_what_fails_is_said() -> None:
     assert found.skipped["gone"] == "gone is not here."
     assert "--compile" in found.skipped["compiled"]
     assert "compiled" not in model.made
-    configurations(model, seen, model.predict(seen), TRUTH, compiled=True)
+    compare_configurations(model, seen, model.predict(seen), TRUTH, compiled=True)
     assert "compiled" in model.made
 
 
@@ -92,11 +96,11 @@ def test_a_model_without_a_choice_is_timed_as_it_is() -> None:
         _answer = Ways._answer
 
     model, seen = Plain(), blinded(FRAMES)
-    (only,) = configurations(model, seen, model.predict(seen), TRUTH).usable  # type: ignore[arg-type]
-    assert (only.name, only.words) == ("default", "as the model predicts")
+    (only,) = compare_configurations(model, seen, model.predict(seen), TRUTH).usable  # type: ignore[arg-type]
+    assert (only.name, only.description) == ("default", "as the model predicts")
     assert only.difference.median_mm == 0
     assert [name for name, _ in only.stages] == ["predict"]
-    timed = measure_speed(model, FRAMES, model.predict(seen), 20, 0.01, truth=TRUTH)  # type: ignore[arg-type]
+    timed = time_model(model, FRAMES, model.predict(seen), truth=TRUTH)  # type: ignore[arg-type]
     assert timed.timed["raced"] == []
     assert timed.efficiency["parameters"] is None
     assert timed.efficiency["flops_per_frame"] is None
@@ -105,7 +109,7 @@ def test_a_model_without_a_choice_is_timed_as_it_is() -> None:
 def test_a_model_of_which_no_way_works_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Ways, "configurations", {"gone": "not here", "compiled": "compiled"})
     with pytest.raises(UserError, match=r"gone: gone is not here; compiled: .*--compile\.$"):
-        configurations(Ways(), blinded(FRAMES), [None] * 10, TRUTH)
+        compare_configurations(Ways(), blinded(FRAMES), [None] * 10, TRUTH)
 
 
 def sample(ms: float) -> LatencySample:
@@ -124,10 +128,10 @@ def test_the_fastest_of_the_allowed_wins() -> None:
 
 
 def test_a_run_times_the_chosen_way_and_tells_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(speed_module, "machine", lambda: {"cores_logical": 2})
-    monkeypatch.setattr(speed_module, "BATCHES", BATCHES)
+    monkeypatch.setattr(timing, "all_threads", lambda: 2)
+    monkeypatch.setattr(timing, "BATCHES", latency.BATCHES)  # fixtures of this folder time less
     model = Ways()
-    speed = measure_speed(model, FRAMES, model.predict(blinded(FRAMES)), 20, 0.05, truth=TRUTH)
+    speed = time_model(model, FRAMES, model.predict(blinded(FRAMES)), truth=TRUTH)
     assert speed.timed["configuration"] in {"as it is", "the same"}
     assert [one["configuration"] for one in speed.timed["raced"]] == [
         "as it is",
@@ -160,24 +164,24 @@ def test_a_run_times_the_chosen_way_and_tells_of_all(monkeypatch: pytest.MonkeyP
 
 
 def test_a_race_has_every_way_in_every_scenario(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(race_module, "machine", lambda: {"cores_logical": 2})
-    monkeypatch.setattr(race_module, "WAIT_S", 0.05)
+    monkeypatch.setattr(configurations_module, "all_threads", lambda: 2)
+    monkeypatch.setattr(configurations_module, "WAIT_S", 0.05)
     model, told = Ways(), []
-    race = run_race(model, FRAMES, TRUTH, calls=20, batches=(1, 4), advance=told.append)
-    assert len(told) <= steps(model, (1, 4)) == 10
-    assert race.best.name in {"float32", "exact"}
-    for one in race.found.usable:
-        assert race.total(one.name, 1)["p50_ms"] > 0
-        assert race.total(one.name, 2)["per_s"] > 0
-        assert race.total(one.name, 2, 4, "offline")["batch"] == 4
-    assert race.total("gone", 1) is None
-    rows = metric_rows(race)
+    finished = race(model, FRAMES, TRUTH, calls=20, batches=(1, 4), advance=told.append)
+    assert len(told) <= race_steps(model, (1, 4)) == 10
+    assert finished.best.name in {"float32", "exact"}
+    for one in finished.configurations.usable:
+        assert finished.total(one.name, 1)["p50_ms"] > 0
+        assert finished.total(one.name, 2)["per_s"] > 0
+        assert finished.total(one.name, 2, 4, "offline")["batch"] == 4
+    assert finished.total("gone", 1) is None
+    rows = metric_rows(finished)
     assert all(set(row) == {"metric", "group", "value", "unit"} for row in rows)
     found = {(row["metric"], row["group"]): row for row in rows}
     assert found["difference_mm", "coarse"]["value"] == pytest.approx(0.1)
     assert found["p90_ms", "exact, single, batch 1, 1 thread, decode"]["unit"] == "ms"
     assert found["per_s", "exact, offline, batch 4, 2 threads"]["value"] > 0
     ((best, speedup),) = [(g, row["value"]) for (m, g), row in found.items() if m == "speedup"]
-    assert best == race.best.name
+    assert best == finished.best.name
     assert speedup >= 1  # it has the lowest median, and the first is among those allowed
     json.dumps(rows)

@@ -16,9 +16,8 @@ from tactibench.frames.source import FramePlan
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
 from tactibench.run.plan import RunPlan, plan_lines
-from tactibench.run.request import TestedOn
-from tactibench.run.rescore import differences
-from tactibench.run.score import score_arrays
+from tactibench.run.request import TestOptions
+from tactibench.run.score import metric_differences, score_arrays
 
 SHORT = {
     "count = 5000": "count = 60",
@@ -164,7 +163,7 @@ def test_recorded_folders_and_reference_scenes_are_refused(
     with pytest.raises(UserError, match="presses hard cases, which the folder of sensor"):
         planned(hard, sensor="recorded", data=tmp_path)
     with pytest.raises(UserError, match="leave --test reference out"):
-        planned(hard, tested=TestedOn(reference=True))
+        planned(hard, test=TestOptions(reference=True))
 
 
 def test_quick_spreads_over_the_cases(planned: Callable[..., RunPlan], hard: str) -> None:
@@ -201,7 +200,7 @@ def test_a_run_counts_failures_names_them_and_scores_again(
     assert record.speed == []
     assert record.partial is False
     again = score_arrays(keys, stored.arrays("truth"), failed, stored.arrays("maps"))
-    assert differences(record.metrics, again) == []
+    assert metric_differences(record.metrics, again) == []
     assert rows["ospa_mm", "noise:64"].value > rows["ospa_mm", "plain:0"].value
     images = stored.arrays("examples")
     assert len(images["index"]) == len(set(groups))  # one of every case

@@ -11,8 +11,13 @@ from stubs import StubModel
 from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.board.verifying.answers import check_answers
 from tactibench.records.answers import pack
-from tactibench.run.failures import Failures, failures_record
-from tactibench.run.predict import predict_all
+from tactibench.run.hard_cases import (
+    Failure,
+    failure_arrays,
+    failures_record,
+    predict_or_fail,
+)
+from tactibench.run.predict import AnswerRules, predict_frames
 
 FRAMES = [Frame(np.full((4, 4), k, np.uint8), 0.0, Pose()) for k in range(6)]
 SHAPE = (4, 4)
@@ -42,11 +47,12 @@ class NanMaps(Fragile):
         return self.predict(self.seen)
 
 
-def ask(model: Any) -> tuple[list[Any], Failures]:
-    failures = Failures()
+RULES = AnswerRules("contacts", 2, SHAPE)
+
+
+def ask(model: Any) -> tuple[list[Any], list[Failure]]:
     done: list[int] = []
-    answers, heat = failures.predict_all(model, FRAMES, "contacts", 2, SHAPE, done.append)
-    assert heat is None
+    answers, failures = predict_or_fail(model, FRAMES, RULES, done.append)
     assert sum(done) == len(FRAMES)
     return answers, failures
 
@@ -54,20 +60,20 @@ def ask(model: Any) -> tuple[list[Any], Failures]:
 def test_failures_are_told_apart_and_named() -> None:
     answers, failures = ask(Fragile())
     assert [len(answer) for answer in answers] == [1, 0, 0, 0, 1, 1]
-    assert [(one.row, one.raised) for one in failures.found] == [(1, True), (2, False), (3, True)]
-    assert failures.found[0].cause == "IndexError: index 127 is out of bounds [31m"
-    assert "xy holds a value that is not finite" in failures.found[1].cause
-    assert "declares at most 2 contacts" in failures.found[2].cause
+    assert [(one.row, one.raised) for one in failures] == [(1, True), (2, False), (3, True)]
+    assert failures[0].cause == "IndexError: index 127 is out of bounds [31m"
+    assert "xy holds a value that is not finite" in failures[1].cause
+    assert "declares at most 2 contacts" in failures[2].cause
 
 
 def test_maps_that_are_not_finite_count_as_such() -> None:
     _, failures = ask(NanMaps())
-    assert [(one.row, one.raised) for one in failures.found][-1] == (4, False)
+    assert [(one.row, one.raised) for one in failures][-1] == (4, False)
 
 
 def test_other_protocols_stop_loudly() -> None:
     with pytest.raises(IndexError, match="out"):
-        predict_all(Fragile(), FRAMES, "contacts", 2, SHAPE, lambda _: None)  # type: ignore[arg-type]
+        predict_frames(Fragile(), FRAMES, RULES, lambda _: None)  # type: ignore[arg-type]
 
 
 def test_an_interruption_is_no_failure_of_the_model() -> None:
@@ -80,18 +86,16 @@ def test_an_interruption_is_no_failure_of_the_model() -> None:
 
 
 def test_the_record_names_every_cause_once_with_its_first_case() -> None:
-    answers, failures = ask(Fragile())
-    again = Failures([*failures.found, failures.found[0]])
-    predicted = {**pack(answers, "contacts"), **again.arrays()}
-    found = failures_record(predicted, ["a:0", "blur:1", "blur:2", "dim:1", "b:0", "c:0"])
-    assert found["failures"]["frames"] == 4
-    first = found["failures"]["causes"][0]
+    _, failures = ask(Fragile())
+    arrays = failure_arrays([*failures, failures[0]])
+    found = failures_record(arrays, ["a:0", "blur:1", "blur:2", "dim:1", "b:0", "c:0"])
+    assert found["frames"] == 4
+    first = found["causes"][0]
     assert (first["first"], first["frames"]) == ("blur:1", 2)
-    assert failures_record(pack(answers, "contacts"), []) == {}
 
 
 def test_arrays_without_failures_have_their_types() -> None:
-    arrays = Failures().arrays()
+    arrays = failure_arrays([])
     assert {name: (a.dtype.kind, a.shape) for name, a in arrays.items()} == {
         "failed": ("i", (0,)),
         "raised": ("b", (0,)),
@@ -101,7 +105,7 @@ def test_arrays_without_failures_have_their_types() -> None:
 
 def submitted(**more: Any) -> dict[str, Any]:
     answers, failures = ask(Fragile())
-    return {**pack(answers, "contacts"), **failures.arrays(), **more}
+    return {**pack(answers, "contacts"), **failure_arrays(failures), **more}
 
 
 def test_answers_with_failures_are_checked() -> None:

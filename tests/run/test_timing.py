@@ -7,17 +7,16 @@ import sys
 
 import numpy as np
 import pytest
-from stubs import StubModel
 
 from tactibench import Frame, Pose
-from tactibench.run import cost as module
-from tactibench.run.cost import cost, peak_memory
+from tactibench.run import timing as module
+from tactibench.run.timing import peak_memory
 
 FRAME = Frame(np.zeros((4, 4), np.uint8), 0.0, Pose())
 
 
 ASK = """
-from tactibench.run.cost import peak_memory
+from tactibench.run.timing import peak_memory
 with peak_memory() as small:
     pass
 with peak_memory() as large:
@@ -47,17 +46,3 @@ def test_without_the_kernels_files_the_peak_of_the_life_is_taken(tmp_path, monke
     with peak_memory() as found:
         pass
     assert found.mb is None
-
-
-def test_what_a_model_knows_of_itself():
-    class Weights(StubModel):
-        def parameter_count(self):
-            return 12
-
-    class Both(Weights):
-        def flops(self, frame):
-            return 2 * frame.image.size
-
-    assert cost(StubModel(), FRAME) == {"parameters": None, "flops_per_frame": None}
-    assert cost(Weights(), FRAME) == {"parameters": 12, "flops_per_frame": None}
-    assert cost(Both(), FRAME) == {"parameters": 12, "flops_per_frame": 32}

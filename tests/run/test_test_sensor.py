@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,19 +12,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench.frames.presser import Presser
-from tactibench.frames.reference import reference_frames
+from tactibench.frames.reference import ReferenceFrames
+from tactibench.frames.source import FrameRequest
 from tactibench.records.answers import unpack_contacts
+from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.identity import code_hash
 from tactibench.records.store import StoredRun
-from tactibench.run.components import Part
 from tactibench.run.plan import RunPlan, plan_lines
-from tactibench.run.request import TestedOn, read_tested
+from tactibench.run.request import TestOptions, read_test_options
+from tactibench.run.test_sensor import describe_target
 
 Planned = Callable[..., RunPlan]
 Run = Callable[..., StoredRun]
-REFERENCE = TestedOn(reference=True)
-SHIFTED = TestedOn(parameters={"offset": "9.0"})
+REFERENCE = TestOptions(reference=True)
+SHIFTED = TestOptions(parameters={"offset": "9.0"})
 
 
 def rows(done: StoredRun) -> dict[tuple[str, str], Any]:
@@ -37,7 +39,7 @@ def rows(done: StoredRun) -> dict[tuple[str, str], Any]:
 def test_reference_scenes_with_the_protocols_tips_inside_its_workspace(
     run: Run, protocol: str, frames: int, presses: int, rejected: int
 ) -> None:
-    done = run(protocol, tested=REFERENCE)
+    done = run(protocol, test=REFERENCE)
     truth = done.arrays("truth")
     assert len(truth["press"]) == done.record.data.test == frames
     assert len(set(truth["press"])) == done.record.sensor.test_sensor.presses == presses
@@ -52,7 +54,7 @@ def test_reference_scenes_with_the_protocols_tips_inside_its_workspace(
 
 
 def test_what_the_reference_cannot_tell_is_neither_zero_nor_an_error(run: Run) -> None:
-    found = rows(run("exp2", tested=REFERENCE))
+    found = rows(run("exp2", test=REFERENCE))
     assert {group for metric, group in found if metric == "resolved"} == {"7.0", "12.0", "all"}
     for metric in ("catch_resolved", "d_prime"):
         assert found[metric, "all"].value is None
@@ -63,37 +65,37 @@ def test_what_the_reference_cannot_tell_is_neither_zero_nor_an_error(run: Run) -
 @pytest.mark.parametrize("regime", ["single", "multiple"])
 @pytest.mark.parametrize("tested", [REFERENCE, SHIFTED], ids=["reference", "shifted"])
 def test_weights_are_those_of_the_ordinary_run(
-    run: Run, planned: Planned, tiny: Any, tested: TestedOn, regime: str
+    run: Run, planned: Planned, tiny: Any, tested: TestOptions, regime: str
 ) -> None:
-    plan, other = planned("exp2", regime=regime), planned("exp2", regime=regime, tested=tested)
+    plan, other = planned("exp2", regime=regime), planned("exp2", regime=regime, test=tested)
     assert other.weights.identity == plan.weights.identity
     assert other.name != plan.name
     assert not {w.key for w in other.frames.test} & {w.key for w in plan.frames.test}
-    runs = [run("exp2", regime=regime), run("exp2", regime=regime, tested=tested)]
+    runs = [run("exp2", regime=regime), run("exp2", regime=regime, test=tested)]
     assert len(tiny.TinyModel.fits) == 1
     assert len({one.record.identity.weights_hash for one in runs}) == 1
 
 
 def test_the_same_presses_on_a_sensor_with_other_parameters(run: Run, planned: Planned) -> None:
-    base, shifted = planned("exp1"), planned("exp1", tested=SHIFTED)
+    base, shifted = planned("exp1"), planned("exp1", test=SHIFTED)
     assert shifted.frames.test[0].scenes == base.frames.test[0].scenes
     assert shifted.frames.sensor_identity == base.frames.sensor_identity
-    assert shifted.frames.tested_identity["parameters"] == {"offset": 9.0}  # type: ignore[index]
-    one, two = rows(run("exp1")), rows(run("exp1", tested=SHIFTED))
+    assert shifted.frames.test_identity["parameters"] == {"offset": 9.0}  # type: ignore[index]
+    one, two = rows(run("exp1")), rows(run("exp1", test=SHIFTED))
     # 9 grey levels are half a millimetre, of which the model was told nothing
     assert two["mae_mm", "x"].value == pytest.approx(0.5, abs=0.03)
     assert one["mae_mm", "x"].value < 0.03
 
 
 def test_what_asks_for_the_trained_parameters_too(planned: Planned) -> None:
-    plan = planned(parameters={"sensor": {"offset": "3.0"}}, tested=REFERENCE)
-    assert plan.parts.test_sensor.values == {"offset": 3.0}
-    both = TestedOn(reference=True, parameters={"offset": "4.0"})
-    assert planned(tested=both).parts.test_sensor.values == {"offset": 4.0}
+    plan = planned(parameters={"sensor": {"offset": "3.0"}}, test=REFERENCE)
+    assert plan.components.tested.values == {"offset": 3.0}
+    both = TestOptions(reference=True, parameters={"offset": "4.0"})
+    assert planned(test=both).components.tested.values == {"offset": 4.0}
 
 
 def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned) -> None:
-    done = run("exp1", tested=SHIFTED)
+    done = run("exp1", test=SHIFTED)
     tested = done.record.sensor.test_sensor
     assert tested is not None
     assert tested.json_values() == {
@@ -106,7 +108,7 @@ def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned
     assert done.record.sensor.parameters == {"offset": 0.0}
     assert "|seed:0|test:sensor.offset=9.0|weights:" in done.record.signature
     assert "-on-offset-9.0-s0-" in done.record.name
-    text = "\n".join(plan_lines(planned("exp2", tested=REFERENCE), False))
+    text = "\n".join(plan_lines(planned("exp2", test=REFERENCE), False))
     assert "test:  on known scenes: generate 4 (pairs) frames on known;" in text
     assert "take the trained weights from the cache" in text
     plain = run("exp1").record
@@ -115,17 +117,16 @@ def test_the_record_the_plan_and_the_signature_say_it(run: Run, planned: Planned
     assert "test:" not in plain.signature
 
 
-def test_another_individual_is_called_so(planned: Planned) -> None:
-    from tactibench.run.test_sensor import words
-
-    parts = planned(tested=REFERENCE).parts
-    assert words(parts, REFERENCE) == "known scenes"
-    asked = TestedOn(parameters={"offset": "9"})
-    assert words(planned(tested=asked).parts, asked) == "another setting (offset=9.0)"
+def test_the_target_is_described(planned: Planned) -> None:
+    for options, text in (
+        (REFERENCE, "known scenes"),
+        (TestOptions(parameters={"offset": "9"}), "another setting (offset=9.0)"),
+    ):
+        assert describe_target(planned(test=options).components.tested, options) == text
 
 
 def test_a_limit_holds_for_reference_scenes_too(run: Run) -> None:
-    done = run("exp3", tested=REFERENCE, limit=3)
+    done = run("exp3", test=REFERENCE, limit=3)
     assert done.record.data.test == 3
     assert done.record.partial is True
 
@@ -134,14 +135,14 @@ def test_a_limit_holds_for_reference_scenes_too(run: Run) -> None:
     ("request_", "said"),
     [
         (
-            {"sensor": "other", "tested": REFERENCE},
+            {"sensor": "other", "test": REFERENCE},
             "sensor 'other' has no reference scenes; tactip-127 have some",
         ),
         ({"sensor": "known"}, "use --sensor tactip-127 --test reference"),
-        ({"tested": TestedOn(parameters={"ofset": "1"})}, "did you mean 'offset'?"),
-        ({"tested": TestedOn(parameters={"offset": "x"})}, "must be a number"),
+        ({"test": TestOptions(parameters={"ofset": "1"})}, "did you mean 'offset'?"),
+        ({"test": TestOptions(parameters={"offset": "x"})}, "must be a number"),
         (
-            {"tested": TestedOn(parameters={"offset": "0"})},
+            {"test": TestOptions(parameters={"offset": "0"})},
             "--test sensor.offset=0 is what the training frames are made with already",
         ),
     ],
@@ -156,20 +157,21 @@ def test_requests_that_cannot_be_met(planned: Planned, request_: dict[str, Any],
 def test_a_recording_has_no_other_frames(planned: Planned, tmp_path: Any) -> None:
     for tested in (REFERENCE, SHIFTED):
         with pytest.raises(UserError, match="can press no others; leave --test out"):
-            planned(sensor="recorded", data=tmp_path, tested=tested)
+            planned(sensor="recorded", data=tmp_path, test=tested)
 
 
 def test_a_reference_without_fitting_scenes(planned: Planned, tiny: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(tiny.TinyReference, "scenes", lambda _: {})
     with pytest.raises(UserError, match="none of the 0 known scenes"):
-        planned(tested=REFERENCE)
+        planned(test=REFERENCE)
 
 
 def test_a_reference_that_has_no_scenes(planned: Planned, tmp_path: Any) -> None:
     plan = planned()
-    tester = Presser(plan.protocol.keys, plan.parts.sensor, plan.parts.build_sensor, tmp_path)
-    with pytest.raises(UserError, match="does not say which; mend the plugin"):
-        reference_frames(plan.request, tester)
+    sensor, protocol = plan.components.sensor, plan.protocol
+    request = FrameRequest(protocol=protocol, regime="single", sensor=sensor, cache=tmp_path)
+    with pytest.raises(UserError, match="does not say which; fix the plugin"):
+        ReferenceFrames(request).test_frames()
 
 
 @pytest.mark.parametrize(
@@ -185,20 +187,20 @@ def test_a_reference_that_has_no_scenes(planned: Planned, tmp_path: Any) -> None
 )
 def test_words_that_are_not_understood(text: str, said: str) -> None:
     with pytest.raises(UserError) as raised:
-        read_tested((text,))
+        read_test_options((text,))
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
 
 
 def test_a_parameter_is_given_once() -> None:
     with pytest.raises(UserError, match=r"--test sensor\.a is given twice"):
-        read_tested(("sensor.a=1", "sensor.a=2"))
+        read_test_options(("sensor.a=1", "sensor.a=2"))
 
 
 @given(st.booleans(), st.dictionaries(st.sampled_from("abc"), st.text(max_size=3)))
 def test_what_is_read_can_be_asked_again(reference: bool, parameters: dict[str, str]) -> None:
-    asked = TestedOn(reference, parameters)
-    assert read_tested(tuple(asked.texts)) == asked
+    asked = TestOptions(reference, parameters)
+    assert read_test_options(tuple(asked.texts)) == asked
     assert bool(asked) == bool(asked.texts)
 
 
@@ -215,7 +217,7 @@ def test_reference_frames_are_no_part_of_the_code_behind_other_frames(
     def codes() -> tuple[str, str]:
         code_hash.cache_clear()
         targets = ("shaped.sensor:S", "shaped.reference_frames.sensor:S")
-        made = (Part(_renamed(spec, target), {}, origin) for target in targets)
+        made = (BoundSpec(replace(spec, target=target), {}, origin) for target in targets)
         one, two = (part.code() for part in made)
         return one, two
 
@@ -225,9 +227,3 @@ def test_reference_frames_are_no_part_of_the_code_behind_other_frames(
     assert (before[0] == after[0], before[1] == after[1]) == (True, False)
     (package / "sensor.py").write_text("a = 2\n")
     assert not set(codes()) & set(after)
-
-
-def _renamed(spec: Any, target: str) -> Any:
-    from dataclasses import replace
-
-    return replace(spec, target=target)

@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
-from tactibench.run import fingerprint as module
-from tactibench.run.fingerprint import cpu_of, fingerprint, fingerprint_hash, physical_cores
+from tactibench.run import machine as module
+from tactibench.run.machine import cpu_of, fingerprint, fingerprint_hash, physical_cores
 
 HYPERTHREADED = "\n\n".join(
     f"processor\t: {cpu}\nmodel name\t: Maker Nine 9000 @ 2.00GHz\nphysical id\t: {socket}\n"
@@ -86,7 +86,7 @@ def test_cards_are_read_from_the_driver(tmp_path, monkeypatch):
 
 def test_torch_is_not_imported():
     code = (
-        "import sys; from tactibench.run.fingerprint import fingerprint; fingerprint();"
+        "import sys; from tactibench.run.machine import fingerprint; fingerprint();"
         "sys.exit('torch' in sys.modules)"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

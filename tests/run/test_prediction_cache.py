@@ -1,4 +1,4 @@
-"""Answers are kept for one identity and one set of weights, and never used when damaged."""
+"""Predictions are kept for one identity and one set of weights, and never used when damaged."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tactibench.contacts import Contacts, PlatePose
+from tactibench.records.answers import pack
 from tactibench.records.files import arrays_hash
-from tactibench.run.prediction_cache import answered
+from tactibench.run.prediction_cache import Predictions, cached_predictions
 
 CONTACTS = [
     Contacts(np.array([[1.0, 2.0], [3.0, -4.0]]), np.array([1.0, 0.1]), np.array([0.9, 0.3])),
@@ -19,39 +20,37 @@ HEAT = np.linspace(0, 1, 2 * 4 * 4).reshape(2, 4, 4).astype(np.float16)
 class Asked:
     """Counts how often the model is asked."""
 
-    def __init__(self, answers=CONTACTS, heat=HEAT):
-        self.count, self.answers, self.heat = 0, answers, heat
+    def __init__(self, answers=CONTACTS, kind="contacts", heat=HEAT):
+        self.count, self.answers, self.kind, self.heat = 0, answers, kind, heat
 
     def __call__(self):
         self.count += 1
-        return list(self.answers), self.heat
+        return Predictions(pack(self.answers, self.kind), self.heat)
 
 
-def test_kept_answers_are_the_same_bits_and_the_model_is_asked_once(tmp_path):
-    ask, path = Asked(), tmp_path / "answers" / "a.npz"
-    first = answered(path, "w1", "contacts", ask, fresh=False)
-    second = answered(path, "w1", "contacts", ask, fresh=False)
+def test_kept_predictions_are_the_same_bits_and_the_model_is_asked_once(tmp_path):
+    ask, path = Asked(), tmp_path / "predictions" / "a.npz"
+    first, second = (cached_predictions(path, "w1", ask, fresh=False) for _ in range(2))
     assert ask.count == 1
-    assert arrays_hash(first.predicted) == arrays_hash(second.predicted)
-    assert second.heat is not None
-    assert np.array_equal(first.heat, second.heat)
+    assert arrays_hash(first.arrays) == arrays_hash(second.arrays)
+    assert np.array_equal(first.maps, second.maps)
     assert [len(answer) for answer in second.answers("contacts")] == [2, 0]
     assert np.array_equal(second.answers("contacts")[0].xy, CONTACTS[0].xy)
 
 
 def test_plates_without_an_answer_and_without_maps_are_kept(tmp_path):
-    ask = Asked([PlatePose(2.5, -3.0), None], None)
+    ask = Asked([PlatePose(2.5, -3.0), None], "plate", None)
     for _ in range(2):
-        found = answered(tmp_path / "a.npz", "w1", "plate", ask, fresh=False)
+        predictions = cached_predictions(tmp_path / "a.npz", "w1", ask, fresh=False)
     assert ask.count == 1
-    assert found.heat is None
-    assert found.answers("plate") == [PlatePose(2.5, -3.0), None]
+    assert predictions.map_arrays == {}
+    assert predictions.answers("plate") == [PlatePose(2.5, -3.0), None]
 
 
 @pytest.mark.parametrize("change", ["fresh", "weights", "flipped", "cut", "empty", "no file"])
 def test_the_model_is_asked_again(tmp_path, change):
     ask, path = Asked(), tmp_path / "a.npz"
-    answered(path, "w1", "contacts", ask, fresh=False)
+    cached_predictions(path, "w1", ask, fresh=False)
     raw = path.read_bytes()
     middle = len(raw) // 2
     damaged = {
@@ -64,8 +63,7 @@ def test_the_model_is_asked_again(tmp_path, change):
     if change == "no file":
         path.unlink()
     weights = "w2" if change == "weights" else "w1"
-    found = answered(path, weights, "contacts", ask, fresh=change == "fresh")
-    assert ask.count == 2
-    assert np.array_equal(found.heat, HEAT)
-    answered(path, weights, "contacts", ask, fresh=False)
-    assert ask.count == 2
+    for fresh in (change == "fresh", False):
+        predictions = cached_predictions(path, weights, ask, fresh=fresh)
+        assert ask.count == 2
+        assert np.array_equal(predictions.maps, HEAT)

@@ -1,0 +1,44 @@
+"""The source of frames that a request asks for; only its module is imported."""
+
+from __future__ import annotations
+
+from tactibench.errors import UserError
+from tactibench.frames.source import FrameRequest, FrameSource
+
+
+def frame_source(request: FrameRequest) -> FrameSource:
+    """Return the source that a request asks for.
+
+    Raises:
+        UserError: where the sensor has not the frames that the protocol asks for.
+    """
+    spec, sensor = request.spec, request.sensor
+    if spec.transfer is not None:
+        from tactibench.frames.transfer import TransferFrames
+
+        return TransferFrames(request)
+    if sensor.spec.needs_data:
+        if spec.families:
+            raise UserError(
+                f"protocol {spec.id!r} presses hard cases, which the folder of sensor "
+                f"{sensor.name!r} does not hold; take a simulated sensor."
+            )
+        from tactibench.frames.recorded import recorded_source
+
+        return recorded_source(request)
+    if spec.split is None:
+        raise UserError(
+            f"protocol {spec.id!r} takes the presses of a recorded folder, which sensor "
+            f"{sensor.name!r} does not have; use --sensor recorded --data DIR."
+        )
+    if spec.families:
+        from tactibench.frames.hard_cases import HardCaseFrames
+
+        return HardCaseFrames(request)
+    if request.reference:
+        from tactibench.frames.reference import ReferenceFrames
+
+        return ReferenceFrames(request)
+    from tactibench.frames.drawn import DrawnFrames
+
+    return DrawnFrames(request)

@@ -1,0 +1,107 @@
+"""How a trained model is tested: shown the test frames, timed, and what of it is recorded.
+
+A protocol that asks otherwise has a class of its own beside this one: after a few labelled frames
+of another sensor (``few_shot``), or on frames on which a model may fail (``hard_cases``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import Answer, Frame
+from tactibench.frames.presses import Presses, true_answers
+from tactibench.plugins.base import Model
+from tactibench.records.answers import pack
+from tactibench.records.store import Arrays
+from tactibench.run.examples import example_arrays
+from tactibench.run.plan import RunPlan
+from tactibench.run.predict import AnswerRules, predict_frames
+from tactibench.run.prediction_cache import Predictions
+from tactibench.run.reporter import Reporter
+from tactibench.run.timing import Speed, time_model
+from tactibench.run.train import open_frames
+
+
+@dataclass(frozen=True)
+class TestFrames:
+    """The test frames of a run.
+
+    Attributes:
+        sets: presses with their frames.
+        frames, names, truth, groups: of all sets in order.
+        clusters: of every frame, the press it belongs to.
+    """
+
+    __test__ = False  # not a test case, whatever its name
+
+    sets: tuple[Presses, ...]
+    frames: Sequence[Frame]
+    names: Sequence[str]
+    truth: Sequence[Answer]
+    groups: Sequence[str]
+    clusters: Sequence[str]
+
+    @classmethod
+    def open(cls, plan: RunPlan, reporter: Reporter) -> TestFrames:
+        """Return the test frames of a plan, made where they are not in the cache."""
+        planned = plan.frames.test
+        sets = tuple(open_frames(frames, reporter) for frames in planned)
+        return cls(
+            sets,
+            [frame for presses in sets for frame in presses.frames],
+            [name for presses in sets for name in presses.names],
+            true_answers(plan.spec, sets),
+            [group for frames in planned for group in frames.groups],
+            [press for frames in planned for press in frames.clusters],
+        )
+
+
+class Evaluation:
+    """The test of a trained model on all frames, each answered once."""
+
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        self.plan, self.model, self.test, self.reporter = plan, model, test, reporter
+        self.kind = plan.spec.answer
+        most = plan.components.model.spec.max_contacts
+        self.rules = AnswerRules(self.kind, most, plan.spec.grid.grid().shape)
+
+    def predict(self) -> Predictions:
+        """Return the model's answers to all test frames. Raises UserError."""
+        frames = self.test.frames
+        with self.reporter.task("predict", len(frames)) as advance:
+            answers, maps = predict_frames(self.model, frames, self.rules, advance)
+        return Predictions(pack(answers, self.kind), maps)
+
+    def truth(self) -> Arrays:
+        """Return the true answers, packed, with press and group of every frame."""
+        return truth_arrays(self.kind, self.test.truth, self.test.clusters, self.test.groups)
+
+    def time(self, predictions: Predictions) -> Speed:
+        """Return how long the model takes for a test frame, and what that costs in accuracy."""
+        answers = predictions.answers(self.kind)[: len(self.test.frames)]
+        quick = self.plan.request.quick
+        with self.reporter.task("time", 1) as advance:
+            speed = time_model(
+                self.model, self.test.frames, answers, truth=self.test.truth, quick=quick
+            )
+            advance(1)
+        return speed
+
+    def examples(self) -> Arrays:
+        """Return a few frames that stay with the run, for its pictures."""
+        return example_arrays(self.test.frames, self.test.truth, self.model)
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return what the record says of this test beyond its metrics."""
+        return {}
+
+
+def truth_arrays(
+    kind: str, answers: Sequence[Answer], clusters: Sequence[str], groups: Sequence[str]
+) -> Arrays:
+    """Return packed answers with ``press`` and ``group`` of every frame."""
+    return {**pack(answers, kind), "press": np.array(clusters), "group": np.array(groups)}

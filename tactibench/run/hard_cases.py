@@ -1,0 +1,115 @@
+"""Tests on hard cases: a frame on which a model fails is counted, and the run goes on.
+
+Every other protocol stops at such a frame, loudly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import Contacts, Frame
+from tactibench.errors import NotFiniteError
+from tactibench.plugins.base import Model
+from tactibench.records.answers import pack
+from tactibench.records.store import Arrays
+from tactibench.run.evaluation import Evaluation
+from tactibench.run.examples import example_arrays
+from tactibench.run.predict import AnswerRules, Answers, predict_frames
+from tactibench.run.prediction_cache import Predictions
+from tactibench.run.timing import Speed
+
+FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
+"""Of ``failure_arrays``: kind of type, and shape of a row."""
+LONGEST_CAUSE = 200
+"""Characters of a cause that are kept: a message may hold a whole array."""
+MOST_CAUSES = 20
+"""Causes that a record names; it counts all."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A frame without an answer.
+
+    Attributes:
+        row: of the frame.
+        raised: whether an exception was raised; otherwise a number was not finite.
+        cause: type and message of the exception, on one line.
+    """
+
+    row: int
+    raised: bool
+    cause: str
+
+
+class HardCaseEvaluation(Evaluation):
+    """The test of a model on frames on which it may fail. It is not timed: the weights are those
+    of other protocols, which time them."""
+
+    def predict(self) -> Predictions:
+        """Return the answers, no contacts where the model failed, and the failures beside them."""
+        frames = self.test.frames
+        with self.reporter.task("predict", len(frames)) as advance:
+            answers, failures = predict_or_fail(self.model, frames, self.rules, advance)
+        return Predictions({**pack(answers, self.kind), **failure_arrays(failures)})
+
+    def time(self, predictions: Predictions) -> Speed:  # noqa: ARG002
+        """Return no times."""
+        return Speed()
+
+    def examples(self) -> Arrays:
+        """Return the first frame of every case."""
+        first = {group: row for row, group in reversed(list(enumerate(self.test.groups)))}
+        return example_arrays(self.test.frames, self.test.truth, None, sorted(first.values()))
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:
+        """Return how many frames the model failed on, and the causes."""
+        return {"failures": failures_record(predictions.arrays, self.test.groups)}
+
+
+def predict_or_fail(
+    model: Model, frames: Sequence[Frame], rules: AnswerRules, advance: Any
+) -> tuple[Answers, list[Failure]]:
+    """Return ``predict_frames``'s answers, no contacts where the model fails, and the failures.
+
+    An exception that is none of the model's, such as an interruption, is not caught.
+    """
+    answers: Answers = []
+    failures: list[Failure] = []
+    for row, frame in enumerate(frames):
+        try:
+            predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
+        except Exception as error:  # noqa: BLE001 - whatever a plugin raises is counted
+            raised = not isinstance(error, NotFiniteError)
+            failures.append(Failure(row, raised, _cause(error)))
+            predicted = [Contacts.none()]
+        answers += predicted
+        advance(1)
+    return answers, failures
+
+
+def failure_arrays(failures: Sequence[Failure]) -> Arrays:
+    """Return failed (F,) rows, raised (F,) and cause (F,): they are stored with the answers."""
+    return {
+        "failed": np.array([failure.row for failure in failures], dtype=np.int64),
+        "raised": np.array([failure.raised for failure in failures], dtype=bool),
+        "cause": np.array([failure.cause for failure in failures], dtype=np.str_),
+    }
+
+
+def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[str, Any]:
+    """Return how many frames failed, and every cause with its first case and its frames."""
+    causes: dict[str, dict[str, Any]] = {}
+    for row, cause in zip(arrays["failed"].tolist(), arrays["cause"].tolist(), strict=True):
+        known = causes.setdefault(cause, {"cause": cause, "first": groups[row], "frames": 0})
+        known["frames"] += 1
+    return {"frames": len(arrays["failed"]), "causes": list(causes.values())[:MOST_CAUSES]}
+
+
+def _cause(error: Exception) -> str:
+    """ "ValueError: shapes do not fit", on one line."""
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

@@ -1,0 +1,185 @@
+"""The machine that a run computes on: its fingerprint, its device, and the versions of packages.
+
+Times are ranked only inside one fingerprint. Torch is not imported where that can be avoided: its
+version is read from the installed distribution and the graphics card from the driver, so that the
+fingerprint does not depend on what was imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+from tactibench.errors import UserError
+from tactibench.records.identity import installed_versions
+
+PACKAGES = ("numpy", "scipy", "torch", "opencv-contrib-python-headless", "tactibench")
+FLAGS = ("amx_bf16", "amx_int8", "amx_tile", "avx2", "avx512_bf16", "avx512f", "avx512_vnni")
+"""Matrix and vector units that decide how fast a network is."""
+_DRIVER_NODES = ("/dev/nvidiactl", "/proc/driver/nvidia/gpus", "/dev/dxg", "/dev/kfd")
+"""Files that the drivers of a card make on Linux: NVIDIA's, that of WSL, AMD's."""
+_PROC = Path("/proc")
+_CGROUP = Path("/sys/fs/cgroup/cpu.max")
+
+
+def choose_device(requested: str) -> str:
+    """Return "cpu" or "cuda". Raises UserError for a card that is not there."""
+    if requested == "cpu":
+        return "cpu"
+    if _has_cuda():
+        return "cuda"
+    if requested == "cuda":
+        raise UserError("--device cuda was asked for, but torch finds no GPU; use --device cpu.")
+    return "cpu"
+
+
+def cuda_possible(nodes: tuple[str, ...] = _DRIVER_NODES, system: str = sys.platform) -> bool:
+    """Return whether torch could find a card. False is certain; True has to be asked of torch."""
+    if system == "darwin":
+        return False
+    return system != "linux" or any(Path(node).exists() for node in nodes)
+
+
+def machine() -> dict[str, Any]:
+    """Return the fingerprint of this machine, whether or not torch has been imported."""
+    return fingerprint(with_torch=cuda_possible())
+
+
+def all_threads() -> int:
+    """Return how many logical cores this process may use."""
+    return int(machine()["cores_logical"] or 1)
+
+
+def environment_facts() -> dict[str, Any]:
+    """Return the fingerprint with its hash, the threads, and the versions of what computes."""
+    facts = machine()
+    return {
+        **facts,
+        "fingerprint": fingerprint_hash(facts),
+        "threads": _threads(facts["cores_logical"]),
+        "versions": installed_versions(*PACKAGES),
+    }
+
+
+def fingerprint(*, with_torch: bool = False) -> dict[str, Any]:
+    """Return what determines speed on this machine, as JSON values.
+
+    These are cpu, cpu_flags (matrix and vector units), cores_physical, cores_logical (those this
+    process may use), memory_gib, gpu (names), os, python and torch (version). A value that cannot
+    be found is None.
+
+    Args:
+        with_torch: import torch to ask for a card that the driver's files do not show; it is asked
+            in any case when it is already imported.
+    """
+    cpuinfo = _read(_PROC / "cpuinfo")
+    cpus = _allowed_cpus()
+    model, flags = cpu_of(cpuinfo)
+    logical = _within_quota(len(cpus), _read(_CGROUP))
+    physical = physical_cores(cpuinfo, cpus)
+    torch_version = installed_versions("torch")["torch"]
+    return {
+        "cpu": model or platform.processor() or platform.machine() or None,
+        "cpu_flags": flags,
+        "cores_physical": min(physical, logical) if physical else None,
+        "cores_logical": logical,
+        "memory_gib": _memory_gib(),
+        "gpu": _gpus(with_torch=with_torch),
+        "os": f"{platform.system()} {platform.machine()}",
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        "torch": None if torch_version == "not installed" else torch_version,
+    }
+
+
+def fingerprint_hash(facts: dict[str, Any]) -> str:
+    """Return 12 hexadecimal digits that are equal only for equal fingerprints."""
+    text = json.dumps(facts, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def cpu_of(cpuinfo: str) -> tuple[str | None, list[str]]:
+    """Return model name and flags of the first processor in the text of /proc/cpuinfo."""
+    first = next(iter(_processors(cpuinfo)), {})
+    flags = set(first.get("flags", "").split())
+    return first.get("model name"), [flag for flag in FLAGS if flag in flags]
+
+
+def physical_cores(cpuinfo: str, cpus: set[int]) -> int | None:
+    """Return how many physical cores are behind logical ones; None where the text is silent."""
+    cores = {
+        (processor["physical id"], processor["core id"])
+        for processor in _processors(cpuinfo)
+        if int(processor["processor"]) in cpus and {"physical id", "core id"} <= processor.keys()
+    }
+    return len(cores) or None
+
+
+def _has_cuda() -> bool:
+    if not cuda_possible():
+        return False
+    import torch
+
+    return bool(torch.cuda.is_available())
+
+
+def _threads(cores: int | None) -> int:
+    """Threads that predictions were computed with; OMP_NUM_THREADS may be a list of numbers."""
+    first = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()
+    return int(first) if first.isdigit() and int(first) else cores or 1
+
+
+def _processors(cpuinfo: str) -> list[dict[str, str]]:
+    processors = []
+    for block in cpuinfo.split("\n\n"):
+        fields = (line.partition(":") for line in block.splitlines())
+        processor = {name.strip(): value.strip() for name, colon, value in fields if colon}
+        if "processor" in processor:
+            processors.append(processor)
+    return processors
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def _allowed_cpus() -> set[int]:
+    if hasattr(os, "sched_getaffinity"):
+        return set(os.sched_getaffinity(0))
+    return set(range(os.cpu_count() or 1))
+
+
+def _within_quota(count: int, cpu_max: str) -> int:
+    """Logical cores under a cgroup's limit "QUOTA PERIOD" (microseconds), or "max PERIOD"."""
+    quota, _, period = cpu_max.strip().partition(" ")
+    if quota.isdigit() and period.isdigit() and int(period):
+        return max(1, min(count, math.ceil(int(quota) / int(period))))
+    return count
+
+
+def _memory_gib() -> int | None:
+    try:
+        return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30)
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def _gpus(*, with_torch: bool) -> list[str]:
+    cards = sorted((_PROC / "driver/nvidia/gpus").glob("*/information"))
+    lines = [line for card in cards for line in _read(card).splitlines()]
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("Model:")]
+    if names or not (with_torch or "torch" in sys.modules):
+        return names
+    import torch
+
+    if not torch.cuda.is_available():
+        return []
+    return [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
