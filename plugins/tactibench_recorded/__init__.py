@@ -1,1 +1,1 @@
-"""Sensor `recorded`: answers the presses that somebody recorded in a folder."""
+"""Sensor `recorded`: the presses of a folder of recorded frames."""

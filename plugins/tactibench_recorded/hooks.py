@@ -1,4 +1,4 @@
-"""What this plugin declares."""
+"""Declarations of this plugin."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ _ALIASES = tuple(f"pose_{axis}" for axis in ("x", "y", "z", "Rx", "Ry", "Rz"))
 
 @hookimpl
 def tactibench_sensors() -> list[SensorSpec]:
+    """Declare the sensor of recorded folders."""
     return [
         SensorSpec(
             "recorded",

@@ -61,7 +61,7 @@ class LabelSummary:
 
     @property
     def constant(self) -> bool:
-        """Whether all frames have the same value."""
+        """True where all frames have the same value."""
         return self.low == self.high
 
     @property

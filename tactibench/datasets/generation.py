@@ -96,7 +96,7 @@ def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource
 
 @dataclass(frozen=True)
 class GenerationRequest:
-    """What ``tactibench data generate`` is asked for.
+    """The options of ``tactibench data generate``.
 
     Attributes:
         protocol: Name or file of a protocol; None with a plan.

@@ -41,7 +41,7 @@ class WorkerLossError(Exception):
 
 @dataclass(frozen=True)
 class Capacity:
-    """How many tasks can begin at once; ``gpus``: of those that need a graphics card."""
+    """Numbers of tasks that can begin at once; ``gpus``: of those that need a graphics card."""
 
     slots: int
     gpus: int

@@ -53,7 +53,7 @@ class DatasetTask:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the folder holds the data set already."""
+        """True where the folder holds the data set already."""
         return is_complete(self.folder, self.source, self.plan)
 
 

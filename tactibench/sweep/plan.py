@@ -23,7 +23,7 @@ State = Literal["done", "to do", "cannot"]
 
 @dataclass(frozen=True)
 class CellPlan:
-    """What is known of a cell before it runs.
+    """The state of a cell before it runs.
 
     Attributes:
         state: "done", "to do", or "cannot".

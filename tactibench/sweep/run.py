@@ -27,7 +27,7 @@ from tactibench.sweep.spec import Cell
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a task.
+    """The outcome of a task.
 
     Attributes:
         name: Name of the run.
@@ -78,7 +78,7 @@ class Job:
 
     @property
     def needs_gpu(self) -> bool:
-        """Whether the task needs a graphics card."""
+        """True where the task needs a graphics card."""
         return self.cells[0].needs_gpu
 
 

@@ -164,7 +164,7 @@ class Cell:
 
     @property
     def needs_gpu(self) -> bool:
-        """Whether the run asks for a graphics card."""
+        """True where the run asks for a graphics card."""
         return self.request.device == "cuda"
 
 

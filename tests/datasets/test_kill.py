@@ -15,9 +15,12 @@ from tactibench.datasets import open_dataset, verify
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "kill_writer.py"
 
-pytestmark = pytest.mark.skipif(
-    not (hasattr(os, "fork") and hasattr(signal, "SIGKILL")), reason="no SIGKILL on this system"
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (hasattr(os, "fork") and hasattr(signal, "SIGKILL")), reason="no SIGKILL on this system"
+    ),
+]
 
 
 @pytest.mark.parametrize("kills", [10, pytest.param(200, marks=pytest.mark.slow)])

@@ -16,6 +16,8 @@ from tactibench.sweep.cluster import Storage
 from tactibench.sweep.run import run_cell
 from tactibench.sweep.spec import list_cells, read_sweep
 
+pytestmark = pytest.mark.long  # processes of dask are started
+
 pytest.importorskip("distributed", reason="the engine of sweeps is an extra of its own")
 
 Command = Callable[..., subprocess.CompletedProcess[str]]

@@ -28,7 +28,7 @@ BRISTOL, CARD_FORMAT, PARQUET = EXPORT_FORMATS = ("bristol", "card", "hf-parquet
 
 @dataclass(frozen=True)
 class Export:
-    """What an export made.
+    """The folder or file that an export made.
 
     Attributes:
         path: A folder or a file.

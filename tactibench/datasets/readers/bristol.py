@@ -55,7 +55,7 @@ _P = TypeVar("_P", bound=_Params)
 
 
 class CollectParams(_Params):
-    """What collect_params.json of an export says: which column is which label and pose."""
+    """Content of an export's collect_params.json: which column is which label and pose."""
 
     name: str
     labels: dict[str, str]
@@ -71,7 +71,7 @@ class IndenterParams(_Params):
 
 
 class EnvironmentParams(_Params):
-    """What env_params.json of an export says: units, dome and indenters."""
+    """Content of an export's env_params.json: units, dome and indenters."""
 
     units: dict[str, str]
     axes: str
@@ -82,7 +82,7 @@ class EnvironmentParams(_Params):
 
 
 class SensorParams(_Params):
-    """What sensor_image_params.json of an export says."""
+    """Content of an export's sensor_image_params.json."""
 
     sensor: dict[str, Any] = Field(default_factory=dict)
 

@@ -30,6 +30,12 @@ from tactibench.geometry import true_contacts
 
 Make = Callable[..., Dataset]
 Good = Callable[[Dataset], list[Sample]]
+SAMPLE_FIELDS = (
+    *("id", "file_name", "sha256", "scene", "labels", "press", "session", "attempt", "t_frame_ns"),
+)
+HEADER_FIELDS = (
+    *("sensor", "image", "channels", "dome_radius_mm", "units", "axes", "frames", "licence"),
+)
 
 
 def read_bristol(folder: Path) -> list[dict[str, Any]]:
@@ -79,11 +85,9 @@ def test_the_export_holds_the_samples_and_the_import_makes_the_data_set_again(
         for new, sample in zip(again.samples, samples, strict=True):
             extra = {**sample.extra, "source_name": f"image_{sample.id + 1}.png"}
             assert dict(new.extra) == extra
-            for key in ("id", "file_name", "sha256", "scene", "labels", "press", "session",
-                        "attempt", "t_frame_ns"):  # fmt: skip
+            for key in SAMPLE_FIELDS:
                 assert getattr(new, key) == getattr(sample, key)
-        for key in ("sensor", "image", "channels", "dome_radius_mm", "units", "axes", "frames",
-                    "licence"):  # fmt: skip
+        for key in HEADER_FIELDS:
             assert getattr(again.header, key) == getattr(dataset.header, key)
         assert again.header.name == (dataset.header.name or "bristol")
         ids = {sample.id for sample in samples}
@@ -193,12 +197,18 @@ def test_labels_that_are_poses_keep_their_columns() -> None:
 @pytest.mark.parametrize(
     ("name", "facts"),
     [
-        ("collect", {"pose_llims": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0],
-                     "pose_ulims": [2.0, 0.0, 2.0, 0.0, 0.0, 0.0], "name": "taps"}),
+        (
+            "collect",
+            {
+                "pose_llims": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0],
+                "pose_ulims": [2.0, 0.0, 2.0, 0.0, 0.0, 0.0],
+                "name": "taps",
+            },
+        ),
         ("env", {"dome_radius_mm": 20.0, "licence": "CC-BY-4.0", "axes": "sxyz"}),
         ("sensor_image", {"image": [16, 16], "channels": 1, "rest": "image_0.png"}),
     ],
-)  # fmt: skip
+)
 def test_the_params_say_what_is_known(
     make: Make, tmp_path: Path, name: str, facts: dict[str, Any]
 ) -> None:

@@ -49,6 +49,9 @@ def edit(folder, row, old, new):
     [
         (lambda data: data[: len(data) // 2], "cut short"),
         (lambda data: b"", "not a PNG"),
+        (lambda data: b"GIF89a" + data, "not a PNG"),
+        (lambda data: data[:-1], "cut short"),
+        (lambda _: cv2.imencode(".png", np.zeros((12, 10, 3), np.uint8))[1].tobytes(), "10 colour"),
         (lambda data: data[:60] + bytes([data[60] ^ 255]) + data[61:], "checksum"),
         (lambda data: png(10, 12, b"junk"), "cannot be decoded"),
         (lambda data: png(10, 12, zlib.compress(b"few")), "cannot be decoded"),
@@ -73,6 +76,9 @@ def test_names_that_are_no_files(first, unimported):
     for i in (1, 3):
         (first / "frames_bw" / f"frame_{i}_0.png").unlink()
     unimported(first, "targets.csv", "2 frames", "frame_1_0.png")
+    (first / "frames_bw" / "frame_1_0.png").mkdir()
+    unimported(first, "targets.csv", "2 frames", "frame_1_0.png")
+    (first / "frames_bw" / "frame_1_0.png").rmdir()
     for path in (first / "frames_bw").glob("frame*"):
         path.unlink()
     unimported(first, "5 frames", options=ImportOptions(missing="skip"))
@@ -212,6 +218,21 @@ def test_targets_that_cannot_be(first, tmp_path, unimported, refused):
     assert not (first / "out").exists()
     import_folder(first, tmp_path / "set")
     refused(lambda: import_folder(tmp_path / "set", tmp_path / "again"), "data set", "copy")
+
+
+def test_a_folder_of_several_recordings_and_one_without_frames(first, second, third, refused):
+    refused(lambda: open_recording(first.parent), "first, second, third")
+    (first / "frames_bw").rename(first / "pictures")
+    refused(lambda: open_recording(first), "frames_bw, images, sensor_images, processed_images")
+
+
+def test_rows_with_too_few_or_too_many_fields(first, unimported):
+    text = (first / "targets.csv").read_text()
+    edit(first, 5, ",10.0,4", "")
+    unimported(first, "row 5", "pose_6", "''")
+    (first / "targets.csv").write_text(text)
+    edit(first, 2, "frame_1", "extra,extra,frame_1")
+    unimported(first, "more fields than its header")
 
 
 def test_a_read_only_disk(first, tmp_path, unimported, monkeypatch):
