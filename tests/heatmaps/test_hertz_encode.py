@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactibench import Contacts, Grid, UserError
+from tactibench import Contacts, Grid
 from tactibench_heatmaps.hertz import HertzGaussian
 
 GRID = Grid.centred(64, 0.4)
@@ -47,35 +47,6 @@ def test_encode_is_the_formula(rows):
     np.testing.assert_allclose(maps[0], formula(rows, SMALL), rtol=2e-6, atol=1e-30)
 
 
-@given(contact_lists, st.randoms(use_true_random=False))
-@settings(max_examples=25, deadline=None)
-def test_order_of_contacts_does_not_matter(rows, random):
-    shuffled = list(rows)
-    random.shuffle(shuffled)
-    encoder = HertzGaussian()
-    same = encoder.encode(contacts_of(shuffled), GRID)
-    np.testing.assert_array_equal(same, encoder.encode(contacts_of(rows), GRID))
-
-
-def test_batch_is_one_by_one():
-    rng = np.random.default_rng(1)
-    lists = [
-        contacts_of(np.column_stack([rng.uniform(-6, 6, (n, 2)), rng.uniform(0.5, 6, n)]))
-        for n in rng.integers(0, 5, 150)
-    ]
-    encoder = HertzGaussian()
-    maps = encoder.encode_batch(lists, GRID)
-    assert maps.shape == (150, 1, 64, 64)
-    assert maps.dtype == np.float32
-    for one, contacts in zip(maps, lists, strict=True):
-        np.testing.assert_array_equal(one, encoder.encode(contacts, GRID))
-    assert encoder.encode_batch([], GRID).shape == (0, 1, 64, 64)
-
-
-def test_no_contact_is_an_empty_map():
-    assert not HertzGaussian().encode(Contacts.none(), GRID).any()
-
-
 def test_a_quarter_cell_is_not_rounded_away():
     encoder = HertzGaussian()
     here = encoder.encode(Contacts.truth([[0.2, 0.2]], [3.0]), GRID)
@@ -89,9 +60,3 @@ def test_parameters_shape_the_kernel():
     row, column = (round(float(v)) for v in GRID.cells([0.2, 0.2]))
     assert maps[row, column] == pytest.approx(0.5)
     assert maps[row, column + 10] == pytest.approx(0.5 * math.exp(-0.5), rel=1e-5)  # 4 mm away
-
-
-@pytest.mark.parametrize("depth", [6.3, -0.1])
-def test_a_depth_outside_the_map_is_refused(depth):
-    with pytest.raises(UserError, match="max_depth"):
-        HertzGaussian().encode(Contacts.truth([[0, 0]], [depth]), GRID)

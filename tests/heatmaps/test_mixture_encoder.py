@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactibench import Contacts, Grid, UserError
-from tactibench_heatmaps.hooks import tactibench_encoders
 from tactibench_heatmaps.mixture import Mixture
 
 GRID = Grid.centred(64, 0.4)
@@ -81,27 +78,6 @@ def test_channels_are_those_the_docstring_names():
     assert np.count_nonzero(maps) == 7
 
 
-@grids
-def test_empty(grid):
-    assert not ENCODER.encode(Contacts.none(), grid).any()
-    assert len(ENCODER.decode(np.zeros((7, *grid.shape), np.float32), grid)) == 0
-    assert ENCODER.encode_batch([], grid).shape == (0, 7, *grid.shape)
-    assert ENCODER.decode_batch(np.zeros((0, 7, *grid.shape)), grid) == []
-
-
-@pytest.mark.parametrize("x", [-12.8, 12.8, 13.5])
-def test_border_and_beyond(x):
-    truth = Contacts.truth([[x, 0.1]], [1.0])
-    found = ENCODER.decode(ENCODER.encode(truth, GRID), GRID)
-    np.testing.assert_allclose(found.xy, truth.xy, atol=ENCODER.tolerance)
-
-
-def test_the_order_of_contacts_does_not_matter():
-    truth = scattered(1, 4, 2.5)
-    turned = Contacts.truth(truth.xy[::-1], truth.depth[::-1])
-    assert np.array_equal(ENCODER.encode(truth, GRID), ENCODER.encode(turned, GRID))
-
-
 def test_a_shift_by_a_cell_shifts_the_map():
     one = ENCODER.encode(Contacts.truth([[0.1, 0.3]], [2.0]), COARSE)
     other = ENCODER.encode(Contacts.truth([[1.7, 0.3]], [2.0]), COARSE)
@@ -131,24 +107,6 @@ def test_batches_are_what_single_frames_are():
         assert np.array_equal(ENCODER.decode(one, GRID).xy, found.xy)
 
 
-def test_noise_moves_a_contact_no_more_than_its_cell():
-    rng = np.random.default_rng(2)
-    truth = Contacts.truth([[1.0, 2.0]], [3.0])
-    clean = ENCODER.encode(truth, GRID)
-    noisy = clean + rng.normal(0, 0.003, clean.shape).astype(np.float32)
-    found = ENCODER.decode(noisy, GRID).top(1)
-    np.testing.assert_allclose(columns(found), columns(truth), atol=0.05)
-
-
-def test_decoding_leaves_its_input_alone_and_takes_any_float():
-    maps = ENCODER.encode(scattered(3, 3, 2.5), GRID)
-    before = maps.copy()
-    found = ENCODER.decode(maps, GRID)
-    assert np.array_equal(maps, before)
-    again = ENCODER.decode(maps.astype(np.float64), GRID)
-    assert np.array_equal(found.xy, again.xy)
-
-
 def test_a_neighbour_with_the_same_contact_adds_to_its_score():
     maps = np.zeros((7, 16, 16), np.float32)
     maps[:4, 8, 8] = [0.5, 0.8, 0, 2]
@@ -157,25 +115,3 @@ def test_a_neighbour_with_the_same_contact_adds_to_its_score():
     assert len(found) == 1
     assert found.score[0] == pytest.approx(0.9)
     assert found.xy[0, 0] == pytest.approx(1.6)
-
-
-@pytest.mark.parametrize("shape", [(6, 64, 64), (7, 16, 64), (7, 64)])
-def test_other_shapes_are_refused(shape):
-    with pytest.raises(ValueError, match="shape"):
-        ENCODER.decode(np.zeros(shape), GRID)
-
-
-def test_values_that_are_not_finite_are_refused():
-    maps = ENCODER.encode(Contacts.truth([[0, 0]], [1]), GRID)
-    maps[3, 5, 5] = np.nan
-    with pytest.raises(UserError, match="not finite"):
-        ENCODER.decode(maps, GRID)
-
-
-def test_the_declaration_is_the_class():
-    (spec,) = [spec for spec in tactibench_encoders() if spec.name == "mixture"]
-    assert spec.kind == "mixture"
-    signature = inspect.signature(spec.load()).parameters
-    assert spec.settings({}) == {name: p.default for name, p in signature.items()}
-    assert all(parameter.decode_only for parameter in spec.parameters)
-    assert spec.load()(**spec.settings({"merge": "1.0"})).separation == pytest.approx(1.0, abs=1e-4)

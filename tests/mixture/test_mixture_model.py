@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
-import torch
-from state_hash import state_hash
 
-from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, UserError
-from tactibench.training import save_weights
+from tactibench import Contacts, Grid, PlatePose, UserError
 
 
 def flat(answers):
@@ -55,94 +48,6 @@ def test_frames_with_several_contacts_are_learned_from_and_kept_for_the_std(make
     assert report.notes["kept_for_std"] == 1
 
 
-def test_only_the_rng_that_is_handed_in_decides_the_weights(make_mixture, fit, hasty):
-    with torch.random.fork_rng():
-        torch.manual_seed(99)
-        before = torch.random.get_rng_state()
-        model = make_mixture()
-        fit(model)
-        assert torch.equal(before, torch.random.get_rng_state())
-    assert state_hash(model.network) == state_hash(hasty.network)
-    other = make_mixture()
-    fit(other, seed=4)
-    assert state_hash(other.network) != state_hash(hasty.network)
-
-
-def test_fit_resumes_from_its_checkpoint(make_mixture, fit, silent, hasty, tmp_path):
-    class StopError(Exception):
-        pass
-
-    class Stopping(silent):
-        def epoch(self, epoch, loss, validation_mm):
-            raise StopError
-
-    with pytest.raises(StopError):
-        fit(make_mixture(checkpoints=tmp_path), progress=Stopping())
-    model = make_mixture(checkpoints=tmp_path)
-    assert fit(model).resumed_from == 1
-    assert state_hash(model.network) == state_hash(hasty.network)
-
-
-def test_saved_weights_give_the_same_answers(make_mixture, make_presses, trained, tmp_path):
-    frames, _ = make_presses(3, 5)
-    trained.save(tmp_path)
-    other = make_mixture()
-    other.load(tmp_path)
-    for mine, theirs in zip(trained.predict(frames), other.predict(frames), strict=True):
-        assert np.array_equal(mine.xy, theirs.xy)
-        assert np.array_equal(mine.std, theirs.std)
-
-
-@pytest.mark.parametrize("other", [{"width": 16}, {"cells": 32}, {"answer": "plate"}])
-def test_weights_of_another_architecture_are_refused(make_mixture, hasty, tmp_path, other):
-    hasty.save(tmp_path)
-    ((name, _),) = other.items()
-    with pytest.raises(UserError, match=name):
-        make_mixture(**other).load(tmp_path)
-
-
-def test_weights_of_another_model_are_refused(make_mixture, hasty, tmp_path):
-    save_weights(tmp_path, {}, model="unet", architecture=hasty.architecture)
-    with pytest.raises(UserError, match="unet"):
-        make_mixture().load(tmp_path)
-
-
-def test_one_frame_at_a_time_answers_like_many(make_presses, trained):
-    frames, _ = make_presses(6, 5)
-    alone = [trained.predict([frame])[0] for frame in frames]
-    np.testing.assert_allclose(flat(alone), flat(trained.predict(frames)), atol=1e-4)
-
-
-def test_stages_compose_to_predict(make_presses, trained):
-    frames, _ = make_presses(5, 5)
-    value = frames
-    for _, stage in trained.stages():
-        value = stage(value)
-    assert [name for name, _ in trained.stages()] == ["preprocess", "forward", "decode"]
-    np.testing.assert_allclose(flat(value), flat(trained.predict(frames)), atol=0.3)  # bf16
-
-
-def test_no_frames_give_no_answers(trained):
-    assert trained.predict([]) == []
-
-
-def test_an_untouched_frame_has_an_answer_of_some_kind(trained, draw):
-    press, _, _ = draw
-    (found,) = trained.predict([press(Contacts.none())])
-    assert isinstance(found, Contacts)
-
-
-def test_frames_of_any_size_and_colour_are_read_and_left_alone(make_presses, trained):
-    (frame,), _ = make_presses(1, 5)
-    before = frame.image.copy()
-    colour = Frame(cv2.cvtColor(frame.image, cv2.COLOR_GRAY2RGB), 0.0, frame.pose)
-    large = Frame(cv2.resize(frame.image, (200, 200)), 0.0, frame.pose)
-    found = trained.predict([frame, colour, large])
-    assert [len(contacts) for contacts in found] == [1, 1, 1]
-    np.testing.assert_allclose(flat(found[1:2]), flat(found[:1]), atol=0.05)
-    assert np.array_equal(frame.image, before)
-
-
 def test_plates_are_learned_with_labels_of_any_sign(make_mixture, fit, make_presses):
     model = make_mixture(answer="plate", epochs=25)
     fit(model, count=128, plate=True)
@@ -170,13 +75,6 @@ def test_frames_without_a_rest_image_take_the_least_pressed(make_mixture, make_p
     assert model.inputs(frames[:1]).abs().max() > 0.1
 
 
-def test_training_without_frames_is_refused(make_mixture, silent):
-    with pytest.raises(UserError, match="no training frame"):
-        make_mixture().fit(
-            [], [], validation=([], []), rng=np.random.default_rng(0), progress=silent()
-        )
-
-
 def test_an_encoder_of_another_kind_is_refused(make_mixture):
     class Heat:
         channels = 1
@@ -188,20 +86,3 @@ def test_an_encoder_of_another_kind_is_refused(make_mixture):
 def test_a_grid_that_its_cells_do_not_divide_is_refused(make_mixture):
     with pytest.raises(UserError, match="multiple of 16"):
         make_mixture(grid=Grid.centred(60, 0.4))
-
-
-def test_the_declaration_fits_the_class_and_imports_nothing_heavy(make_mixture):
-    code = (
-        "import json, sys; from tactibench_mixture import hooks;"
-        "(spec,) = hooks.tactibench_models();"
-        "heavy = [name for name in ('torch', 'numpy') if name in sys.modules];"
-        "print(json.dumps([heavy, spec.settings({}), spec.target, spec.encoders]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
-    heavy, settings, target, encoders = json.loads(done.stdout)
-    assert heavy == []
-    assert encoders == ["mixture"]
-    assert target == "tactibench_mixture.model:Mixture"
-    encoder = make_mixture()._encoder
-    context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0, encoder)
-    assert type(make_mixture())(context, **settings).parameter_count() > 0

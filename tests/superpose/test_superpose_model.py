@@ -88,12 +88,6 @@ def test_pins_that_crowd_are_followed_again(fitted, presses):
     assert np.abs(error).max() < 0.3
 
 
-def test_scores_are_shares_and_fall(duals_found):
-    for one in duals_found:
-        assert ((one.score >= 0) & (one.score <= 1)).all()
-        assert (np.diff(one.score) <= 0).all()
-
-
 def test_without_the_neighbours_law_two_tips_are_farther_off(make, fit, presses, duals_found):
     model = make(neighbours="none")
     fit(model)
@@ -105,46 +99,12 @@ def test_without_the_neighbours_law_two_tips_are_farther_off(make, fit, presses,
     assert errors[1] < 0.4 * errors[0]
 
 
-def test_nothing_touches_and_nothing_is_found(fitted, presses):
-    model, _ = fitted
-    (found,) = model.predict(presses["rest"][0])
-    assert len(found) == 0
-    assert model.predict([]) == []
-
-
-def test_frames_do_not_feel_each_other(fitted, presses, duals_found):
-    model, _ = fitted
-    rows = [3, 0, 7]
-    frames = presses["dual"][0]
-    same(model.predict([frames[k] for k in rows]), [duals_found[k] for k in rows])
-    same([model.predict([frames[k]])[0] for k in rows], [duals_found[k] for k in rows])
-
-
 def test_a_frame_is_found_by_its_picture_alone(fitted, presses, duals_found):
     model, _ = fitted
     blind = [Frame(frame.image, 0.0, Pose()) for frame in presses["dual"][0][:3]]
     colour = [Frame(np.repeat(frame.image[..., None], 3, axis=2), 0.0, Pose()) for frame in blind]
     same(model.predict(blind), duals_found[:3])
     same(model.predict(colour), duals_found[:3])
-
-
-def test_stages_end_in_the_answers(fitted, presses, duals_found):
-    model, _ = fitted
-    value = presses["dual"][0][:4]
-    names = []
-    for name, stage in model.stages():
-        names.append(name)
-        value = stage(value)
-    assert names == ["preprocess", "forward", "decode"]
-    same(value, duals_found[:4])
-    assert isinstance(model.timed_as, str)
-    assert model.parameter_count() > 10_000
-
-
-def test_fitting_again_gives_the_same(fitted, make, fit, presses, singles_found):
-    again = make()
-    fit(again)
-    same(again.predict(presses["test"][0][:10]), singles_found[:10])
 
 
 def test_the_report_tells_what_was_seen(fitted, fitted_to_duals):
@@ -166,27 +126,6 @@ def test_weights_are_kept(fitted, make, presses, singles_found, duals_found, tmp
     model.save(tmp_path / "again")
     name = "weights.safetensors"
     assert (tmp_path / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("settings", "told"),
-    [({"neighbours": "none"}, "neighbours"), ({"gain": 2.0}, "gain"), ({"max_count": 2}, "max_co")],
-)
-def test_weights_of_other_settings_are_refused(fitted, make, tmp_path, settings, told):
-    fitted[0].save(tmp_path)
-    with pytest.raises(UserError, match=told):
-        make(**settings).load(tmp_path)
-
-
-def test_weights_of_another_model_and_none_at_all_are_refused(make, tmp_path):
-    from tactibench.training import save_weights
-
-    model = make()
-    with pytest.raises(UserError, match="missing"):
-        model.load(tmp_path)
-    save_weights(tmp_path, {}, model="unet", architecture={})
-    with pytest.raises(UserError, match="unet"):
-        model.load(tmp_path)
 
 
 @pytest.mark.parametrize("what", ["predict", "save", "stages"])

@@ -1,12 +1,10 @@
-"""Frames of a drawn press and an encoder small enough to read: no plugin but the tested one."""
-
-import math
+"""A U-Net as small as it gets, and an encoder small enough to read: no other plugin."""
 
 import numpy as np
 import pytest
-from silent import Epochs
+from drawn_presses import fit
 
-from tactibench import Contacts, Encoder, Frame, Grid, ModelContext, PlatePose, Pose
+from tactibench import Contacts, Encoder, Grid, ModelContext
 
 SIGMA_MM = 2.0
 
@@ -30,75 +28,20 @@ class PeakEncoder(Encoder):
         return Contacts([grid.xy(row, column)], [6 * height], [height])
 
 
-def press(x, y, depth, size=64):
-    """A bright spot whose place and width tell the contact."""
-    axis = (np.arange(size) + 0.5) / size * 25.6 - 12.8
-    square = (axis[None, :] - x) ** 2 + (axis[:, None] - y) ** 2
-    image = 20 + 200 * np.exp(-square / (2 * (0.5 + depth / 2) ** 2))
-    return Frame(image.astype(np.uint8), 0.0, Pose(x, y, 0, 0, depth))
-
-
-def presses(count, seed, plate=False):
-    rng = np.random.default_rng(seed)
-    frames, truth = [], []
-    for _ in range(count):
-        x, y = rng.uniform(-6, 6, 2)
-        depth = rng.uniform(1, 6)
-        frames.append(press(x, 0.0 if plate else y, depth))
-        if plate:
-            truth.append(PlatePose(depth - 5, math.degrees(math.asin(x / 20))))
-        else:
-            truth.append(Contacts.truth([[x, y]], [depth]))
-    return frames, truth
-
-
-@pytest.fixture(scope="session")
-def make_presses():
-    return presses
-
-
-@pytest.fixture(scope="session")
-def silent():
-    return Epochs
-
-
 @pytest.fixture(scope="session")
 def make_model():
-    """make_model(...): a U-Net as small as it gets."""
     from tactibench_unet.model import UNet
 
-    def _make(answer="contacts", checkpoints=None, encoder=None, grid=None, **parameters):
-        context = ModelContext(
-            answer=answer,
-            grid=grid or Grid.centred(64, 0.4),
-            max_depth=6.0,
-            encoder=encoder or PeakEncoder(),
-            checkpoints=checkpoints,
-        )
+    def _make(answer="contacts", grid=None, **parameters):
+        grid = grid or Grid.centred(64, 0.4)
+        context = ModelContext(answer, grid, 6.0, encoder=PeakEncoder())
         return UNet(context, **{"width": 8, "size": 64, "epochs": 2} | parameters)
 
     return _make
 
 
 @pytest.fixture(scope="session")
-def fit():
-    """fit(model): train on a few presses."""
-
-    def _fit(model, count=24, seed=3, plate=False, progress=None):
-        frames, truth = presses(count, 1, plate)
-        return model.fit(
-            frames,
-            truth,
-            validation=presses(6, 2, plate),
-            rng=np.random.default_rng(seed),
-            progress=progress or Epochs(),
-        )
-
-    return _fit
-
-
-@pytest.fixture(scope="session")
-def trained(make_model, fit):
+def trained(make_model):
     model = make_model()
     fit(model)
     return model

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from drawn_presses import presses
 
 from tactibench_unet.architecture import UNetNetwork
 from tactibench_unet.features import LAYERS, layer_features
@@ -35,7 +36,7 @@ def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():
     assert torch.allclose(head, before[:1], atol=1e-5)
 
 
-def test_the_model_shows_them_of_a_frame(make_model, make_presses):
+def test_the_model_shows_them_of_a_frame(make_model):
     model = make_model()
-    frame = make_presses(1, 0)[0][0]
+    frame = presses(1, 0)[0][0]
     assert list(model.features(frame)) == list(LAYERS.values())

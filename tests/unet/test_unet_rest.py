@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from drawn_presses import presses
+from silent import Epochs
 
 from tactibench import Frame, Pose
 
@@ -17,10 +19,10 @@ def with_rest(frames, rest=FLAT):
     return [replace(frame, rest=rest) for frame in frames]
 
 
-def trained(make_model, frames, truth, silent, **options):
+def trained(make_model, frames, truth, **options):
     model = make_model(size=64, epochs=1, **options)
     rng = np.random.default_rng(0)
-    model.fit(frames, truth, validation=([], []), rng=rng, progress=silent())
+    model.fit(frames, truth, validation=([], []), rng=rng, progress=Epochs())
     return model
 
 
@@ -33,8 +35,8 @@ def trained(make_model, frames, truth, silent, **options):
         ({"recipe": "paper", "rest": "auto"}, 2),
     ],
 )
-def test_rest_is_shown_where_the_recipe_says_so(make_model, make_presses, options, seen) -> None:
-    frames, truth = make_presses(3, 1)
+def test_rest_is_shown_where_the_recipe_says_so(make_model, options, seen) -> None:
+    frames, truth = presses(3, 1)
     model = make_model(size=64, **options)
     model.prepare(with_rest(frames), truth)
     assert model.inputs(frames).shape == (3, seen, 64, 64)
@@ -42,8 +44,8 @@ def test_rest_is_shown_where_the_recipe_says_so(make_model, make_presses, option
     assert model.inputs(frames).shape == (3, 1, 64, 64)
 
 
-def test_each_frame_brings_its_own_rest_and_else_the_first_is_taken(make_model, make_presses):
-    frames, truth = make_presses(2, 1)
+def test_each_frame_brings_its_own_rest_and_else_the_first_is_taken(make_model):
+    frames, truth = presses(2, 1)
     model = make_model(size=64)
     model.prepare(with_rest(frames), truth)
     colour = np.repeat(np.full((32, 32, 1), 90, np.uint8), 3, axis=2)
@@ -53,10 +55,10 @@ def test_each_frame_brings_its_own_rest_and_else_the_first_is_taken(make_model, 
     np.testing.assert_array_equal(seen[1, 0].numpy(), frames[1].image)
 
 
-def test_weights_come_back_with_the_rest(make_model, make_presses, silent, tmp_path) -> None:
-    frames, truth = make_presses(20, 1)
+def test_weights_come_back_with_the_rest(make_model, tmp_path) -> None:
+    frames, truth = presses(20, 1)
     frames = with_rest(frames)
-    model = trained(make_model, frames, truth, silent)
+    model = trained(make_model, frames, truth)
     model.save(tmp_path)
     other = make_model(size=64)
     other.load(tmp_path)
