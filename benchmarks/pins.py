@@ -7,7 +7,7 @@
 * real: the frames of the Tac-VGNN sets (TACTIBENCH_TACVGNN, or ../shared/data/tac-vgnn), one
   thread, reading them left out, beside connected components and one Hungarian assignment of all
   blobs to all pins at rest, in turn on the same frames. ``seen`` is the share of pins that were
-  seen, the others are foretold from their neighbours; ``whole`` that of frames with every pin
+  seen, the others are predicted from their neighbours; ``whole`` that of frames with every pin
   seen; ``rough`` the worst displacement of a seen pin against the plane through its neighbours',
   pitches.
 * simulated: rms error of the tracked positions against where the renderer put the pins, px an axis,

@@ -72,7 +72,7 @@ def _fit_peaks(one, peaks, slope, base, half, free, stray):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _reaches(peaks, theta, j, k, half):  # type: ignore[no-untyped-def]
-    """Whether peak j can own a cell of the window of peak k.
+    """Return whether peak j can own a cell of the window of peak k.
 
     Kernel j gains on kernel k all the way from k to j, so the farthest cell r of the window
     decides: j matters when log h_j - (s - r)^2 / 2 sigma_j^2 comes near to

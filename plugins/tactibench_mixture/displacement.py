@@ -44,7 +44,7 @@ class DisplacementField:
 
     @property
     def symmetry(self) -> tuple[bool, bool]:
-        """Whether the pins at rest are their own mirror image with x, and with y, reversed."""
+        """True where the pins at rest are their own mirror image with x, and with y, reversed."""
         pins, last = self.pins.rest, self.pins.side - 1
         return _coincide(pins, np.abs([last, 0] - pins)), _coincide(pins, np.abs([0, last] - pins))
 

@@ -19,8 +19,7 @@ _LAST = 0.1
 
 
 class Members(nn.Module):
-    """(B, 2 P) displacements, px -> (B, M, T + 1): normalised targets of every member, and the rms
-    displacement.
+    """(B, 2 P) displacements, px -> (B, M, T + 1) targets of every member, rms displacement.
 
     The displacements are first turned into K whitened components. While it trains, every member
     sees them with noise of its own, as if every pin had been found that much elsewhere. Hidden

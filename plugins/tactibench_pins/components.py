@@ -16,17 +16,18 @@ _LEAST = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """mean: (2 P,) displacement, px. basis: (2 P, K) orthonormal. spread: (K,) standard deviations
-    over the frames that they were fitted to, px, descending."""
+    """Principal components of displacements."""
 
     mean: Array
+    """(2 P,) displacement, px."""
     basis: Array
+    """(2 P, K) orthonormal."""
     spread: Array
+    """(K,) standard deviations over the frames of the fit, px, descending."""
 
     @classmethod
     def fit(cls, moved: Array, count: int) -> Self:
-        """The first ``count`` components of displacements (N, 2 P), at most as many as there are
-        with any spread."""
+        """Return the first ``count`` components with any spread of displacements (N, 2 P)."""
         mean = moved.mean(axis=0)
         centred = moved - mean
         variance, basis = np.linalg.eigh(centred.T @ centred / len(moved))
@@ -38,14 +39,14 @@ class Components:
         return len(self.spread)
 
     def first(self, count: int) -> Self:
-        """The first ones alone."""
+        """Return the first ``count`` components."""
         return type(self)(self.mean, self.basis[:, :count], self.spread[:count])
 
     def weights(self, whitening: float) -> Array:
-        """(K,) 1 / spread^whitening, 1 for the first: 0 keeps pixels, 1 makes all spread alike."""
+        """Return (K,) 1 / spread^whitening: 0 keeps pixels, 1 makes all spread alike."""
         least = np.maximum(self.spread, 1e-9)
         return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
 
     def of(self, moved: Array, whitening: float) -> Array:
-        """(N, K) of displacements (N, 2 P), the first with unit spread."""
+        """Return (N, K) of displacements (N, 2 P), the first with unit spread."""
         return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))

@@ -56,8 +56,7 @@ _UNLIKE = 0.003
 
 
 class Kernel(Model):
-    """Kernel ridge regression with reweighting towards the median; no contact where the pins
-    hardly moved.
+    """Kernel ridge regression towards the median; no contact where the pins hardly moved.
 
     Its setting is chosen on the validation frames; without such frames it is the usual one.
     """
@@ -206,7 +205,7 @@ class Kernel(Model):
         return sum(array.size for array in arrays)
 
     def flops(self, frame: Frame) -> int | None:  # noqa: ARG002 - the same for every frame
-        """Of the two products and the distances; exponentials and the tracking are not counted."""
+        """Count the two products and the distances, not the exponentials and the tracking."""
         return 2 * self._components.basis.size + 3 * self._places.size + 2 * self._alpha.size
 
     def _regress(self, moved: Array) -> Array:

@@ -163,8 +163,7 @@ class Pins(LearnedModel):
 
     @torch.inference_mode()
     def _features(self, frames: Sequence[Frame]) -> tuple[Array, Array, Array]:
-        """(N, M U) last hidden layers, (N, T) normalised answers, not corrected, and (N,) rms
-        displacements."""
+        """(N, M U) last hidden layers, (N, T) normalised, uncorrected answers, (N,) rms."""
         network = cast("Members", self.network)
         features, raw = [], []
         for start in range(0, len(frames), _BATCH):

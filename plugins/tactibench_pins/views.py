@@ -19,8 +19,11 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Spread:
-    """Half-widths of uniform ranges (assumed): turn deg; shift, units of the layout; the others as
-    shares: size of the outline, stretch of one axis against the other, gain of the field."""
+    """Half-widths of uniform ranges (assumed).
+
+    turn: deg. shift: units of the layout. The others are shares: size of the outline, stretch of
+    one axis against the other, gain of the field.
+    """
 
     turn_deg: float = 2.0
     size: float = 0.03

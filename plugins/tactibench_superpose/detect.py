@@ -141,8 +141,8 @@ class Detector:
         return best
 
     def _surer(self, moved: Array, weight: Array, known: Solution, more: Solution) -> bool:
-        """Whether more contacts explain the usual residual of several, too."""
-        if not self.model_error.known or known.contacts.shape[1] < 2:
+        """Return whether more contacts explain the usual residual of several, too."""
+        if not self.model_error.learned or known.contacts.shape[1] < 2:
             return True
         sure = (weight >= self.weight)[: len(weight) // 2]
         before, after = (self._solve_whitened(moved, sure, start)[1] for start in (known, more))
@@ -153,7 +153,7 @@ class Detector:
 
         With the pins of a crowd missing, plain least squares puts deep contacts up to 3 mm wrong.
         """
-        if not self.model_error.known or best.contacts.shape[1] < 2:
+        if not self.model_error.learned or best.contacts.shape[1] < 2:
             return best
         contacts, _ = self._solve_whitened(moved, sure, best)
         return replace(best, contacts=contacts, left=moved[None] - self.field(contacts[0]).sum(0))

@@ -49,8 +49,8 @@ class ModelError:
         return cls((axes * np.maximum(variances, 1.0)) @ axes.T, np.sqrt(weight))
 
     @property
-    def known(self) -> bool:
-        """Whether there were presses to learn from."""
+    def learned(self) -> bool:
+        """True if there were presses to learn from."""
         return bool(self.covariance.size)
 
     def whitener(self, sure: Flags) -> Array:

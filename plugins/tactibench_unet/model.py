@@ -169,7 +169,7 @@ class UNet(LearnedModel):
 
 
 def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:
-    """Whether a mirrored contact gives the mirrored maps; not where maps hold steps."""
+    """Return whether a mirrored contact gives the mirrored maps: not where maps hold steps."""
     x, y = grid.xy(0.6 * grid.shape[0], 0.7 * grid.shape[1])
     middle_x = grid.xy((grid.shape[0] - 1) / 2, (grid.shape[1] - 1) / 2)[0]
     reflected = encoder.encode(Contacts.truth([[2 * middle_x - x, y]], [2.0]), grid)

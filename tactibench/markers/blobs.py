@@ -79,7 +79,7 @@ def _root(parent, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bright(image, threshold, mask):  # type: ignore[no-untyped-def]
-    """mask (H, S): 1 for bright, S beyond the frame's width 0; S a multiple of 8."""
+    """Set mask (H, S): 1 for bright, S beyond the frame's width 0; S a multiple of 8."""
     most = np.uint8(min(threshold, 255))
     for i in range(image.shape[0]):
         row, out = image[i], mask[i]
@@ -146,7 +146,7 @@ def find_runs(image, threshold, run):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure_blobs(image, dark, binary, run, count, blobs, out):  # type: ignore[no-untyped-def]
-    """out (B, 3): centroid x, y, px, and area of every blob, pixels weighed by light over dark."""
+    """Set out (B, 3): centroid x, y, px, and area of every blob, weighted by light over dark."""
     weight = np.zeros(blobs)
     out[:blobs] = 0.0
     for k in range(count):

@@ -83,8 +83,10 @@ def pin_graph(xy: Array) -> PinGraph:
 
 
 def _triangulate(xy: Array) -> tuple[Edges, Edges]:
-    """(T, 3) corners of triangles, none for pins on a line, and (H, 3) those with a side on the
-    hull, its two ends first."""
+    """Corners (T, 3) of triangles and (H, 3) those with a side on the hull, its two ends first.
+
+    There are none for pins on a line.
+    """
     none = np.empty((0, 3), dtype=np.int64)
     if len(xy) < 3:
         return none, none

@@ -1,7 +1,7 @@
-"""Which blob is which pin, compiled: from pins that are sure to those their neighbours foretell.
+"""Growth of a match of blobs to pins, compiled: from certain pins to those around them.
 
-The field of displacements is smooth, and can still move pins by more than a pitch. So no pin is
-sought where it was, but where its matched neighbours say: the affine map through them (least
+The field of displacements is smooth, and can still move pins by more than a pitch. So a pin is not
+sought where it was, but where its matched neighbours predict it: the affine map through them (least
 squares) gives a place and the local stretch; the pin whose blob lies nearest to its place, in local
 pitches, is matched next (best first, a heap). Each start is a connected part of the layout in which
 nearest blobs move alike; the part that leads to most matches wins.
@@ -13,9 +13,9 @@ import numpy as np
 from numba import njit
 
 GATE = 0.45
-"""A blob fits a pin when it is nearer to where the pin is foretold than this, local pitches."""
+"""A blob fits a pin when it is nearer to the predicted place than this, local pitches."""
 LEAST = 4
-"""Matched neighbours needed for a place to be foretold."""
+"""Matched neighbours needed for a place to be predicted."""
 ALONE = 0.6
 """A pin none of whose neighbours is matched waits as one that lies this many pitches off."""
 STRETCH_LOW, STRETCH_HIGH = 0.35, 2.5
@@ -25,7 +25,7 @@ RIDGE = 0.02
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def predict_place(p, rest, near, which, place, out):  # type: ignore[no-untyped-def]
-    """out (3,): x, y and stretch of pin p by the affine map through its matched neighbours.
+    """Set out (3,): x, y and stretch of pin p by the affine map through its matched neighbours.
 
     place: (P, 2) of matched pins. Returns the number of neighbours it rests on.
     """

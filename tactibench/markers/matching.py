@@ -34,7 +34,7 @@ DOUBTS = 3
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _guess_matches(rest, pitch, blobs, owner, grid, which):  # type: ignore[no-untyped-def]
-    """which (P,): the nearest blob of each pin, where no other pin is nearer to it."""
+    """Set which (P,): the nearest blob of each pin, where no other pin is nearer to it."""
     square = np.empty(len(rest))
     taker = np.full(len(blobs), -1)
     for p in range(len(rest)):
@@ -52,7 +52,7 @@ def _guess_matches(rest, pitch, blobs, owner, grid, which):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _find_parts(rest, near, blobs, which, part):  # type: ignore[no-untyped-def]
-    """part (P,): the number of the connected part in which neighbours move alike, -1: in none.
+    """Set part (P,): the number of the connected part in which neighbours move alike, -1: in none.
 
     A pin is in a part when at least half of its guessed neighbours, and three, move like it.
     Returns the sizes.
@@ -103,7 +103,7 @@ def _find_parts(rest, near, blobs, which, part):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _unmatch_doubtful(rest, near, pitch, which, owner, place):  # type: ignore[no-untyped-def]
-    """Take back matches that lie off where their neighbours foretell them. Returns how many."""
+    """Take back matches that lie off where their neighbours predict them. Returns how many."""
     out = np.empty(3)
     off = np.zeros(len(rest))
     for p in range(len(rest)):
@@ -184,7 +184,7 @@ def _grow(rest, near, back, pitch, blobs, which, owner, place, grid):  # type: i
 def _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
     """Give pins that are left the blobs that are left, nearest first; returns how many got one.
 
-    Where the field is steep, neighbours foretell badly; what lies near is then still the likeliest.
+    Where the field is steep, neighbours predict badly; what lies near is then still the likeliest.
     """
     out = np.empty(3)
     given = 0
@@ -220,7 +220,7 @@ def _border_shift(rest, pitch, border, which, place):  # type: ignore[no-untyped
 def match_pins(  # type: ignore[no-untyped-def]
     rest, near, back, pitch, border, blobs, count, usable, shape, which, place
 ):
-    """which (P,): blob of every pin, -1: not seen; place (P, 2): where it is, if seen.
+    """Set which (P,): blob of every pin, -1: not seen; place (P, 2): where it is, if seen.
 
     blobs (B, 2 and more), of which the first ``count`` hold something; usable (B,): those that may
     be pins. shape: height, width of the frame. Starts are tried until one leads to a match of all

@@ -41,13 +41,18 @@ _AROUND = 2.5
 
 @dataclass(frozen=True, eq=False)
 class PinProfile:
-    """What ``fit`` needs. dark, contrast: (H, W) grey levels; edge: px; disc: (P, 3) at rest."""
+    """The look of pins at rest."""
 
     dark: Array
+    """(H, W) grey levels without light."""
     contrast: Array
+    """(H, W) grey levels of full light over dark ones."""
     edge: float
+    """Half-width of a disc's edge, px."""
     disc: Array
+    """(P, 3) x, y and radius, px."""
     residual: float
+    """Rms grey levels that the discs leave of the rest frame."""
 
 
 def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
@@ -135,7 +140,7 @@ def _add_disc(x, y, radius, edge, sign, cover):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _normal_equations(image, dark, contrast, cover, x, y, radius, edge, m):  # type: ignore[no-untyped-def]
-    """m (9,): the sums xx, xy, xr, yy, yr, rr of the Jacobian and x, y, r of the residual."""
+    """Set m (9,): the sums xx, xy, xr, yy, yr, rr of the Jacobian and x, y, r of the residual."""
     height, width = cover.shape
     reach = radius + edge
     wide = reach + _OFF

@@ -217,7 +217,7 @@ def _layout_of(rest: Array) -> _Layout:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _track_frames(images, rest, near, back, pitch, border, xy, seen):  # type: ignore[no-untyped-def]
-    """xy (N, P, 2) px and seen (N, P) of the frames (N, H, W), from blobs alone."""
+    """Set xy (N, P, 2) px and seen (N, P) of the frames (N, H, W), from blobs alone."""
     room = 8 * images.shape[1] + 20 * len(rest) + 64
     run, out = np.empty((4, room), np.int32), np.empty((room, 3))
     which = np.empty(len(rest), np.int64)

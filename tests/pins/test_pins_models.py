@@ -75,7 +75,7 @@ def test_how_far_pins_went_decides():
 
 
 @both
-def test_no_frame_is_dropped_and_missing_pins_are_foretold(taught, make_presses, name):
+def test_no_frame_is_dropped_and_missing_pins_are_predicted(taught, make_presses, name):
     (frame,), (true,) = make_presses(1, 11)
     image = frame.image.copy()
     image[28:38, 28:38] = 10  # a pin or two are gone

@@ -58,6 +58,6 @@ def test_nothing_is_known_better_than_the_noise_lets_it():
 
 
 def test_too_few_presses_teach_nothing():
-    assert not ModelError.learn(drawn(FEWEST - 1), WEIGHT).known
-    assert ModelError.learn(drawn(FEWEST), WEIGHT).known
-    assert not ModelError.unknown(WEIGHT).known
+    assert not ModelError.learn(drawn(FEWEST - 1), WEIGHT).learned
+    assert ModelError.learn(drawn(FEWEST), WEIGHT).learned
+    assert not ModelError.unknown(WEIGHT).learned
