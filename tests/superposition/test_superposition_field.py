@@ -172,13 +172,6 @@ def test_any_leading_shape(learned, known):
     assert learned.slopes(np.empty((5, 0, 3))).shape == (5, 0, 4, count)
 
 
-def test_long_batches_are_the_same_as_single_places(learned, known):
-    many = np.tile(known[1][0], (2, 1))  # more than are gathered at once
-    np.testing.assert_array_equal(learned(many)[400:], learned(known[1][0]))
-    one = np.stack([learned(place) for place in many[250:262]])
-    np.testing.assert_array_equal(learned(many)[250:262], one)
-
-
 def test_order_of_presses_hardly_matters(known, learned):
     # Not at all but for the ridge, which is chosen on every tenth press.
     (contacts, values), (others, _) = known

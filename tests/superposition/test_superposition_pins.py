@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import tactibench.superposition as package
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 from tactibench.markers import PinTracker
 from tactibench.superposition import contact_array, single_press_rows
@@ -71,25 +70,6 @@ def test_any_frame_with_a_rest_image_will_do(singles):
 def test_without_a_rest_image_there_is_no_tracker(singles, count):
     with pytest.raises(UserError, match="rest image"):
         PinTracker.of([Frame(frame.image, 0.0, Pose()) for frame in singles[0][:count]])
-
-
-def test_what_is_public_is_there():
-    for name in package.__all__:
-        assert getattr(package, name).__module__.startswith("tactibench.superposition.")
-    with pytest.raises(AttributeError, match="nothing"):
-        _ = package.nothing
-
-
-def test_importing_the_package_computes_nothing():
-    import subprocess
-    import sys
-
-    code = (
-        "import sys, tactibench.superposition; "
-        "print([m for m in ('numpy', 'scipy', 'cv2', 'numba', 'torch') if m in sys.modules])"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
 
 
 def test_all_pins_that_were_seen_are_sure(singles, pins):
