@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactibench import Contacts, PlatePose, UserError
-from tactibench.run.reporter import SilentProgress
+from tactibench.run.reporter import NullProgress
 
 
 def flat(answers):
