@@ -12,17 +12,24 @@ from tactibench.contacts import Frame
 from tactibench.errors import UserError
 
 _COLOURS = (1, 3, 4)
-"""Grey, RGB, RGB with an alpha channel that is not looked at."""
+"""Channels of an image: grey, RGB, RGB with an alpha channel that is ignored."""
 _ALMOST_BLACK = 2.0
 """A float image whose largest value lies between 1 and this may be on either scale."""
 
 
 def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
-    """(N, size, size) uint8 gray images, resized by area averaging where the size differs.
+    """Return gray images, (N, size, size) uint8, resized by area averaging.
 
     Images may be (H, W), (H, W, C) or (C, H, W) with C = 1 (grey), 3 (RGB, weighted as in ITU-R
     BT.601) or 4 (RGB and alpha, which is ignored); uint8 or any integers in 0..255, booleans, or
-    floats in 0..1 or 0..255. Raises UserError for anything else, NaN and infinity included.
+    floats in 0..1 or 0..255.
+
+    Args:
+        frames: N frames.
+        size: Height and width of the result, pixels.
+
+    Raises:
+        UserError: An image is anything else, or holds NaN or infinity.
     """
     out = np.empty((len(frames), size, size), dtype=np.uint8)
     for number, (row, frame) in enumerate(zip(out, frames, strict=True), 1):
@@ -38,7 +45,7 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
 
 
 def gray(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """(H, W) of (H, W) or RGB (H, W, 3) uint8, colours weighted as in ITU-R BT.601."""
+    """Return (H, W) of (H, W) or RGB (H, W, 3) uint8, weighted as in ITU-R BT.601."""
     import cv2
 
     if image.ndim == 2:
@@ -47,18 +54,18 @@ def gray(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 def resized(image: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
-    """(H, W) uint8 in another shape: area averaging, linear where a side grows."""
+    """Return (H, W) uint8 in another shape: area averaging, linear where a side grows."""
     import cv2
 
     if image.shape == shape:
         return image
     shrink = image.shape[0] >= shape[0] and image.shape[1] >= shape[1]
-    way = cv2.INTER_AREA if shrink else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, shape[::-1], interpolation=way), dtype=np.uint8)
+    how = cv2.INTER_AREA if shrink else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, shape[::-1], interpolation=how), dtype=np.uint8)
 
 
 def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(H, W) or (H, W, 3), whichever end the channels stand at."""
+    """Return (H, W) or (H, W, 3), whichever end the channels stand at."""
     if image.ndim == 3 and image.shape[2] not in _COLOURS and image.shape[0] in _COLOURS:
         image = np.moveaxis(image, 0, 2)
     good = image.ndim == 2 or (image.ndim == 3 and image.shape[2] in _COLOURS)
@@ -73,7 +80,7 @@ def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _levels(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """Brightness as levels 0..255."""
+    """Return brightness as levels 0..255."""
     if image.dtype == np.uint8:
         return image
     if image.dtype == np.bool_:

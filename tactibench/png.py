@@ -17,7 +17,7 @@ from tactibench.errors import UserError
 __all__ = ["ImageKind", "check_png", "decode_png", "encode_png", "read_file"]
 
 MOST_PIXELS = 64_000_000
-"""Of one image: several times what the cameras of tactile sensors have."""
+"""Most pixels of one image: several times what the cameras of tactile sensors have."""
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = b"\x00\x00\x00\rIHDR"
@@ -26,7 +26,7 @@ _GRAY_TYPES = (0, 4)  # gray, gray with alpha
 
 @dataclass(frozen=True)
 class ImageKind:
-    """Height and width in pixels, and whether it has colours."""
+    """Height and width of an image in pixels, and whether it has colours."""
 
     height: int
     width: int
@@ -37,13 +37,17 @@ class ImageKind:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(H, W) or (H, W, 3)."""
+        """Shape of the array: (H, W) or (H, W, 3)."""
         size = (self.height, self.width)
         return (*size, 3) if self.colour else size
 
 
 def read_file(path: Path) -> bytes:
-    """The bytes of a file. Raises UserError when it cannot be read."""
+    """Return the bytes of a file.
+
+    Raises:
+        UserError: It cannot be read.
+    """
     try:
         return path.read_bytes()
     except OSError as error:
@@ -53,8 +57,12 @@ def read_file(path: Path) -> bytes:
 def check_png(name: Path | str, data: bytes) -> ImageKind:
     """Walk the chunks of a PNG from header to end, checksums included; nothing is decoded.
 
-    name: what error sentences call it. Raises UserError for a file that is no PNG, is cut short or
-    is damaged.
+    Args:
+        name: Name of the file, for errors.
+        data: Bytes of the file.
+
+    Raises:
+        UserError: The file is no PNG, is cut short or is damaged.
     """
     view = memoryview(data)
     if not _has_header(data):
@@ -73,17 +81,23 @@ def check_png(name: Path | str, data: bytes) -> ImageKind:
 
 
 def decode_png(name: Path | str, data: bytes, kind: ImageKind) -> npt.NDArray[np.uint8]:
-    """(H, W) or RGB (H, W, 3) uint8 of a PNG that should be of this kind.
+    """Return the pixels of a PNG, (H, W) or RGB (H, W, 3) uint8.
 
-    Raises UserError when it cannot be decoded, has another size or more pixels than any sensor.
+    Args:
+        name: Name of the file, for errors.
+        data: Bytes of the file.
+        kind: Size and colours that it should have.
+
+    Raises:
+        UserError: It cannot be decoded, has another size or more pixels than any sensor.
     """
     import cv2
 
     if _has_header(data) and len(data) > 25:  # before any memory is taken for the pixels
-        found = _kind(data)
-        if (found.height, found.width) != (kind.height, kind.width):
+        actual = _kind(data)
+        if (actual.height, actual.width) != (kind.height, kind.width):
             raise UserError(
-                f"{name} changed its size to {found.height}x{found.width} meanwhile, it was "
+                f"{name} changed its size to {actual.height}x{actual.width} meanwhile, it was "
                 f"{kind.height}x{kind.width}; restore it."
             )
     if kind.height * kind.width > MOST_PIXELS:
@@ -91,9 +105,9 @@ def decode_png(name: Path | str, data: bytes, kind: ImageKind) -> npt.NDArray[np
             f"{name} cannot be decoded: it claims {kind.height:,} x {kind.width:,} pixels, allowed "
             f"are {MOST_PIXELS:,}; replace it or remove its row."
         )
-    way = cv2.IMREAD_COLOR if kind.colour else cv2.IMREAD_GRAYSCALE
+    mode = cv2.IMREAD_COLOR if kind.colour else cv2.IMREAD_GRAYSCALE
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), way)
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), mode)
     except cv2.error:  # no bytes at all, or a header that OpenCV refuses
         image = None
     if image is None or image.shape != kind.shape:
@@ -104,7 +118,7 @@ def decode_png(name: Path | str, data: bytes, kind: ImageKind) -> npt.NDArray[np
 
 
 def encode_png(image: npt.NDArray[np.uint8]) -> bytes:
-    """The bytes of a PNG file of (H, W) gray or (H, W, 3) RGB uint8, without loss."""
+    """Return the bytes of a PNG file of (H, W) gray or (H, W, 3) RGB uint8, without loss."""
     import cv2
 
     if image.ndim == 3:

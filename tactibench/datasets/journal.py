@@ -95,21 +95,13 @@ def read_content(folder: Path) -> Content:
             f"{path} is not what it was when the data set was closed; restore it "
             f"(`tactibench data verify {folder}` says what is wrong)."
         )
-    first_line: dict[int, int] = {}
-    samples = []
-    for number, line in enumerate(journal.whole, start=1):
-        sample = read_row(line, f"{path} line {number}")
-        first = first_line.setdefault(sample.id, number)
-        if first != number:
-            raise UserError(
-                f"{path} lines {first} and {number} are both of id {sample.id}; an id "
-                "stands once: remove one of them."
-            )
-        samples.append(sample)
+    samples, errors = parse_samples(path, journal)
+    if errors:
+        raise errors[0]
     events = read_lines(folder / EVENTS)
     return Content(
         header,
-        tuple(samples),
+        tuple(samples.values()),
         tuple(
             read_event(line, f"{folder / EVENTS} line {number}")
             for number, line in enumerate(events.whole, start=1)
@@ -117,6 +109,27 @@ def read_content(folder: Path) -> Content:
         journal,
         events,
     )
+
+
+def parse_samples(path: Path, journal: Lines) -> tuple[dict[int, Sample], list[UserError]]:
+    """Return the samples by number of their line, and an error for every wrong line."""
+    first_line: dict[int, int] = {}
+    samples: dict[int, Sample] = {}
+    errors: list[UserError] = []
+    for number, line in enumerate(journal.whole, start=1):
+        try:
+            sample = read_row(line, f"{path} line {number}")
+            first = first_line.setdefault(sample.id, number)
+            if first != number:
+                raise UserError(
+                    f"{path} lines {first} and {number} are both of id {sample.id}; an id "
+                    "stands once: remove one of them."
+                )
+        except UserError as error:
+            errors.append(error)
+        else:
+            samples[number] = sample
+    return samples, errors
 
 
 def read_event(line: bytes, where: str) -> Event:

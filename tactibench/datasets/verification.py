@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from tactibench.datasets.image_cache import is_intact
 from tactibench.datasets.image_files import read_image
-from tactibench.datasets.journal import Lines, read_event, read_lines, reference_file
+from tactibench.datasets.journal import Lines, parse_samples, read_event, read_lines, reference_file
 from tactibench.datasets.repair import sample_images, temporary_files
-from tactibench.datasets.rows import check_contacts, read_plan, read_row
+from tactibench.datasets.rows import check_contacts, read_plan
 from tactibench.datasets.schema import (
     CACHE,
     EVENTS,
@@ -30,9 +30,6 @@ from tactibench.errors import UserError
 _THREADS = os.cpu_count() or 1
 _PREFETCH = 16 * _THREADS
 """Images that are read ahead: enough to keep all threads busy, few enough for any memory."""
-
-NumberedSample = tuple[int, Sample]
-"""Line of the journal and its sample."""
 
 
 def count_samples(folder: Path) -> int:
@@ -60,8 +57,10 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
     """
     header = read_header(folder)
     journal, events = read_lines(folder / JOURNAL), read_lines(folder / EVENTS)
-    numbered, findings = _check_rows(folder, header, journal)
-    samples = [sample for _, sample in numbered]
+    numbered, errors = parse_samples(folder / JOURNAL, journal)
+    samples = list(numbered.values())
+    findings = [str(error) for error in errors]
+    findings += _check_contacts(folder / JOURNAL, header, journal, numbered)
     findings += _check_references(folder, header, events)
     findings += _check_images(folder, header, numbered, advance)
     findings += _check_arrays(folder)
@@ -72,37 +71,21 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
     return findings
 
 
-def _check_rows(
-    folder: Path, header: Header, journal: Lines
-) -> tuple[list[NumberedSample], list[str]]:
-    path = folder / JOURNAL
-    samples: list[NumberedSample] = []
-    findings = []
-    first: dict[int, int] = {}
-    for number, line in enumerate(journal.whole, start=1):
-        where = f"{path} line {number}"
+def _check_contacts(
+    path: Path, header: Header, journal: Lines, samples: Iterable[int]
+) -> Iterator[str]:
+    """Give findings on the contacts in lines of the journal, by their numbers."""
+    for number in samples:
         try:
-            sample = read_row(line, where)
+            where = f"{path} line {number}"
+            check_contacts(journal.whole[number - 1], where, header.dome_radius_mm)
         except UserError as error:
-            findings.append(str(error))
-            continue
-        if first.setdefault(sample.id, number) != number:
-            findings.append(
-                f"{path} lines {first[sample.id]} and {number} are both of id {sample.id}; "
-                "remove one of them."
-            )
-            continue
-        samples.append((number, sample))
-        try:
-            check_contacts(line, where, header.dome_radius_mm)
-        except UserError as error:
-            findings.append(str(error))
+            yield str(error)
     if journal.torn and header.status == "open":
-        findings.append(
+        yield (
             f"{path} ends in an unfinished line of {len(journal.torn)} bytes; opening the data set "
             "cuts it off."
         )
-    return samples, findings
 
 
 def _check_references(folder: Path, header: Header, events: Lines) -> Iterator[str]:
@@ -128,7 +111,7 @@ def _check_references(folder: Path, header: Header, events: Lines) -> Iterator[s
 def _check_images(
     folder: Path,
     header: Header,
-    samples: Sequence[NumberedSample],
+    samples: Mapping[int, Sample],
     advance: Callable[[int], None],
 ) -> Iterator[str]:
     """Give findings on images, in the order of the journal."""
@@ -143,7 +126,7 @@ def _check_images(
 
     waiting: deque[Future[str]] = deque()
     with ThreadPoolExecutor(_THREADS) as pool:
-        for number, sample in samples:
+        for number, sample in samples.items():
             waiting.append(pool.submit(check, number, sample))
             while len(waiting) >= _PREFETCH:
                 yield from filter(None, [waiting.popleft().result()])
