@@ -1,4 +1,4 @@
-"""What a person sees: progress on stderr, results on stdout, pictures beside the record."""
+"""The terminal: progress on stderr, results on stdout, pictures beside the record."""
 
 from __future__ import annotations
 
@@ -22,24 +22,26 @@ from tactibench.records.store import RECORD, StoredRun, stored_runs
 
 
 class Terminal:
-    """stdout for results and stderr for progress, which is silent where it is no terminal."""
+    """Results on stdout, and progress on stderr, which is silent where it is no terminal."""
 
     def __init__(self) -> None:
         self.out = Console(soft_wrap=False, highlight=False)
         self.err = Console(stderr=True, highlight=False)
 
     def say(self, line: str) -> None:
-        """One line of the plan; results follow on the same stream."""
+        """Print a line as it is; the terminal breaks it."""
         self.out.print(line, markup=False, soft_wrap=True)
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
+        """Show a bar while something of ``total`` steps is done; yields what advances it."""
         with self._progress(MofNCompleteColumn()) as progress:
             job = progress.add_task(title, total=total)
             yield lambda done: progress.advance(job, done)
 
     @contextmanager
     def training(self) -> Iterator[TrainingBar]:
+        """Show a bar while a model is trained."""
         bar = TrainingBar(self._progress(TextColumn("{task.fields[note]}")))
         try:
             yield bar
@@ -59,7 +61,7 @@ class Terminal:
 
 
 class TrainingBar:
-    """Loss, validation error in mm and time left of a training."""
+    """A bar with loss, validation error in mm and time left of a training."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
@@ -68,16 +70,19 @@ class TrainingBar:
         self._note = ""
 
     def start(self, epochs: int, steps: int) -> None:
+        """Begin with so many epochs of so many steps."""
         self._steps = steps
         self._progress.start()
         self._job = self._progress.add_task("train", total=epochs * steps, note="")
 
     def step(self, loss: float) -> None:
+        """Show the loss of one more step."""
         if self._job is not None:
             note = f"loss {loss:.4f}{self._note}"
             self._progress.update(self._job, advance=1, note=note)
 
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
+        """Show the loss and the validation error of an epoch."""
         error = "" if validation_mm is None else f"  validation {validation_mm:.3f} mm"
         self._note = f"  epoch {epoch}{error}"
         if self._job is not None:
@@ -85,6 +90,7 @@ class TrainingBar:
             self._progress.update(self._job, completed=epoch * self._steps, note=note)
 
     def stop(self) -> None:
+        """Take the bar away."""
         if self._job is not None:
             self._progress.stop()
 

@@ -21,7 +21,7 @@ SPACING_MM = 7.0
 
 
 def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
-    """ "1,3,6" -> (1.0, 3.0, 6.0)."""
+    """Read "1,3,6" as (1.0, 3.0, 6.0)."""
     try:
         numbers = tuple(float(number) for number in text.split(","))
     except ValueError:
@@ -83,7 +83,7 @@ def limit(
     out: Path | None,
     json_file: Path | None,
 ) -> None:
-    """Show the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
+    r"""Show the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
 
     No unbiased estimator has a smaller standard deviation on these frames: x, y and depth of all
     contacts are unknown together, and so is every --nuisance. The separation is that of two tips in
@@ -231,7 +231,10 @@ def _json(request: Any) -> dict[str, Any]:
 
 
 def _cells(maps: Any) -> dict[str, Any]:
-    """quantity -> [depth][row][column], mm; "inf" without a bound, null for a refused press."""
+    """Return quantity -> [depth][row][column], mm.
+
+    "inf" without a bound, null for a refused press.
+    """
     import numpy as np
 
     def cell(value: float) -> float | str | None:

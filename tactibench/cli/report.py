@@ -57,8 +57,10 @@ def report(
     origin: str,
     protocols: tuple[str, ...],
 ) -> None:
-    """Write one HTML file that needs no network: tables that sort and filter, speed against error,
-    error against distance, the worst frames of stored runs, the plan and the environment.
+    r"""Write the boards, or stored runs, as one HTML file that needs no network.
+
+    It holds tables that sort and filter, speed against error, error against distance, the worst
+    frames of stored runs, the plan and the environment.
 
     \b
     tactibench report --out report.html

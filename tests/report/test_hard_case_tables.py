@@ -152,7 +152,8 @@ def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any) -> None:
             row.value = row.low = row.high = 0.0
     some = [axis for axis in AXES if axis.family in {"blur", "deep"}]
     figure = stability_figure(rows_of([made]), some)
-    assert {axes.get_yscale() for axes in figure.axes[:2]} == {"linear"}  # no error to show
+    points = [len(axes.containers[0][0].get_xdata()) for axes in figure.axes[:2]]  # type: ignore[index]
+    assert max(points) <= 1  # the easy case alone, which belongs to another family
 
 
 def test_frames_of_the_cases_are_drawn_where_there_are_any() -> None:

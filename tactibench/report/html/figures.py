@@ -128,7 +128,7 @@ def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
             words = machine_words(found[0].points[0].row.first)
             untimed = ", ".join(label for one in found for label in one.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            image = _image(frontier_figure(found, error, measured_on=words))
+            image = _image(frontier_figure(found, error, title="", measured_on=words))
             tables = tuple(frontier_table(one, error) for one in found)
             options.append(Option(words, image, tables, note))
     caption = (
@@ -225,11 +225,15 @@ def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
     if error is None or not section.curves:
         return None
     options = tuple(
-        Option(label, _image(curve_figure(part, error)), (curve_steps_table(part, error),))
+        Option(
+            label,
+            _image(curve_figure(part, error, title="", measured_on=section.title)),
+            (curve_steps_table(part, error),),
+        )
         for label, part in _batches(section.curves)
     )
     caption = "Error against the presses that a model learned from; bars: 95 % over presses."
-    return Panel("Learning curve", caption, options, "rows")
+    return Panel("Learning curve", caption, tuple(options), "rows")
 
 
 def _stability_panel(rows: Sequence[Row], board: ReportBoard, where: str) -> Panel | None:

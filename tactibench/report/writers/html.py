@@ -47,7 +47,7 @@ def table_html(table: Table) -> str:
 
 
 def prose_html(text: str) -> str:
-    """Return words of this program: `backticks` become code, "\\*" a star."""
+    """Return words of this program: `backticks` become code, an escaped star a star."""
     return _ESCAPED_SIGN.sub(r"\1", _CODE.sub(r"<code>\1</code>", escape(text, quote=False)))
 
 
