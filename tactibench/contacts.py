@@ -37,10 +37,14 @@ def _column(values: npt.ArrayLike, shape: tuple[int, ...], name: str) -> FloatAr
 class Contacts:
     """Contacts of one frame, best first. Zero contacts are allowed.
 
-    xy: (N, 2) axis of each tip, mm. depth: (N,) travel past first touch, mm. score: (N,) in 0..1,
-    descending; truth has score 1. std: (N, 3) the model's own 1-sigma for x, y and depth, mm.
+    Attributes:
+        xy: (N, 2) axis of each tip, mm.
+        depth: (N,) travel past first touch, mm.
+        score: (N,) in 0..1, descending; truth has score 1.
+        std: (N, 3) the model's own 1-sigma of x, y and depth, mm.
 
-    Raises ValueError on shapes that do not fit, values that are not finite, scores outside 0..1.
+    Raises:
+        ValueError: For shapes that do not fit, values that are not finite, scores outside 0..1.
     """
 
     xy: FloatArray
@@ -68,26 +72,32 @@ class Contacts:
 
     @classmethod
     def truth(cls, xy: npt.ArrayLike, depth: npt.ArrayLike) -> Contacts:
-        """Contacts that are known rather than predicted: every score is 1."""
+        """Return contacts that are true rather than predicted: every score is 1."""
         return cls(np.asarray(xy), np.asarray(depth), np.ones(np.size(depth)))
 
     @classmethod
     def none(cls) -> Contacts:
-        """No contact at all."""
+        """Return no contact at all."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0))
 
     def __len__(self) -> int:
         return len(self.depth)
 
     def top(self, count: int) -> Contacts:
-        """The ``count`` contacts with the highest scores."""
+        """Return the ``count`` contacts with the highest scores."""
         std = None if self.std is None else self.std[:count]
         return Contacts(self.xy[:count], self.depth[:count], self.score[:count], std)
 
 
 @dataclass(frozen=True)
 class PlatePose:
-    """A flat plate on the dome: depth mm along the plate's normal, tilt deg, optional 1-sigma."""
+    """A flat plate on the dome.
+
+    Attributes:
+        depth: Indentation along the plate's normal, mm.
+        tilt: Angle between the plate's normal and the dome's axis, deg.
+        std: The model's own 1-sigma of depth and tilt.
+    """
 
     depth: float
     tilt: float
@@ -95,15 +105,18 @@ class PlatePose:
 
 
 Answer = Contacts | PlatePose
-"""What a model may return for one frame."""
+"""A model's answer to one frame, or its truth."""
 
 
 @dataclass(frozen=True)
 class Indenter:
     """Spherical tips on a rigid holder, or a plate.
 
-    radius: of every tip, mm; ``inf`` for a plate. offsets: one (dx, dy, dz) per tip, mm, in the
-    indenter's own frame; a larger dz reaches further towards the sensor.
+    Attributes:
+        radius: Radius of every tip, mm; ``inf`` for a plate.
+        offsets: One (dx, dy, dz) per tip, mm, in the indenter's own frame; a larger dz reaches
+            further towards the sensor.
+        name: Name of the kind, such as "dual".
     """
 
     radius: float
@@ -120,15 +133,17 @@ class Indenter:
 
     @property
     def is_plate(self) -> bool:
+        """Whether it is a plate."""
         return math.isinf(self.radius)
 
     @classmethod
     def single(cls, radius: float = 3.0) -> Indenter:
+        """Return one spherical tip."""
         return cls(radius, ((0.0, 0.0, 0.0),), "single")
 
     @classmethod
     def dual(cls, distance: float, radius: float = 3.0) -> Indenter:
-        """Two tips of equal height, ``distance`` mm apart along the indenter's x axis."""
+        """Return two tips of equal height, ``distance`` mm apart along the indenter's x axis."""
         half = distance / 2
         return cls(radius, ((-half, 0.0, 0.0), (half, 0.0, 0.0)), "dual")
 
@@ -136,7 +151,7 @@ class Indenter:
     def triple(
         cls, heights: tuple[float, float, float], side: float = 8.0, radius: float = 3.0
     ) -> Indenter:
-        """Three tips on an equilateral triangle with the given height inserts, mm."""
+        """Return three tips on an equilateral triangle with the given height inserts, mm."""
         r = side / math.sqrt(3)
         turns = (math.pi / 2 + k * 2 * math.pi / 3 for k in range(3))
         offsets = tuple(
@@ -146,15 +161,21 @@ class Indenter:
 
     @classmethod
     def plate(cls) -> Indenter:
+        """Return a flat plate."""
         return cls(math.inf, ((0.0, 0.0, 0.0),), "plate")
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where an indenter is: x, y of its axis mm, yaw and tilt deg, depth mm.
+    """Pose of an indenter.
 
-    Depth is the travel past the indenter's first touch: the tip that touches first has this depth,
-    the others less. A plate's depth is measured along its own normal.
+    Attributes:
+        x: Place of its axis, mm.
+        y: Place of its axis, mm.
+        yaw: Turn about z, deg.
+        tilt: Angle against z, deg.
+        depth: Travel past the indenter's first touch, mm: the tip that touches first has this
+            depth, the others less. A plate's depth is measured along its own normal.
     """
 
     x: float = 0.0
@@ -166,7 +187,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class Scene:
-    """What is pressed: an indenter at a pose. A sensor turns it into a Frame."""
+    """A press: an indenter at a pose. A sensor turns it into a Frame."""
 
     indenter: Indenter
     pose: Pose
@@ -174,10 +195,13 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What a sensor saw.
+    """An image of a sensor.
 
-    image: (H, W) or (H, W, 3) uint8. timestamp: s, monotonic. pose: actually reached.
-    rest: image of the undeformed sensor of the same shape, if there is one.
+    Attributes:
+        image: (H, W) or (H, W, 3) uint8.
+        timestamp: Monotonic time, s.
+        pose: Pose that the indenter actually reached.
+        rest: Image of the undeformed sensor, of the same shape, if there is one.
     """
 
     image: npt.NDArray[np.uint8]
@@ -188,10 +212,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Grid:
-    """The one place that maps heatmap cells to millimetres and back.
+    """The cells of heatmaps: the one place that maps cells to millimetres and back.
 
-    shape: (rows, columns). origin: (x, y) of the centre of cell [0, 0], mm. pitch: cell size, mm.
-    Rows run along y, columns along x.
+    Attributes:
+        shape: (rows, columns); rows run along y, columns along x.
+        origin: (x, y) of the centre of cell [0, 0], mm.
+        pitch: Size of a cell, mm.
     """
 
     shape: tuple[int, int]
@@ -200,12 +226,12 @@ class Grid:
 
     @classmethod
     def centred(cls, cells: int, pitch: float) -> Grid:
-        """A square grid around the apex: cell centres at (i - (cells - 1) / 2) * pitch."""
+        """Return a square grid around the apex, with centres at (i - (cells - 1) / 2) * pitch."""
         start = -(cells - 1) / 2 * pitch
         return cls((cells, cells), (start, start), pitch)
 
     def axes(self) -> tuple[FloatArray, FloatArray]:
-        """x of every column (W,) and y of every row (H,), mm."""
+        """Return x of every column (W,) and y of every row (H,), mm."""
         rows, columns = self.shape
         return (
             np.asarray(self.origin[0] + self.pitch * np.arange(columns), dtype=np.float64),
@@ -213,13 +239,13 @@ class Grid:
         )
 
     def xy(self, row: npt.ArrayLike, column: npt.ArrayLike) -> FloatArray:
-        """(..., 2) mm of (fractional) cell indices."""
+        """Return (..., 2) mm of (fractional) cell indices."""
         x = self.origin[0] + self.pitch * np.asarray(column, dtype=np.float64)
         y = self.origin[1] + self.pitch * np.asarray(row, dtype=np.float64)
         return np.stack([x, y], axis=-1)
 
     def cells(self, xy: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Fractional (row, column) of (..., 2) mm. Nothing is rounded."""
+        """Return the fractional (row, column) of (..., 2) mm. Nothing is rounded."""
         points: FloatArray = np.asarray(xy, dtype=np.float64)
         row = np.asarray((points[..., 1] - self.origin[1]) / self.pitch, dtype=np.float64)
         column = np.asarray((points[..., 0] - self.origin[0]) / self.pitch, dtype=np.float64)

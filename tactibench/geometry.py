@@ -18,7 +18,7 @@ DOME_RADIUS_MM = 20.0
 
 
 def tip_positions(scene: Scene) -> FloatArray:
-    """(K, 3) x, y and height offset of every tip's axis in the sensor frame, mm."""
+    """Return (K, 3) x, y and height offset of every tip's axis in the sensor frame, mm."""
     offsets = np.array(scene.indenter.offsets, dtype=np.float64)
     yaw = math.radians(scene.pose.yaw)
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
@@ -27,10 +27,10 @@ def tip_positions(scene: Scene) -> FloatArray:
 
 
 def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
-    """(K,) travel of every tip past its own first touch, mm; zero or less: it does not touch.
+    """Return the (K,) travel of every tip past its own first touch, mm.
 
-    Tips whose axis passes beside the dome (rho >= R_d + R) get minus infinity. A plate has one
-    "tip", which is as deep as its pose.
+    Zero or less: the tip does not touch. Tips whose axis passes beside the dome (rho >= R_d + R)
+    get minus infinity. A plate has one "tip", which is as deep as its pose.
     """
     if scene.indenter.is_plate:
         return np.array([scene.pose.depth])
@@ -42,7 +42,7 @@ def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
 
 
 def _first_touch(scene: Scene, dome_radius: float) -> FloatArray:
-    """(K,) height of the indenter at which every tip first touches, up to a common constant, mm."""
+    """Return the (K,) height at which every tip first touches, up to a common constant, mm."""
     tips = tip_positions(scene)
     if math.isinf(dome_radius):
         return tips[:, 2]
@@ -54,10 +54,12 @@ def _first_touch(scene: Scene, dome_radius: float) -> FloatArray:
 
 
 def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:
-    """The contacts of a scene of spherical tips; a tip that never touches is none.
+    """Return the contacts of a scene; a tip that never touches is none.
 
     A plate touches at ``dome_radius * sin(tilt)`` along its tilt axis with the depth of the pose.
-    Raises UserError for a plate on a flat pad, which it touches everywhere.
+
+    Raises:
+        UserError: For a plate on a flat pad, which it touches everywhere.
     """
     if scene.indenter.is_plate:
         xy = plate_contact_xy(scene, dome_radius)
@@ -68,9 +70,10 @@ def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts
 
 
 def plate_contact_xy(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> tuple[float, float]:
-    """(x, y) mm at which a tilted plate meets the dome: dome_radius * sin(tilt) along the yaw.
+    """Return (x, y) mm where a tilted plate meets the dome: dome_radius * sin(tilt) along the yaw.
 
-    Raises UserError for a flat pad.
+    Raises:
+        UserError: For a flat pad.
     """
     _refuse_flat(dome_radius)
     offset = dome_radius * math.sin(math.radians(scene.pose.tilt))
@@ -79,37 +82,23 @@ def plate_contact_xy(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> tuple
 
 
 def plate_pose(scene: Scene) -> PlatePose:
-    """The true plate pose of a scene."""
+    """Return the true plate pose of a scene."""
     return PlatePose(scene.pose.depth, scene.pose.tilt)
 
 
 def plate_from_contacts(
     contacts: Contacts, dome_radius: float = DOME_RADIUS_MM
 ) -> PlatePose | None:
-    """Read a plate from the best contact: tilt = asin(x / dome_radius). None without a contact.
+    """Return the plate of the best contact: tilt = asin(x / dome_radius). None without a contact.
 
-    Raises UserError for a flat pad.
+    Raises:
+        UserError: For a flat pad.
     """
     _refuse_flat(dome_radius)
     if not len(contacts):
         return None
     sine = float(np.clip(contacts.xy[0, 0] / dome_radius, -1.0, 1.0))
     return PlatePose(float(contacts.depth[0]), math.degrees(math.asin(sine)))
-
-
-def normal_penetration(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:
-    """(K,) delta = R_d + R - |c - O| mm of every tip, for the tip depths of the scene.
-
-    A plate's penetration along its normal is its depth, and so is that of a tip on a flat pad.
-    """
-    if scene.indenter.is_plate or math.isinf(dome_radius):
-        return tip_depths(scene, dome_radius)
-    tips = tip_positions(scene)
-    reach = dome_radius + scene.indenter.radius
-    rho_squared = (tips[:, :2] ** 2).sum(axis=1)
-    height = np.sqrt(np.maximum(reach**2 - rho_squared, 0.0)) - tip_depths(scene, dome_radius)
-    penetration: FloatArray = reach - np.sqrt(rho_squared + height**2)
-    return penetration
 
 
 def _refuse_flat(dome_radius: float) -> None:

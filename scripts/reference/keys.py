@@ -21,6 +21,7 @@ class Keys:
 
     @classmethod
     def read(cls) -> Keys:
+        """Read the sentences of keys.toml."""
         return cls(tomllib.loads(FILE.read_text(encoding="utf-8")))
 
     def agree(self, table: str, names: Iterable[str]) -> Mapping[str, str]:

@@ -19,6 +19,7 @@ class Module:
 
     @classmethod
     def read(cls, path: Path) -> Module:
+        """Read a file."""
         text = path.read_text(encoding="utf-8")
         defined = (ast.FunctionDef, ast.ClassDef)
         nodes = {node.name: node for node in ast.parse(text).body if isinstance(node, defined)}

@@ -67,6 +67,7 @@ def grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def fenced(text: str, language: str = "python") -> list[str]:
+    """Return the text in a fence."""
     return [f"```{language}", *text.strip("\n").splitlines(), "```", ""]
 
 

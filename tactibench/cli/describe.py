@@ -1,4 +1,4 @@
-"""``tactibench describe``: everything a spec or a protocol says about itself."""
+"""``tactibench describe``: everything a spec or a protocol states."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _show_protocol(name: str) -> None:
 
 
 def _family(axis: Axis) -> str:
-    """ "family    grazing: depth of a shallow contact, mm: easy 2; 0.5, 0.3"."""
+    """Return ``family    grazing: depth of a shallow contact, mm: easy 2; 0.5, 0.3``."""
     unit = f", {axis.unit}" if axis.unit else ""
     easy = "" if axis.easy is None else f"easy {axis.easy:g}; "
     return (

@@ -1,4 +1,4 @@
-"""``tactibench new``: the beginning of somebody's own plugin."""
+"""``tactibench new``: write the first version of a plugin."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import click
 
 from tactibench.plugins.specs import KINDS
 
-TRY = {
+EXAMPLES = {
     "model": "tactibench run exp1 --model {name} --quick",
     "sensor": "tactibench run exp1 --model nearest --sensor {name} --quick",
     "encoder": "tactibench run exp1 --model unet --encoder {name} --quick",
@@ -30,14 +30,13 @@ def new(kind: str, name: str, out: Path) -> None:
     The folder is called tactibench-NAME. Nothing that is there already is changed.
     """
     from tactibench.plugins.host import PluginHost
-    from tactibench.scaffold.names import checked_names
-    from tactibench.scaffold.write import write_package
+    from tactibench.scaffold.package import check_name, write_package
 
-    folder = write_package(checked_names(kind, name, PluginHost()), out)
+    folder = write_package(check_name(kind, name, PluginHost()), out)
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         click.echo(f"wrote {path}")
     place = folder if folder.is_absolute() else f"./{folder}"  # a bare name, pip would look up
-    tried = TRY[kind].format(name=name)
+    example = EXAMPLES[kind].format(name=name)
     click.echo("next:")
-    for command in (f"pip install -e {place}", f"tactibench check {name}", tried):
+    for command in (f"pip install -e {place}", f"tactibench check {name}", example):
         click.echo(f"  {command}")

@@ -121,7 +121,7 @@ def deeper(subject: SensorSubject) -> None:
 
 
 def direction(subject: SensorSubject) -> None:
-    """x points right and y down: a contact 3 mm that way changes the frame on that side."""
+    """A contact 3 mm to the right (x) or down (y) changes the frame on that side."""
     subject.skip_unless_any_scene()
     space = subject.protocol.workspace
     depth = 0.5 * (space.depth_min_mm + space.depth_max_mm)
@@ -196,7 +196,7 @@ def refusals(subject: SensorSubject) -> None:
 
 
 def describe(subject: SensorSubject) -> None:
-    """describe gives JSON values, the same for equal parameters, before and after a press."""
+    """The description is JSON values, the same for equal parameters, before and after a press."""
     sensor = subject.build()
     before = _as_json(sensor.describe())
     with sensor as opened:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from penetration import normal_penetration
 
 from tactibench import Contacts, Indenter, Pose, Scene
 from tactibench.geometry import (
     DOME_RADIUS_MM,
-    normal_penetration,
     plate_from_contacts,
     plate_pose,
     tip_depths,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from penetration import normal_penetration
 
 from tactibench import Contacts, Indenter, Pose, Scene, UserError
 from tactibench.geometry import (
-    normal_penetration,
     plate_contact_xy,
     plate_from_contacts,
     tip_depths,

@@ -11,8 +11,7 @@ import pytest
 from surroundings import surroundings
 
 from tactibench.plugins.specs import KINDS
-from tactibench.scaffold.names import Names
-from tactibench.scaffold.write import write_package
+from tactibench.scaffold.package import Names, write_package
 from tactibench.testing import properties
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -14,16 +14,15 @@ from tactibench import UserError
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import KINDS
-from tactibench.scaffold import write
-from tactibench.scaffold.names import Names, checked_names
-from tactibench.scaffold.write import rendered, write_package
+from tactibench.scaffold import package
+from tactibench.scaffold.package import Names, check_name, render_templates, write_package
 
 HOST = PluginHost()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_file_is_whole(kind: str) -> None:
-    files = rendered(Names(kind, "two_words"))
+    files = render_templates(Names(kind, "two_words"))
     assert set(files) == {
         "README.md",
         "pyproject.toml",
@@ -63,7 +62,7 @@ def test_the_host_takes_what_is_written(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_hooks_import_nothing_heavy(kind: str) -> None:
-    tree = ast.parse(rendered(Names(kind, "light"))["tactibench_light/hooks.py"])
+    tree = ast.parse(render_templates(Names(kind, "light"))["tactibench_light/hooks.py"])
     modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert modules == {"__future__", "tactibench"}
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.Import)]
@@ -98,13 +97,13 @@ def test_hooks_import_nothing_heavy(kind: str) -> None:
 )
 def test_names_that_cannot_be_taken(name: str, said: str) -> None:
     with pytest.raises(UserError, match=said):
-        checked_names("model", name, HOST)
+        check_name("model", name, HOST)
 
 
 def test_a_name_that_another_kind_has_can_be_taken() -> None:
-    assert checked_names("model", "hertz", HOST).package == "tactibench_hertz"
+    assert check_name("model", "hertz", HOST).package == "tactibench_hertz"
     with pytest.raises(UserError, match="the encoder of plugin 'heatmaps'"):
-        checked_names("encoder", "hertz", HOST)
+        check_name("encoder", "hertz", HOST)
 
 
 def test_an_importable_package_keeps_its_name(
@@ -114,7 +113,7 @@ def test_an_importable_package_keeps_its_name(
     (tmp_path / "tactibench_there" / "__init__.py").write_text("")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(UserError, match="the installed package 'tactibench_there'"):
-        checked_names("sensor", "there", HOST)
+        check_name("sensor", "there", HOST)
 
 
 @pytest.mark.parametrize("kind", ["folder", "file", "dangling link"])
@@ -143,7 +142,7 @@ def test_nothing_is_left_of_a_package_that_could_not_be_written(
     def half(names: Any) -> dict[str, str]:
         return {"a/first.py": "x = 1\n", "a": "a folder by now"}
 
-    monkeypatch.setattr(write, "rendered", half)
+    monkeypatch.setattr(package, "render_templates", half)
     with pytest.raises(OSError, match="directory"):
         write_package(Names("model", "ridge"), tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from penetration import normal_penetration
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.geometry import (
-    normal_penetration,
     plate_contact_xy,
     tip_depths,
     tip_positions,

@@ -14,8 +14,7 @@ import pytest
 from tactibench import EncoderSpec, ModelSpec, SensorSpec
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
-from tactibench.scaffold.names import Names
-from tactibench.scaffold.write import write_package
+from tactibench.scaffold.package import Names, write_package
 
 ORIGIN = Origin("good", "tactibench-good", "0.1.0")
 

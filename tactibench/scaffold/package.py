@@ -1,0 +1,159 @@
+"""The package of a new plugin: its names, and its files written from templates."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from importlib.util import find_spec
+from pathlib import Path
+from string import Template
+
+from tactibench.errors import UserError
+from tactibench.plugins.host import PluginHost
+
+LONGEST_NAME = 40
+SUFFIX = ".template"
+"""A template is no Python file: nothing imports, checks or formats it."""
+COMMON, PACKAGE = "common", "package"
+"""Folder of the templates of every kind, and placeholder for the package's folder."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Names:
+    """All names that follow from a kind and a name."""
+
+    kind: str
+    name: str
+
+    @property
+    def package(self) -> str:
+        """Name of the package, for imports."""
+        return f"tactibench_{self.name}"
+
+    @property
+    def distribution(self) -> str:
+        """Name of the distribution, for pip; also of its folder."""
+        return f"tactibench-{self.name.replace('_', '-')}"
+
+    @property
+    def class_name(self) -> str:
+        """Name of the class behind the spec."""
+        return "".join(part.capitalize() for part in self.name.split("_"))
+
+    def fields(self) -> dict[str, str]:
+        """Return the fields that a template may name."""
+        return {
+            "kind": self.kind,
+            "name": self.name,
+            "package": self.package,
+            "distribution": self.distribution,
+            "class_name": self.class_name,
+        }
+
+
+def check_name(kind: str, name: str, host: PluginHost) -> Names:
+    """Return the names of a new plugin. Raises UserError for a name that is wrong or taken."""
+    mistake = _mistake(name)
+    if mistake:
+        raise UserError(
+            f"a {kind} cannot be called {name!r}: {mistake}; take a name such as 'my_{kind}'."
+        )
+    names = Names(kind, name)
+    owner = _owner(names, host)
+    if owner:
+        raise UserError(f"the name {name!r} is taken by {owner}; take another one.")
+    return names
+
+
+def write_package(names: Names, parent: Path) -> Path:
+    """Write all files of the package, or none, into a new folder of ``parent`` and return it.
+
+    Raises:
+        UserError: Where that folder, or something of its name, is there already.
+    """
+    folder = parent / names.distribution
+    if folder.exists() or folder.is_symlink():
+        raise UserError(
+            f"{folder} is there already and is left as it is; take another name, or another place "
+            "with --out."
+        )
+    if parent.exists() and not parent.is_dir():
+        raise UserError(f"--out {parent} is not a folder; name one, or a place for a new one.")
+    contents = render_templates(names)
+    parent.mkdir(parents=True, exist_ok=True)
+    unfinished = Path(tempfile.mkdtemp(dir=parent, prefix=f".{names.distribution}."))
+    try:
+        for name, text in contents.items():
+            path = unfinished / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        unfinished.chmod(0o755)  # mkdtemp lets nobody else read
+        unfinished.rename(folder)
+    except BaseException:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
+    return folder
+
+
+def render_templates(names: Names) -> dict[str, str]:
+    """Return path inside the folder -> text, of every file of a new plugin."""
+    contents: dict[str, str] = {}
+    templates = files("tactibench.scaffold") / "templates"
+    for folder in (COMMON, names.kind):
+        for path, text in _read_templates(templates / folder):
+            if path.startswith(f"{PACKAGE}/"):
+                path = names.package + path.removeprefix(PACKAGE)
+            contents[path] = Template(text).substitute(names.fields())
+    return dict(sorted(contents.items()))
+
+
+def _read_templates(folder: Traversable, parent: str = "") -> Iterator[tuple[str, str]]:
+    """Yield path, without its suffix, and text of every template under a folder."""
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            yield from _read_templates(entry, f"{parent}{entry.name}/")
+        elif entry.name.endswith(SUFFIX):
+            yield parent + entry.name.removesuffix(SUFFIX), entry.read_text(encoding="utf-8")
+
+
+def _mistake(name: str) -> str:
+    """Return the reason why no plugin could have that name, or ""."""
+    if any(mark in name for mark in "/\\:"):
+        return "it is a path; say where to write it with --out"
+    if keyword.iskeyword(name):
+        return "it is a keyword of Python"
+    if not name.isidentifier() or not name.isascii():
+        return "it is no identifier of letters, digits and '_' that begins with a letter"
+    if name != name.lower():
+        return f"it has capital letters; write {name.lower()!r}"
+    if not _NAME.fullmatch(name):
+        return "it begins with '_'"
+    if name.endswith("_"):
+        return "it ends with '_'"
+    if len(name) > LONGEST_NAME:
+        return f"it is longer than {LONGEST_NAME} characters"
+    return ""
+
+
+def _owner(names: Names, host: PluginHost) -> str:
+    """Return words for the owner of the name, or ""."""
+    catalogue = host.catalogue(names.kind)
+    for spec in catalogue:
+        if spec.name.lower() == names.name:
+            return f"the {names.kind} of plugin {catalogue.origins[spec.name]}"
+    if names.name in catalogue.clashes:
+        return f"several plugins that offer a {names.kind} of that name"
+    for origin in (*host.plugins, *(problem.origin for problem in host.problems)):
+        if origin.plugin.lower() == names.name:
+            return f"plugin {origin}"
+    if find_spec(names.package) is not None:
+        return f"the installed package {names.package!r}"
+    return ""
