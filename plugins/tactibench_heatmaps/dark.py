@@ -18,14 +18,14 @@ _SPREAD = (_TAPS * np.arange(-_REACH, _REACH + 1) ** 2).sum()  # cells^2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def expand_maps(maps, stray, slope, base, counts, found):  # type: ignore[no-untyped-def]
-    """Move found (N, most, 3), the row, column and heat of every map's peaks, from their cells.
+def expand_maps(maps, stray, slope, base, counts, peaks):  # type: ignore[no-untyped-def]
+    """Move peaks (N, most, 3), the row, column and heat of every map's peaks, from their cells.
 
     stray: square of the farthest way a peak is moved.
     """
     for n in range(maps.shape[0]):
         for k in range(counts[n]):
-            _move_peak(maps[n], found[n, k], slope, base, stray)
+            _move_peak(maps[n], peaks[n, k], slope, base, stray)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -23,14 +23,14 @@ _DROP = 0.1  # the cell next to a peak, in units of the peak, is cut off: below 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit_maps(maps, half, free, stray, slope, base, counts, found):  # type: ignore[no-untyped-def]
-    """Move found (N, most, 3), the row, column and heat of every map's peaks, from their cells.
+def fit_maps(maps, half, free, stray, slope, base, counts, peaks):  # type: ignore[no-untyped-def]
+    """Move peaks (N, most, 3), the row, column and heat of every map's peaks, from their cells.
 
     half: cells of the fit on each side. free: whether it finds the width. stray: square of the
     farthest way a peak is moved.
     """
     for n in range(maps.shape[0]):
-        _fit_peaks(maps[n], found[n, : counts[n]], slope, base, half, free, stray)
+        _fit_peaks(maps[n], peaks[n, : counts[n]], slope, base, half, free, stray)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -17,8 +17,8 @@ _FLANK = 1.1  # a network's flanks are not quite the kernel's
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, found):  # type: ignore[no-untyped-def]
-    """Fill counts (N,) and found (N, most, 3), the row, column and heat of every map's peaks.
+def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, peaks):  # type: ignore[no-untyped-def]
+    """Fill counts (N,) and peaks (N, most, 3), the row, column and heat of every map's peaks.
 
     near: square of the distance below which two peaks are one. flanks: whether a bump on a higher
     peak's flank is none.
@@ -33,8 +33,8 @@ def find_peaks(maps, threshold, near, flanks, most, slope, base, counts, found):
         count = _separate(one.shape[1], count, highest, heat, near, bump, slope, base, most)
         counts[n] = count
         for k in range(count):
-            found[n, k, 0], found[n, k, 1] = divmod(highest[k], one.shape[1])
-            found[n, k, 2] = heat[k]
+            peaks[n, k, 0], peaks[n, k, 1] = divmod(highest[k], one.shape[1])
+            peaks[n, k, 2] = heat[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -22,7 +22,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 RIDGES = tuple(float(ridge) for ridge in 10.0 ** np.arange(-4, 3.1, 0.5))
-"""Of the kernel's mean diagonal, which is 1."""
+"""Shares of the kernel's mean diagonal, which is 1."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ RECIPE = Recipe(
     precision="float32",
 )
 _COMPONENTS = 40
-"""Of the displacements; the next ones hold less than the pins' own noise on real frames."""
+"""Components of the displacements; further ones hold less than the pins' noise on real frames."""
 _WHITENING = 0.5
 _NOISE_PX = 0.25
 """Twice what the centroid of a black and white pin is uncertain by."""

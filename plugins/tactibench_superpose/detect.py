@@ -140,12 +140,12 @@ class Detector:
             best = more
         return best
 
-    def _surer(self, moved: Array, weight: Array, known: Solution, more: Solution) -> bool:
+    def _surer(self, moved: Array, weight: Array, current: Solution, more: Solution) -> bool:
         """Return whether more contacts explain the usual residual of several, too."""
-        if not self.model_error.learned or known.contacts.shape[1] < 2:
+        if not self.model_error.learned or current.contacts.shape[1] < 2:
             return True
         sure = (weight >= self.weight)[: len(weight) // 2]
-        before, after = (self._solve_whitened(moved, sure, start)[1] for start in (known, more))
+        before, after = (self._solve_whitened(moved, sure, start)[1] for start in (current, more))
         return before >= _SURER * after
 
     def _likeliest(self, moved: Array, sure: Flags, best: Solution) -> Solution:
@@ -192,32 +192,32 @@ class Detector:
         distance: Array = np.hypot(*(moved - expected).reshape(2, -1)) / self.pins.pitch
         return distance
 
-    def _add_contact(self, moved: Array, weight: Array, known: Solution) -> Solution | None:
+    def _add_contact(self, moved: Array, weight: Array, current: Solution) -> Solution | None:
         """The best solution with one contact more: a new one or, failing that, one split in two."""
-        cost = _cost(known, weight)
+        cost = _cost(current, weight)
         if cost < _NOISE * (weight / self.weight).sum():
             return None
         worth = _WORTH * (1 - 1 / self.gain) * cost
         new = [
-            np.concatenate([known.contacts, candidate], axis=1)
-            for candidate in self._candidates(known, weight, worth)
+            np.concatenate([current.contacts, candidate], axis=1)
+            for candidate in self._candidates(current, weight, worth)
         ]
-        for starts in (new, self._splits(moved, weight, known)):
+        for starts in (new, self._splits(moved, weight, current)):
             ends = [solve(self.field, moved[None], start, weight, _STEPS) for start in starts]
-            accepted = self._accept(ends, moved, weight, known)
+            accepted = self._accept(ends, moved, weight, current)
             if accepted is not None:
                 return accepted
         return None
 
-    def _splits(self, moved: Array, weight: Array, known: Solution) -> list[Array]:
+    def _splits(self, moved: Array, weight: Array, current: Solution) -> list[Array]:
         """Every contact parted into two, in the direction that lowers the misfit most.
 
         Two contacts that were taken for one lie on either side of it, too near to be found as new.
         """
         starts = []
-        for k in range(known.contacts.shape[1]):
-            others = np.delete(known.contacts[0], k, axis=0)
-            x, y, depth = known.contacts[0, k]
+        for k in range(current.contacts.shape[1]):
+            others = np.delete(current.contacts[0], k, axis=0)
+            x, y, depth = current.contacts[0, k]
             turned = [np.pi * turn / _TURNS for turn in range(_TURNS)]
             pairs = np.array(
                 [
@@ -234,14 +234,14 @@ class Detector:
         return starts
 
     def _accept(
-        self, ends: list[Solution], moved: Array, weight: Array, known: Solution
+        self, ends: list[Solution], moved: Array, weight: Array, current: Solution
     ) -> Solution | None:
-        """The plausible solution of least misfit that is better than the known one by enough."""
-        cost = _cost(known, weight)
+        """The plausible solution of least misfit that is better than the current one by enough."""
+        cost = _cost(current, weight)
         for end in sorted(ends, key=lambda end: _cost(end, weight)):
             if cost < max(self.gain * _cost(end, weight), _FIRST):
                 return None
-            if self._plausible(end.contacts[0]) and self._surer(moved, weight, known, end):
+            if self._plausible(end.contacts[0]) and self._surer(moved, weight, current, end):
                 return end
         return None
 
@@ -258,14 +258,14 @@ class Detector:
         assured[doubtful[near]] = True
         return assigned.reshape(-1), assured
 
-    def _candidates(self, known: Solution, weight: Array, worth: float) -> list[Array]:
+    def _candidates(self, current: Solution, weight: Array, worth: float) -> list[Array]:
         """Lattice contacts (1, 1, 3) that lower the misfit most, apart from each other."""
-        left = (weight * known.left[0]).astype(np.float32)
+        left = (weight * current.left[0]).astype(np.float32)
         gained = 2 * (self.shapes @ left) - self.squares @ weight.astype(np.float32)
-        for contact in known.contacts[0]:
+        for contact in current.contacts[0]:
             gained[np.hypot(*(self.places[:, :2] - contact[:2]).T) < CLOSEST_MM] = -np.inf
         candidates: list[Array] = []
-        while len(candidates) < (_STARTS if len(known.contacts[0]) else 1):
+        while len(candidates) < (_STARTS if len(current.contacts[0]) else 1):
             best = int(np.argmax(gained))
             if gained[best] < worth:
                 break

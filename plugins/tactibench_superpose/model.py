@@ -233,7 +233,7 @@ class Superpose(Model):
             "still": learned.detector.pins.rest_image,
             "pair": learned.law.pair,
             "crowd": learned.law.crowd,
-            "pairs": learned.residual.known,
+            "pairs": learned.residual.features,
             "pairs_along": learned.residual.along,
             "pairs_across": learned.residual.across,
             "pairs_length": np.array(learned.residual.length),

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 GROUPS = 3
 """Alone, two, three and more."""
 _LARGEST_MM = 3.0
-"""No deviation is said to be larger."""
+"""Largest deviation that is stated."""
 _ROUNDS = 20
 _WINSOR = 9.0
 _FEWEST = 30
@@ -52,8 +52,8 @@ class Clues:
         """
         count = len(shift)
         # Before a fit a contact is known to lie within the dome: nothing is known worse than that.
-        known = normal + np.eye(3 * count) / _LARGEST_MM**2
-        variance = np.diagonal(np.linalg.inv(known)).reshape(count, 3)
+        information = normal + np.eye(3 * count) / _LARGEST_MM**2
+        variance = np.diagonal(np.linalg.inv(information)).reshape(count, 3)
         plane = np.sqrt(variance[:, :2].mean(axis=1))
         if count == 1:  # what a single field leaves unexplained is noise of another size
             plane = plane * np.sqrt(max(1.0, misfit))

@@ -61,6 +61,6 @@ def neighbour_table(edges: Table, xy: npt.NDArray[np.float64]) -> Table:
     pin, neighbour = both[order].T
     rank = np.arange(len(pin)) - np.searchsorted(pin, pin)
     short = length[order] <= _LONGEST * np.median(length)
-    kept = (rank < NEAREST) & (short | (rank == 0))
-    table[pin[kept], rank[kept]] = neighbour[kept]
+    listed = (rank < NEAREST) & (short | (rank == 0))
+    table[pin[listed], rank[listed]] = neighbour[listed]
     return table

@@ -20,7 +20,7 @@ tells the contact best (0.21 mm on the default sensor; 0.29 at 1, 0.25 at 4)."""
 _REACH = 2.5
 """A pin may report contacts this many times farther away than any is from its nearest pin."""
 _SMALLEST_AREA = 1e-3
-"""Of a Voronoi cell, as a share of the median: pins on one spot have none."""
+"""Smallest area of a Voronoi cell, as a share of the median: pins on one spot have none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +77,8 @@ class PinLayout:
 
     def swelling(self, radius: Array) -> Array:
         """Return (N, P) the logarithm of radii (N, P) px over those at rest; 0 where unknown."""
-        known = (radius > 0) & (self.radius > 0)  # NaN: not known
-        ratio: Array = np.where(known, radius, 1.0) / np.where(known, self.radius, 1.0)
+        both = (radius > 0) & (self.radius > 0)  # false for NaN
+        ratio: Array = np.where(both, radius, 1.0) / np.where(both, self.radius, 1.0)
         return np.asarray(np.log(ratio), dtype=np.float64)
 
     def to_json(self) -> dict[str, Any]:

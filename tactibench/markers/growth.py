@@ -93,7 +93,7 @@ def file_blobs(blobs, count, usable, cell, shape):  # type: ignore[no-untyped-de
 def nearest_blob(x, y, reach, blobs, owner, grid):  # type: ignore[no-untyped-def]
     """Nearest blob within reach that nobody owns, -1 for none; its squared distance."""
     cell, columns, rows, head, after = grid
-    best, found = reach * reach, -1
+    best, blob = reach * reach, -1
     left, right = max(int((x - reach) / cell), 0), min(int((x + reach) / cell), columns - 1)
     top, bottom = max(int((y - reach) / cell), 0), min(int((y + reach) / cell), rows - 1)
     for r in range(top, bottom + 1):
@@ -103,9 +103,9 @@ def nearest_blob(x, y, reach, blobs, owner, grid):  # type: ignore[no-untyped-de
                 if owner[b] < 0:
                     square = (blobs[b, 0] - x) ** 2 + (blobs[b, 1] - y) ** 2
                     if square < best:
-                        best, found = square, b
+                        best, blob = square, b
                 b = after[b]
-    return found, best
+    return blob, best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -20,7 +20,7 @@ STEEPEST = 0.25
 """Neighbours move alike when their displacements differ by less than this share of their distance.
 Between pins of real plate presses 0.35 is passed by one pair in a thousand."""
 PARTS, STARTS = 3, 24
-"""How many starts are tried: parts that hardly moved, and patches at the border."""
+"""Numbers of starts that are tried: parts that hardly moved, and patches at the border."""
 FARTHEST = 1.3
 """A pin of the border is looked for this many pitches around."""
 WIDE = 0.8
@@ -142,7 +142,7 @@ def _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken):  
             for k in range(near.shape[1]):
                 q = near[p, k]
                 reach = FIRST * pitch[q]
-                found, square = nearest_blob(
+                blob, square = nearest_blob(
                     rest[q, 0] + u,
                     rest[q, 1] + v,
                     reach,
@@ -150,7 +150,7 @@ def _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken):  
                     owner,
                     grid,
                 )
-                if found >= 0:
+                if blob >= 0:
                     support += 1.0 - square / (reach * reach)
             support -= np.sqrt(u * u + v * v) / pitch[p]
             if count == len(pin) and support <= worth[count - 1]:
@@ -267,7 +267,7 @@ def match_pins(  # type: ignore[no-untyped-def]
             mine[p], owner[b] = b, p
             for k in range(near.shape[1]):
                 q = near[p, k]
-                found, _ = nearest_blob(
+                blob, _ = nearest_blob(
                     rest[q, 0] + u,
                     rest[q, 1] + v,
                     FIRST * pitch[q],
@@ -275,8 +275,8 @@ def match_pins(  # type: ignore[no-untyped-def]
                     owner,
                     grid,
                 )
-                if found >= 0:
-                    mine[q], owner[found] = found, q
+                if blob >= 0:
+                    mine[q], owner[blob] = blob, q
         matched = _grow(rest, near, back, pitch, blobs, mine, owner, spot, grid)
         far = _border_shift(rest, pitch, border, mine, spot)
         if matched > best or (matched == best and far < best_far):
@@ -296,8 +296,8 @@ def match_pins(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_unseen(rest, near, which, place):  # type: ignore[no-untyped-def]
-    """Fill in place (P, 2) of pins with which < 0, those with most known neighbours first."""
-    known = which.copy()
+    """Fill in place (P, 2) of pins with which < 0, those with most placed neighbours first."""
+    placed = which.copy()
     out = np.empty(3)
     left = 0
     for p in range(len(rest)):
@@ -311,15 +311,15 @@ def fill_unseen(rest, near, which, place):  # type: ignore[no-untyped-def]
         while again:
             again = False
             for p in range(len(rest)):
-                if known[p] >= 0:
+                if placed[p] >= 0:
                     continue
                 n = 0
                 for k in range(near.shape[1]):
-                    n += known[near[p, k]] >= 0
+                    n += placed[near[p, k]] >= 0
                 if n >= need:
-                    predict_place(p, rest, near, known, place, out)
+                    predict_place(p, rest, near, placed, place, out)
                     place[p, 0], place[p, 1] = out[0], out[1]
-                    known[p] = 0
+                    placed[p] = 0
                     left -= 1
                     again = left > 0
         if left == 0:

@@ -74,9 +74,9 @@ def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
         return best[-1].residual
 
     minimize_scalar(misfit, bounds=(SHARPEST, SOFTEST), method="bounded", options={"xatol": 2e-3})
-    found = min(best, key=lambda one: one.residual)
-    contrast = float(np.median(found.contrast[tuple(np.rint(xy[:, ::-1]).astype(int).T)]))
-    return found if contrast > 0 and found.residual < FAITHFUL * contrast else None
+    profile = min(best, key=lambda each: each.residual)
+    contrast = float(np.median(profile.contrast[tuple(np.rint(xy[:, ::-1]).astype(int).T)]))
+    return profile if contrast > 0 and profile.residual < FAITHFUL * contrast else None
 
 
 def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:

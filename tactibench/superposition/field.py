@@ -27,7 +27,7 @@ RIDGES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Variances of noise against that of the field; the one that predicts held-out presses best."""
 FEWEST = 20
 PITCH_MM = (0.7, 0.7, 0.35)
-"""Of the lattice in x, y and depth: over depth the field bends most, just after first touch."""
+"""Pitch of the lattice in x, y, depth: over depth the field bends most, just after first touch."""
 MARGIN_MM = 1.0
 """The lattice reaches this far beyond the presses; beyond it, the value of its edge holds."""
 _RESTING = 7
@@ -58,18 +58,17 @@ class Field:
                 f"a field of single presses is learned from {len(contacts)} presses; it needs at "
                 f"least {FEWEST}: raise the training count."
             )
-        known = _with_resting(contacts)
-        wanted = np.concatenate([values, np.zeros((len(known) - len(values), values.shape[1]))])
+        places, targets = _with_resting(contacts, values)
         low = np.append(contacts[:, :2].min(axis=0) - MARGIN_MM, 0.0)
         high = contacts.max(axis=0) + MARGIN_MM
         knots = np.maximum(4, np.ceil((high - low) / PITCH_MM).astype(int) + 1)
         step = (high - low) / (knots - 1)
         axes = [a + s * np.arange(n) for a, s, n in zip(low, step, knots, strict=True)]
-        weights = kriging(_kernel(known, known), wanted, _best_ridge(contacts, values))
+        weights = kriging(_kernel(places, places), targets, _best_ridge(contacts, values))
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         lattice = np.concatenate(
             [
-                _kernel(part, known) @ weights
+                _kernel(part, places) @ weights
                 for part in np.array_split(nodes, len(nodes) // 500 + 1)
             ]
         )
@@ -117,27 +116,30 @@ def _best_ridge(contacts: Array, values: Array) -> float:
     """The ridge with the least squared error on every tenth press, learned from at most 1,500."""
     held = np.arange(len(contacts)) % _HELD_OUT == 0
     learned = np.flatnonzero(~held)[:1500]
-    known = _with_resting(contacts[learned])
-    wanted = np.concatenate(
-        [values[learned], np.zeros((len(known) - len(learned), values.shape[1]))]
-    )
+    places, targets = _with_resting(contacts[learned], values[learned])
     test = np.flatnonzero(held)[:200]
-    kernel = _kernel(contacts[test], known)
+    kernel = _kernel(contacts[test], places)
     errors = [
-        float(((kernel @ kriging(_kernel(known, known), wanted, ridge) - values[test]) ** 2).sum())
+        float(
+            ((kernel @ kriging(_kernel(places, places), targets, ridge) - values[test]) ** 2).sum()
+        )
         for ridge in RIDGES
     ]
     return RIDGES[int(np.argmin(errors))]
 
 
-def _with_resting(contacts: Array) -> Array:
-    """The presses and, beside them, places over their range at which nothing presses."""
+def _with_resting(contacts: Array, values: Array) -> tuple[Array, Array]:
+    """Presses with their values, and places over their range at which nothing presses."""
     sides = [
         np.linspace(low, high, _RESTING)
         for low, high in zip(contacts.min(axis=0)[:2], contacts.max(axis=0)[:2], strict=True)
     ]
     x, y = (axis.ravel() for axis in np.meshgrid(*sides))
-    return np.concatenate([contacts, np.stack([x, y, 0 * x], axis=1)])
+    resting = np.stack([x, y, 0 * x], axis=1)
+    return (
+        np.concatenate([contacts, resting]),
+        np.concatenate([values, np.zeros((len(resting), values.shape[1]))]),
+    )
 
 
 def _spline(lattice: Array) -> Lattice:

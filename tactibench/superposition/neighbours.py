@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 FILE = "neighbours.npz"
 _CENTRE = np.array([9.0, 3.2, 3.2, -3.0, 0.0])
 _SCALE = np.array([3.0, 1.6, 1.6, 4.0, 3.0])
-"""Of distance, own depth, the neighbour's depth, own place towards and beside it, mm."""
+"""Scales of distance, own depth, the neighbour's depth, own place towards and beside it, mm."""
 _REACH = 2.2
 """Features are cut here, in scales: a polynomial says nothing about what it has not seen."""
 PAIR_DEGREE, CROWD_DEGREE = 4, 2

@@ -21,7 +21,7 @@ _FRAMES = 200
 _CLEAR = 0.6
 """A pixel farther from every pin than this share of the pins' spacing shows the background."""
 _SMOOTH_PX = 4.0
-"""Where pins always are, the background is that of the pixels around, weighted by a Gaussian."""
+"""Under pins that never move the background is that of pixels around, weighted by a Gaussian."""
 _WHITE = 255
 
 

@@ -20,7 +20,7 @@ from tactibench.superposition.neighbours import contact_pairs
 Array = npt.NDArray[np.float64]
 
 LENGTHS = (1.5, 2.0, 3.0)
-"""Of the kernel, in the features' scales."""
+"""Lengths of the kernel, in the features' scales."""
 RIDGES = (3e-3, 1e-2, 3e-2, 1e-1)
 """Variance of noise against that of the residual."""
 FEWEST = 100
@@ -36,7 +36,7 @@ _OUTLIER = 6.0
 class Residual:
     """A kriged shift of two contacts."""
 
-    known: Array
+    features: Array
     """(N, 5) features that were learned from."""
     along: Array
     """(N, 2) weights towards the neighbour and in depth."""
@@ -82,14 +82,14 @@ class Residual:
     def shift(self, contacts: Array) -> Array:
         """Return (S, K, 3) mm to add to equivalents (S, K, 3); zero unless K is 2."""
         out = np.zeros_like(contacts)
-        if contacts.shape[1] == 2 and len(self.known):
+        if contacts.shape[1] == 2 and len(self.features):
             for pair in contact_pairs(contacts):
                 out[:, pair.i] = pair.to_xy(self._predict(pair.features))
         return out
 
     def _predict(self, features: Array) -> Array:
         """(S, 3) towards, beside, depth."""
-        same, mirrored = _kernels(features, self.known, self.length)
+        same, mirrored = _kernels(features, self.features, self.length)
         out = np.empty((len(features), 3))
         out[:, _ALONG] = (same + mirrored) @ self.along
         out[:, _ACROSS] = (same - mirrored) @ self.across

@@ -22,9 +22,9 @@ CHANNELS = 7
 """Raw outputs of an anchor: logit of presence, dx, dy, depth, log std of x, y and depth."""
 
 _COUNT_VARIANCE = 1 / 12
-"""Of a uniform within half a count: a Gaussian density read at whole numbers (Sheppard)."""
+"""Variance of a uniform within half a count: a density read at whole numbers (Sheppard)."""
 _LOG_STD = (-12.0, 4.0)
-"""Where raw log std are cut off, so that neither exp nor its square leave float32."""
+"""Bounds at which raw log std are cut off, so that neither exp nor its square leave float32."""
 
 
 @dataclass(frozen=True)

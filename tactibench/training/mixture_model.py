@@ -69,9 +69,9 @@ class MixtureModel(LearnedModel):
         Frames with several contacts are kept back for the latter: one of twenty of those given,
         and as many new mixtures as validation frames if the model mixes.
         """
-        learned, kept = split_calibration(truth)
-        calibration = [*validation[0], *(frames[row] for row in kept)]
-        answers = [*validation[1], *(truth[row] for row in kept)]
+        learned, held_out = split_calibration(truth)
+        calibration = [*validation[0], *(frames[row] for row in held_out)]
+        answers = [*validation[1], *(truth[row] for row in held_out)]
         report = super().fit(
             [frames[row] for row in learned],
             [truth[row] for row in learned],
@@ -88,7 +88,7 @@ class MixtureModel(LearnedModel):
             predicted = self.read(self.evaluate(calibration))
             true = [self._plate.contacts(answer) for answer in answers]
             self._factors = std_factors(predicted, true)
-        notes = {"kept_for_std": len(kept), "std_factors": self._factors.round(4).tolist()}
+        notes = {"kept_for_std": len(held_out), "std_factors": self._factors.round(4).tolist()}
         return replace(report, notes={**report.notes, **notes})
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
@@ -144,8 +144,8 @@ def split_calibration(truth: Sequence[Answer]) -> tuple[Rows, Rows]:
     The validation frames of a protocol hold single contacts, whose errors are of another size.
     """
     several = [isinstance(answer, Contacts) and len(answer) > 1 for answer in truth]
-    kept = np.flatnonzero(several)[_CALIBRATION_STEP - 1 :: _CALIBRATION_STEP]
-    return np.setdiff1d(np.arange(len(truth)), kept), kept
+    held_out = np.flatnonzero(several)[_CALIBRATION_STEP - 1 :: _CALIBRATION_STEP]
+    return np.setdiff1d(np.arange(len(truth)), held_out), held_out
 
 
 def std_factors(predicted: Sequence[Contacts], truth: Sequence[Contacts]) -> Array:

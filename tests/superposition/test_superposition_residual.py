@@ -73,5 +73,5 @@ def test_other_numbers_of_contacts_have_none(learned, count) -> None:
 def test_too_few_pairs_teach_nothing() -> None:
     pairs = some_pairs(50, 5)
     nothing = Residual.learn(pairs, left_of(pairs))
-    assert len(nothing.known) == 0
+    assert len(nothing.features) == 0
     np.testing.assert_array_equal(nothing.shift(pairs), 0 * pairs)
