@@ -22,6 +22,15 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # processes that each take all cores st
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile numba's loops before several processes begin that each would compile them."""
+    if getattr(config.option, "numprocesses", None):  # not in a worker, not with -n 0
+        from compilation import compile_loops
+
+        compile_loops()
+
+
 RANKED = {
     "exp1": ("mae_mm", "mean"),
     "exp2": ("distance_penalised_mm", "all"),

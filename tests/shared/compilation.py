@@ -1,0 +1,81 @@
+"""Compile numba's loops once, before the test processes start; each would compile them anew.
+
+Two processes share the work: the simulator's loops take about as long as all others together.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SIMULATOR = """
+import numpy as np
+from tactibench import Indenter, Pose, Scene, SensorContext
+from tactibench.plugins.host import PluginHost
+
+sensors = PluginHost().sensors
+for name, indenters in (
+    ("tactip-127", (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0)))),
+    ("planar-grid", (Indenter.single(), Indenter.dual(7.0))),
+    ("fitted-127", (Indenter.plate(),)),
+):
+    spec = sensors[name]
+    with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+        for frame in sensor.press_many(Scene(indenter, Pose(depth=2.0)) for indenter in indenters):
+            pass
+        sensor.bound(Scene(indenters[0], Pose(depth=2.0)))
+"""
+READERS = """
+import numpy as np
+from drawn_pins import presses
+from tactibench import Contacts, Grid
+from tactibench.markers import PinTracker, pin_graph
+from tactibench.plugins.host import PluginHost
+
+grid = Grid.centred(64, 0.4)
+contacts = Contacts.truth([[0.0, 1.0]], [2.0])
+for spec in PluginHost().encoders:
+    for parameter in spec.parameters:
+        for choice in parameter.choices or (parameter.default,):
+            encoder = spec.load()(**spec.settings({parameter.name: str(choice)}))
+            maps = np.stack([encoder.encode(contacts, grid)] * 2)
+            encoder.decode_batch(maps, grid)
+frames, _ = presses(4, seed=1)
+tracker = PinTracker(frames[0].rest)
+images = tracker.images(frames)
+xy, _ = tracker.track(images)
+tracker.retrack(images, xy)
+"""
+
+SCRIPTS = {
+    "plugins/tactibench_sim/mechanics/kernels.py": SIMULATOR,
+    "tactibench/markers/tracker.py": READERS,
+}
+"""A module whose loops are compiled last -> what compiles it."""
+
+
+def is_compiled(source: Path) -> bool:
+    """Whether numba's cache beside a module is at least as new as the module."""
+    indices = (source.parent / "__pycache__").glob(f"{source.stem}.*.nbi")
+    newest = max((index.stat().st_mtime for index in indices), default=0.0)
+    return newest > source.stat().st_mtime
+
+
+def compile_loops() -> None:
+    """Compile what is not in the cache; tests do not depend on it, they only start sooner."""
+    path = os.pathsep.join([str(ROOT / "tests" / "shared"), *filter(None, sys.path)])
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", script],
+            env={**os.environ, "PYTHONPATH": path},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for slowest, script in SCRIPTS.items()
+        if not is_compiled(ROOT / slowest)
+    ]
+    for process in running:
+        process.wait()
