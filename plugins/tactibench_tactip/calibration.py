@@ -52,6 +52,7 @@ def calibrate(
     """Search and press at the middle and on a circle.
 
     Args:
+        station: open, with one tip mounted.
         radius: of the circle, mm.
         depth: of the presses, mm.
         points: on the circle.

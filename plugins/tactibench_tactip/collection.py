@@ -88,6 +88,9 @@ def collect(
     the data set, the robot connected; only then something moves.
 
     Args:
+        settings: of the setup.
+        plan: the presses.
+        folder: of the data set.
         callbacks: the people around it.
         on_station: takes every station that is entered.
         speed_scale: of this session's motion; the data set's configuration stays what it is.
@@ -201,7 +204,7 @@ def warm_up(camera: Camera, settings: Settings) -> None:
 
 
 def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
-    """Whether the folder holds just these presses, closed."""
+    """True where the folder holds just these presses, closed."""
     if not is_dataset(folder):
         return False
     dataset = open_dataset(folder, repair=False)

@@ -71,19 +71,13 @@ key with the same type."""
 
 @dataclass
 class SessionReport:
-    """What a session did.
-
-    Attributes:
-        left: presses that are still missing.
-        unmounted: of those, the ones that need another indenter.
-    """
+    """The outcome of a session; left: presses that are still missing."""
 
     ok: int = 0
     bad: int = 0
     touches: list[FirstTouch] = field(default_factory=list)
     stops: int = 0
     left: int = 0
-    unmounted: int = 0
     interrupted: bool = False
 
 
@@ -137,7 +131,6 @@ class Collector:
         """
         report, writer = self._report, self._writer
         todo = [press for press in self._plan.presses if press.id not in writer.done]
-        report.unmounted = 0
         writer.event(
             "session",
             session=self._session,
@@ -151,9 +144,7 @@ class Collector:
         )
         try:
             for indenter, presses in groups:
-                if report.interrupted or not self._mount(indenter, len(presses)):
-                    report.unmounted += len(presses)
-                else:
+                if not report.interrupted and self._mount(indenter, len(presses)):
                     self._press_all(presses)
         except StopNowError:
             report.interrupted = True
@@ -161,7 +152,7 @@ class Collector:
             report.left = len(self._plan) - len(writer.done)
 
     def _mount(self, indenter: Indenter, count: int) -> bool:
-        """Whether it is mounted, if need be by somebody now."""
+        """True where it is mounted, if need be by somebody now."""
         if is_mounted(self._settings.indenter, indenter):
             return True
         settings = indenter_settings(indenter)

@@ -57,7 +57,7 @@ class LiveReading:
 
     @property
     def has_contact(self) -> bool:
-        """Whether the model sees one."""
+        """True where the model sees a contact."""
         return describe_prediction(self.prediction) != "no contact"
 
 
@@ -288,7 +288,7 @@ class PressLoop:
 
     @property
     def failed(self) -> bool:
-        """Whether something ended the presses."""
+        """True once something ended the presses."""
         return self._failure is not None
 
     def begin(self) -> None:

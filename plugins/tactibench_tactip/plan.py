@@ -70,8 +70,11 @@ def plan_of(
     """Return the presses of a protocol or of a plan.jsonl, those of one indenter together.
 
     Args:
+        source: name of a protocol or path of a plan.jsonl.
+        settings: of the setup, whose sensor limits the depth.
         draws: of the protocol, all by default.
         count: at most, of every indenter of every draw, evenly spread.
+        seed: for other presses than the protocol's.
 
     Raises UserError.
     """
@@ -246,8 +249,7 @@ def describe_indenter(indenter: Indenter) -> str:
 def draw_plan(
     path: Path, plan: CollectionPlan, settings: Settings, geometry: PressGeometry
 ) -> None:
-    """Write a PNG with the deepest poses of all presses inside the envelope, from above and from
-    the side."""
+    """Write a PNG with the deepest poses of all presses, from above and from the side."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle

@@ -72,7 +72,7 @@ class RobotSettings(_Table):
 
 
 class FrameSettings(_Table):
-    """Where robot, tool and sensor are.
+    """The places of robot, tool and sensor.
 
     Attributes:
         moves: what the robot carries.

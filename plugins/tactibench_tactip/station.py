@@ -266,8 +266,7 @@ class Station:
         )
 
     def press_checked(self, scene: Scene) -> tuple[PressResult, str]:
-        """Press between two undeformed frames, which tell a camera that lags from one that does
-        not.
+        """Press between two undeformed frames, which show a camera that lags.
 
         Returns the press, and why its frame cannot be kept, "" when it can. Raises as ``press``.
         """
@@ -297,8 +296,10 @@ class Station:
         return frames, check, look
 
     def _looks_undeformed(self, press: Image) -> bool:
-        """Whether a frame taken now, the tool away, shows little of the change of the press: a
-        camera that still shows it lags behind, a skin creeps back."""
+        """True where a frame taken now, the tool away, shows little of the press.
+
+        A camera that still shows it lags behind, a skin creeps back.
+        """
         rest = self.rest_reference()
         share = RELAXED * (rest.change_of(press) - rest.change)
         most = rest.change + max(RELAXED_LEVELS, share)
@@ -310,8 +311,11 @@ class Station:
         return False
 
     def _wait_undeformed(self) -> None:
-        """Wait for a press that was still seen after it to be gone: a camera that shows old frames
-        must not show them in the next one. Raises CameraError after RELAXING_S."""
+        """Wait for a press that was still seen after it to be gone.
+
+        A camera that shows old frames must not show them in the next press. Raises CameraError
+        after RELAXING_S.
+        """
         end = time.monotonic() + RELAXING_S
         while self._still_seen is not None and not self._looks_undeformed(self._still_seen):
             if time.monotonic() > end:

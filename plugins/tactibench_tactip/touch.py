@@ -84,6 +84,7 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
     """Find first touch and take it over into the station's geometry.
 
     Args:
+        station: open.
         first: search all of ``contact.travel_mm``; otherwise from a little before the last one.
         scene: at this place, else at ``contact.at_mm``.
 

@@ -203,11 +203,7 @@ def test_a_rehearsed_verb_ends_with_its_own_code(
     config.write_text(example_configuration(driver), encoding="utf-8")
     command = f"-m tactibench hw {verb} --config {config} --emulate --time-scale 5"
     done = subprocess.run(
-        [sys.executable, *command.split()],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
+        [sys.executable, *command.split()], capture_output=True, text=True, check=False, timeout=300
     )
     assert (done.returncode, done.stderr.splitlines()[1:]) == (0, [])
     assert words in done.stdout

@@ -14,12 +14,7 @@ from tactibench import Scene, UserError
 from tactibench_tactip import motion, press_path
 from tactibench_tactip.camera import Camera
 from tactibench_tactip.collection import StopSignals
-from tactibench_tactip.errors import (
-    GuardError,
-    ProtectiveStopError,
-    RobotError,
-    StopNowError,
-)
+from tactibench_tactip.errors import GuardError, ProtectiveStopError, RobotError, StopNowError
 from tactibench_tactip.motion import Mover, RobotThread, distance_from_line
 from tactibench_tactip.press_geometry import PressGeometry
 from tactibench_tactip.robots.connect import run_within
@@ -206,10 +201,7 @@ class TestStation:
                 robot.normal, robot.stopped = False, True
 
         robot.fails = stop
-        with (
-            pytest.raises(ProtectiveStopError),
-            Station(settings, robot, camera) as station,
-        ):
+        with pytest.raises(ProtectiveStopError), Station(settings, robot, camera) as station:
             station.press(press_of())
         assert robot.tool()[2] > -5.0
 

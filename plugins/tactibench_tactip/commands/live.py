@@ -53,11 +53,7 @@ REST_FRAMES = 20
 @click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
 @click.option("--untrained", is_flag=True, help="Random weights, to see the latency alone.")
 @click.option(
-    "--frames",
-    type=click.IntRange(min=1),
-    default=300,
-    show_default=True,
-    help="Frames to answer.",
+    "--frames", type=click.IntRange(min=1), default=300, show_default=True, help="Frames to answer."
 )
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
@@ -93,13 +89,7 @@ def command(
     """
     sensor = None if data is None else "recorded"
     network, label = trained_model(
-        model,
-        protocol,
-        params=params,
-        data=data,
-        regime=regime,
-        sensor=sensor,
-        untrained=untrained,
+        model, protocol, params=params, data=data, regime=regime, sensor=sensor, untrained=untrained
     )
     with devices(config, emulate, time_scale) as (settings, _), ExitStack() as stack:
         presses: PressLoop | None = None

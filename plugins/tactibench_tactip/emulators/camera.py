@@ -161,7 +161,7 @@ class CameraEmulator(Device):
             client.close()
 
     def _read_request(self, client: socket.socket) -> bool:
-        """Whether a whole GET request came."""
+        """True for a whole GET request."""
         client.settimeout(REQUEST_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         data = b""

@@ -73,8 +73,9 @@ class Settings:
 
 
 class Controller:
-    """Bytes in by ``receive``, bytes out by ``take``; ``step`` lets time pass. Under the world's
-    lock.
+    """Bytes in by ``receive``, bytes out by ``take``; ``step`` lets time pass.
+
+    All of it under the world's lock.
 
     Machine coordinates are the base frame of the rig once it is homed, with the switches at 0 and
     the travel below. A reset in motion or a hard limit loses steps: what it reports is wrong until
@@ -229,11 +230,11 @@ class Controller:
 
     @property
     def moving(self) -> bool:
-        """Whether it has to be looked at often."""
+        """True while it has to be looked at often."""
         return self.state in {"Run", "Jog", "Home"} or self._task is not None
 
     def _touching(self) -> bool:
-        """Whether the probe's circuit is closed; a broken one never is."""
+        """True where the probe's circuit is closed; a broken one never is."""
         return not self.blind and self.world.depth(self.t) >= 0
 
     def _go(self, target: Array, rate: float, state: str) -> Iterator[None]:
@@ -399,7 +400,7 @@ class Controller:
         return target
 
     def _within(self, target: Array) -> bool:
-        """Whether a target keeps to the soft limits, where they are on."""
+        """True where a target keeps to the soft limits, or they are off."""
         inside = bool(((target <= 1e-9) & (target >= -self.settings.axes(130) - 1e-9)).all())
         return inside or not self.settings["$20"]
 

@@ -188,8 +188,10 @@ class Move:
         return self.profile.speed(t - self.start_s)
 
     def braked(self, t: float, deceleration: float) -> Move:
-        """Return the move that comes to rest on the same line from t on, harder where the line is
-        too short; mm/s2."""
+        """Return the move that comes to rest on the same line from t on; mm/s2.
+
+        It brakes harder where the line is too short.
+        """
         here, speed = self.pose(t), self.speed(t)
         left = line_length(here, self.end)
         if speed <= 0 or left <= 0:

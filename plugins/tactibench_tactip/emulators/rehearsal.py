@@ -33,8 +33,10 @@ STAGE = {"$110": 6000.0, "$111": 6000.0, "$112": 6000.0}
 
 @dataclass(frozen=True)
 class HiddenOffset:
-    """The truth that a configuration does not know: how far the sensor sits from where it says, in
-    the work frame, mm and deg about its z."""
+    """The distance of the sensor from where the configuration says, which has to be found.
+
+    In the work frame, mm and deg about its z.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -49,7 +51,7 @@ class EmulationPlan:
     Args:
         settings: of the setup. A robot of driver cri is emulated as a UR.
         time_scale: how many times faster than real everything moves.
-        sensor: name of a simulated sensor with ``parameters``, or one that can be pickled.
+        sensor: name of a simulated sensor, or one that can be pickled.
         fps, noise: of the camera.
         robot: further arguments of the robot's emulator.
     """
@@ -57,7 +59,6 @@ class EmulationPlan:
     settings: Settings
     time_scale: float = 1.0
     sensor: str | Sensor = "tactip-127"
-    parameters: Mapping[str, Any] = field(default_factory=dict)
     hidden: HiddenOffset = HiddenOffset()
     faults: tuple[Fault, ...] = ()
     fps: float = 30.0
@@ -81,7 +82,7 @@ class Emulation:
         plan, settings, enter = self._plan, self._plan.settings, self._stack.enter_context
         sensor = plan.sensor
         if isinstance(sensor, str):
-            sensor = simulated(sensor, **plan.parameters)
+            sensor = simulated(sensor)
         self._world = World(
             enter(sensor),
             _rig(settings, plan.hidden),
@@ -141,8 +142,10 @@ class Emulation:
         self._world.arm(*faults)
 
     def repair(self) -> None:
-        """Do what a person would after a fault: plug it in, release the button, put light and skin
-        back. A protective stop is left to the client."""
+        """Do what a person would after a fault: plug it in, release the button, repair the skin.
+
+        A protective stop is left to the client.
+        """
         self._camera.picture.repair()
         if isinstance(self._robot, GrblEmulator):
             self._robot.plug()
@@ -178,8 +181,11 @@ def rehearse(settings: Settings, **plan: Any) -> Iterator[Rehearsal]:
 
 
 class _Process(BaseManager):
-    """The process of the emulators. ur_rtde keeps Python's lock while it waits for a controller:
-    no emulator could answer it in its own process."""
+    """The process of the emulators.
+
+    ur_rtde keeps Python's lock while it waits for a controller: no emulator could answer it in its
+    own process.
+    """
 
     def __enter__(self) -> _Process:
         try:

@@ -1,4 +1,4 @@
-"""What a tool does to the sensor at a pose: closed form, many poses at once."""
+"""Contact of a tool with the sensor: closed form, many poses at once."""
 
 from __future__ import annotations
 

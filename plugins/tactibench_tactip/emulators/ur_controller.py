@@ -193,8 +193,7 @@ class Controller:
         return [float(self.inputs.get(name, 0.0)) for name in names]
 
     def _move(self, pose: Sequence[float], limits: Sequence[float]) -> None:
-        """A straight way to a TCP pose (m, rotation vector) at m/s, m/s2; what moves is braked
-        first."""
+        """A straight way to a TCP pose at m/s, m/s2; what moves is braked first."""
         speed, acceleration = limits[0] * METRE, limits[1] * METRE
         moves = []
         start, now = self.world.pose_at(self.t), self.world.move_at(self.t)

@@ -168,7 +168,7 @@ class GrblRobot:
         return self._open_link
 
     def _may_move(self) -> bool:
-        """Whether it may still move; a silent stage may when it did."""
+        """True while it may still move; a silent stage may when it did."""
         try:
             return self._link.status(0.3).state in ("Run", "Jog", "Hold", "Home")
         except NoAnswerError:

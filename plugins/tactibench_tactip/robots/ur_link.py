@@ -103,7 +103,7 @@ class UrLink:
             return self._facts
 
     def _fresh(self) -> bool:
-        """Whether there are facts that are newer than the last answer, and not long ago."""
+        """True for facts that are newer than the last answer, and not old."""
         there = bool(self._facts) and self._facts["number"] > self._after
         return there and time.monotonic() - self._changed_at <= self._stale_s
 
@@ -180,7 +180,7 @@ class UrLink:
         )
 
     def _last_word(self) -> str:
-        """Of the process that holds the arm."""
+        """The last line that the process of the arm wrote to stderr."""
         if self._stderr.closed:
             return self._last
         self._stderr.seek(0)

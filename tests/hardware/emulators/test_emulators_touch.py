@@ -49,13 +49,7 @@ def gap(touch: Touch, tool: Array) -> float:
     st.floats(0.1, 6),
 )
 def test_depth_is_the_travel_past_first_touch(
-    indenter: Indenter,
-    x: float,
-    y: float,
-    yaw: float,
-    alpha: float,
-    beta: float,
-    depth: float,
+    indenter: Indenter, x: float, y: float, yaw: float, alpha: float, beta: float, depth: float
 ) -> None:
     """Found by bisection along z from far away, whatever the tool's tilt."""
     touch = Touch(replace(SHIFTED, indenter=indenter), DOME_RADIUS_MM)
