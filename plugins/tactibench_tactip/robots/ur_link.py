@@ -136,7 +136,9 @@ class UrLink:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
-                start_new_session=True,  # Ctrl-C is for us: the arm is stopped in order
+                # Ctrl-C is for us: the arm is stopped in order. A session of its own would do, too,
+                # but the kernel shares the processor between sessions, and starves it under load.
+                process_group=0,
             )
             assert self._process.stdin is not None  # noqa: S101
             self._process.stdin.write(key + b"\n")
