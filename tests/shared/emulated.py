@@ -9,8 +9,8 @@ import numpy as np
 
 from tactibench import Frame, Pose, Scene, Sensor, UserError
 from tactibench_tactip.emulators import Clock, Fault, Rig, World
+from tactibench_tactip.emulators.gcode import Settings as GrblSettings
 from tactibench_tactip.emulators.grbl_firmware import Controller as GrblController
-from tactibench_tactip.emulators.grbl_firmware import Settings as GrblSettings
 from tactibench_tactip.emulators.motion import matrix, to_ur
 from tactibench_tactip.emulators.ur import dashboard_answer
 from tactibench_tactip.emulators.ur_controller import Controller as UrController

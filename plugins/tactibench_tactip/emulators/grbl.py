@@ -9,7 +9,8 @@ from collections.abc import Mapping
 
 from tactibench_tactip.emulators.device import Device
 from tactibench_tactip.emulators.faults import Fault
-from tactibench_tactip.emulators.grbl_firmware import Controller, Settings
+from tactibench_tactip.emulators.gcode import Settings
+from tactibench_tactip.emulators.grbl_firmware import Controller
 from tactibench_tactip.emulators.world import World
 
 KINDS = ("alarm-1", "alarm-2", "alarm-3", "alarm-5", "no-ok", "garbled-line", "unplug", "hold")

@@ -125,10 +125,6 @@ class Emulation:
         self._world.tool()
         return list(self._world.fired)
 
-    def messages(self) -> list[str]:
-        """Return what the UR's controller had to say."""
-        return list(self._robot.controller.messages) if isinstance(self._robot, UrEmulator) else []
-
     def keep_to(self, settings: EnvelopeSettings | None) -> None:
         """Note every motion outside this envelope from now on; None: the tool may go anywhere."""
         self._world.keep_to(None if settings is None else _envelope(settings))

@@ -179,10 +179,6 @@ class World:
         """
         return self._touch.truth(self._pose_now(at_ns))
 
-    def truth_of(self, tool: Pose6) -> Truth:
-        """Return what would be so with the tool there, work frame."""
-        return self._touch.truth(matrix(tool))
-
     def image(self, at_ns: int | None = None) -> Image:
         """Return (H, W) or (H, W, 3): the sensor as it is pressed, without noise; read-only.
 

@@ -12,7 +12,7 @@ from emulated import STAGE_RIG, GraySensor, Stage
 
 from tactibench import UserError
 from tactibench_tactip.emulators import Clock, Fault, GrblEmulator, World
-from tactibench_tactip.emulators.grbl_firmware import Settings
+from tactibench_tactip.emulators.gcode import Settings
 
 FIRMWARE = {"$20": 0, "$21": 0, "$22": 0, "$110": 1000, "$120": 10, "$112": 500, "$122": 10}
 """The firmware's own defaults: no limits, no homing, 10 mm/s2."""

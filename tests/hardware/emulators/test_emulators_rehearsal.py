@@ -43,7 +43,7 @@ def test_the_truth_is_told(rehearsal: Rehearsal) -> None:
     assert emulation.tool()[:3] == pytest.approx((0.0, 0.0, -48.0))
     assert emulation.truth().depth_mm < 0
     emulation.keep_to(rehearsal.settings.envelope)
-    assert (emulation.presses(), emulation.outside(), emulation.messages()) == (0, [], [])
+    assert (emulation.presses(), emulation.outside()) == (0, [])
     emulation.arm(Fault("pin-loss"))
     assert [event.answered for event in emulation.fired()] == [True]
     emulation.repair()

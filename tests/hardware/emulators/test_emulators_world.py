@@ -71,7 +71,6 @@ def test_truth_tells_depth_and_force_now_and_before() -> None:
     assert tool.truth(touched).depth_mm == pytest.approx(3.0, abs=1e-3)
     assert tool.truth(touched).force_n == pytest.approx(2.4, abs=1e-3)
     assert tool.truth().scene is None
-    assert tool.truth_of(down(0, 2)).depth_mm == pytest.approx(2.0)
     assert tool.truth(int((end + 99) * 1e9)).tool == tool.tool()
 
 
