@@ -1,8 +1,9 @@
-"""``tactibench doctor``: what works here, what does not, and why."""
+"""``tactibench doctor``: check this installation, and say what is broken and why."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,8 +17,14 @@ if TYPE_CHECKING:
 
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "opencv-contrib-python-headless")
 
-Finding = tuple[bool, str, str]
-"""Whether it is well, what was looked at, and what was found."""
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the report: a heading such as "cache", a text, and whether all is well."""
+
+    heading: str
+    text: str
+    ok: bool = True
 
 
 @click.command()
@@ -25,55 +32,53 @@ Finding = tuple[bool, str, str]
 @click.pass_context
 def doctor(ctx: click.Context, data: Path | None) -> None:
     """Check packages, cache, plugins and protocols. Exit code 1 when something is wrong."""
+    problems = 0
+    for line in _check_all(data):
+        problems += not line.ok
+        click.echo(f"{line.heading if line.ok else 'broken':<10}{line.text}")
+    if problems:
+        click.echo(f"{problems} problem{'s' if problems > 1 else ''} found")
+        ctx.exit(1)
+    click.echo("all is well")
+
+
+def _check_all(data: Path | None) -> Iterator[Line]:
     from tactibench.plugins.host import PluginHost
 
     host = PluginHost()
-    checks: list[Callable[[], Iterator[Finding]]] = [
-        _machine,
-        _packages,
-        _cache,
-        lambda: _plugins(host),
-        lambda: _targets(host),
-        _protocols,
-    ]
+    yield from _check_machine()
+    yield from _check_packages()
+    yield _check_cache()
+    yield from _check_plugins(host)
+    yield from _check_targets(host)
+    yield from _check_protocols()
     if data is not None:
-        checks.append(lambda: _folder(data, host))
-    bad = 0
-    for check in checks:
-        for well, what, found in check():
-            bad += not well
-            click.echo(f"{what if well else 'broken':<10}{found}")
-    click.echo("all is well" if not bad else f"{bad} problem{'s' if bad > 1 else ''} found")
-    if bad:
-        ctx.exit(1)
+        yield _check_folder(data, host)
 
 
-def _machine() -> Iterator[Finding]:
+def _check_machine() -> Iterator[Line]:
     from tactibench.run.machine import fingerprint, fingerprint_hash
 
     try:
-        found = fingerprint(with_torch=True)
+        facts = fingerprint(with_torch=True)
     except (ImportError, OSError) as error:  # a torch that is absent or lacks its libraries
-        yield False, "machine", f"torch does not load: {error}"
-        found = fingerprint()
-    gpu = ", ".join(found["gpu"]) or "none"
-    yield (
-        True,
-        "machine",
-        f"{found['cpu']}, {found['cores_logical']} cores, {found['memory_gib']} GiB",
-    )
-    yield True, "", f"GPU {gpu}; fingerprint {fingerprint_hash(found)}"
+        yield Line("machine", f"torch does not load: {error}", ok=False)
+        facts = fingerprint()
+    gpu = ", ".join(facts["gpu"]) or "none"
+    cpu = f"{facts['cpu']}, {facts['cores_logical']} cores, {facts['memory_gib']} GiB"
+    yield Line("machine", cpu)
+    yield Line("", f"GPU {gpu}; fingerprint {fingerprint_hash(facts)}")
 
 
-def _packages() -> Iterator[Finding]:
+def _check_packages() -> Iterator[Line]:
     for package in PACKAGES:
         try:
-            yield True, "package", f"{package} {version(package)}"
+            yield Line("package", f"{package} {version(package)}")
         except PackageNotFoundError:
-            yield False, "package", f"{package} is not installed; pip install {package}"
+            yield Line("package", f"{package} is not installed; pip install {package}", ok=False)
 
 
-def _cache() -> Iterator[Finding]:
+def _check_cache() -> Line:
     from tactibench.records.cache import VARIABLE, cache_folder
 
     folder = cache_folder()
@@ -82,52 +87,54 @@ def _cache() -> Iterator[Finding]:
         folder.mkdir(parents=True, exist_ok=True)
         probe.write_bytes(b"")
         probe.unlink()
-        yield True, "cache", str(folder)
     except OSError as error:
-        yield False, "cache", f"{folder} cannot be written ({error.strerror}); set {VARIABLE}"
+        text = f"{folder} cannot be written ({error.strerror}); set {VARIABLE}"
+        return Line("cache", text, ok=False)
+    return Line("cache", str(folder))
 
 
-def _plugins(host: PluginHost) -> Iterator[Finding]:
+def _check_plugins(host: PluginHost) -> Iterator[Line]:
     from tactibench.cli.main import VERBS
 
-    problems = host.problems
-    troubled = {problem.origin for problem in problems}
+    faulty = {problem.origin for problem in host.problems}
     for origin in host.plugins:
-        if origin not in troubled:
-            yield True, "plugin", f"{origin}: ok"
-    for problem in problems:
-        yield False, "plugin", f"plugin {problem.origin} in step {problem.step}: {problem.message}"
-    for name in VERBS:
-        if name in host.commands.origins:
-            origin = host.commands.origins[name]
-            yield False, "plugin", f"plugin {origin}: its command {name!r} is a built-in verb"
+        if origin not in faulty:
+            yield Line("plugin", f"{origin}: ok")
+    for problem in host.problems:
+        text = f"plugin {problem.origin} in step {problem.step}: {problem.message}"
+        yield Line("plugin", text, ok=False)
+    for name, origin in host.commands.origins.items():
+        if name in VERBS:
+            text = f"plugin {origin}: its command {name!r} is a built-in verb"
+            yield Line("plugin", text, ok=False)
 
 
-def _targets(host: PluginHost) -> Iterator[Finding]:
+def _check_targets(host: PluginHost) -> Iterator[Line]:
+    """Import every class and command behind a spec."""
     for catalogue in (*host.catalogues, host.commands):
+        kind = catalogue.kind
         for spec in catalogue:
+            plugin = f"plugin {catalogue.origins[spec.name]}"
             try:
-                loaded = spec.load()
+                target = spec.load()
             except UserError as error:
-                origin = catalogue.origins[spec.name]
-                yield False, catalogue.kind, f"plugin {origin}: {catalogue.kind} {error}"
+                yield Line(kind, f"{plugin}: {kind} {error}", ok=False)
                 continue
-            if catalogue.kind == "command" and not isinstance(loaded, click.Command):
-                origin = catalogue.origins[spec.name]
-                yield False, "command", f"plugin {origin}: {spec.target} is no click command"
+            if kind == "command" and not isinstance(target, click.Command):
+                yield Line(kind, f"{plugin}: {spec.target} is no click command", ok=False)
 
 
-def _protocols() -> Iterator[Finding]:
+def _check_protocols() -> Iterator[Line]:
     from tactibench.protocols.loader import protocol_files, read_protocol
 
     for path in protocol_files().values():
         try:
-            yield True, "protocol", f"{read_protocol(path).label}: ok"
+            yield Line("protocol", f"{read_protocol(path).label}: ok")
         except UserError as error:
-            yield False, "protocol", str(error)
+            yield Line("protocol", str(error), ok=False)
 
 
-def _folder(data: Path, host: PluginHost) -> Iterator[Finding]:
+def _check_folder(data: Path, host: PluginHost) -> Line:
     import numpy as np
 
     from tactibench.plugins.base import SensorContext
@@ -135,8 +142,7 @@ def _folder(data: Path, host: PluginHost) -> Iterator[Finding]:
     try:
         sensor = host.sensors["recorded"].load()(SensorContext(np.random.SeedSequence(0), data))
     except UserError as error:
-        yield False, "data", str(error)
-        return
+        return Line("data", str(error), ok=False)
     facts = sensor.describe()
     height, width = facts["image"]
-    yield True, "data", f"{data}: {facts['count']:,} frames of {height}x{width} px: ok"
+    return Line("data", f"{data}: {facts['count']:,} frames of {height}x{width} px: ok")
