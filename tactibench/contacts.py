@@ -133,7 +133,7 @@ class Indenter:
 
     @property
     def is_plate(self) -> bool:
-        """Whether it is a plate."""
+        """True for a plate."""
         return math.isinf(self.radius)
 
     @classmethod

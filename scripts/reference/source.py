@@ -1,4 +1,4 @@
-"""What a module says, read from its source: signatures as they were written."""
+"""Definitions of a module, read from its source: signatures as they were written."""
 
 from __future__ import annotations
 

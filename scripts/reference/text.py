@@ -72,7 +72,7 @@ def fenced(text: str, language: str = "python") -> list[str]:
 
 
 def anchor(heading: str) -> str:
-    """Where a heading is linked to, as GitHub and mkdocs make it."""
+    """Return the anchor of a heading, as GitHub and mkdocs make it."""
     kept = re.sub(r"[^\w\- ]", "", heading.lower())
     return kept.strip().replace(" ", "-")
 

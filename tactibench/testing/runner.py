@@ -63,7 +63,7 @@ class Finding:
 
     @property
     def ok(self) -> bool:
-        """Whether the outcome is the wanted one."""
+        """True for an outcome as it should be."""
         return self.outcome not in (FAILED, UNEXPECTED)
 
     def line(self) -> str:
@@ -95,7 +95,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether something ran, and all of it came out as it should."""
+        """True where something ran, and all of it came out as it should."""
         return self.ran > 0 and all(finding.ok for finding in self.findings)
 
     def summary(self) -> str:

@@ -221,7 +221,7 @@ class SensorSubject:
 
     @property
     def has_own_scenes(self) -> bool:
-        """Whether it can press only the scenes that it has."""
+        """True for a sensor that presses only the scenes that it has."""
         return self.unopened.scenes() is not None
 
     @cached_property
@@ -283,7 +283,7 @@ class EncoderSubject:
 
     @property
     def is_heat(self) -> bool:
-        """Whether its maps are heat: 0 where nothing is, 1 where most is."""
+        """True for maps that are heat: 0 where nothing is, 1 where most is."""
         return self.spec.kind == "heat"
 
     @property
