@@ -115,7 +115,7 @@ def seed(subject: ModelSubject) -> None:
 
 
 def save_load(subject: ModelSubject) -> None:
-    """Weights that were saved into an empty folder answer alike when a new model has loaded them."""
+    """Weights saved into an empty folder answer alike when a new model has loaded them."""
     model = subject.build()
     with TemporaryDirectory() as name:
         folder = Path(name)
