@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from tactibench.records.record import Record
+from tactibench.records.record import Record, Value
 
 MIXING = "mixing"
 """The parameter of a model that trains on contacts mixed out of single presses."""
+RETIRED = frozenset({"tolerance", "allow_fem"})
+"""Parameters of simulated sensors in older records, which changed none of their frames."""
 TRIVIAL = frozenset({"mean", "nearest"})
 """Models that learn next to nothing: what any other has to beat."""
 
@@ -47,13 +49,17 @@ def section_key(record: Record) -> list[Any]:
         record.protocol.hash,
         sensor.origin,
         sensor.name,
-        sensor.parameters,
+        _lasting(sensor.parameters),
         record.identity.data,
     ]
     if test is None:
         return key
-    key += [test.name, test.parameters]
+    key += [test.name, _lasting(test.parameters)]
     return [*key, test.trained_on] if test.trained_on else key
+
+
+def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
+    return {name: value for name, value in parameters.items() if name not in RETIRED}
 
 
 def trained_on(record: Record) -> str:

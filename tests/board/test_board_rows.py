@@ -110,6 +110,12 @@ def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
     assert all(" (test frames " in title for title in titles[:2])
 
 
+def test_parameters_that_a_sensor_no_longer_has_divide_no_section(fabricate):
+    older = fabricate()
+    older.sensor.parameters |= {"tolerance": 0.1, "allow_fem": False}
+    assert len(sections_of([fabricate(), older])) == 1
+
+
 def test_order_is_by_error_with_n_a_after_it_and_trivial_rows_last(fabricate):
     rows = rows_of(
         [

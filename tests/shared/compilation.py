@@ -17,13 +17,16 @@ from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.plugins.host import PluginHost
 
 sensors = PluginHost().sensors
-for name, indenters in (
-    ("tactip-127", (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0)))),
-    ("planar-grid", (Indenter.single(), Indenter.dual(7.0))),
-    ("fitted-127", (Indenter.plate(),)),
+several = (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0)))
+for name, parameters, indenters in (
+    ("tactip-127", {}, several),
+    ("tactip-127", {"tier": "green"}, several),
+    ("planar-grid", {}, several[:2]),
+    ("fitted-127", {}, (Indenter.plate(),)),
 ):
     spec = sensors[name]
-    with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+    settings = spec.settings(parameters)
+    with spec.load()(SensorContext(np.random.SeedSequence(1)), **settings) as sensor:
         for frame in sensor.press_many(Scene(indenter, Pose(depth=2.0)) for indenter in indenters):
             pass
         sensor.bound(Scene(indenters[0], Pose(depth=2.0)))
