@@ -1,4 +1,4 @@
-"""Speed against error: every point named in the margin, the frontier as a line."""
+"""Speed against error: every point with its name, the frontier as a line."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 from tactibench.board.frontier import Frontier, Point
 from tactibench.protocols.board_spec import Ranking
@@ -21,11 +22,17 @@ from tactibench.report.plots.style import (
     new_figure,
     plain,
     short_label,
-    spread,
 )
 
-LINE_INCH = 0.19
-"""Height of a label in the margin."""
+Box = tuple[float, float, float, float]
+LINE_INCH, LETTER_INCH = 0.17, 0.066
+"""Height of a name, and width of one of its letters."""
+PANEL_INCH = 8.2
+"""Width of a panel, nearly."""
+GAP = 0.012
+"""Between a point and its name, as a share of the panel."""
+TRIES = 8
+"""Lines that a name may be moved up or down."""
 FADED = 0.45
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
 
@@ -35,12 +42,11 @@ def frontier_figure(
 ) -> Figure:
     """Draw latency against error with intervals, one panel a regime on the same log axes.
 
-    Colour and marker by model; filled: not dominated, hollow: dominated. Labels stand in the right
-    margin in the order of the errors, each joined to its point.
+    Colour and marker by model; filled: not dominated, hollow: dominated. Names stand beside their
+    points.
     """
-    most = max((len(frontier.points) for frontier in frontiers), default=0)
     count = max(1, len(frontiers))
-    height = max(3.6, LINE_INCH * most + 0.7)
+    height = 3.6
     figure = new_figure(9.5, height * count + 1.3)
     panels = figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     points = [point for frontier in frontiers for point in frontier.points]
@@ -50,7 +56,7 @@ def frontier_figure(
         for point in frontier.points:
             _show_point(axes, point, hollow=point.label in frontier.dominated)
         _show_line(axes, frontier.best)
-        _show_labels(axes, frontier, LINE_INCH / (height - 0.5))
+        _show_labels(axes, frontier, height - 0.5)
         axes.set_title(f"trained in regime {frontier.regime}", fontsize=10, loc="left")
     for axes in panels:
         axes.set_ylabel(f"{error.name}, {error.unit}")
@@ -106,7 +112,7 @@ def _set_scales(axes: Axes, points: Sequence[Point]) -> None:
         if axis == "x":
             axes.set(xscale="log", xlim=(low / margin, high * margin))
         else:
-            axes.set(yscale="log", ylim=(low / margin, high * margin))
+            axes.set(yscale="log", ylim=(low / margin, high * margin**1.5))  # room for a name
         subs = (1, 2, 5) if high / low < 300 else (1,)
         log_ticks(axes.xaxis if axis == "x" else axes.yaxis, subs)
 
@@ -127,34 +133,61 @@ def _show_line(axes: Axes, best: Sequence[Point]) -> None:
     )
 
 
-def _show_labels(axes: Axes, frontier: Frontier, least: float) -> None:
-    """Write names in the margin; least: between two of them, in heights of the panel."""
-    if not frontier.points:
-        return
-    low, high = np.log(axes.get_ylim())
-    heights = [float((np.log(p.error.value) - low) / (high - low)) for p in frontier.points]
-    places = spread(heights, least)
-    shift = max(0.0, -min(places)) - max(0.0, max(places) - 1.0)
-    for point, place in zip(frontier.points, places, strict=True):
+def _show_labels(axes: Axes, frontier: Frontier, inches: float) -> None:
+    """Write every name beside its point, where no other name or point stands.
+
+    Args:
+        axes: With its limits set.
+        frontier: The points of the panel.
+        inches: Height of the panel.
+    """
+    line = LINE_INCH / inches
+    low, high = (np.log(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
+    values = [(point.latency.value, point.error.value) for point in frontier.points]
+    places = [tuple((np.log(value) - low) / (high - low)) for value in values]
+    taken = [(x - GAP, y - line / 4, x + GAP, y + line / 4) for x, y in places]
+    for point, (x, y) in zip(frontier.points, places, strict=True):
+        name = short_label(point.label)
+        width = LETTER_INCH * len(name) / PANEL_INCH
+        box = _free_box(x, y, width, line, taken)
+        taken.append(box)
+        far = abs(box[1] + line / 2 - y) > 1.5 * line
+        leader = {"arrowstyle": "-", "color": "#AAAAAA", "linewidth": 0.6, "shrinkB": 5}
         axes.annotate(
-            short_label(point.label),
+            name,
             (point.latency.value, point.error.value),
-            (1.03, place + shift),
+            (box[0], box[1] + line / 2),
             xycoords="data",
             textcoords="axes fraction",
             va="center",
             fontsize=8,
             color=GREY if point.label in frontier.dominated else "black",
             annotation_clip=False,
-            arrowprops={
-                "arrowstyle": "-",
-                "color": "#AAAAAA",
-                "linewidth": 0.6,
-                "shrinkA": 1,
-                "shrinkB": 5,
-                "relpos": (0, 0.5),
-            },
+            path_effects=[withStroke(linewidth=2.2, foreground="white")],
+            arrowprops=leader | {"relpos": (float(box[0] < x), 0.5)} if far else None,
         )
+
+
+def _free_box(x: float, y: float, width: float, line: float, taken: Sequence[Box]) -> Box:
+    """Return the nearest box for a name, in axes fractions: left, bottom, right, top.
+
+    Above, below or on the line of the point's bars, to the right before the left, then further up
+    and down.
+    """
+    shifts = [0.8, -0.8, 0.0, *(sign * (k + 0.8) for k in range(1, TRIES) for sign in (1, -1))]
+    boxes = [
+        (left, y + (k - 0.5) * line, left + width, y + (k + 0.5) * line)
+        for k in shifts
+        for gap in [0.7 * GAP if k else 1.5 * GAP]
+        for left in (x + gap, x - gap - width)
+        if left > 0 and (k + 0.5) * line < 1 - y
+    ]
+    return next((box for box in boxes if not any(_overlap(box, t) for t in taken)), boxes[0])
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    apart = one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
+    return not apart
 
 
 def _legend(models: Sequence[str]) -> list[Line2D]:
