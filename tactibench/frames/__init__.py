@@ -1,1 +1,1 @@
-"""Where the frames of a run come from, and where they are kept."""
+"""The frames of a run: their sources and their cache."""

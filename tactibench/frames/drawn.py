@@ -113,11 +113,14 @@ class SensorFrames:
         """Return the frames of scenes, to be made when they are opened.
 
         Args:
-            role, name: see ``FrameSet``.
-            scenes, names: of every frame.
+            role: "fit", "validation" or "test".
+            name: of the draw or family.
+            scenes: of every frame.
+            names: of every frame, unique in the set.
             part: number of the part of a draw; the frames of every part have noise of their own.
             stream: of that noise; None: the draw's.
-            presses, groups: see ``FrameSet``; no groups: those of the draw.
+            presses: of every frame; empty where each is a press of its own.
+            groups: of every frame, in the result tables; None: those of the draw.
         """
         radius = self.pressed.workspace.dome_radius_mm
         recipe = FrameRecipe(
@@ -145,8 +148,10 @@ class SensorFrames:
 
 
 class DrawnFrames(FrameSource):
-    """Presses that a protocol draws and divides; one sensor makes the training frames, the same
-    or another one the test frames."""
+    """Presses that a protocol draws and divides.
+
+    One sensor makes the training frames, the same or another one the test frames.
+    """
 
     simulates = True
 

@@ -1,4 +1,4 @@
-"""What only a simulator knows of its frames: true surfaces and smallest possible errors.
+"""The knowledge that only a simulator has of its frames: surfaces and smallest errors.
 
 Both are kept beside the frames. The folder's key holds the sensor's code and tables, so a file in
 it is of this simulator.

@@ -1,4 +1,4 @@
-"""Which protocols a recording can serve, and why not the others."""
+"""The protocols that a recording can serve, and why not the others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SURFACE_HINT = "--param sensor.depth=COLUMN --param sensor.tilt=COLUMN name the 
 
 @dataclass(frozen=True)
 class Service:
-    """Whether a recording can serve a protocol, and why: what is there, or what is lacking."""
+    """An answer to whether a recording can serve a protocol: what is there, or what is lacking."""
 
     protocol: str
     title: str

@@ -1,4 +1,4 @@
-"""Where the frames of a run come from: what is asked, which sets are planned, and the sources.
+"""Sources of the frames of a run, their requests and the sets that they plan.
 
 A source plans all sets of frames from a request without making a frame. There is one class a
 source: drawn presses, reference scenes, hard cases, a recording, and another sensor's recording.
@@ -37,7 +37,7 @@ Row = TypeVar("Row")
 
 @dataclass(frozen=True, kw_only=True)
 class FrameRequest:
-    """What a run asks of its frames.
+    """The demands of a run on its frames.
 
     Attributes:
         protocol: whose presses are trained and tested on.

@@ -182,7 +182,8 @@ def race(
 
     Args:
         model: trained.
-        frames, truth: of a test.
+        frames: of a test.
+        truth: of every frame.
         calls: at batch 1.
         batches: of ``offline``; None: 1, 8, 32 and 128.
         compiled: whether to try torch.compile, too.

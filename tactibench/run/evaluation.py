@@ -1,4 +1,4 @@
-"""How a trained model is tested: shown the test frames, timed, and what of it is recorded.
+"""The test of a trained model: predictions, times, examples, and what is recorded of it.
 
 A protocol that asks otherwise has a class of its own beside this one: after a few labelled frames
 of another sensor (``few_shot``), or on frames on which a model may fail (``hard_cases``).

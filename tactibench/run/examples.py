@@ -30,7 +30,8 @@ def example_arrays(
     """Return frames of a test, and what the model's layers make of one of them.
 
     Args:
-        frames, truth: of the whole test.
+        frames: of the whole test.
+        truth: of every frame.
         model: whose features are kept, if it shows them; None: no model's are.
         rows: of the frames that are kept; None: spread over all.
 

@@ -46,8 +46,10 @@ class Failure:
 
 
 class HardCaseEvaluation(Evaluation):
-    """The test of a model on frames on which it may fail. It is not timed: the weights are those
-    of other protocols, which time them."""
+    """The test of a model on frames on which it may fail.
+
+    It is not timed: the weights are those of other protocols, which time them.
+    """
 
     def predict(self) -> Predictions:
         """Return the answers, no contacts where the model failed, and the failures beside them."""
@@ -110,6 +112,6 @@ def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[st
 
 
 def _cause(error: Exception) -> str:
-    """ "ValueError: shapes do not fit", on one line."""
+    """Type and message of an exception on one line: ValueError: shapes do not fit."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

@@ -151,14 +151,19 @@ def time_in_rounds(
     """Time several lists of stages on the same frames in turns, so that all meet the same noise.
 
     Each warms up first, as in ``time_calls``; then ``rounds`` times each is called ``calls /
-    rounds`` times. The other arguments are those of ``time_calls``.
+    rounds`` times.
 
     Args:
         models: name -> stages.
-        frames, batch, threads, calls, clock, block: see ``time_calls``.
+        frames: are taken in turn by each.
+        batch: frames of a call.
+        threads: as the caller set them.
+        calls: of each.
         rounds: how many turns each has.
         budget_s: seconds for all warm-ups together, and as many for all rounds, of which the first
             is always finished.
+        clock: gives seconds.
+        block: calls of a block of the warm-up.
 
     Raises:
         ValueError: for a job that cannot be timed.

@@ -23,7 +23,7 @@ class NotFinitePredictionError(UserError, NotFiniteError):
 
 @dataclass(frozen=True)
 class AnswerRules:
-    """What a model may answer.
+    """Limits of the answers of a model.
 
     Attributes:
         kind: "contacts" or "plate".

@@ -10,21 +10,28 @@ from tactibench.plugins.base import Progress
 
 
 class Reporter(Protocol):
-    """Shows long work. ``task`` gives a function that is told of finished items."""
+    """A display of long work."""
 
-    def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]: ...
+    def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+        """Show a task; the function is told of finished items."""
+        ...
 
-    def training(self) -> AbstractContextManager[Progress]: ...
+    def training(self) -> AbstractContextManager[Progress]:
+        """Show a training."""
+        ...
 
 
 class NullProgress:
     """A training that shows nothing."""
 
-    def start(self, epochs: int, steps: int) -> None: ...
+    def start(self, epochs: int, steps: int) -> None:
+        """Ignore the beginning."""
 
-    def step(self, loss: float) -> None: ...
+    def step(self, loss: float) -> None:
+        """Ignore a step."""
 
-    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None: ...
+    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
+        """Ignore an epoch."""
 
 
 class NullReporter:
@@ -32,8 +39,10 @@ class NullReporter:
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:  # noqa: ARG002
+        """Show nothing."""
         yield lambda _: None
 
     @contextmanager
     def training(self) -> Iterator[Progress]:
+        """Show nothing."""
         yield NullProgress()

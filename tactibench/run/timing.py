@@ -34,7 +34,7 @@ _RESET_PEAK = "5"
 
 @dataclass(frozen=True)
 class Speed:
-    """How fast a model is; empty where it was not timed.
+    """Times and cost of a model; empty where it was not timed.
 
     Attributes:
         rows: of the record.
