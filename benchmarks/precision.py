@@ -149,7 +149,7 @@ def drift_rows(
     frames: Sequence[Frame],
     truth: Sequence[Answer],
     *,
-    batches: Sequence[int] = BATCHES,
+    batches: Sequence[int] = (),
     threads: Sequence[int] = THREADS,
     compiled: bool = False,
 ) -> dict[str, Any]:
@@ -170,7 +170,7 @@ def drift_rows(
                 with torch_threads(count):
                     began = time.monotonic()
                     stages = make(seen[:1])
-                    for batch in (batch for batch in batches if batch <= len(seen)):
+                    for batch in (batch for batch in batches or BATCHES if batch <= len(seen)):
                         of = spread(range(len(seen)), max(batch, FEW))
                         if name == COMPILED:
                             began = _compile(stages, seen[:batch], began)
@@ -248,7 +248,6 @@ def model_rows(
     plan = make_plan(request, PluginHost(), cache_folder())
     if untrained:
         model = plan.components.build_model(plan.context())
-        model.configured("float32", [])
     elif plan.weights.cached:
         model, _ = train_model(plan, NullReporter())
     else:
