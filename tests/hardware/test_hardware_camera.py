@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 from fake_station import FakeCapture
 
 from tactibench import UserError
-from tactibench_tactip.camera import Camera, CameraFrame, configure, open_capture
+from tactibench_tactip.camera import KEPT, Camera, CameraFrame, configure, open_capture
 from tactibench_tactip.errors import CameraError
 from tactibench_tactip.frame_check import Reference, check_frames
 from tactibench_tactip.settings import CameraSettings, SensorSettings, Settings
@@ -71,6 +72,22 @@ def test_a_stream_that_ends_is_opened_again_then_given_up(capture: FakeCapture) 
         capture.gone = True
         with pytest.raises(CameraError, match="no more frames"):
             camera.now()
+
+
+def test_more_frames_may_be_waited_for_than_are_kept(camera: Camera) -> None:
+    with camera:
+        times = [frame.t_ns for frame in camera.fresh(time.monotonic_ns(), 2 * KEPT)]
+    assert len(times) == 2 * KEPT
+    assert times == sorted(times)
+
+
+def test_nothing_reads_the_camera_when_it_is_closed(camera: Camera) -> None:
+    """OpenCV aborts a process that ends while a thread reads a stream."""
+    before = set(threading.enumerate())
+    with camera:
+        camera.now()
+        assert set(threading.enumerate()) != before
+    assert set(threading.enumerate()) == before
 
 
 def test_crop(capture: FakeCapture) -> None:
