@@ -24,7 +24,7 @@ RIDGE = 0.02
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def predict_place(p, rest, near, which, place, out):  # type: ignore[no-untyped-def]
+def predict_place(p, layout, which, place, out):  # type: ignore[no-untyped-def]
     """Set out (3,): x, y and stretch of pin p by the affine map through its matched neighbours.
 
     place: (P, 2) of matched pins. Returns the number of neighbours it rests on.
@@ -33,12 +33,12 @@ def predict_place(p, rest, near, which, place, out):  # type: ignore[no-untyped-
     sxx, sxy, syy, sx, sy = 0.0, 0.0, 0.0, 0.0, 0.0
     u0, v0, ux, uy, vx, vy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     total, scale = 0.0, 0.0
-    for k in range(near.shape[1]):
-        q = near[p, k]
+    for k in range(layout.near.shape[1]):
+        q = layout.near[p, k]
         if which[q] < 0:
             continue
-        x, y = rest[q, 0] - rest[p, 0], rest[q, 1] - rest[p, 1]
-        u, v = place[q, 0] - rest[q, 0], place[q, 1] - rest[q, 1]
+        x, y = layout.rest[q, 0] - layout.rest[p, 0], layout.rest[q, 1] - layout.rest[p, 1]
+        u, v = place[q, 0] - layout.rest[q, 0], place[q, 1] - layout.rest[q, 1]
         w = 1.0 / (x * x + y * y)
         n += 1
         total += w
@@ -55,7 +55,7 @@ def predict_place(p, rest, near, which, place, out):  # type: ignore[no-untyped-
         vx += w * v * x
         vy += w * v * y
     if n == 0:
-        out[0], out[1], out[2] = rest[p, 0], rest[p, 1], 1.0
+        out[0], out[1], out[2] = layout.rest[p, 0], layout.rest[p, 1], 1.0
         return 0
     mx, my, mu, mv = sx / total, sy / total, u0 / total, v0 / total
     a = sxx - total * mx * mx + RIDGE * n  # w r^2 is 1 for each
@@ -66,8 +66,8 @@ def predict_place(p, rest, near, which, place, out):  # type: ignore[no-untyped-
     g, h = vx - total * mx * mv, vy - total * my * mv
     gxx, gxy = (d * e - b * f) / det, (a * f - b * e) / det
     gyx, gyy = (d * g - b * h) / det, (a * h - b * g) / det
-    out[0] = rest[p, 0] + mu - gxx * mx - gxy * my
-    out[1] = rest[p, 1] + mv - gyx * mx - gyy * my
+    out[0] = layout.rest[p, 0] + mu - gxx * mx - gxy * my
+    out[1] = layout.rest[p, 1] + mv - gyx * mx - gyy * my
     out[2] = min(max(np.sqrt(abs((1 + gxx) * (1 + gyy) - gxy * gyx)), STRETCH_LOW), STRETCH_HIGH)
     return n
 
@@ -144,16 +144,14 @@ def _pop(score, pin, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def grow_matches(  # type: ignore[no-untyped-def]
-    rest, near, back, pitch, blobs, which, owner, place, grid
-):
+def grow_matches(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
     """Match on from what ``which`` (P,) holds; -1: not matched. Returns the number matched.
 
     back (P, R): whose neighbour a pin is, -1 behind.
     owner (B,): pin of a blob, place (P, 2): of matched pins; both are kept up to date.
     grid: the blobs as ``file_blobs`` chained them.
     """
-    pins, many = near.shape
+    pins, many = layout.near.shape
     score, queue = np.empty(pins + 1), np.empty(pins + 1, np.int64)
     queued = np.zeros(pins, np.bool_)
     seen_from = np.full(pins, -1)  # matched neighbours when last looked at
@@ -163,10 +161,10 @@ def grow_matches(  # type: ignore[no-untyped-def]
     for p in range(pins):
         if which[p] >= 0:
             matched += 1
-            for k in range(back.shape[1]):
-                if back[p, k] < 0:
+            for k in range(layout.back.shape[1]):
+                if layout.back[p, k] < 0:
                     break
-                now[back[p, k]] += 1
+                now[layout.back[p, k]] += 1
     for p in range(pins):
         if which[p] < 0 and now[p] >= need:
             size = _push(score, queue, size, ALONE * (1.0 - now[p] / many), p)
@@ -176,8 +174,8 @@ def grow_matches(  # type: ignore[no-untyped-def]
         p = queue[size]
         fresh = seen_from[p] == now[p]
         seen_from[p] = now[p]
-        predict_place(p, rest, near, which, place, out)
-        local = out[2] * pitch[p]
+        predict_place(p, layout, which, place, out)
+        local = out[2] * layout.pitch[p]
         b, square = nearest_blob(out[0], out[1], GATE * local, blobs, owner, grid)
         if b < 0:
             queued[p] = False  # until another neighbour is matched
@@ -190,8 +188,8 @@ def grow_matches(  # type: ignore[no-untyped-def]
         which[p], owner[b] = b, p
         place[p, 0], place[p, 1] = blobs[b, 0], blobs[b, 1]
         matched += 1
-        for k in range(back.shape[1]):
-            q = back[p, k]
+        for k in range(layout.back.shape[1]):
+            q = layout.back[p, k]
             if q < 0:
                 break
             now[q] += 1

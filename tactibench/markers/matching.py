@@ -33,12 +33,14 @@ DOUBTS = 3
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _guess_matches(rest, pitch, blobs, owner, grid, which):  # type: ignore[no-untyped-def]
+def _guess_matches(layout, blobs, owner, grid, which):  # type: ignore[no-untyped-def]
     """Set which (P,): the nearest blob of each pin, where no other pin is nearer to it."""
-    square = np.empty(len(rest))
+    square = np.empty(len(layout.rest))
     taker = np.full(len(blobs), -1)
-    for p in range(len(rest)):
-        b, square[p] = nearest_blob(rest[p, 0], rest[p, 1], FIRST * pitch[p], blobs, owner, grid)
+    for p in range(len(layout.rest)):
+        b, square[p] = nearest_blob(
+            layout.rest[p, 0], layout.rest[p, 1], FIRST * layout.pitch[p], blobs, owner, grid
+        )
         which[p] = b
         if b >= 0:
             other = taker[b]
@@ -51,29 +53,29 @@ def _guess_matches(rest, pitch, blobs, owner, grid, which):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _find_parts(rest, near, blobs, which, part):  # type: ignore[no-untyped-def]
+def _find_parts(layout, blobs, which, part):  # type: ignore[no-untyped-def]
     """Set part (P,): the number of the connected part in which neighbours move alike, -1: in none.
 
     A pin is in a part when at least half of its guessed neighbours, and three, move like it.
     Returns the sizes.
     """
-    pins, many = near.shape
+    pins, many = layout.near.shape
     sound = np.zeros(pins, np.bool_)
     alike = np.zeros((pins, many), np.bool_)
     for p in range(pins):
         if which[p] < 0:
             continue
         guessed, same = 0, 0
-        u = blobs[which[p], 0] - rest[p, 0]
-        v = blobs[which[p], 1] - rest[p, 1]
+        u = blobs[which[p], 0] - layout.rest[p, 0]
+        v = blobs[which[p], 1] - layout.rest[p, 1]
         for k in range(many):
-            q = near[p, k]
+            q = layout.near[p, k]
             if which[q] < 0:
                 continue
             guessed += 1
-            du = blobs[which[q], 0] - rest[q, 0] - u
-            dv = blobs[which[q], 1] - rest[q, 1] - v
-            dx, dy = rest[q, 0] - rest[p, 0], rest[q, 1] - rest[p, 1]
+            du = blobs[which[q], 0] - layout.rest[q, 0] - u
+            dv = blobs[which[q], 1] - layout.rest[q, 1] - v
+            dx, dy = layout.rest[q, 0] - layout.rest[p, 0], layout.rest[q, 1] - layout.rest[p, 1]
             if du * du + dv * dv < STEEPEST * STEEPEST * (dx * dx + dy * dy):
                 alike[p, k] = True
                 same += 1
@@ -92,7 +94,7 @@ def _find_parts(rest, near, blobs, which, part):  # type: ignore[no-untyped-def]
             p = stack[height]
             sizes[parts] += 1
             for k in range(many):
-                q = near[p, k]
+                q = layout.near[p, k]
                 if alike[p, k] and sound[q] and part[q] < 0:
                     part[q] = parts
                     stack[height] = q
@@ -102,21 +104,21 @@ def _find_parts(rest, near, blobs, which, part):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _unmatch_doubtful(rest, near, pitch, which, owner, place):  # type: ignore[no-untyped-def]
+def _unmatch_doubtful(layout, which, owner, place):  # type: ignore[no-untyped-def]
     """Take back matches that lie off where their neighbours predict them. Returns how many."""
     out = np.empty(3)
-    off = np.zeros(len(rest))
-    for p in range(len(rest)):
-        if which[p] >= 0 and predict_place(p, rest, near, which, place, out) >= LEAST:
+    off = np.zeros(len(layout.rest))
+    for p in range(len(layout.rest)):
+        if which[p] >= 0 and predict_place(p, layout, which, place, out) >= LEAST:
             away = np.sqrt((place[p, 0] - out[0]) ** 2 + (place[p, 1] - out[1]) ** 2)
-            off[p] = away / (out[2] * pitch[p])
+            off[p] = away / (out[2] * layout.pitch[p])
     count = 0
-    for p in range(len(rest)):
+    for p in range(len(layout.rest)):
         if off[p] <= GATE:
             continue
         worst = True
-        for k in range(near.shape[1]):
-            worst &= off[near[p, k]] <= off[p]
+        for k in range(layout.near.shape[1]):
+            worst &= off[layout.near[p, k]] <= off[p]
         if worst:
             owner[which[p]] = -1
             which[p] = -1
@@ -125,7 +127,7 @@ def _unmatch_doubtful(rest, near, pitch, which, owner, place):  # type: ignore[n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken):  # type: ignore[no-untyped-def]
+def _border_starts(layout, blobs, owner, grid, pin, taken):  # type: ignore[no-untyped-def]
     """Starts at the border, surest first: pin (S,) and its blob, taken (S,). Returns how many.
 
     A pin of the border with any blob near it and the displacement between the two: how many of its
@@ -133,26 +135,21 @@ def _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken):  
     """
     worth = np.empty(len(pin))
     count = 0
-    for p in border:
+    for p in layout.border:
         for b in range(len(blobs)):
-            u, v = blobs[b, 0] - rest[p, 0], blobs[b, 1] - rest[p, 1]
-            if not (owner[b] < 0 and u * u + v * v < (FARTHEST * pitch[p]) ** 2):
+            u, v = blobs[b, 0] - layout.rest[p, 0], blobs[b, 1] - layout.rest[p, 1]
+            if not (owner[b] < 0 and u * u + v * v < (FARTHEST * layout.pitch[p]) ** 2):
                 continue
             support = 0.0
-            for k in range(near.shape[1]):
-                q = near[p, k]
-                reach = FIRST * pitch[q]
+            for k in range(layout.near.shape[1]):
+                q = layout.near[p, k]
+                reach = FIRST * layout.pitch[q]
                 blob, square = nearest_blob(
-                    rest[q, 0] + u,
-                    rest[q, 1] + v,
-                    reach,
-                    blobs,
-                    owner,
-                    grid,
+                    layout.rest[q, 0] + u, layout.rest[q, 1] + v, reach, blobs, owner, grid
                 )
                 if blob >= 0:
                     support += 1.0 - square / (reach * reach)
-            support -= np.sqrt(u * u + v * v) / pitch[p]
+            support -= np.sqrt(u * u + v * v) / layout.pitch[p]
             if count == len(pin) and support <= worth[count - 1]:
                 continue
             k = min(count, len(pin) - 1)
@@ -165,15 +162,15 @@ def _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken):  
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _grow(rest, near, back, pitch, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
+def _grow(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
     """Spread, take back what is doubtful, spread again. Returns the number matched."""
-    for p in range(len(rest)):
+    for p in range(len(layout.rest)):
         if which[p] >= 0:
             owner[which[p]] = p
             place[p, 0], place[p, 1] = blobs[which[p], 0], blobs[which[p], 1]
     for _ in range(DOUBTS):
-        matched = grow_matches(rest, near, back, pitch, blobs, which, owner, place, grid)
-        taken = _unmatch_doubtful(rest, near, pitch, which, owner, place)
+        matched = grow_matches(layout, blobs, which, owner, place, grid)
+        taken = _unmatch_doubtful(layout, which, owner, place)
         matched -= taken
         if not taken:
             break
@@ -181,7 +178,7 @@ def _grow(rest, near, back, pitch, blobs, which, owner, place, grid):  # type: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
+def _match_leftovers(layout, blobs, which, owner, place, grid):  # type: ignore[no-untyped-def]
     """Give pins that are left the blobs that are left, nearest first; returns how many got one.
 
     Where the field is steep, neighbours predict badly; what lies near is then still the likeliest.
@@ -190,10 +187,10 @@ def _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid):  # ty
     given = 0
     while True:
         best, taker, taken = WIDE, -1, -1
-        for p in range(len(rest)):
-            if which[p] >= 0 or predict_place(p, rest, near, which, place, out) < LEAST - 1:
+        for p in range(len(layout.rest)):
+            if which[p] >= 0 or predict_place(p, layout, which, place, out) < LEAST - 1:
                 continue
-            local = out[2] * pitch[p]
+            local = out[2] * layout.pitch[p]
             b, square = nearest_blob(out[0], out[1], best * local, blobs, owner, grid)
             if b >= 0:
                 best, taker, taken = np.sqrt(square) / local, p, b
@@ -205,21 +202,19 @@ def _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid):  # ty
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _border_shift(rest, pitch, border, which, place):  # type: ignore[no-untyped-def]
+def _border_shift(layout, which, place):  # type: ignore[no-untyped-def]
     """Mean displacement of the border's pins, pitches."""
     total, count = 0.0, 0
-    for p in border:
+    for p in layout.border:
         if which[p] >= 0:
-            u, v = place[p, 0] - rest[p, 0], place[p, 1] - rest[p, 1]
-            total += np.sqrt(u * u + v * v) / pitch[p]
+            u, v = place[p, 0] - layout.rest[p, 0], place[p, 1] - layout.rest[p, 1]
+            total += np.sqrt(u * u + v * v) / layout.pitch[p]
             count += 1
     return total / max(count, 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def match_pins(  # type: ignore[no-untyped-def]
-    rest, near, back, pitch, border, blobs, count, usable, shape, which, place
-):
+def match_pins(layout, blobs, count, usable, shape, which, place):  # type: ignore[no-untyped-def]
     """Set which (P,): blob of every pin, -1: not seen; place (P, 2): where it is, if seen.
 
     blobs (B, 2 and more), of which the first ``count`` hold something; usable (B,): those that may
@@ -227,15 +222,15 @@ def match_pins(  # type: ignore[no-untyped-def]
     pins (or blobs) with a border that hardly moved; else that with most matches wins, and of
     several that whose border moved least. Returns the number matched.
     """
-    pins = len(rest)
-    cell = max(np.median(pitch), 2.0)
+    pins = len(layout.rest)
+    cell = max(np.median(layout.pitch), 2.0)
     blobs = blobs[:count]
     grid = file_blobs(blobs, count, usable, cell, shape)
     most = min(pins, np.sum(usable[:count]))
     owner = np.full(count, -1)
     guess, part = np.empty(pins, np.int64), np.empty(pins, np.int64)
-    _guess_matches(rest, pitch, blobs, owner, grid, guess)
-    sizes = _find_parts(rest, near, blobs, guess, part)
+    _guess_matches(layout, blobs, owner, grid, guess)
+    sizes = _find_parts(layout, blobs, guess, part)
     mine, spot = np.empty(pins, np.int64), np.empty((pins, 2))
     pin, taken = np.empty(STARTS, np.int64), np.empty(STARTS, np.int64)
     starts = -1
@@ -256,29 +251,29 @@ def match_pins(  # type: ignore[no-untyped-def]
                     mine[p] = guess[p]
         else:
             if starts < 0:
-                starts = _border_starts(rest, near, pitch, border, blobs, owner, grid, pin, taken)
+                starts = _border_starts(layout, blobs, owner, grid, pin, taken)
             k = trial - PARTS
             if k >= starts:
                 break
             p, b = pin[k], taken[k]
             if which[p] == b and best > 0.5 * most:
                 continue  # that has been tried
-            u, v = blobs[b, 0] - rest[p, 0], blobs[b, 1] - rest[p, 1]
+            u, v = blobs[b, 0] - layout.rest[p, 0], blobs[b, 1] - layout.rest[p, 1]
             mine[p], owner[b] = b, p
-            for k in range(near.shape[1]):
-                q = near[p, k]
+            for k in range(layout.near.shape[1]):
+                q = layout.near[p, k]
                 blob, _ = nearest_blob(
-                    rest[q, 0] + u,
-                    rest[q, 1] + v,
-                    FIRST * pitch[q],
+                    layout.rest[q, 0] + u,
+                    layout.rest[q, 1] + v,
+                    FIRST * layout.pitch[q],
                     blobs,
                     owner,
                     grid,
                 )
                 if blob >= 0:
                     mine[q], owner[blob] = blob, q
-        matched = _grow(rest, near, back, pitch, blobs, mine, owner, spot, grid)
-        far = _border_shift(rest, pitch, border, mine, spot)
+        matched = _grow(layout, blobs, mine, owner, spot, grid)
+        far = _border_shift(layout, mine, spot)
         if matched > best or (matched == best and far < best_far):
             best, best_far = matched, far
             which[:] = mine
@@ -290,34 +285,34 @@ def match_pins(  # type: ignore[no-untyped-def]
         for p in range(pins):
             if which[p] >= 0:
                 owner[which[p]] = p
-        best += _match_leftovers(rest, near, pitch, blobs, which, owner, place, grid)
+        best += _match_leftovers(layout, blobs, which, owner, place, grid)
     return best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_unseen(rest, near, which, place):  # type: ignore[no-untyped-def]
+def fill_unseen(layout, which, place):  # type: ignore[no-untyped-def]
     """Fill in place (P, 2) of pins with which < 0, those with most placed neighbours first."""
     placed = which.copy()
     out = np.empty(3)
     left = 0
-    for p in range(len(rest)):
+    for p in range(len(layout.rest)):
         if which[p] < 0:
             left += 1
-    if left == len(rest):
-        place[:] = rest
+    if left == len(layout.rest):
+        place[:] = layout.rest
         return
-    for need in range(near.shape[1], -1, -1):
+    for need in range(layout.near.shape[1], -1, -1):
         again = left > 0
         while again:
             again = False
-            for p in range(len(rest)):
+            for p in range(len(layout.rest)):
                 if placed[p] >= 0:
                     continue
                 n = 0
-                for k in range(near.shape[1]):
-                    n += placed[near[p, k]] >= 0
+                for k in range(layout.near.shape[1]):
+                    n += placed[layout.near[p, k]] >= 0
                 if n >= need:
-                    predict_place(p, rest, near, placed, place, out)
+                    predict_place(p, layout, placed, place, out)
                     place[p, 0], place[p, 1] = out[0], out[1]
                     placed[p] = 0
                     left -= 1

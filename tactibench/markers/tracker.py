@@ -143,7 +143,7 @@ class Tracker:
         xy = np.empty((len(images), *self.rest.shape))
         seen = np.empty(xy.shape[:2], dtype=np.bool_)
         radius = np.full(xy.shape[:2], np.nan)
-        _track_frames(images, *self._layout, xy, seen)
+        _track_frames(images, self._layout, xy, seen)
         self._refine(images, xy, seen, radius)
         return Tracks(xy, seen, radius)
 
@@ -216,18 +216,19 @@ def _layout_of(rest: Array) -> _Layout:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _track_frames(images, rest, near, back, pitch, border, xy, seen):  # type: ignore[no-untyped-def]
+def _track_frames(images, layout, xy, seen):  # type: ignore[no-untyped-def]
     """Set xy (N, P, 2) px and seen (N, P) of the frames (N, H, W), from blobs alone."""
-    room = 8 * images.shape[1] + 20 * len(rest) + 64
+    pins = len(layout.rest)
+    room = 8 * images.shape[1] + 20 * pins + 64
     run, out = np.empty((4, room), np.int32), np.empty((room, 3))
-    which = np.empty(len(rest), np.int64)
+    which = np.empty(pins, np.int64)
     shape = (images.shape[1], images.shape[2])
     for n in range(len(images)):
         blobs, usable = find_blobs(images[n], GLARE, run, out)
-        match_pins(rest, near, back, pitch, border, out, blobs, usable, shape, which, xy[n])
-        for p in range(len(rest)):
+        match_pins(layout, out, blobs, usable, shape, which, xy[n])
+        for p in range(pins):
             seen[n, p] = which[p] >= 0
-        fill_unseen(rest, near, which, xy[n])
+        fill_unseen(layout, which, xy[n])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
