@@ -1,4 +1,4 @@
-"""Declares the model ``cnn``."""
+"""Declaration of the model ``cnn``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 @hookimpl
 def tactibench_models() -> Iterable[ModelSpec]:
+    """Declare the model ``cnn``."""
     return [
         ModelSpec(
             name="cnn",

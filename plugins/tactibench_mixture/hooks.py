@@ -1,4 +1,4 @@
-"""Declares the model ``mixture``."""
+"""Declaration of the model ``mixture``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 @hookimpl
 def tactibench_models() -> Iterable[ModelSpec]:
+    """Declare the model ``mixture``."""
     return [
         ModelSpec(
             name="mixture",

@@ -1,4 +1,4 @@
-"""Declares the models ``kernel`` and ``pins``."""
+"""Declaration of the models ``kernel`` and ``pins``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ _ANSWERS = ("contacts", "plate")
 
 @hookimpl
 def tactibench_models() -> Iterable[ModelSpec]:
+    """Declare the models ``kernel`` and ``pins``."""
     return [
         ModelSpec(
             name="kernel",

@@ -1,4 +1,4 @@
-"""Declares the model ``superpose``."""
+"""Declaration of the model ``superpose``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tactibench import ModelSpec, Parameter, hookimpl
 
 @hookimpl
 def tactibench_models() -> Iterable[ModelSpec]:
+    """Declare the model ``superpose``."""
     return [
         ModelSpec(
             name="superpose",

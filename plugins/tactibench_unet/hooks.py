@@ -1,4 +1,4 @@
-"""Declares the model ``unet``."""
+"""Declaration of the model ``unet``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 @hookimpl
 def tactibench_models() -> Iterable[ModelSpec]:
+    """Declare the model ``unet``."""
     return [
         ModelSpec(
             name="unet",

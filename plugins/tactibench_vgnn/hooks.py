@@ -1,4 +1,4 @@
-"""Declares the model ``vgnn``."""
+"""Declaration of the model ``vgnn``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tactibench import ModelSpec, Parameter, hookimpl, training_parameters
 
 @hookimpl
 def tactibench_models() -> Iterable[ModelSpec]:
+    """Declare the model ``vgnn``."""
     return [
         ModelSpec(
             name="vgnn",

@@ -113,14 +113,6 @@ def test_lost_pins_are_predicted_and_stray_blobs_ignored(
     assert found.seen[0, gone].sum() <= len(stray)
 
 
-def test_a_lost_pin_is_not_seen_and_the_others_stay(tracker, sketch) -> None:
-    rest = tracker.rest
-    middle = np.argmin(np.hypot(*(rest - 100).T))
-    found = tracker.track(sketch(np.delete(rest, middle, axis=0))[None])
-    assert np.array_equal(np.flatnonzero(~found.seen[0]), [middle])
-    assert np.abs(found.xy[0] - rest).max() < 0.4
-
-
 def test_merged_pins_are_split(tracker, sketch) -> None:
     rest = tracker.rest
     true = rest.copy()

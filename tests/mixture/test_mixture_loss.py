@@ -130,15 +130,6 @@ def test_extreme_outputs_give_a_finite_loss_and_gradient(channel, extreme):
     assert raw.grad.isfinite().all()
 
 
-def test_bf16_outputs_are_computed_in_float32():
-    raw, anchors, contacts = random_case(5)
-    rough = raw.bfloat16()
-    loss = mixture_loss(rough, anchors, contacts, SCALE)
-    assert loss.dtype == torch.float32
-    exact = mixture_loss(rough.double(), anchors, contacts, SCALE)
-    assert loss.item() == pytest.approx(exact.item(), rel=1e-5)
-
-
 def poisson_binomial(p):
     """(M + 1,) probability of every count, from all 2^M outcomes."""
     total = np.zeros(len(p) + 1)

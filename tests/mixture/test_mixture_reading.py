@@ -49,11 +49,6 @@ def test_neighbours_that_share_a_contact_are_merged():
     assert (found.std > 0.1).all()
 
 
-def test_contacts_apart_stay_apart_and_the_surest_comes_first():
-    (found,) = read_mixture(*anchors((0.7, 0, 0, 1), (0.95, 6.5, 0, 2), (0.1, -5, 5, 1)))
-    assert found.depth.tolist() == [2, 1]
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 40))
 @settings(max_examples=60, deadline=None)
 def test_it_is_the_rule_written_as_loops(seed, frames, count):

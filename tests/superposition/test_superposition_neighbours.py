@@ -105,14 +105,6 @@ def test_frames_do_not_feel_each_other(count):
     np.testing.assert_allclose(np.delete(some, 2, 0), np.delete(whole, 2, 0), atol=1e-12)
 
 
-def test_equivalents_are_contacts_with_their_shift():
-    contacts = apart(5, 3, np.random.default_rng(4))
-    given = contacts.copy()
-    found = nominal_law().equivalents(contacts)
-    np.testing.assert_array_equal(found, contacts + nominal_law().shift(contacts))
-    np.testing.assert_array_equal(contacts, given)
-
-
 def test_constant_coefficients_are_towards_beside_and_depth():
     """The formula by hand: the constant term alone."""
     law = NeighbourLaw.none()
