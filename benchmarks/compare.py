@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.board.comparison import compare_runs
+from tactibench.board.compare import compare_runs
 from tactibench.contacts import Contacts
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.answers import pack_contacts

@@ -21,9 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench.board.committed import answers_file, ranked_errors, read_answers_file, split_ranked
+from tactibench.board.predictions import (
+    answers_file,
+    ranked_errors,
+    read_answers_file,
+    split_ranked,
+)
 from tactibench.board.submissions import FOLDER, compact, read_submissions, text_of
-from tactibench.board.verifying.truth import Source, trusted_host, truth_of
+from tactibench.board.truth import Source, trusted_host, truth_of
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.files import arrays_hash, write_arrays
 from tactibench.records.record import Record

@@ -15,9 +15,8 @@ import click
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from tactibench.board.choose import gathered, of_sensor
-from tactibench.board.labels import TRIVIAL
-from tactibench.board.rows import Row, latency, machine
+from tactibench.board.rows import TRIVIAL, Row, latency, machine
+from tactibench.board.sections import gather_records, select_section
 from tactibench.records.files import atomic
 from tactibench.report.plots.style import GREY, headline, model_look, new_figure, plain, save_png
 from tactibench.report.table import Column, Text, metric_number, table
@@ -46,7 +45,7 @@ def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
 
     Networks that read other maps, mix or add plainly have rows of their own on the boards.
     """
-    section = of_sensor(gathered(protocol, board, None), None, protocol)
+    section = select_section(gather_records(protocol, board, None), None, protocol)
     return [row for row in section.rows if _model(row) not in TRIVIAL and _plain(row)]
 
 

@@ -1,4 +1,4 @@
-"""What an error costs: latency inside one hardware fingerprint, weights, operations, training."""
+"""Costs of a row: latency on one machine, weights, operations, memory, training."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from tactibench.records.record import Record
 
 
 def by_machine(row: Row) -> list[Row]:
-    """The row once for every machine that its seeds were timed on."""
+    """Return the row once for every machine that its seeds were timed on."""
     groups: dict[str, list[Record]] = {}
     for record in row.records:
         groups.setdefault(machine(record), []).append(record)
@@ -15,27 +15,27 @@ def by_machine(row: Row) -> list[Row]:
 
 
 def parameters(record: Record) -> float | None:
-    """Number of trained weights."""
+    """Return the number of trained weights."""
     return record.efficiency.parameters
 
 
 def operations(record: Record) -> float | None:
-    """Floating-point operations of one frame."""
+    """Return the floating-point operations of one frame."""
     return record.efficiency.flops_per_frame
 
 
 def memory(record: Record) -> float | None:
-    """Peak memory, MB."""
+    """Return the peak memory, MB."""
     return record.efficiency.peak_memory_mb
 
 
 def training_seconds(record: Record) -> float | None:
-    """Seconds that ``fit`` took, in this run or when the weights were made."""
+    """Return the seconds that ``fit`` took, in this run or when the weights were made."""
     return record.training.seconds
 
 
 def frames_per_second(record: Record) -> float | None:
-    """Of the batch size and thread count that make the most of the machine."""
+    """Return the frames per second of the fastest batch size and thread count."""
     rates = [row.per_s for row in record.speed if row.phase == "total"]
     return max(rates, default=None)
 

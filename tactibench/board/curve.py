@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tactibench.board.rows import Pooled, Row
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.protocols.board_spec import Ranking
 
 
@@ -14,7 +14,7 @@ class Step:
     """A point of a curve. presses: that the model learned from, without those that stop it."""
 
     presses: int
-    error: Pooled | None
+    error: PooledMetric | None
     seeds: int
 
 

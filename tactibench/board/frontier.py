@@ -31,7 +31,7 @@ class Range:
     high: float
 
     def below(self, other: Range) -> bool:
-        """Whether it is smaller by more than both ranges."""
+        """Return whether it is smaller by more than both ranges."""
         return self.high < other.low
 
 
@@ -68,7 +68,7 @@ class Frontier:
     untimed: tuple[str, ...]
 
     def verdict(self, point: Point) -> str:
-        """ "frontier", "dominated by X", or neither, which the intervals leave open."""
+        """Return "frontier", "dominated by X", or neither, which the intervals leave open."""
         by = self.dominated.get(point.label, ())
         if by:
             more = f" and {len(by) - 1} more" if len(by) > 1 else ""
@@ -77,7 +77,7 @@ class Frontier:
 
 
 def frontiers(rows: Iterable[Row], error: Ranking, wanted: str | None = None) -> list[Frontier]:
-    """The frontier of every regime among rows timed on one machine: the wanted, or the busiest."""
+    """Frontier of every regime among rows timed on one machine: the wanted, or the busiest."""
     able = [row for row in rows if not row.trivial]
     chosen = wanted or busiest(able)
     regimes = sorted({row.regime for row in able}, reverse=True)  # "single" before "multiple"
@@ -106,13 +106,13 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, chosen: str) ->
 
 
 def busiest(rows: Iterable[Row]) -> str:
-    """The machine of most runs, the first by name of several; "" without runs."""
+    """Return the machine of most runs, the first by name of several; "" without runs."""
     counts = Counter(machine(record) for row in rows for record in row.records)
     return min(counts, key=lambda name: (-counts[name], name), default="")
 
 
 def line(points: Sequence[Point]) -> list[Point]:
-    """Points that no other beats on both central values, by latency."""
+    """Return the points that no other beats on both central values, by latency."""
     best: list[Point] = []
     for point in sorted(points, key=lambda p: (p.latency.value, p.error.value)):
         if not best or point.error.value < best[-1].error.value:

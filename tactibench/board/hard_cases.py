@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tactibench.board.rows import Pooled, Row
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.protocols.families import Axis
 
 ERROR = "ospa_mm"
@@ -18,33 +18,33 @@ class Case:
 
     value: float
     easy: bool
-    error: Pooled | None
-    missed: Pooled | None
-    spurious: Pooled | None
-    ratio: Pooled | None
+    error: PooledMetric | None
+    missed: PooledMetric | None
+    spurious: PooledMetric | None
+    ratio: PooledMetric | None
 
 
 @dataclass(frozen=True)
-class Graded:
+class FamilyErrors:
     """A family as one row of a board did on it, the easy case first, where there is one."""
 
     axis: Axis
     cases: tuple[Case, ...]
-    doubles: Pooled | None
+    doubles: PooledMetric | None
 
     @property
-    def worst(self) -> Pooled | None:
+    def worst(self) -> PooledMetric | None:
         """The largest ratio."""
         known = [case.ratio for case in self.cases if case.ratio is not None]
         return max(known, key=lambda ratio: ratio.value, default=None)
 
 
-def graded(row: Row, axes: Iterable[Axis]) -> list[Graded]:
+def family_errors(row: Row, axes: Iterable[Axis]) -> list[FamilyErrors]:
     """All families of a row, in the order of the protocol."""
-    return [_graded(row, axis) for axis in axes]
+    return [_family_errors(row, axis) for axis in axes]
 
 
-def _graded(row: Row, axis: Axis) -> Graded:
+def _family_errors(row: Row, axis: Axis) -> FamilyErrors:
     groups = list(zip(axis.values, axis.groups, strict=True))
     if axis.easy is not None:
         groups.insert(0, (axis.easy, axis.reference))
@@ -59,4 +59,4 @@ def _graded(row: Row, axis: Axis) -> Graded:
         )
         for value, group in groups
     )
-    return Graded(axis, cases, row.metric("doubles_at", axis.family))
+    return FamilyErrors(axis, cases, row.metric("doubles_at", axis.family))

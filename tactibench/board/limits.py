@@ -34,6 +34,7 @@ class LimitRequest:
 
     @property
     def presses(self) -> int:
+        """Number of presses."""
         return len(self.depths) * self.grid.shape[0] * self.grid.shape[1]
 
 

@@ -1,16 +1,31 @@
-"""The order of a board: by an error that no missing contact can improve, where there is one.
+"""The order of a board's rows, and the ranks that rows share.
 
-The order is no ranking: whether one row beats another is for a paired comparison (``ranks``).
+Rows are ordered by an error that no missing contact can improve, where there is one. The order is
+no ranking: rows that no paired interval over presses tells apart share a rank. Of two rows with
+predictions beside all their records the per-press errors, averaged over seeds, are paired, and the
+t interval of their mean difference decides. Where one has none, the intervals on the board do, and
+rows are told apart only when these do not overlap. That never claims too much: the standard
+deviation of a difference is at most the sum of the standard deviations, so the paired interval is
+no wider than both halves together and lies beyond 0 wherever the two are apart. Seeds are not
+resampled: a rank says which of these trained models is better on such presses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
 
+import numpy as np
+
+from tactibench.board.predictions import PressErrors
 from tactibench.board.rows import Row
+from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.protocols.board_spec import Ranking, board_spec
 from tactibench.protocols.loader import protocol_files
+from tactibench.stats.intervals import mean_interval
+from tactibench.stats.paired import grouped
 
 
 def ranking_error(protocol: str) -> Ranking:
@@ -37,3 +52,78 @@ def _place(protocol: str, row: Row) -> tuple[bool, float]:
     ranking = board_spec(protocol).ranking
     pooled = None if ranking is None else row.metric(ranking.metric, ranking.group)
     return (True, 0.0) if pooled is None else (False, pooled.value)
+
+
+LEVEL = 0.95
+Errors = Mapping[str, PressErrors]
+"""Per-press errors by the name of the record."""
+
+
+@dataclass(frozen=True)
+class Ranks:
+    """by_row: rank of every row, None where it has no error. paired: rows with answers."""
+
+    by_row: tuple[int | None, ...]
+    paired: int
+
+    @property
+    def note(self) -> str:
+        """A sentence on how the ranks came about."""
+        text = (
+            "Rank: rows share one when the paired 95 % interval over presses of their "
+            "difference from the first of them holds 0"
+        )
+        ranked = sum(rank is not None for rank in self.by_row)
+        if self.paired == ranked:
+            return f"{text}."
+        lacking = (
+            "No row has"
+            if not self.paired
+            else (f"{ranked - self.paired} of {ranked} rows do not have")
+        )
+        return (
+            f"{text}. {lacking} answers beside all records: there the intervals decide, and "
+            "rows share a rank unless these are apart, which tells no more of them apart than "
+            "pairing would."
+        )
+
+
+def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
+    """Return the ranks of the rows of one section; None for a protocol that no error orders."""
+    by = board_spec(protocol).ranking
+    if by is None:
+        return None
+    found = [row.metric(by.metric, by.group) for row in rows]
+    tables = [_pooled(row, errors) for row in rows]
+    values = {k: f.value for k, f in enumerate(found) if f is not None and not f.censored}
+    order = sorted(values, key=lambda k: (values[k], rows[k].label))
+
+    def worse(k: int, best: int) -> bool:
+        one, other = tables[k], tables[best]
+        if one is not None and other is not None:
+            return _paired(one, other)
+        high, low = (getattr(found[i], end) for i, end in ((best, "high"), (k, "low")))
+        return high is not None and low is not None and low > high
+
+    by_row = grouped(order, worse)
+    paired = sum(tables[k] is not None for k in order)
+    return Ranks(tuple(by_row.get(k) for k in range(len(rows))), paired)
+
+
+def _paired(one: PressErrors, other: PressErrors) -> bool:
+    """Return whether the first is worse on the presses that both have."""
+    _, i, j = np.intersect1d(one.press, other.press, return_indices=True)
+    difference = one.error[i] - other.error[j]
+    low = mean_interval(difference, np.arange(len(difference)), level=LEVEL).low
+    return low is not None and low > 0
+
+
+def _pooled(row: Row, errors: Errors) -> PressErrors | None:
+    """Mean over seeds of every press that all seeds have; None where a seed has no answers."""
+    known = [errors.get(record.name) for record in row.records]
+    seeds = [one for one in known if one is not None]
+    if not seeds or len(seeds) < len(known):
+        return None
+    shared = reduce(np.intersect1d, [one.press for one in seeds])
+    columns: list[FloatArray] = [one.error[np.isin(one.press, shared)] for one in seeds]
+    return PressErrors(shared, np.mean(columns, axis=0))

@@ -1,4 +1,4 @@
-"""Rows of a board: one model in one configuration, its training seeds pooled.
+"""Rows of a board: one model in one configuration, its training seeds pooled, and its name.
 
 Value: mean over seeds. Interval: mean of the seeds' intervals, end by end. The seeds answer the
 same presses, and the standard deviation of a mean is at most the mean of the standard deviations
@@ -12,15 +12,100 @@ import statistics
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from tactibench.board.labels import MIXING, TRIVIAL, label_of, mixing_of, row_key
 from tactibench.records.identity import canonical, digest
-from tactibench.records.record import Record
+from tactibench.records.record import Record, Value
+
+MIXING = "mixing"
+"""The parameter of a model that trains on contacts mixed out of single presses."""
+RETIRED = frozenset({"tolerance", "allow_fem"})
+"""Parameters of simulated sensors in older records, which changed none of their frames."""
+TRIVIAL = frozenset({"mean", "nearest"})
+"""Models that learn next to nothing: what any other has to beat."""
+
+
+def mixing_of(record: Record) -> str:
+    """Return the frames mixed out of single presses for every training frame, "" for none."""
+    share = record.model.parameters.get(MIXING)
+    return f"{share:g}" if isinstance(share, int | float) and share > 0 else ""
+
+
+def label_of(record: Record) -> str:
+    """Return model, encoder where there is one, mixing and regime, in one line."""
+    text = record.model.text(without=MIXING)
+    if record.encoder is not None:
+        text += f" + {record.encoder.text()}"
+    if mixing := mixing_of(record):
+        text += f", mixing {mixing}"
+    return f"{text} ({record.regime})"
+
+
+def row_key(record: Record) -> list[Any]:
+    """Return all that two records must share to be seeds of one row, as JSON values."""
+    encoder = None if record.encoder is None else record.encoder.identity
+    model = record.model.identity
+    return [section_key(record), model, encoder, record.regime, record.limits.presses]
+
+
+def section_key(record: Record) -> list[Any]:
+    """Return all that two records must share to stand in one table, as JSON values.
+
+    These are the question, the sensor and the test frames.
+    """
+    sensor, test = record.sensor, record.test_sensor
+    key = [
+        record.protocol.id,
+        record.protocol.hash,
+        sensor.origin,
+        sensor.name,
+        _lasting(sensor.parameters),
+        record.identity.data,
+    ]
+    if test is None:
+        return key
+    key += [test.name, _lasting(test.parameters)]
+    return [*key, test.trained_on] if test.trained_on else key
+
+
+def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
+    return {name: value for name, value in parameters.items() if name not in RETIRED}
+
+
+def trained_on(record: Record) -> str:
+    """Return the sensor of a model that was tested on another one; "" where on the same."""
+    test = record.test_sensor
+    return "" if test is None else test.trained_on or ""
+
+
+def command_options(record: Record) -> str:
+    """Return the options that ask for what a run was tested on: " --test reference", or ""."""
+    test = record.test_sensor
+    options = [] if test is None else test.options
+    return "".join(" --hidden-seed" if text == "hidden" else f" --test {text}" for text in options)
+
+
+def measured_on(record: Record) -> str:
+    """Return "simulated sensor tactip-127", and what it was tested on where that is another."""
+    test = record.test_sensor
+    if test is not None and test.trained_on:
+        return f"real {test.description}, trained on {test.trained_on}"
+    text = f"{record.sensor.origin} sensor {record.sensor.name}"
+    return text if test is None else f"{text}, tested on {test.description}"
+
+
+def trained_for(records: Iterable[Record]) -> list[Record]:
+    """Return those that were tested on the sensor that they were trained for."""
+    return [record for record in records if record.test_sensor is None]
+
+
+def whole(records: Iterable[Record]) -> list[Record]:
+    """Return those that learned from all presses; the others belong to a learning curve alone."""
+    return [record for record in records if record.limits.presses is None]
 
 
 @dataclass(frozen=True)
-class Pooled:
+class PooledMetric:
     """A number over seeds. clusters: presses behind it in one seed, the fewest and the most."""
 
     value: float
@@ -44,14 +129,17 @@ class Row:
 
     @property
     def first(self) -> Record:
+        """The record of the first seed, for all that the seeds share."""
         return self.records[0]
 
     @property
     def seeds(self) -> tuple[int, ...]:
+        """Training seeds."""
         return tuple(record.seed for record in self.records)
 
     @property
     def label(self) -> str:
+        """Name of the row."""
         return label_of(self.first) + self.mark
 
     @property
@@ -66,27 +154,32 @@ class Row:
 
     @property
     def encoder(self) -> str:
+        """The encoder with its settings, "" for none."""
         encoder = self.first.encoder
         return "" if encoder is None else encoder.text()
 
     @property
     def regime(self) -> str:
+        """Training regime."""
         return self.first.regime
 
     @property
     def mixing(self) -> str:
+        """Frames mixed out of single presses for every training frame, "" for none."""
         return mixing_of(self.first)
 
     @property
     def presses(self) -> int | None:
+        """Presses that the model was allowed to learn from; None for all."""
         return self.first.limits.presses
 
     @property
     def trivial(self) -> bool:
+        """True for a model that learns next to nothing."""
         return self.first.model.name in TRIVIAL
 
-    def metric(self, metric: str, group: str) -> Pooled | None:
-        """The metric over all seeds; None where one seed has no value: the others would flatter."""
+    def metric(self, metric: str, group: str) -> PooledMetric | None:
+        """Metric over all seeds; None where one seed has no value: the others would flatter."""
         rows = [row for record in self.records if (row := record.metric(metric, group))]
         values = [row.value for row in rows if row.value is not None]
         if not values or len(values) < len(self.records):
@@ -95,7 +188,7 @@ class Row:
         if len(marks) > 1:
             return None
         counts = [row.clusters for row in rows]
-        return Pooled(
+        return PooledMetric(
             statistics.fmean(values),
             _mean_or_none([row.low for row in rows]),
             _mean_or_none([row.high for row in rows]),
@@ -106,12 +199,12 @@ class Row:
         )
 
     def over(self, quantity: Callable[[Record], float | None]) -> list[float]:
-        """A quantity of every seed that has it."""
+        """Return a quantity of every seed that has it."""
         return [value for record in self.records if (value := quantity(record)) is not None]
 
 
 def rows_of(records: Iterable[Record]) -> list[Row]:
-    """Records with their seeds pooled, in the order of their labels."""
+    """Return records with their seeds pooled, in the order of their labels."""
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(row_key(record)), []).append(record)
@@ -150,7 +243,7 @@ def latency(
 
 
 def machine(record: Record) -> str:
-    """Fingerprint of the hardware that a record was timed on."""
+    """Return the fingerprint of the hardware that a record was timed on."""
     return record.environment.fingerprint
 
 

@@ -1,14 +1,18 @@
-"""Sections of a board: what was asked of one sensor, so that no column mixes two."""
+"""Sections of a board: the rows of one sensor on one set of test frames."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from tactibench.board.labels import section_key, trained_on
-from tactibench.board.rows import Row, rows_of
+from tactibench.board.rows import Row, rows_of, section_key, trained_for, trained_on
+from tactibench.board.submissions import records_of, slot
+from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.identity import canonical, digest
 from tactibench.records.record import Record, SensorId
+from tactibench.records.store import stored_runs
 
 NOMINAL, TESTED, OTHER, PERTURBED, FINITE_ELEMENTS = range(5)
 KINDS = {
@@ -28,18 +32,21 @@ class Section:
 
     rows: tuple[Row, ...]
     mark: str = ""
-    """Of the test frames, where two sections would have one title."""
+    """Tells test frames apart where two sections would have one title."""
 
     @property
     def record(self) -> Record:
+        """The first record, for all that the rows share."""
         return self.rows[0].first
 
     @property
     def sensor(self) -> SensorId:
+        """The sensor of the training."""
         return self.record.sensor
 
     @property
     def origin(self) -> str:
+        """Either "simulated" or "real"."""
         return self.sensor.origin
 
     @property
@@ -56,7 +63,7 @@ class Section:
 
     @property
     def title(self) -> str:
-        """ "Simulated sensor tactip-127, instance=1: a perturbed individual"."""
+        """Heading such as "Simulated sensor tactip-127, instance=1: a perturbed individual"."""
         test = self.record.test_sensor
         if test is not None and (trained := trained_on(self.record)):
             text = f"Real {test.description}, trained on {trained}"
@@ -82,3 +89,50 @@ def sections_of(records: Iterable[Record]) -> list[Section]:
 
 def _mark(section: Section) -> str:
     return digest(section_key(section.record))[:8]
+
+
+def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
+    """Committed records of the present version of a protocol, and complete runs of a store.
+
+    Of one row and seed the newest run is taken. Runs that were tested on something else than they
+    were trained for belong to tables of their own and are left out. Raises UserError.
+    """
+    found: dict[str, Record] = {slot(record): record for record in records_of(board, protocol)}
+    stored = [run.record for run in stored_runs(runs)] if runs is not None else []
+    for record in sorted(stored, key=lambda record: (record.created, record.name)):
+        if record.protocol.id == protocol and not record.partial:
+            found[slot(record)] = record
+    asked = read_protocol(protocol_files()[protocol]).hash
+    return trained_for(r for r in found.values() if r.protocol.hash == asked)
+
+
+def select_section(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:
+    """Return the section of one sensor: called so, or that of most runs, nominal ones first.
+
+    Raises UserError where there is none.
+    """
+    sections = sections_of(records)
+    if not sections:
+        raise UserError(
+            f"there is no complete run of {protocol}; add some with `tactibench board add`, or "
+            "name a run store with --runs."
+        )
+    if sensor is None:
+        least = min(section.kind for section in sections)
+        return max((s for s in sections if s.kind == least), key=_runs)
+    names = [section.sensor.text() for section in sections]
+    fitting = [s for s, name in zip(sections, names, strict=True) if name == sensor]
+    if not fitting:
+        raise UserError(
+            f"no run of {protocol} is on a sensor {sensor!r}; {did_you_mean(sensor, names)}"
+        )
+    return max(fitting, key=_runs)
+
+
+def left_out(records: Sequence[Record], section: Section) -> int:
+    """Return the number of runs on other sensors."""
+    return len(records) - _runs(section)
+
+
+def _runs(section: Section) -> int:
+    return sum(len(row.records) for row in section.rows)

@@ -2,32 +2,33 @@
 
 ``leaderboards/submissions/<protocol>/<name>.json`` is the record of a complete run without its
 arrays, without the loss of every epoch, and without the sensor's description of itself, of which
-the hash stays. It is a valid record all the same. ``<name>.npz`` beside it holds the answers; older
-records have none.
+the hash stays. It is a valid record all the same. ``<name>.npz`` beside it holds the predictions;
+older records have none. A record of a stranger is read with suspicion: its names must be names,
+and its texts must only show themselves.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactibench.board.committed import (
+from tactibench.board.predictions import (
     Arrays,
     PressErrors,
     answers_file,
     ranked_errors,
     read_press_errors,
 )
-from tactibench.board.labels import label_of, row_key
-from tactibench.board.safe import refuse_names
-from tactibench.errors import UserError
+from tactibench.board.rows import label_of, row_key
+from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files, read_protocol
-from tactibench.records.files import atomic, read_json, write_arrays
+from tactibench.records.files import atomic, parse_json, read_json, write_arrays
 from tactibench.records.identity import digest
-from tactibench.records.record import Record, parse_record
+from tactibench.records.record import Component, Record, parse_record
 from tactibench.records.store import CHECKSUM, StoredRun
 
 FOLDER = "submissions"
@@ -36,7 +37,7 @@ LISTS = ("metrics", "speed")
 
 
 @dataclass(frozen=True)
-class Added:
+class Submission:
     """A record that was committed, and the files of the same row and seed that it replaced."""
 
     path: Path
@@ -55,7 +56,7 @@ def compact(record: Record) -> Record:
     return Record.model_validate(values)
 
 
-def add(run: StoredRun, board: Path) -> Added:
+def add(run: StoredRun, board: Path) -> Submission:
     """Commit a run: write its record and answers, and remove older ones of the same row and seed.
 
     Raises UserError for a partial run, one whose predictions are not those of its record, and one
@@ -76,11 +77,11 @@ def add(run: StoredRun, board: Path) -> Added:
     for other in same:
         other.unlink()
         answers_file(other).unlink(missing_ok=True)
-    return Added(path, tuple(same))
+    return Submission(path, tuple(same))
 
 
 def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
-    """Errors to rank by; none for a protocol that is not the present one."""
+    """Return the errors to rank by; none for a protocol that is not the present one."""
     stated = run.record.protocol
     path = protocol_files().get(stated.id)
     protocol = None if path is None else read_protocol(path)
@@ -90,19 +91,19 @@ def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
 
 
 def press_errors(board: Path, record: Record) -> PressErrors | None:
-    """What a record is ranked by, press by press; None where no answers lie beside it."""
+    """Read what ranks a record, press by press; None where no answers lie beside it."""
     place = board / FOLDER / record.protocol.id / f"{record.name}.json"
     return read_press_errors(answers_file(place))
 
 
 def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
-    """Of the records that have answers beside them, by name. Raises UserError for damaged ones."""
+    """Read the errors of all records that have predictions, by name. Raises UserError."""
     found = ((record.name, press_errors(board, record)) for record in records)
     return {name: errors for name, errors in found if errors is not None}
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:
-    """All committed records of a protocol, by name.
+    """Read all committed records of a protocol, by name.
 
     Raises UserError for a file that is no valid record of a complete run of this protocol under its
     own name, and for two of the same row and seed.
@@ -134,12 +135,12 @@ def refuse_partial(record: Record, where: str) -> None:
 
 
 def slot(record: Record) -> str:
-    """What there may be one record of: a row of a board and a training seed."""
+    """Return the key of a row of a board and a training seed: it has one record."""
     return digest([row_key(record), record.seed])
 
 
 def text_of(record: Record) -> str:
-    """JSON with a line for every key, and one for every metric and every time."""
+    """Return JSON with a line for every key, and one for every metric and every time."""
     parts = []
     for name, value in record.json_values().items():
         if name in LISTS:
@@ -170,7 +171,111 @@ def _read(path: Path) -> Record:
 
 
 def committed_protocols(board: Path) -> Iterator[str]:
-    """Protocols that have a folder of committed records."""
+    """Yield the protocols that have a folder of committed records."""
     place = board / FOLDER
     if place.is_dir():
         yield from sorted(path.name for path in place.iterdir() if path.is_dir())
+
+
+NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
+"""The name of a run, a model, an encoder or a sensor: it is part of file names and pages."""
+LONGEST = 4000
+"""Characters of a text in a record."""
+LARGEST = 2**20
+"""Bytes of a record; the longest of those here has 25 kB."""
+
+
+def read_untrusted(path: Path) -> dict[str, Any]:
+    """JSON object in a file of at most LARGEST bytes, every number finite. Raises UserError."""
+    try:
+        size = path.stat().st_size
+        if path.is_symlink() or not path.is_file():
+            raise UserError(f"{path} is no plain file.")
+        if size > LARGEST:
+            raise UserError(
+                f"{path} has {size:,} bytes, more than the {LARGEST:,} that a record may take; "
+                "a committed record holds no arrays and no history."
+            )
+        value = parse_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path} does not exist.") from None
+    except (ValueError, RecursionError, OSError) as error:
+        raise UserError(f"{path} cannot be read as JSON: {error}.") from None
+    if not isinstance(value, dict):
+        raise UserError(f"{path} holds a {type(value).__name__}, not a record.")
+    return value
+
+
+def refuse_names(record: Record, where: str) -> None:
+    """Raise UserError for a name with markup or a path in it, or text that is not printable.
+
+    The record is valid otherwise (see ``parse_record``).
+    """
+    for key, name in _names(record):
+        if not NAME.fullmatch(name):
+            raise UserError(
+                f"{where}: {key} is {name[:80]!r}; a name may hold letters, digits, '.', '_' and "
+                "'-' only, at most 160, so that it is neither markup nor a path."
+            )
+    for key, text in _texts(record.json_values()):
+        if len(text) > LONGEST or not text.isprintable():
+            raise UserError(
+                f"{where}: {key} holds a text of {len(text):,} characters that is too long or not "
+                f"printable; a text has at most {LONGEST:,} and no control characters."
+            )
+    for kind, component in _components(record):
+        for key, value in component.parameters.items():
+            if isinstance(value, str) and re.search(r"[/\\<>]", value):
+                raise UserError(
+                    f"{where}: {kind}.{key} is {value[:80]!r}; a committed run must not depend on "
+                    "a path, nor hold markup."
+                )
+
+
+def _components(record: Record) -> Iterator[tuple[str, Component]]:
+    yield "model", record.model
+    yield "sensor", record.sensor
+    if record.encoder is not None:
+        yield "encoder", record.encoder
+
+
+def _names(record: Record) -> Iterator[tuple[str, str]]:
+    yield "name", record.name
+    yield "regime", record.regime
+    yield "protocol.id", record.protocol.id
+    for kind, component in _components(record):
+        yield f"{kind}.name", component.name
+        yield from ((f"{kind}.parameters", name) for name in component.parameters)
+    if record.test_sensor is not None:
+        yield "sensor.tested.name", record.test_sensor.name
+
+
+def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Yield all strings of a JSON value, with where they stand."""
+    if isinstance(value, str):
+        yield key, value
+    elif isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield f"{key}.{name}".lstrip("."), str(name)
+            yield from _texts(inner, f"{key}.{name}".lstrip("."))
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _texts(inner, key)
+
+
+def records_of(board: Path, protocol: str) -> list[Record]:
+    """Committed records of a protocol. Raises UserError for an unknown one, or no board."""
+    files = protocol_files()
+    if protocol not in files:
+        raise UserError(f"unknown protocol {protocol!r}; {did_you_mean(protocol, files)}")
+    check_folder(board)
+    return read_submissions(board, protocol)
+
+
+def check_folder(board: Path) -> None:
+    """Raise UserError where there is no board."""
+    if not board.is_dir():
+        raise UserError(
+            f"there is no board in {board}; call this in a checkout of tactibench, or name its "
+            "folder with --board DIR."
+        )

@@ -57,7 +57,7 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
 
     Exit code 1 when a page is out of date.
     """
-    from tactibench.board.boards import check_folder
+    from tactibench.board.submissions import check_folder
     from tactibench.report.board_page import page_files
 
     check_folder(board_folder)
@@ -84,8 +84,7 @@ def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
     A newer record of the same row and seed replaces the older one. Partial runs are refused; a
     pattern passes them over.
     """
-    from tactibench.board.boards import check_folder
-    from tactibench.board.submissions import add
+    from tactibench.board.submissions import add, check_folder
 
     check_folder(board_folder)
     for run in _complete_runs(store, names):
@@ -105,9 +104,8 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     Two files under submissions/PROTOCOL: NAME.json and NAME.npz. `board add` does the same and
     writes the pages again.
     """
-    from tactibench.board.boards import check_folder
-    from tactibench.board.committed import answers_file
-    from tactibench.board.submissions import add
+    from tactibench.board.predictions import answers_file
+    from tactibench.board.submissions import add, check_folder
     from tactibench.records.store import open_run
 
     check_folder(board_folder)
@@ -145,9 +143,9 @@ def verify(
     The truth is made anew by this installation; nothing of the submitter's is imported. Exit code 1
     when a file is refused.
     """
-    from tactibench.board.verifying.truth import Source, trusted_host
-    from tactibench.board.verifying.verdict import metric_rows
-    from tactibench.board.verifying.verdict import verify as check
+    from tactibench.board.truth import Source, trusted_host
+    from tactibench.board.verification import metric_rows
+    from tactibench.board.verification import verify as check
     from tactibench.cli.output import Terminal
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
@@ -200,7 +198,7 @@ def export(
     board_folder: Path, json_file: Path | None, csv_file: Path | None, latex_file: Path | None
 ) -> None:
     """Write the figures of all boards as JSON, CSV or LaTeX files."""
-    from tactibench.board.boards import check_folder
+    from tactibench.board.submissions import check_folder
     from tactibench.records.files import atomic, write_json
     from tactibench.report.board_export import board_csv, board_latex, tidy_rows
 
@@ -262,7 +260,7 @@ def hidden(protocol: str, board_folder: Path) -> None:
 
 
 def _write_pages(board_folder: Path) -> None:
-    from tactibench.board.boards import check_folder
+    from tactibench.board.submissions import check_folder
     from tactibench.report.board_page import page_files
 
     check_folder(board_folder)

@@ -25,7 +25,7 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     \b
     tactibench compare exp2-superpose-single-s0-1a2b3c4d exp2-unet-single-s0-5e6f7a8b
     """
-    from tactibench.board.comparison import compare_runs, rows_of
+    from tactibench.board.compare import compare_runs, rows_of
     from tactibench.cli.output import Terminal
     from tactibench.records.files import write_json
     from tactibench.records.store import open_run

@@ -10,8 +10,8 @@ import click
 from tactibench.cli.options import board_option, json_option, store_option
 
 if TYPE_CHECKING:
-    from tactibench.board.published import PublishedTable
     from tactibench.plugins.host import PluginHost
+    from tactibench.protocols.published import PublishedTable
     from tactibench.run.cached_weights import CachedWeights
 
 PLUGINS = ("models", "sensors", "encoders", "protocols")
@@ -182,7 +182,7 @@ def _list_published(board_folder: Path) -> list[Row]:
 
 
 def _published_tables(board_folder: Path) -> list[PublishedTable]:
-    from tactibench.board.published import load_published, published_names
+    from tactibench.protocols.published import load_published, published_names
     from tactibench.shipped import shipped_folder
 
     own = board_folder / "published"

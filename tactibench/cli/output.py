@@ -97,8 +97,8 @@ class TrainingBar:
 
 def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     """Print the result beside the published numbers, and draw the pictures."""
-    from tactibench.board.published import load_published
     from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.protocols.published import load_published
     from tactibench.report.plots.run_pictures import draw_pictures
     from tactibench.report.run_report import print_run
     from tactibench.shipped import shipped_folder

@@ -70,15 +70,15 @@ def frontier(
     \b
     tactibench plot frontier exp2 --out docs/images/frontier-exp2.png
     """
-    from tactibench.board.choose import gathered, left_out
     from tactibench.board.frontier import frontiers
-    from tactibench.board.labels import whole
     from tactibench.board.ranking import ranking_error
+    from tactibench.board.rows import whole
+    from tactibench.board.sections import gather_records, left_out
     from tactibench.cli.output import Terminal
     from tactibench.report.plot_tables import frontier_remarks, frontier_rows, frontier_table
     from tactibench.report.writers.terminal import print_table
 
-    records = whole(gathered(protocol, board_folder, runs))
+    records = whole(gather_records(protocol, board_folder, runs))
     section = _section(records, sensor, protocol)
     error = ranking_error(protocol)
     found = frontiers(section.rows, error, _known_machine(machine, section.rows))
@@ -133,15 +133,15 @@ def curve(
     tactibench run exp1 --model unet --presses 250
     tactibench plot curve exp1 --store runs --out curve.png
     """
-    from tactibench.board.choose import gathered
     from tactibench.board.curve import curves
     from tactibench.board.ranking import ranking_error
+    from tactibench.board.sections import gather_records
     from tactibench.cli.output import Terminal
     from tactibench.report.plot_tables import curve_rows, curve_steps_table
     from tactibench.report.writers.terminal import print_table
 
     error = ranking_error(protocol)
-    section = _section(gathered(protocol, board_folder, runs), sensor, protocol)
+    section = _section(gather_records(protocol, board_folder, runs), sensor, protocol)
     found = curves(section.rows, error)
     if not found:
         raise UserError(
@@ -188,9 +188,9 @@ def stability(
     tactibench run stability --model superpose
     tactibench plot stability --store runs --out stability.png --cases cases.png
     """
-    from tactibench.board.choose import gathered
-    from tactibench.board.labels import whole
     from tactibench.board.ranking import ordered
+    from tactibench.board.rows import whole
+    from tactibench.board.sections import gather_records
     from tactibench.cli.output import Terminal
     from tactibench.protocols.loader import load_protocol
     from tactibench.report.hard_cases import doubling_table
@@ -200,7 +200,7 @@ def stability(
     axes = load_protocol(protocol).keys.axes
     if not axes:
         raise UserError(f"{protocol} has no families of hard cases; take stability.")
-    section = _section(whole(gathered(protocol, board_folder, runs)), sensor, protocol)
+    section = _section(whole(gather_records(protocol, board_folder, runs)), sensor, protocol)
     chosen = _rows_named(ordered(protocol, section.rows), rows)
     subject = f"{protocol}, {section.title.lower()}"
     terminal = Terminal()
@@ -251,9 +251,9 @@ plot.add_command(limit)
 
 
 def _section(records: Sequence[Record], sensor: str | None, protocol: str) -> Section:
-    from tactibench.board.choose import of_sensor
+    from tactibench.board.sections import select_section
 
-    return of_sensor(records, sensor, protocol)
+    return select_section(records, sensor, protocol)
 
 
 def _say_subject(terminal: Terminal, title: str, subject: str) -> None:

@@ -14,10 +14,8 @@ from tactibench.board.cost import (
     parameters,
     training_seconds,
 )
-from tactibench.board.labels import whole
-from tactibench.board.ranking import ordered
-from tactibench.board.ranks import Errors, Ranks, ranks
-from tactibench.board.rows import Row, latency, machine
+from tactibench.board.ranking import Errors, Ranks, ordered, ranks
+from tactibench.board.rows import Row, latency, machine, whole
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import all_press_errors, read_submissions
 from tactibench.protocols.board_spec import Block as BoardTable

@@ -12,20 +12,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from tactibench.board.boards import check_folder
 from tactibench.board.curve import Curve, curves
-from tactibench.board.labels import TRIVIAL, command_options, section_key, trained_on, whole
-from tactibench.board.published import PublishedTable, load_published
-from tactibench.board.ranking import ordered
-from tactibench.board.ranks import Errors, ranks
-from tactibench.board.rows import Row, rows_of
+from tactibench.board.ranking import Errors, ordered, ranks
+from tactibench.board.rows import (
+    TRIVIAL,
+    Row,
+    command_options,
+    rows_of,
+    section_key,
+    trained_on,
+    whole,
+)
 from tactibench.board.sections import Section, sections_of
-from tactibench.board.submissions import all_press_errors, committed_protocols, read_submissions
+from tactibench.board.submissions import (
+    all_press_errors,
+    check_folder,
+    committed_protocols,
+    read_submissions,
+)
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import BoardSpec, board_spec
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.published import PublishedTable, load_published
 from tactibench.records.files import atomic
 from tactibench.records.record import Record
 from tactibench.report.board_tables import cost_blocks, curve_table, metric_table, published_blocks

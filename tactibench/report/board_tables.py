@@ -15,12 +15,12 @@ from tactibench.board.cost import (
     training_seconds,
 )
 from tactibench.board.curve import Curve, Step, counts
-from tactibench.board.published import PublishedRow, PublishedTable, rows_for
-from tactibench.board.ranks import Ranks
-from tactibench.board.rows import Pooled, Row, latency, machine
+from tactibench.board.ranking import Ranks
+from tactibench.board.rows import PooledMetric, Row, latency, machine
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.board_spec import Ranking
+from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Record
 from tactibench.report import document
 from tactibench.report.document import Bullets, Code, Emphasis, Heading, Paragraph, prose
@@ -105,7 +105,7 @@ def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:
             yield _spread(pooled, column.decimals)
 
 
-def _spread(pooled: Pooled | None, decimals: int) -> Number | None:
+def _spread(pooled: PooledMetric | None, decimals: int) -> Number | None:
     if pooled is None or pooled.sd is None:
         return None
     return Number(pooled.sd * (100.0 if pooled.unit == "share" else 1.0), fixed(decimals))

@@ -8,8 +8,8 @@ from string import ascii_uppercase
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.comparison import Compared, Comparison, left_out, names_of
-from tactibench.board.labels import measured_on
+from tactibench.board.compare import Comparison, MetricComparison, left_out, names_of
+from tactibench.board.rows import measured_on
 from tactibench.metrics.registry import find_metric
 from tactibench.records.record import Record
 from tactibench.records.store import StoredRun
@@ -68,7 +68,7 @@ def comparison_table(
     return table(heads, rows)
 
 
-def _cells(row: Compared, signs: tuple[str, str]) -> list[Cell]:
+def _cells(row: MetricComparison, signs: tuple[str, str]) -> list[Cell]:
     scale, write = _format(row)
     values = (None if v is None else Number(v * scale, write) for v in (row.first, row.second))
     shares = () if row.misses is None else (number(100 * share, 2) for share in row.misses)
@@ -83,18 +83,18 @@ def _cells(row: Compared, signs: tuple[str, str]) -> list[Cell]:
     ]
 
 
-def _alone(row: Compared) -> str:
+def _alone(row: MetricComparison) -> str:
     return "/".join(f"{n:,}" for n in row.alone) if any(row.alone) else ""
 
 
-def _name(row: Compared) -> str:
+def _name(row: MetricComparison) -> str:
     unit = find_metric(row.metric).unit
     group = "" if row.group == "all" else row.group
     name = NAMES.get(row.metric, row.metric)
     return ", ".join(filter(None, (name, group, UNITS.get(unit, unit))))
 
 
-def _difference(row: Compared) -> Number | None:
+def _difference(row: MetricComparison) -> Number | None:
     scale, write = _format(row)
     difference = row.difference
     if difference.value is None:
@@ -107,12 +107,12 @@ def _difference(row: Compared) -> Number | None:
     return Number(difference.value * scale, signed, (low, high))
 
 
-def _format(row: Compared) -> tuple[float, Format]:
+def _format(row: MetricComparison) -> tuple[float, Format]:
     unit = find_metric(row.metric).unit
     return PERCENT if unit == "share" else 1.0, fixed(DECIMALS.get(unit, 4))
 
 
-def _better(row: Compared, first: str, second: str) -> str:
+def _better(row: MetricComparison, first: str, second: str) -> str:
     """Return which run is better, where the interval does not hold 0."""
     difference, better = row.difference, find_metric(row.metric).better
     low, high = difference.low, difference.high

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tactibench.board.hard_cases import ERROR, Case, Graded, graded
-from tactibench.board.rows import Pooled, Row
+from tactibench.board.hard_cases import ERROR, Case, FamilyErrors, family_errors
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.protocols.families import Axis
 from tactibench.report.board_tables import IDENTITY, identity
 from tactibench.report.document import Block, Heading, prose
@@ -32,7 +32,7 @@ def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
     """
     if not axes:
         return []
-    families = [graded(row, axes) for row in rows]
+    families = [family_errors(row, axes) for row in rows]
     pressed = [a for a in axes if a.ordered and a.reference.startswith(f"{a.family}:")]
     faults = [axis for axis in axes if axis.ordered and axis not in pressed]
     note = (
@@ -51,7 +51,10 @@ def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
 
 
 def _doubling_table(
-    rows: Sequence[Row], families: Sequence[Sequence[Graded]], axes: Sequence[Axis], title: str
+    rows: Sequence[Row],
+    families: Sequence[Sequence[FamilyErrors]],
+    axes: Sequence[Axis],
+    title: str,
 ) -> Table:
     body = []
     for row, grades in zip(rows, families, strict=True):
@@ -67,7 +70,7 @@ def family_head(axis: Axis) -> str:
     return f"{axis.family}, {axis.unit}" if axis.unit else axis.family
 
 
-def doubling_number(pooled: Pooled | None) -> Number | None:
+def doubling_number(pooled: PooledMetric | None) -> Number | None:
     """Return where an error doubles: "0.21" with its interval, "> 6.5" where it does not."""
     if pooled is None:
         return None
@@ -75,7 +78,7 @@ def doubling_number(pooled: Pooled | None) -> Number | None:
 
 
 def _case_blocks(
-    rows: Sequence[Row], families: Sequence[Sequence[Graded]], k: int, axis: Axis
+    rows: Sequence[Row], families: Sequence[Sequence[FamilyErrors]], k: int, axis: Axis
 ) -> list[Block]:
     heads: list[Head] = [*IDENTITY, *(Column(f"{case.value:g}") for case in families[0][k].cases)]
     body = [
@@ -105,10 +108,10 @@ def family_table(row: Row, axes: Sequence[Axis]) -> Table:
         "doubles at",
     ]
     title = "Error by family, from the easy case to the hardest"
-    return table(heads, [_family_cells(grade) for grade in graded(row, axes)], title=title)
+    return table(heads, [_family_cells(grade) for grade in family_errors(row, axes)], title=title)
 
 
-def _family_cells(grade: Graded) -> list[Cell]:
+def _family_cells(grade: FamilyErrors) -> list[Cell]:
     first, last = grade.cases[0], grade.cases[-1]
     several = len(grade.cases) > 1
     return [
@@ -129,7 +132,7 @@ def _error(case: Case) -> Number | None:
 
 def doubling_table(rows: Sequence[Row], axes: Sequence[Axis]) -> Table:
     """Return where the errors of several models double, a row a family, a column a model."""
-    families = [graded(row, axes) for row in rows]
+    families = [family_errors(row, axes) for row in rows]
     body: list[list[Cell]] = []
     for k, axis in enumerate(axes):
         if axis.ordered:

@@ -8,7 +8,7 @@ from typing import Any
 
 from tactibench.board.curve import Curve
 from tactibench.board.frontier import Frontier, Range
-from tactibench.board.hard_cases import graded
+from tactibench.board.hard_cases import family_errors
 from tactibench.board.limits import LimitMaps, summary
 from tactibench.board.rows import Row
 from tactibench.protocols.board_spec import Ranking
@@ -127,7 +127,7 @@ def stability_rows(rows: Sequence[Row], axes: Sequence[Axis]) -> JsonRows:
     """Return tidy rows of where errors double, and of the error case by case."""
     lines = []
     for row in rows:
-        for grade in graded(row, axes):
+        for grade in family_errors(row, axes):
             axis, doubles = grade.axis, grade.doubles
             subject = {"group": row.label, "family": axis.family}
             if doubles is not None:

@@ -13,10 +13,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.labels import measured_on
-from tactibench.board.published import PublishedRow, PublishedTable, rows_for
+from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
 from tactibench.protocols.families import Axis
+from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
 from tactibench.report.numbers import duration, fixed, general, span

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.published import PublishedTable, rows_for
 from tactibench.protocols.board_spec import BoardSpec
+from tactibench.protocols.published import PublishedTable, rows_for
 from tactibench.records.record import Record, SpeedRow
 from tactibench.report.labels import NAMES
 from tactibench.report.numbers import fixed, number, plural

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from tactibench.report.numbers import Format, fixed
 
 if TYPE_CHECKING:
-    from tactibench.board.rows import Pooled
+    from tactibench.board.rows import PooledMetric
     from tactibench.records.record import Metric
 
 MISSING = "n/a"
@@ -134,7 +134,7 @@ def table(
 
 
 def metric_number(
-    metric: Metric | Pooled | None, decimals: int, *, interval: bool = True, below: str = ""
+    metric: Metric | PooledMetric | None, decimals: int, *, interval: bool = True, below: str = ""
 ) -> Number | None:
     """Return the number of a metric, of one run or over seeds; shares become per cent."""
     if metric is None or metric.value is None:

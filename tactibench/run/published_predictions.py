@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.board.published import ReleasedAnswers, load_published, rows_for
 from tactibench.contacts import Answer, PlatePose
 from tactibench.errors import UserError
 from tactibench.protocols.loader import LoadedProtocol
+from tactibench.protocols.published import ReleasedAnswers, load_published, rows_for
 from tactibench.records.answers import pack_plates
 from tactibench.records.files import file_hash
 from tactibench.run.score import PUBLISHED

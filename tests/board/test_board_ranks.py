@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.board.committed import PressErrors
-from tactibench.board.ranks import ranks
+from tactibench.board.predictions import PressErrors
+from tactibench.board.ranking import ranks
 from tactibench.board.rows import rows_of
 from tactibench.stats.intervals import mean_interval
 

@@ -11,8 +11,8 @@ import pytest
 from report_material import HOSTILE, hostile_record, store_of
 from rich.console import Console
 
-from tactibench.board.published import PublishedTable, load_published
 from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.published import PublishedTable, load_published
 from tactibench.records.record import Metric, Record
 from tactibench.report.html.report_data import ReportBoard, ReportData, gather
 from tactibench.report.run_report import print_run

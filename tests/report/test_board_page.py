@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.board.published import load_published
 from tactibench.board.submissions import FOLDER, compact, text_of
 from tactibench.metrics.registry import METRICS
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import load_protocol, protocol_files
+from tactibench.protocols.published import load_published
 from tactibench.report.board_export import tidy_rows
 from tactibench.report.board_page import board_page, page_files
 

@@ -7,9 +7,15 @@ import re
 import pytest
 from changed_record import changed_record
 
-from tactibench.board.choose import gathered, of_sensor
-from tactibench.board.labels import measured_on, trained_for
-from tactibench.board.sections import NOMINAL, PERTURBED, TESTED, sections_of
+from tactibench.board.rows import measured_on, trained_for
+from tactibench.board.sections import (
+    NOMINAL,
+    PERTURBED,
+    TESTED,
+    gather_records,
+    sections_of,
+    select_section,
+)
 from tactibench.board.submissions import FOLDER, compact, slot, text_of
 from tactibench.protocols.loader import load_protocol
 from tactibench.report.board_page import board_page
@@ -96,9 +102,9 @@ def test_curves_and_frontiers_leave_them_out(records, tmp_path):
     folder.mkdir(parents=True)
     for record in records:
         (folder / f"{record.name}.json").write_text(text_of(record), encoding="utf-8")
-    found = gathered("exp1", tmp_path, None)
+    found = gather_records("exp1", tmp_path, None)
     assert len(found) == 2
-    assert of_sensor(found, None, "exp1").kind == NOMINAL
+    assert select_section(found, None, "exp1").kind == NOMINAL
     assert trained_for(records) == [records[2], records[3]]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tactibench.board.hard_cases import graded
+from tactibench.board.hard_cases import family_errors
 from tactibench.board.rows import rows_of
 from tactibench.metrics.registry import METRICS
 from tactibench.protocols.board_spec import board_spec
@@ -98,7 +98,7 @@ def test_other_pages_have_no_such_tables(fabricate: Any) -> None:
 def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
     one, other = record(fabricate), record(fabricate, seed=1)
     (row,) = rows_of([one, other])
-    (family,) = (f for f in graded(row, AXES) if f.axis.family == "grazing")
+    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "grazing")
     assert family.doubles is not None
     assert family.doubles.value == pytest.approx(0.5)
     assert [case.value for case in family.cases] == [2, 0.5, 0.3, 0.2, 0.1, 0.05]
@@ -107,7 +107,7 @@ def test_seeds_are_pooled_and_a_missing_value_is_said(fabricate: Any) -> None:
     assert family.worst.value == 6
     other.metrics = [m for m in other.metrics if m.metric != "doubles_at"]
     (row,) = rows_of([one, other])
-    assert all(f.doubles is None for f in graded(row, AXES))
+    assert all(f.doubles is None for f in family_errors(row, AXES))
     assert doubling_number(None) is None
 
 

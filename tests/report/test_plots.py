@@ -17,11 +17,11 @@ from scipy.optimize import minimize
 
 from tactibench.board.curve import curves
 from tactibench.board.frontier import frontiers
-from tactibench.board.published import load_published, published_means
 from tactibench.board.ranking import ranking_error
 from tactibench.board.rows import Row, rows_of
 from tactibench.contacts import Contacts, Grid
 from tactibench.metrics.threshold import fit_threshold
+from tactibench.protocols.published import load_published, published_means
 from tactibench.records.record import Metric
 from tactibench.report.plots import style
 from tactibench.report.plots.curve import curve_figure

@@ -10,7 +10,7 @@ from report_material import contact_parts, store_of
 from stored_answers import with_hash
 
 from tactibench import UserError
-from tactibench.board.committed import ranked_errors
+from tactibench.board.predictions import ranked_errors
 from tactibench.board.submissions import add
 from tactibench.records.store import write_run
 from tactibench.report.html.report_data import gather

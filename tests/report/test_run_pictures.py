@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tiny_lab import Lab, tiny_commands
 
-from tactibench.board.labels import label_of
+from tactibench.board.rows import label_of
 from tactibench.cli.main import call
 from tactibench.records.store import stored_runs
 from tactibench.report.plots.run_pictures import draw_pictures

@@ -9,7 +9,7 @@ import pytest
 from stubs import StubModel
 
 from tactibench import Contacts, Frame, Pose, UserError
-from tactibench.board.verifying.answers import check_answers
+from tactibench.board.predictions import check_answers
 from tactibench.records.answers import pack
 from tactibench.run.hard_cases import (
     Failure,

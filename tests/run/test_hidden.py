@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board.labels import command_options, section_key
+from tactibench.board.rows import command_options, section_key
 from tactibench.protocols import hidden_seed as module
 from tactibench.protocols.hidden_seed import (
     VARIABLE,

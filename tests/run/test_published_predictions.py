@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tactibench import PlatePose, UserError
-from tactibench.board.published import ReleasedAnswers
 from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.published import ReleasedAnswers
 from tactibench.records.files import file_hash
 from tactibench.run import published_predictions as module
 from tactibench.run.published_predictions import (

@@ -15,11 +15,10 @@ from briefly import time_briefly
 from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import UserError
-from tactibench.board import submissions
-from tactibench.board.labels import measured_on, section_key, trained_on
-from tactibench.board.verifying import verdict
-from tactibench.board.verifying.truth import Source, trusted_host
-from tactibench.board.verifying.verdict import verify
+from tactibench.board import submissions, verification
+from tactibench.board.rows import measured_on, section_key, trained_on
+from tactibench.board.truth import Source, trusted_host
+from tactibench.board.verification import verify
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.answers import unpack_plates
@@ -223,7 +222,7 @@ def submitted(
 ) -> Callable[[str], Path]:
     """Model -> its submission, on all test frames; the path of its record."""
     for module in (
-        verdict,
+        verification,
         submissions,
     ):  # its few shots make another protocol than the shipped one
         monkeypatch.setattr(module, "protocol_files", lambda: {"transfer": Path(protocol)})

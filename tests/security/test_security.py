@@ -117,7 +117,7 @@ def test_verify_imports_nothing_of_a_stranger(
     found = sorted((ROOT / "leaderboards" / "submissions" / "exp1").glob("*.json"))
     if not found:
         pytest.skip("no submissions: not a checkout")
-    assert marks_after(stranger, "-m", "tactibench", "verify", str(found[0])) == []
+    assert marks_after(stranger, "-m", "tactibench", "board", "verify", str(found[0])) == []
 
 
 def test_the_reference_of_the_documentation_imports_nothing_of_a_stranger(

@@ -75,9 +75,8 @@ def _settings_seeds(_: Path) -> list[bytes]:
 
 
 def _record(data: bytes, folder: Path) -> None:
-    from tactibench.board.safe import read_untrusted, refuse_names
-    from tactibench.board.submissions import compact, slot, text_of
-    from tactibench.board.verifying.verdict import refuse_differences, refuse_signature
+    from tactibench.board.submissions import compact, read_untrusted, refuse_names, slot, text_of
+    from tactibench.board.verification import refuse_differences, refuse_signature
     from tactibench.records.record import parse_record
     from tactibench.records.store import refuse_changed
 
@@ -98,8 +97,12 @@ def _records(_: Path) -> list[bytes]:
 
 
 def _answers(data: bytes, folder: Path) -> None:
-    from tactibench.board.committed import read_answers_file, read_press_errors, split_ranked
-    from tactibench.board.verifying.answers import check_answers
+    from tactibench.board.predictions import (
+        check_answers,
+        read_answers_file,
+        read_press_errors,
+        split_ranked,
+    )
     from tactibench.records.answers import unpack_contacts
     from tactibench.records.files import arrays_hash
 

@@ -6,14 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactibench.board.boards import check_folder
-from tactibench.board.committed import PressErrors, press_errors_of
-from tactibench.board.published import PublishedTable
-from tactibench.board.ranks import Errors
-from tactibench.board.submissions import all_press_errors, read_submissions, slot
+from tactibench.board.predictions import PressErrors, press_errors_of
+from tactibench.board.ranking import Errors
+from tactibench.board.submissions import all_press_errors, check_folder, read_submissions, slot
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.published import PublishedTable
 from tactibench.records.record import Record
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 from tactibench.report.board_page import published_tables

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactibench.board.published import PublishedTable, published_means
-from tactibench.board.rows import Pooled, Row
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.contacts import FloatArray
+from tactibench.protocols.published import PublishedTable, published_means
 from tactibench.records.record import Record
 from tactibench.report.plots.style import (
     GREY,
@@ -55,7 +55,7 @@ class Series:
     penalised: FloatArray
     resolved: FloatArray
     fit: FloatArray | None = None
-    threshold: Pooled | None = None
+    threshold: PooledMetric | None = None
 
     @property
     def few(self) -> npt.NDArray[np.bool_]:

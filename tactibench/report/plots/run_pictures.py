@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tactibench.board.labels import TRIVIAL, label_of, measured_on
+from tactibench.board.rows import TRIVIAL, label_of, measured_on
 from tactibench.contacts import Contacts, FloatArray, Grid
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.protocols.schema import Protocol
@@ -230,8 +230,8 @@ def _stability(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
 
 
 def _distance(arrays: RunArrays, beside: Sequence[StoredRun]) -> Figure:
-    from tactibench.board.published import load_published
     from tactibench.board.rows import Row
+    from tactibench.protocols.published import load_published
     from tactibench.report.plots.distance import distance_figure, distance_series
     from tactibench.shipped import shipped_folder
 

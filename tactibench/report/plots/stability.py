@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from tactibench.board.hard_cases import Graded, graded
+from tactibench.board.hard_cases import FamilyErrors, family_errors
 from tactibench.board.rows import Row
 from tactibench.protocols.families import Axis
 from tactibench.report.plots.style import (
@@ -47,7 +47,7 @@ def stability_figure(
         title: Of the picture.
         measured_on: Printed as subtitle.
     """
-    families = [graded(row, axes) for row in rows]
+    families = [family_errors(row, axes) for row in rows]
     looks = row_looks([row.first.model.name for row in rows])
     shown = [k for k, grade in enumerate(families[0]) if len(grade.cases) > 1]
     count = math.ceil(len(shown) / COLUMNS)
@@ -68,7 +68,7 @@ def stability_figure(
 
 
 def _show_family(
-    axes: Axes, grades: Sequence[Graded], looks: Sequence[Look], labels: Sequence[str]
+    axes: Axes, grades: Sequence[FamilyErrors], looks: Sequence[Look], labels: Sequence[str]
 ) -> None:
     axis, middle = grades[0].axis, (len(grades) - 1) / 2
     drawn = 0
@@ -87,7 +87,7 @@ def _show_family(
     axes.axvline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (2, 2)))  # after the easy case
 
 
-def _show_curve(axes: Axes, family: Graded, shift: float, label: str, look: Look) -> int:
+def _show_curve(axes: Axes, family: FamilyErrors, shift: float, label: str, look: Look) -> int:
     """Draw one row on one family; return how many errors were drawn."""
     known = [
         (k, case, case.error)

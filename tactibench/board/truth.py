@@ -2,8 +2,7 @@
 
 Presses are drawn from the protocol's seed (or a hidden one) on the sensor that the record names,
 which must ship with tactibench; a simulated sensor reaches the poses that it is asked for. Recorded
-frames are read from their folder. No model and no encoder is imported.
-"""
+frames are read from their folder. No model and no encoder is imported."""
 
 from __future__ import annotations
 
@@ -43,7 +42,7 @@ OURS = "tactibench"
 
 @dataclass(frozen=True)
 class Source:
-    """What the truth may be made from. data: folder of recorded frames. cache: of frames."""
+    """The sources of the truth. data: folder of recorded frames. cache: of frames."""
 
     host: PluginHost
     cache: Path
@@ -51,7 +50,7 @@ class Source:
 
 
 def trusted_host() -> PluginHost:
-    """The plugins that ship with tactibench, and no others, whatever is installed."""
+    """Return the plugins that ship with tactibench, and no others, whatever is installed."""
     return PluginHost([found for found in installed() if found[1].distribution == OURS])
 
 
@@ -109,7 +108,7 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
 
 
 def _transferred(record: Record, frames: TransferFrames) -> Arrays:
-    """The truth of the recording that was tested, which --data names."""
+    """Return the truth of the recording that was tested, which --data names."""
     counts = labelled_counts(record, frames.request.protocol)
     _check_same_recording(record, frames.target, frames.request.test_data)
     (test,) = frames.test_frames()

@@ -2,8 +2,7 @@
 
 Of every metric that is a mean over presses: its mean over the presses of which both runs have a
 value, the paired difference with its t interval, and the two-sided sign-flip permutation p,
-adjusted by Holm's method over all that are shown together.
-"""
+adjusted by Holm's method over all that are shown together."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.board.hard_cases import ERROR
-from tactibench.board.labels import label_of, measured_on, section_key
+from tactibench.board.rows import label_of, measured_on, section_key
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics.compare import compared_metrics, press_means
@@ -39,7 +38,7 @@ Cell = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Compared:
+class MetricComparison:
     """One metric of one group. first, second: means over the presses that both have.
 
     difference: first minus second, its n the presses of either, its clusters the shared ones.
@@ -65,7 +64,7 @@ class Comparison:
 
     first: int
     second: int
-    rows: tuple[Compared, ...]
+    rows: tuple[MetricComparison, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +80,7 @@ class _Measured:
 
 
 def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[Comparison]:
-    """Every run against every later one. distances: two-point trials at every true distance, too.
+    """Compare every run with every later one.
 
     Raises UserError for runs that did not answer the same frames of the same protocol.
     """
@@ -153,7 +152,9 @@ DISTANCE_METRICS = frozenset(
 """Metrics that a record holds for every true distance."""
 
 
-def _rows(first: _Measured, second: _Measured, rng: np.random.Generator) -> Iterator[Compared]:
+def _rows(
+    first: _Measured, second: _Measured, rng: np.random.Generator
+) -> Iterator[MetricComparison]:
     cells = list(first.means)
     a, b = (np.stack([one.means[cell] for cell in cells], axis=1) for one in (first, second))
     shared = np.isfinite(a) & np.isfinite(b)
@@ -162,7 +163,7 @@ def _rows(first: _Measured, second: _Measured, rng: np.random.Generator) -> Iter
         both = shared[:, k]
         count = int(both.sum())
         known = mean_interval(d[both, k], np.arange(count), level=first.level)
-        yield Compared(
+        yield MetricComparison(
             *cell,
             float(a[both, k].mean()) if count else None,
             float(b[both, k].mean()) if count else None,
@@ -174,13 +175,13 @@ def _rows(first: _Measured, second: _Measured, rng: np.random.Generator) -> Iter
 
 
 def _misses(first: _Measured, second: _Measured, group: str) -> tuple[float, float] | None:
-    """Of the group, or of all where a record has none for it (a distance)."""
+    """Return those of the group, or of all where a record has none for it (a distance)."""
     a, b = (one.misses.get(group, one.misses.get("all")) for one in (first, second))
     return None if a is None or b is None else (a, b)
 
 
 def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
-    """Holm's method over every p that is shown."""
+    """Adjust every p that is shown by Holm's method."""
     adjusted = iter(holm([row.p for one in found for row in one.rows if row.p is not None]))
     return [
         replace(
@@ -194,7 +195,7 @@ def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
 
 
 def names_of(runs: Sequence[StoredRun]) -> list[str]:
-    """How the runs are called beside each other: by model and regime, and what tells them apart."""
+    """Names of runs: model and regime, with the seed or the run's name where equal."""
     labels = [label_of(run.record) for run in runs]
     if len(set(labels)) < len(labels):
         labels = [
@@ -206,7 +207,7 @@ def names_of(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def left_out(runs: Sequence[StoredRun]) -> list[str]:
-    """Metrics of the protocol that are no mean over presses."""
+    """Return the metrics of the protocol that are no mean over presses."""
     keys = protocol_of(runs[0]).keys
     field = "plate_sample" if keys.answer == "plate" else "sample"
     specs = [find_metric(name) for name in keys.metrics.names]
@@ -214,7 +215,7 @@ def left_out(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def rows_of(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[dict[str, Any]]:
-    """Tidy rows: ``value`` is first minus second."""
+    """Return tidy rows: ``value`` is first minus second."""
     rows = []
     for one in found:
         who = {"first": runs[one.first].record.name, "second": runs[one.second].record.name}

@@ -12,10 +12,10 @@ import pytest
 from few_presses import few_presses
 
 from tactibench import Contacts, SensorSpec
-from tactibench.board.committed import answers_file, ranked_errors
+from tactibench.board import verification
+from tactibench.board.predictions import answers_file, ranked_errors
 from tactibench.board.submissions import FOLDER, compact, text_of
-from tactibench.board.verifying import verdict
-from tactibench.board.verifying.truth import Source, truth_of
+from tactibench.board.truth import Source, truth_of
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
 from tactibench.protocols.loader import LoadedProtocol, read_protocol
@@ -29,7 +29,7 @@ from tactibench.run.score import score_arrays
 def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], LoadedProtocol]:
     """exp1, exp2 and exp3 with few presses, in place of those that ship."""
     files = few_presses(tmp_path / "protocols")
-    monkeypatch.setattr(verdict, "protocol_files", lambda: files)
+    monkeypatch.setattr(verification, "protocol_files", lambda: files)
     return lambda name: read_protocol(files[name])
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tactibench import UserError
-from tactibench.board.published import (
+from tactibench.protocols.published import (
     PublishedTable,
     load_published,
     published_names,

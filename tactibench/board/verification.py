@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.board.committed import (
+from tactibench.board.predictions import (
     Arrays,
     answers_file,
+    check_answers,
     ranked_errors,
     read_answers_file,
     split_ranked,
 )
-from tactibench.board.labels import label_of, measured_on
-from tactibench.board.safe import read_untrusted, refuse_names
-from tactibench.board.submissions import refuse_partial
-from tactibench.board.verifying.answers import check_answers
-from tactibench.board.verifying.truth import Source, labelled_counts, truth_of
+from tactibench.board.rows import label_of, measured_on
+from tactibench.board.submissions import read_untrusted, refuse_names, refuse_partial
+from tactibench.board.truth import Source, labelled_counts, truth_of
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
@@ -35,14 +34,14 @@ from tactibench.run.score import score_arrays
 TOLERANCE = 1e-6
 """Relative; another processor or version of numpy sums in another order."""
 NEGLIGIBLE_MM = 1e-6
-"""Of the error of one press, which may be near 0 while the truth is fitted to pins."""
+"""Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found out about a submission that was not refused.
+    """The verdict on a submission that was not refused.
 
     again: metric rows computed anew and equal to the stated ones. stated: metrics that the record
     states and nobody can compute without the submitter's heatmaps.
@@ -56,12 +55,12 @@ class Verdict:
 
     @property
     def subject(self) -> str:
-        """ "unet + hertz (single), seed 0 on simulated sensor tactip-127"."""
+        """Name such as "unet + hertz (single), seed 0 on simulated sensor tactip-127"."""
         record = self.record
         return f"{label_of(record)}, seed {record.seed} on {measured_on(record)}"
 
     def headline(self) -> list[Metric]:
-        """The error that orders the board, and what was missed."""
+        """Return the error that orders the board, and what was missed."""
         ranking = board_spec(self.record.protocol.id).ranking
         wanted = [] if ranking is None else [(ranking.metric, ranking.group)]
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
@@ -218,6 +217,6 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
 
 
 def metric_rows(verdict: Verdict) -> Iterable[dict[str, Any]]:
-    """Tidy rows of what was computed anew."""
+    """Yield tidy rows of what was computed anew."""
     for row in verdict.again:
         yield {"file": verdict.path.name, "state": "verified", **row.json_values()}

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board.committed import answers_file
-from tactibench.board.verifying.truth import trusted_host, truth_of
-from tactibench.board.verifying.verdict import verify
+from tactibench.board.predictions import answers_file
+from tactibench.board.truth import trusted_host, truth_of
+from tactibench.board.verification import verify
 from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.hidden_seed import VARIABLE, commitment_text, given_seed

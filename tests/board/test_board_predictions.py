@@ -7,7 +7,7 @@ import pytest
 from stored_answers import answered_parts, with_hash
 
 from tactibench import UserError
-from tactibench.board.committed import answers_file, read_answers_file, read_press_errors
+from tactibench.board.predictions import answers_file, read_answers_file, read_press_errors
 from tactibench.board.submissions import FOLDER, add, press_errors
 from tactibench.records.files import arrays_hash, write_arrays
 from tactibench.records.store import write_run

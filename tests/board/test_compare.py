@@ -8,7 +8,7 @@ from scipy import stats
 from stored_answers import answered_parts, with_hash
 
 from tactibench import UserError
-from tactibench.board.comparison import compare_runs, left_out, names_of, rows_of
+from tactibench.board.compare import compare_runs, left_out, names_of, rows_of
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.records.answers import pack_contacts, pack_plates, unpack_contacts
 from tactibench.records.store import write_run

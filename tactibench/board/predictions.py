@@ -1,0 +1,265 @@
+"""Predictions beside a committed record: ``<name>.npz``, lossless, and their checks.
+
+The file holds the packed predictions as they were stored, and under ``ranked.`` the error that
+orders the board, press by press, so that a board ranks its rows without making any truth again.
+``tactibench board verify`` computes both anew. Files of strangers are read too: sizes are looked up
+before anything is unpacked, and arrays are checked before a metric sees them.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import FloatArray
+from tactibench.errors import UserError
+from tactibench.metrics.compare import press_means
+from tactibench.metrics.trials import PlateTrials, Trials
+from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.schema import Protocol
+from tactibench.records.files import read_arrays
+from tactibench.run.hard_cases import FAILURE_COLUMNS as FAILURES
+from tactibench.run.hard_cases import LONGEST_CAUSE
+from tactibench.run.score import trials_of
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+RANKED = "ranked."
+LARGEST = 64 * 2**20
+"""Bytes of all arrays of a file, unpacked; exp3 needs a third of a megabyte."""
+
+
+@dataclass(frozen=True, eq=False)
+class PressErrors:
+    """The error that orders a board. press: (P,) names, sorted. error: (P,) mean of each press."""
+
+    press: npt.NDArray[Any]
+    error: FloatArray
+
+
+def answers_file(record_file: Path) -> Path:
+    """Return the file of the predictions of a committed record."""
+    return record_file.with_suffix(".npz")
+
+
+def ranked_errors(
+    keys: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
+) -> Arrays:
+    """Return arrays of the error that orders the board; empty where none does."""
+    if board_spec(keys.id).ranking is None:
+        return {}
+    found = press_errors_of(keys, trials_of(keys, truth, predicted))
+    return {f"{RANKED}press": found.press, f"{RANKED}error": found.error}
+
+
+def press_errors_of(keys: Protocol, trials: Trials | PlateTrials) -> PressErrors:
+    """The error that orders the board of a protocol, which has one."""
+    by = board_spec(keys.id).ranking
+    if by is None:
+        raise UserError(f"no error orders the board of {keys.id}, so it ranks nothing.")
+    group = by.group if keys.answer == "plate" else "all"  # elsewhere it is an axis, or all
+    error = press_means(by.metric, trials, (group,))[:, 0]
+    known = np.isfinite(error)
+    return PressErrors(np.unique(trials.press)[known], error[known])
+
+
+def split_ranked(arrays: Arrays) -> tuple[Arrays, Arrays]:
+    """Return packed answers, and what stands under ``ranked.``."""
+    ranked = {name: array for name, array in arrays.items() if name.startswith(RANKED)}
+    return {name: array for name, array in arrays.items() if name not in ranked}, ranked
+
+
+def read_answers_file(path: Path) -> Arrays:
+    """Read all arrays. Raises UserError for a file that is missing, damaged or too large."""
+    _refuse_large(path)
+    return read_arrays(path)
+
+
+def read_press_errors(path: Path) -> PressErrors | None:
+    """Errors that a board ranks by; None where there are no answers beside the record, or no order.
+
+    Raises UserError for a damaged file.
+    """
+    if not path.is_file():
+        return None
+    _refuse_large(path)
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            press, errors = file[f"{RANKED}press"], file[f"{RANKED}error"].astype(np.float64)
+    except KeyError:
+        return None
+    except Exception as error:  # noqa: BLE001 - zip, zlib, header and value errors alike
+        raise UserError(
+            f"{path} is damaged ({type(error).__name__}); submit the run again."
+        ) from None
+    if press.shape != errors.shape or errors.ndim != 1 or not np.isfinite(errors).all():
+        raise UserError(f"{path} does not hold one finite error a press; submit the run again.")
+    return PressErrors(press, errors)
+
+
+def _refuse_large(path: Path) -> None:
+    """Raise UserError unless the file is an archive whose arrays fit in LARGEST bytes.
+
+    Both the sizes in the archive's directory and the shapes in the arrays' headers are looked at:
+    either would have memory allocated for it.
+    """
+    if path.is_symlink() or not path.is_file():
+        raise UserError(f"{path} is missing: the answers belong beside the record.")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            total = sum(member.file_size for member in archive.infolist())
+            claimed = 0
+            for member in archive.infolist():
+                if total <= LARGEST:
+                    claimed += _claimed(archive, member)
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        # RuntimeError: encrypted, or compressed in a way that zipfile does not know.
+        raise UserError(f"{path} is no archive of arrays ({type(error).__name__}).") from None
+    if max(total, claimed) > LARGEST:
+        raise UserError(
+            f"{path} holds {max(total, claimed):,} bytes of arrays, more than the "
+            f"{LARGEST:,} that answers may take; submit the answers to the test frames alone."
+        )
+
+
+def _claimed(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Bytes that an array's header asks for. Raises ValueError for one that is no array."""
+    with archive.open(member) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }.get(version)
+        if read is None:
+            raise ValueError(f"array format {version}")
+        shape, _, dtype = read(stream)
+    count = 1
+    for length in shape:
+        count *= length
+    return count * dtype.itemsize
+
+
+MOST = 64
+"""Contacts in a frame; no protocol presses more than three."""
+CONTACTS = {
+    "count": ("i", ()),
+    "xy": ("f", (2,)),
+    "depth": ("f", ()),
+    "score": ("f", ()),
+    "std": ("f", (3,)),
+}
+PLATES = {
+    "given": ("b", ()),
+    "plate_depth": ("f", ()),
+    "plate_tilt": ("f", ()),
+    "plate_std": ("f", (2,)),
+}
+
+
+def check_answers(
+    answers: Arrays, kind: str, frames: int, where: str, *, guarded: bool = False
+) -> None:
+    """Raise UserError unless the arrays are packed answers (see ``pack``) to ``frames`` frames.
+
+    kind: "contacts" or "plate". guarded: whether the frames on which the model failed are listed
+    beside them (see ``Failures``).
+    """
+    given = answers
+    if guarded:
+        answers = {name: array for name, array in answers.items() if name not in FAILURES}
+    columns = PLATES if kind == "plate" else CONTACTS
+    if set(answers) != set(columns):
+        raise UserError(
+            f"{where} holds the arrays {', '.join(sorted(answers)) or 'none'}; answers that are "
+            f"{kind} are {', '.join(sorted(columns))}."
+        )
+    for name, (letter, shape) in columns.items():
+        array = answers[name]
+        if array.dtype.kind != letter or array.shape[1:] != shape or array.ndim != 1 + len(shape):
+            raise UserError(
+                f"{where}: array {name!r} has type {array.dtype} and shape {array.shape}, which "
+                "is not how answers are stored; submit the run with `tactibench board submit`."
+            )
+    first = "given" if kind == "plate" else "count"
+    rows = len(answers[first])
+    if rows != frames:
+        raise UserError(
+            f"{where} answers {rows:,} frames, but the protocol tests {frames:,}; every test "
+            "frame needs one answer."
+        )
+    _lengths(answers, columns, kind, where)
+    for name, (letter, _) in columns.items():
+        if letter == "f":
+            _finite(answers[name], name, where)
+    if kind != "plate" and len(answers["score"]):
+        low, high = float(answers["score"].min()), float(answers["score"].max())
+        if low < 0 or high > 1:
+            raise UserError(f"{where}: scores go from {low:g} to {high:g}; a score lies in 0..1.")
+    if guarded:
+        _failures(given, frames, where)
+
+
+def _failures(answers: Arrays, frames: int, where: str) -> None:
+    """Rising rows of frames without contacts, each with its cause."""
+    found = {name: answers.get(name, np.empty(0)) for name in FAILURES}
+    for name, (letter, _) in FAILURES.items():
+        array = found[name]
+        if array.dtype.kind != letter or array.ndim != 1 or len(array) != len(found["failed"]):
+            raise UserError(
+                f"{where}: array {name!r} is missing or not how failures are stored; submit the "
+                "run with `tactibench board submit`."
+            )
+    rows = found["failed"]
+    good = (
+        bool((np.diff(rows, prepend=-1) > 0).all())
+        and bool((rows < frames).all())
+        and not answers["count"][rows].any()
+    )
+    if not good:
+        raise UserError(
+            f"{where}: the frames on which the model failed are not rising numbers below "
+            f"{frames:,} of frames without contacts; submit the run again."
+        )
+    if any(
+        len(cause) > LONGEST_CAUSE or not cause.isprintable() for cause in found["cause"].tolist()
+    ):
+        raise UserError(
+            f"{where}: a cause is longer than {LONGEST_CAUSE} characters or not printable."
+        )
+
+
+def _lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where: str) -> None:
+    total = len(answers["given"]) if kind == "plate" else 0
+    if kind != "plate":
+        count = answers["count"]
+        if count.min(initial=0) < 0 or count.max(initial=0) > MOST:
+            raise UserError(
+                f"{where}: a frame is answered with {int(count.max(initial=0)):,} contacts; "
+                f"0 to {MOST} are allowed."
+            )
+        total = int(count.sum())
+    wrong = [name for name in columns if name != "count" and len(answers[name]) != total]
+    if wrong:
+        raise UserError(
+            f"{where}: array {wrong[0]!r} has {len(answers[wrong[0]]):,} rows, but the answers "
+            f"are {total:,}."
+        )
+
+
+def _finite(array: npt.NDArray[Any], name: str, where: str) -> None:
+    """NaN stands for "not stated" in whole rows of standard deviations, and for nothing else."""
+    bad = ~np.isfinite(array)
+    if name.endswith("std"):
+        bad &= ~np.isnan(array).all(axis=1, keepdims=True)
+    if bad.any():
+        raise UserError(
+            f"{where}: {int(bad.sum()):,} values of array {name!r} are NaN or infinite; an answer "
+            "is finite, and a frame without contacts is answered with none."
+        )
