@@ -83,6 +83,7 @@ def test_emulate_writes_a_configuration_once(
     assert "is there already" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("driver", ["ur", "grbl"])
 def test_emulate_prints_a_configuration_that_can_be_read(
     driver: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -27,7 +27,7 @@ PLAN = CollectionPlan("test", (Press(0, "p", SCENE),), {"all": {"train": [0]}})
 
 
 class Looking(FakeRobot):
-    """The control loop turns a few times in every move. after: told of every move's end."""
+    """The control loop turns a few times in every move."""
 
     ticks = 0
 
@@ -51,18 +51,6 @@ def robot(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Looking:
     robot = Looking(settings)
     stand_in(robot, monkeypatch.setattr)
     return robot
-
-
-def stop_when(robot: FakeRobot, when: Callable[[float, float], bool]) -> None:
-    """A protective stop at the first move from a height to one for which this is so."""
-    heights = [robot.tool()[2]]
-
-    def fail(_: int) -> None:
-        heights.append(robot.tool()[2])
-        if when(heights[-2], heights[-1]):
-            robot.normal, robot.stopped = False, True
-
-    robot.fails = fail
 
 
 class TestForce:
@@ -168,8 +156,9 @@ class TestStopsAtOnce:
 
 
 def test_a_protective_stop_while_watched_is_told(settings: Settings, robot: Looking) -> None:
-    def stopping() -> None:
-        stop_when(robot, lambda before, after: before < after > 0.5)
+    def stop_in_the_skin(_: int) -> None:
+        if robot.tool()[2] > 0.5:
+            robot.normal, robot.stopped = False, True
 
     with pytest.raises(RobotError, match="not normal"):
-        watched(PressLoop(settings), stopping)
+        watched(PressLoop(settings), lambda: setattr(robot, "fails", stop_in_the_skin))

@@ -193,18 +193,6 @@ class TestStation:
         assert robot.tool()[2] == pytest.approx(-settings.envelope.clearance_mm)
         assert robot.closed
 
-    def test_a_robot_that_is_stopped_is_left_where_it_is(
-        self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
-    ) -> None:
-        def stop(_: int) -> None:
-            if robot.tool()[2] > -5.0:
-                robot.normal, robot.stopped = False, True
-
-        robot.fails = stop
-        with pytest.raises(ProtectiveStopError), Station(settings, robot, camera) as station:
-            station.press(press_of())
-        assert robot.tool()[2] > -5.0
-
 
 class TestStops:
     def test_the_first_interrupt_asks_the_second_stops(self) -> None:

@@ -136,6 +136,7 @@ class TestLeftInTheSkin:
         ):
             station.press(press_of())
         assert "left where it is, at a press" in caught.value.__notes__[0]
+        assert robot.tool()[2] > -5.0
 
     def test_no_error_becomes_one(
         self, settings: Settings, robot: FakeRobot, camera: Camera, press_of: Callable[..., Scene]
