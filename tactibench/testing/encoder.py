@@ -360,7 +360,6 @@ def _label(contacts: Contacts) -> str:
 
 
 def _same_batch(subject: EncoderSubject, lists: list[Contacts], maps: np.ndarray) -> None:
-    """Training encodes in batches."""
     batch = subject.encoder.encode_batch
     require(np.array_equal(batch(lists, subject.grid), maps), "encode_batch differs from encode")
     none = np.asarray(batch([], subject.grid)).shape
