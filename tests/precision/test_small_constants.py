@@ -33,7 +33,7 @@ EXPLAINED = {
     # metrics and intervals
     ("metrics/threshold.py", "_most_likely"): ROUNDING + "no value is changed",
     ("stats/bca.py", "bca_interval"): "only where the other branch of np.where is taken",
-    ("stats/weighted.py", "r_squared.statistic"): "an empty resample has a sum of 0 to divide; its "
+    ("stats/bca.py", "r_squared.statistic"): "an empty resample has a sum of 0 to divide; its "
     "0 / 0 stays NaN, which the interval counts as lost",
     # superposition
     ("superposition/neighbours.py", "_pair_of"): KEEPS + "two contacts in one place have no "
