@@ -212,20 +212,6 @@ class DrawnFrames(FrameSource):
         names = [name for name in self.spec.test.sets if name != self.split.draw]
         return sum(self.testing.draw(name).rejected for name in names)
 
-    def scene_counts(self, plan: FramePlan) -> dict[str, dict[str, int]]:
-        """Return, by role, how many scenes the sensors made in which way."""
-        roles = {
-            "fit": (plan.fit, self.training),
-            "validation": (plan.validation, self.training),
-            "test": (plan.test, self.testing),
-        }
-        counts = {}
-        for role, (sets, frames) in roles.items():
-            sensor = frames.open(np.random.SeedSequence(self.spec.data_seed))
-            scenes = [scene for frame_set in sets for scene in frame_set.scenes]
-            counts[role] = dict(sensor.scene_counts(scenes))
-        return {role: counted for role, counted in counts.items() if counted}
-
     def _frame_set(
         self, frames: SensorFrames, role: str, name: str, rows: Sequence[int], part: int
     ) -> FrameSet:

@@ -19,7 +19,7 @@ from tactibench.frames.drawn import DrawnFrames, SensorFrames
 from tactibench.frames.faults import FAULTS
 from tactibench.frames.hard_scenes import case_scene
 from tactibench.frames.presses import Presses
-from tactibench.frames.source import Advance, FramePlan, FrameSet, spread
+from tactibench.frames.source import Advance, FrameSet, spread
 from tactibench.protocols.families import Family, case
 from tactibench.protocols.schema import Workspace
 from tactibench.records.bound_spec import BoundSpec
@@ -80,10 +80,6 @@ class HardCaseFrames(DrawnFrames):
     def rejected(self) -> int:
         """Return 0: every case is made so that it fits."""
         return 0
-
-    def scene_counts(self, plan: FramePlan) -> dict[str, dict[str, int]]:
-        """Return the counts of the training frames alone: families change the tested sensor."""
-        return super().scene_counts(replace(plan, test=()))
 
     @cached_property
     def _base(self) -> Family:

@@ -200,10 +200,6 @@ class FrameSource(ABC):
     def test_frames(self) -> tuple[FrameSet, ...]:
         """Return the test sets alone: what a verification makes again. Raises UserError."""
 
-    def scene_counts(self, plan: FramePlan) -> dict[str, dict[str, int]]:  # noqa: ARG002
-        """Return, by role, how many scenes the sensor made in which way; {} if it does not say."""
-        return {}
-
 
 def sensor_identity(sensor: BoundSpec[SensorSpec], description: dict[str, Any]) -> dict[str, Any]:
     """Return all of a sensor that determines its frames, but the seed."""

@@ -352,10 +352,3 @@ class Sensor(ABC):
         pressed or an unknown nuisance. Default: None, not known.
         """
         return None
-
-    def scene_counts(self, scenes: Sequence[Scene]) -> Mapping[str, int]:  # noqa: ARG002
-        """Return how many of the scenes are made in each of the ways that the sensor has.
-
-        Name of a way -> number of scenes, for the record. Default: {}, there is one way.
-        """
-        return {}

@@ -148,7 +148,7 @@ class TestSensor(Component):
 
 
 class SensorId(Component):
-    """scene_counts: by role, how many scenes the sensor made in which way, if in several."""
+    """scene_counts: in older records, by role, how many scenes the sensor made in which way."""
 
     origin: Literal["simulated", "real"]
     scene_counts: dict[str, dict[str, int]] = Field(default={}, alias="account")

@@ -89,8 +89,6 @@ def make_record(
 def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
     sensor, tested = plan.components.sensor, plan.components.test_sensor
     values = {**sensor.component.json_values(), "origin": sensor.spec.origin}
-    if counts := plan.frames.source.scene_counts(plan.frames):
-        values["account"] = counts
     if tested is not None:
         from tactibench.run.test_sensor import target_record
 

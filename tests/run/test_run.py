@@ -232,15 +232,3 @@ def test_bounds_and_surfaces_are_read_from_the_cache(run: Run, tiny: Any, monkey
     monkeypatch.setattr(tiny.TinySensor, "surface", lambda *_: pytest.fail("computed again"))
     monkeypatch.setattr(tiny.TinySensor, "bound", lambda *_: pytest.fail("computed again"))
     assert run("exp1", store="again").record.metrics == one.record.metrics
-
-
-def test_how_a_sensor_made_its_scenes_is_recorded(run: Run, tiny: Any, monkeypatch: Any) -> None:
-    assert run("exp1").record.sensor.scene_counts == {}
-
-    def scene_counts(_: Any, scenes: Any) -> dict[str, int]:
-        return {"quickly": len(scenes)}
-
-    monkeypatch.setattr(tiny.TinySensor, "scene_counts", scene_counts, raising=False)
-    told = run("exp1", store="again").record.sensor.scene_counts
-    assert told["test"] == {"quickly": 20}
-    assert told["fit"] == {"quickly": 30}
