@@ -13,7 +13,6 @@ from .pivot import presses_to_fit as presses_to_fit
 from .readers.formats import FORMATS as FORMATS
 from .readers.formats import find_format as find_format
 from .readers.formats import open_recording as open_recording
-from .readers.options import FRAME_FOLDERS as FRAME_FOLDERS
 from .readers.options import PARAMETERS as PARAMETERS
 from .readers.options import ImportOptions as ImportOptions
 from .readers.options import read_options as read_options
