@@ -29,8 +29,6 @@ from tactibench.report.plots.distance import (
     by_distance,
     distance_figure,
     distance_series,
-    logistic_fit,
-    threshold_figure,
 )
 from tactibench.report.plots.features import features_figure
 from tactibench.report.plots.frames import frame_figure, worst_frames_figure
@@ -39,6 +37,7 @@ from tactibench.report.plots.marks import FrameExample, extent
 from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.single import histogram_edge, single_figure
 from tactibench.report.plots.style import MODELS, image_bytes, model_look, row_looks, save_png
+from tactibench.report.plots.threshold import fitted_series, logistic_fit, threshold_figure
 from tactibench.report.plots.triple import Prediction, triple_figure
 
 TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")
@@ -210,10 +209,10 @@ def test_the_fit_is_the_most_likely_logistic_through_the_threshold(fabricate: An
 
 def test_a_bound_instead_of_a_threshold_has_no_fit(fabricate: Any) -> None:
     record = fabricate("exp2", metrics=exp2_metrics(0.2))
-    fitted = distance_series(Row((record,)), fitted=True)
+    fitted = fitted_series(Row((record,)))
     assert fitted.fit is not None
     next(m for m in record.metrics if m.metric == "threshold_mm").censored = "<"
-    bound = distance_series(Row((record,)), fitted=True)
+    bound = fitted_series(Row((record,)))
     assert bound.fit is None
     assert logistic_fit(fabricate(), np.array([7.0])) is None
     shares = [threshold_figure([one]).axes[1] for one in (fitted, bound)]

@@ -26,8 +26,6 @@ from tactibench.report.plots.curve import curve_figure
 from tactibench.report.plots.distance import (
     Series,
     distance_figure,
-    distance_series,
-    threshold_figure,
 )
 from tactibench.report.plots.frames import worst_frames_figure
 from tactibench.report.plots.frontier import frontier_figure
@@ -35,6 +33,7 @@ from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.run_pictures import RunArrays
 from tactibench.report.plots.stability import stability_figure
 from tactibench.report.plots.style import image_bytes
+from tactibench.report.plots.threshold import fitted_series, threshold_figure
 from tactibench.report.table import Cell, Column, Number, Table, metric_number, table
 
 CURVES = 6
@@ -140,7 +139,7 @@ def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
 
 
 def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
-    series = [distance_series(row, fitted=True) for row in rows]
+    series = [fitted_series(row) for row in rows]
     series = [one for one in series if len(one.resolved) > 1]
     if not series:
         return

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tactibench.board.rows import PooledMetric, Row
+from tactibench.board.rows import Row
 from tactibench.contacts import FloatArray
 from tactibench.protocols.published import PublishedTable, published_means
-from tactibench.records.record import Record
 from tactibench.report.plots.style import (
     GREY,
     Look,
@@ -31,8 +30,6 @@ DODGE_MM = 0.05
 """Between the series, so that interval bars stand beside each other."""
 FEW = 0.5
 """Share of resolved pairs below which an error is one of few: a hollow mark."""
-CURVE_POINTS = 56
-"""Distances at which a fitted curve is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +42,6 @@ class Series:
         error: mm, over resolved pairs.
         penalised: mm, an unresolved pair counts its true distance.
         resolved: Share of pairs resolved.
-        fit: (2, M) distance and share of the logistic fit; None where a seed has none.
-        threshold: Distance at which 75 % are resolved.
     """
 
     label: str
@@ -54,8 +49,6 @@ class Series:
     error: FloatArray
     penalised: FloatArray
     resolved: FloatArray
-    fit: FloatArray | None = None
-    threshold: PooledMetric | None = None
 
     @property
     def few(self) -> npt.NDArray[np.bool_]:
@@ -64,23 +57,17 @@ class Series:
         return np.array([distance in few for distance in self.error[:, 0]], dtype=bool)
 
 
-def distance_series(row: Row, *, fitted: bool = False) -> Series:
-    """Return what a row measured by distance. fitted: with the logistic fit of its seeds."""
-    resolved = by_distance(row, "resolved")
-    fit = None
-    if fitted and len(resolved) > 1:
-        distance = np.linspace(resolved[0, 0], resolved[-1, 0], CURVE_POINTS)
-        fits = [logistic_fit(record, distance) for record in row.records]
-        known = [one for one in fits if one is not None]
-        fit = np.stack([distance, np.mean(known, axis=0)]) if len(known) == len(fits) else None
+SeriesT = TypeVar("SeriesT", bound=Series)
+
+
+def distance_series(row: Row) -> Series:
+    """Return what a row measured by distance."""
     return Series(
         row.label,
         row.first.model.name,
         by_distance(row, "distance_mae_mm"),
         by_distance(row, "distance_penalised_mm"),
-        resolved,
-        fit,
-        row.metric("threshold_mm", "all"),
+        by_distance(row, "resolved"),
     )
 
 
@@ -96,29 +83,6 @@ def by_distance(row: Row, metric: str) -> FloatArray:
             ends = (pooled.value if end is None else end for end in (pooled.low, pooled.high))
             lines.append((float(group), pooled.value, *ends))
     return np.array(sorted(lines), dtype=np.float64).reshape(-1, 4)
-
-
-def logistic_fit(record: Record, distance: FloatArray) -> FloatArray | None:
-    """Return (N,) the logistic fit of a run at distances, mm, from its counts and threshold.
-
-    The slope is the most likely one at the threshold, as in ``tactibench.metrics.threshold``.
-
-    Returns:
-        None where the run has no threshold, or a bound: no fit of these counts crosses 75 % there.
-    """
-    from scipy.special import expit
-
-    from tactibench.metrics.threshold import Profile
-
-    shares = [m for m in record.metrics if m.metric == "resolved" and m.group[:1].isdigit()]
-    known = sorted((float(m.group), m.value, m.n) for m in shares if m.value is not None)
-    threshold = next((m for m in record.metrics if m.metric == "threshold_mm"), None)
-    if len(known) < 2 or threshold is None or threshold.value is None or threshold.censored:
-        return None
-    tested, share, trials = np.array(known, dtype=np.float64).T
-    middle = np.array([threshold.value])
-    slope = Profile(tested, np.rint(share * trials), trials).slope(middle)
-    return np.asarray(expit(Profile(distance, distance, distance).logit(middle, slope))[0])
 
 
 def distance_figure(
@@ -137,49 +101,24 @@ def distance_figure(
     figure = new_figure(8.0, 6.0)
     errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     ceiling = 0.0
-    for one, look, shift in _dodged(series):
+    for one, look, shift in dodged(series):
         label = short_label(one.label)
         label += "" if len(one.error) else ": no pair resolved"
-        _show_line(errors, one.error, shift, look, label, hollow=one.few)
-        _show_line(shares, one.resolved * [1, 100, 100, 100], shift, look)
+        show_line(errors, one.error, shift, look, label, hollow=one.few)
+        show_line(shares, one.resolved * [1, 100, 100, 100], shift, look)
         ceiling = max(ceiling, float(one.error[:, 3].max(initial=0.0)))
     means = published_means(published)
     ceiling = max([ceiling, *(value for _, value in means)]) * 1.06 or 1.0
     _show_published(errors, means, ceiling)
     errors.set_ylim(0, ceiling)
     errors.set_ylabel("error of the distance, mm\n(mean over resolved pairs)")
-    _share_axis(shares)
-    _finish(figure, (errors, shares), "Two-point discrimination", series, measured_on)
+    share_axis(shares)
+    finish(figure, (errors, shares), "Two-point discrimination", series, measured_on)
     return figure
 
 
-def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figure:
-    """Draw the penalised error, and the share seen as two with its fit and threshold.
-
-    The fit is the mean of the seeds' fits; where a seed has none, the points are joined.
-    """
-    figure = new_figure(8.0, 7.2)
-    errors, shares = figure.subplots(2, 1, sharex=True)
-    for one, look, shift in _dodged(series):
-        _show_line(errors, one.penalised, shift, look, short_label(one.label))
-        points = one.resolved * [1, 100, 100, 100]
-        if one.fit is None:
-            _show_line(shares, points, shift, look)
-        else:
-            _show_line(shares, points, shift, Look(look.color, look.marker, "none"))
-            shares.plot(one.fit[0], 100 * one.fit[1], color=look.color, linestyle=look.line)
-        if one.threshold is not None and not one.threshold.censored:
-            shares.plot(one.threshold.value, 75, markersize=11, **look.points)
-    shares.axhline(75, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
-    errors.set_ylim(bottom=0)
-    errors.set_ylabel("penalised error\nof the distance, mm")
-    _share_axis(shares)
-    title = "Pairs seen as two; large mark: the threshold, at which 75 % are resolved"
-    _finish(figure, (errors, shares), title, series, measured_on)
-    return figure
-
-
-def _dodged(series: Sequence[Series]) -> list[tuple[Series, Look, float]]:
+def dodged(series: Sequence[SeriesT]) -> list[tuple[SeriesT, Look, float]]:
+    """Return every series with its look, and how far it is moved aside, mm."""
     middle = (len(series) - 1) / 2
     looks = row_looks([one.model for one in series])
     return [
@@ -188,9 +127,10 @@ def _dodged(series: Sequence[Series]) -> list[tuple[Series, Look, float]]:
     ]
 
 
-def _show_line(
+def show_line(
     axes: Axes, table: FloatArray, shift: float, look: Look, label: str = "", hollow: Any = None
 ) -> None:
+    """Draw (K, 4) distance, value, low, high as a line with bars; hollow: (K,) marks."""
     x, value, low, high = table.T
     axes.plot(
         x + shift,
@@ -215,7 +155,8 @@ def _show_line(
         axes.plot(x[hollow] + shift, value[hollow], linestyle="none", **few, **look.points)
 
 
-def _share_axis(axes: Axes) -> None:
+def share_axis(axes: Axes) -> None:
+    """Set the axes of a panel of resolved shares by distance."""
     axes.set_ylim(-6, 106)
     axes.set_yticks([0, 25, 50, 75, 100])
     axes.set_ylabel("pairs resolved\nas two, %")
@@ -223,9 +164,10 @@ def _share_axis(axes: Axes) -> None:
     axes.set_xticks(range(6, 13))
 
 
-def _finish(
+def finish(
     figure: Figure, panels: tuple[Axes, Axes], title: str, series: Sequence[Series], where: str
 ) -> None:
+    """Add grid, legend and headline."""
     for axes in panels:
         plain(axes)
     if series:

@@ -163,7 +163,6 @@ def _median(arrays: RunArrays, rows: Sequence[int]) -> int:
 
 def _frame(arrays: RunArrays) -> dict[str, Figure]:
     from tactibench.report.plots.frames import frame_figure
-    from tactibench.report.plots.relief import relief_figure
 
     row = _median(arrays, arrays.examples["index"].tolist())
     where = measured_on(arrays.record)
@@ -171,6 +170,8 @@ def _frame(arrays: RunArrays) -> dict[str, Figure]:
     figures = {"frame": frame_figure(arrays.example(row), title=title, measured_on=where)}
     heatmap, surface = arrays.map_of(row), arrays.map_of(row, "surface")
     if heatmap is not None and surface is not None:
+        from tactibench.report.plots.relief import relief_figure
+
         depth = heatmap * arrays.spec.workspace.depth_max_mm
         figures["surface"] = relief_figure(
             arrays.grid, depth, surface, title=title, measured_on=where
