@@ -111,7 +111,7 @@ def test_presses_outside_are_empty_cells_and_a_sentence(cli: Any, tmp_path: Path
         (("--depth", "9"), "tables end"),
         (("--step", "0.05"), "at most 101"),
         (("--out", "map.pdf"), "call it map.png"),
-        (("--out", "no/map.png"), "the folder no of --out is not there"),
+        (("--out", "no/map.png"), "the folder no is not there"),
         (("--scene", "triple"), "'single', 'dual'"),
     ],
 )
@@ -124,7 +124,7 @@ def test_help_is_light() -> None:
     import sys
 
     code = (
-        "import sys; from tactibench.cli.limit import limit;"
+        "import sys; from tactibench.cli.plot import plot;"
         "print(*sorted({'numpy', 'torch', 'matplotlib', 'rich'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
