@@ -84,7 +84,7 @@ def test_every_metric_that_a_record_can_hold_is_on_the_page_and_no_other(
 def test_every_verb_has_a_section() -> None:
     sections = {name.removeprefix("tactibench ") for name in headings("cli.md", "##")}
     assert {*VERBS, "sim"} <= sections
-    assert {"tactibench data import", "tactibench published check"} <= set(
+    assert {"tactibench data import", "tactibench board verify"} <= set(
         headings("cli.md", "###")
     )
 
