@@ -84,9 +84,7 @@ def test_every_metric_that_a_record_can_hold_is_on_the_page_and_no_other(
 def test_every_verb_has_a_section() -> None:
     sections = {name.removeprefix("tactibench ") for name in headings("cli.md", "##")}
     assert {*VERBS, "sim"} <= sections
-    assert {"tactibench data import", "tactibench board verify"} <= set(
-        headings("cli.md", "###")
-    )
+    assert {"tactibench data import", "tactibench board verify"} <= set(headings("cli.md", "###"))
 
 
 def test_other_installed_plugins_change_no_page(make_reference: Any, pocket: Path) -> None:
