@@ -84,7 +84,8 @@ def _fields(spec: type[Any]) -> list[str]:
     rows = []
     for field in fields(spec):
         required = field.default is MISSING and field.default_factory is MISSING
-        default = "" if required else code(repr(field.default))
+        value = field.default if field.default_factory is MISSING else field.default_factory()
+        default = "" if required else code(repr(value))
         rows.append([code(field.name), code(str(field.type)), default])
     return grid(["field", "type", "default"], rows)
 

@@ -11,7 +11,6 @@ from fractions import Fraction
 from threading import Lock
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -216,6 +215,8 @@ def _as_grey(values: npt.NDArray[Any]) -> Image:
 
 def _find_pins(image: Image) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
     """Labels (H, W) and centres (N, 2) px of the blobs: the rarer side of Otsu's threshold."""
+    import cv2  # the commands of this plugin start without it
+
     _, mask = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     if mask.mean() > WHITE / 2:
         mask = cv2.bitwise_not(mask)
