@@ -6,9 +6,9 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-import cv2
 
 from tactibench.lab import trained_model
 from tactibench_tactip.camera import Camera, Image
@@ -20,15 +20,9 @@ from tactibench_tactip.commands.output import (
     write_figures,
 )
 from tactibench_tactip.frame_check import Reference
-from tactibench_tactip.live import (
-    Latency,
-    LiveReading,
-    Page,
-    Painter,
-    PressLoop,
-    describe_prediction,
-    watch,
-)
+
+if TYPE_CHECKING:
+    from tactibench_tactip.live import Latency, LiveReading, Page, PressLoop
 
 REST_FRAMES = 20
 
@@ -87,6 +81,9 @@ def command(
     Latency is from a frame's arrival to the list of contacts (scenario `loop`). Without --serve
     and --out a line in the terminal shows the contacts. The sensor must be untouched at the start.
     """
+    # OpenCV draws the view; the other commands start without it.
+    from tactibench_tactip.live import Page, PressLoop, watch
+
     sensor = None if data is None else "recorded"
     network, label = trained_model(
         model, protocol, params=params, data=data, regime=regime, sensor=sensor, untrained=untrained
@@ -117,6 +114,8 @@ class _Display:
     """The place where turns of the loop are shown: a page, a file, a line of the terminal."""
 
     def __init__(self, rest: Image, label: str, page: Page | None) -> None:
+        from tactibench_tactip.live import Painter
+
         self._painter = Painter(rest)
         self._label, self._page = label, page
         self._last: LiveReading | None = None
@@ -129,6 +128,8 @@ class _Display:
         if self._page is not None:
             self._page.show(self._painter.draw(reading, self._label))
         elif sys.stderr.isatty():
+            from tactibench_tactip.live import describe_prediction
+
             line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
             click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
 
@@ -136,6 +137,8 @@ class _Display:
         if sys.stderr.isatty():
             click.echo(err=True)
         if out is not None and self._last is not None:
+            import cv2
+
             cv2.imwrite(str(out), self._painter.draw(self._last, self._label))
             click.echo(f"picture: {out}")
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from tactibench import UserError
 from tactibench_tactip.emulators.device import Device
@@ -234,7 +235,7 @@ def _without_pins(image: Image, places: npt.NDArray[np.float64]) -> Image:
         nearest = int(distance.argmin())
         free[nearest] = False
         gone |= (labels == nearest + 1).astype(np.uint8)
-    gone = np.asarray(cv2.dilate(gone, np.ones((3, 3), np.uint8)))
+    gone = np.asarray(ndimage.grey_dilation(gone, size=(3, 3)))
     result = image.copy()
     result[gone > 0] = np.uint8(np.median(image[labels == 0]))
     return result
