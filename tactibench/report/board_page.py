@@ -106,7 +106,7 @@ class PageFile:
 
     @property
     def current(self) -> bool:
-        """Whether the file holds this very text."""
+        """True if the file holds this very text."""
         try:
             return self.path.read_text(encoding="utf-8") == self.text
         except (OSError, UnicodeDecodeError):

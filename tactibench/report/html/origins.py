@@ -1,4 +1,4 @@
-"""Where the rows of a report are from: the values of ``tactibench report --from``."""
+"""The values of ``tactibench report --from``: the origins of the rows of a report."""
 
 from __future__ import annotations
 

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patheffects import withStroke
 
 from tactibench.board.frontier import Frontier, Point
 from tactibench.protocols.board_spec import Ranking
@@ -163,7 +162,7 @@ def _show_labels(axes: Axes, frontier: Frontier, inches: float) -> None:
             fontsize=8,
             color=GREY if point.label in frontier.dominated else "black",
             annotation_clip=False,
-            path_effects=[withStroke(linewidth=2.2, foreground="white")],
+            bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.6},
             arrowprops=leader | {"relpos": (float(box[0] < x), 0.5)} if far else None,
         )
 

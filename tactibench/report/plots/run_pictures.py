@@ -66,7 +66,7 @@ class RunArrays:
 
     @property
     def grid(self) -> Grid:
-        """Of the heatmaps."""
+        """The grid of the heatmaps."""
         return self.spec.grid.grid()
 
     def map_of(self, row: int, name: str = "maps") -> FloatArray | None:
