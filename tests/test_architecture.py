@@ -1,4 +1,7 @@
-"""Who may import whom, read from the source."""
+"""Imports, packages and sizes, read from the source; each check names every offender.
+
+Layers, and that the core imports no plugin and plugins not each other, are `lint-imports`'s.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +31,11 @@ PUBLIC_MODULES = (
 )
 HEAVY = {"torch", "cv2"}
 LONGEST = 400
-ONE_CACHE = "plugins/tactibench_sim/mechanics/kernels.py"
-"""Numba's cache on disk follows changes of one file only, so what is compiled stays together."""
+LONGER = {
+    "plugins/tactibench_sim/mechanics/kernels.py": "numba's cache on disk follows one file only",
+    "tactibench/records/record.py": "the schema of a record reads as one page",
+}
+"""Files above LONGEST lines, with the reason."""
 
 Import = tuple[str, tuple[str, ...]]
 """Module, and the names taken from it; () for a plain ``import module``."""
@@ -74,49 +80,59 @@ def test_the_reader_of_imports_sees_what_it_should(tmp_path: Path) -> None:
     assert ("d", ("e", "f")) in set(imports(file))
 
 
-@pytest.mark.parametrize("path", sources(*PLUGINS), ids=named)
-def test_a_plugin_imports_public_names_only_and_no_other_plugin(path: Path) -> None:
-    own = path.relative_to(ROOT / "plugins").parts[0]
-    for module, names in imports(path):
-        package = module.partition(".")[0]
-        if package in PLUGIN_NAMES:
-            assert package == own, f"{module} is another plugin"
-        if package != "tactibench":
-            continue
-        if module in PUBLIC_MODULES:
-            public = importlib.import_module(module)
-            known = getattr(public, "__all__", None) or [n for n in dir(public) if n[0] != "_"]
-        else:
-            assert module == "tactibench", f"{module} is not public"
-            known = [
-                *tactibench.__all__,
-                "__version__",
-                *(m.partition(".")[2] for m in PUBLIC_MODULES),
-            ]
-        assert not set(names) - set(known), f"{module} does not offer {set(names) - set(known)}"
+def test_plugins_import_public_names_only() -> None:
+    offenders = []
+    for path in sources(*PLUGINS):
+        for module, names in imports(path):
+            if module.partition(".")[0] == "tactibench":
+                offered = offered_names(module)
+                offenders += [f"{named(path)}: {module} {n}" for n in names if n not in offered]
+                if not offered:
+                    offenders.append(f"{named(path)}: {module} is not public")
+    assert offenders == []
 
 
-@pytest.mark.parametrize("path", sources(CORE), ids=named)
-def test_the_core_imports_no_plugin_and_nothing_heavy_at_import_time(path: Path) -> None:
-    everywhere = {module.partition(".")[0] for module, _ in imports(path)}
-    assert not everywhere & PLUGIN_NAMES
-    inner_training = path.parent == CORE / "training" and path.name != "__init__.py"
-    if not inner_training:
-        at_once = {module.partition(".")[0] for module, _ in imports(path, at_import_time=True)}
-        assert not at_once & HEAVY
+def offered_names(module: str) -> set[str]:
+    """Return the public names of a module of the core; empty for one that is not public."""
+    if module == "tactibench":
+        submodules = {name.partition(".")[2] for name in PUBLIC_MODULES}
+        return {*tactibench.__all__, "__version__", *submodules}
+    if module not in PUBLIC_MODULES:
+        return set()
+    public = importlib.import_module(module)
+    return set(getattr(public, "__all__", None) or (n for n in dir(public) if n[0] != "_"))
 
 
-@pytest.mark.parametrize("path", [plugin / "hooks.py" for plugin in PLUGINS], ids=named)
-def test_hooks_are_light(path: Path) -> None:
+def test_the_core_loads_nothing_heavy_at_import_time() -> None:
+    training = CORE / "training"
+    offenders = [
+        f"{named(path)}: {module}"
+        for path in sources(CORE)
+        if path.parent != training or path.name == "__init__.py"  # its modules hold networks
+        for module, _ in imports(path, at_import_time=True)
+        if module.partition(".")[0] in HEAVY
+    ]
+    assert offenders == []
+
+
+def test_hooks_are_light() -> None:
     allowed = {"__future__", "tactibench", "collections", "dataclasses", "typing"}
-    assert {module.partition(".")[0] for module, _ in imports(path)} <= allowed
+    offenders = [
+        f"{plugin.name}: {module}"
+        for plugin in PLUGINS
+        for module, _ in imports(plugin / "hooks.py")
+        if module.partition(".")[0] not in allowed
+    ]
+    assert offenders == []
 
 
-@pytest.mark.parametrize("path", [plugin / "__init__.py" for plugin in PLUGINS], ids=named)
-def test_a_plugin_package_holds_one_docstring_and_nothing_else(path: Path) -> None:
-    (only,) = ast.parse(path.read_text(encoding="utf-8")).body
-    assert isinstance(only, ast.Expr)
-    assert isinstance(only.value, ast.Constant)
+def test_a_plugin_package_holds_one_docstring_and_nothing_else() -> None:
+    offenders = []
+    for plugin in PLUGINS:
+        body = ast.parse((plugin / "__init__.py").read_text(encoding="utf-8")).body
+        if len(body) != 1 or not isinstance(body[0], ast.Expr):
+            offenders.append(plugin.name)
+    assert offenders == []
 
 
 def test_every_plugin_package_is_declared_and_packed() -> None:
@@ -140,7 +156,8 @@ def test_all_is_exactly_what_is_public_and_resolves() -> None:
 
 def test_files_are_small() -> None:
     lines = {named(p): len(p.read_text("utf-8").splitlines()) for p in sources(CORE, *PLUGINS)}
-    assert {name: n for name, n in lines.items() if n > LONGEST} == {ONE_CACHE: lines[ONE_CACHE]}
+    assert {name: n for name, n in lines.items() if n > LONGEST and name not in LONGER} == {}
+    assert [name for name in LONGER if lines.get(name, 0) <= LONGEST] == [], "no reason is needed"
 
 
 def test_importing_tactibench_and_its_subpackages_loads_nothing_heavy() -> None:

@@ -2,7 +2,8 @@
 
 Of every metric that is a mean over presses: its mean over the presses of which both runs have a
 value, the paired difference with its t interval, and the two-sided sign-flip permutation p,
-adjusted by Holm's method over all that are shown together."""
+adjusted by Holm's method over all that are shown together.
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 Presses are drawn from the protocol's seed (or a hidden one) on the sensor that the record names,
 which must ship with tactibench; a simulated sensor reaches the poses that it is asked for. Recorded
-frames are read from their folder. No model and no encoder is imported."""
+frames are read from their folder. No model and no encoder is imported.
+"""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ class Name(click.types.StringParamType):
     def shell_complete(
         self, ctx: click.Context, _param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
+        """Return the names that begin with what was typed."""
         return [CompletionItem(name) for name in self._names(ctx) if name.startswith(incomplete)]
 
 

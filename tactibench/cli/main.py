@@ -58,9 +58,11 @@ class Verbs(click.Group):
     """Built-in verbs, then those of plugins; a plugin cannot replace a built-in verb."""
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
+        """Return the verbs in alphabetical order."""
         return sorted({*VERBS, *_plugin_verbs()})
 
     def get_command(self, _ctx: click.Context, name: str) -> click.Command | None:
+        """Import and return a verb. Raises UserError for an unknown or retired one."""
         if name in VERBS:
             module, _, attribute = VERBS[name][0].partition(":")
             command: click.Command = getattr(import_module(module), attribute)
@@ -81,6 +83,7 @@ class Verbs(click.Group):
         return loaded
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write verbs with their summaries, without importing them."""
         rows = {name: spec.summary for name, spec in _plugin_verbs().items()}
         rows |= {name: summary for name, (_, summary) in VERBS.items()}
         with formatter.section("Commands"):

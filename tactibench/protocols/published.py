@@ -1,7 +1,8 @@
 """Published numbers: what a paper prints, and what its tables say about themselves.
 
 One TOML file a paper under ``leaderboards/published``. Metric and group names are those of a run's
-record, so that a published row stands beside a measured one."""
+record, so that a published row stands beside a measured one.
+"""
 
 from __future__ import annotations
 

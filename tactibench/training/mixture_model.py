@@ -92,6 +92,7 @@ class MixtureModel(LearnedModel):
         return replace(report, notes={**report.notes, **notes})
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
+        """Measure the scale of plate depths; deviations are as stated until they are calibrated."""
         self._factors = _AS_STATED
         self._plate = PlateScale.of(truth, self.context.max_depth)
 
@@ -100,6 +101,7 @@ class MixtureModel(LearnedModel):
         return pack_contacts([self._plate.contacts(answer) for answer in truth])
 
     def loss(self, outputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        """Return the negative log likelihood of the true contacts."""
         anchors = self._anchors.to(outputs)
         return mixture_loss(outputs.flatten(2), anchors, targets, self._scale)
 
@@ -121,6 +123,7 @@ class MixtureModel(LearnedModel):
         return {"depth_offset_mm": self._plate.offset, "std_factors": self._factors.tolist()}
 
     def restore(self, extra: dict[str, Any]) -> None:
+        """Take what was stored beside the weights."""
         self._plate = PlateScale(extra["depth_offset_mm"])
         self._factors = np.array(extra["std_factors"])
 
