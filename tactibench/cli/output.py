@@ -117,3 +117,4 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     print_run(terminal.out, record, run.folder / RECORD, published, records, axes)
     for picture in draw_pictures(run, others):
         terminal.say(f"picture: {picture}")
+    terminal.say("terms: docs/glossary.md")
