@@ -112,7 +112,8 @@ def test_an_installed_copy_is_used_and_lists_everything(empty: Path, tmp_path: P
     where = "import tactibench, tactibench_sim; print(tactibench.__file__, tactibench_sim.__file__)"
     for file in ran(empty / "bin" / "python", "-c", where, cwd=tmp_path).split():
         assert empty in Path(file).parents
-    listed = json.loads(ran(empty / "bin" / "tactibench", "list", "--json", cwd=tmp_path))
+    ran(empty / "bin" / "tactibench", "list", "--json", "listed.json", cwd=tmp_path)
+    listed = json.loads((tmp_path / "listed.json").read_text(encoding="utf-8"))
     assert {row["name"] for row in listed["models"]} >= {"cnn", "mean", "nearest", "unet"}
     assert {row["name"] for row in listed["sensors"]} >= {"recorded", "tactip-127", "tactip-331"}
     assert {row["name"] for row in listed["encoders"]} >= {"axes", "depth", "hertz", "offset"}
