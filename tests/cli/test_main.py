@@ -58,7 +58,7 @@ def _surroundings(tmp_path: Path) -> dict[str, Any]:
     return {"cwd": tmp_path, "env": surroundings(tmp_path)}
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["list", "--json"], ["--version"], []])
+@pytest.mark.parametrize("arguments", [["--help"], ["list"], ["list", "models"], ["--version"], []])
 def test_light_commands_import_nothing_heavy(arguments: list[str]) -> None:
     code = (
         "import sys\nfrom tactibench.cli.main import call\n"
