@@ -15,7 +15,7 @@ import numpy as np
 
 from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
-from tactibench.frames.drawn import DrawnFrames
+from tactibench.frames.drawn_presses import DrawnFrames
 from tactibench.frames.factory import frame_source
 from tactibench.frames.presses import true_answers
 from tactibench.frames.recorded import Recording

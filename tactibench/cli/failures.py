@@ -12,7 +12,7 @@ _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
 def sentence(error: click.ClickException | UserError | OSError) -> str:
-    """What went wrong and what to do, on one line that ends like a sentence."""
+    """Return what went wrong and what to do, on one line that ends like a sentence."""
     if isinstance(error, OSError):
         text = _about_files(error)
     elif isinstance(error, click.ClickException):

@@ -39,6 +39,6 @@ def frame_source(request: FrameRequest) -> FrameSource:
         from tactibench.frames.reference import ReferenceFrames
 
         return ReferenceFrames(request)
-    from tactibench.frames.drawn import DrawnFrames
+    from tactibench.frames.drawn_presses import DrawnFrames
 
     return DrawnFrames(request)

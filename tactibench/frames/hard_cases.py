@@ -15,7 +15,7 @@ import numpy as np
 
 from tactibench.contacts import Frame, Scene
 from tactibench.errors import UserError
-from tactibench.frames.drawn import DrawnFrames, SensorFrames
+from tactibench.frames.drawn_presses import DrawnFrames, SensorFrames
 from tactibench.frames.faults import FAULTS
 from tactibench.frames.hard_scenes import case_scene
 from tactibench.frames.presses import Presses

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from tactibench.contacts import Scene
 from tactibench.errors import UserError
-from tactibench.frames.drawn import DrawnFrames
+from tactibench.frames.drawn_presses import DrawnFrames
 from tactibench.frames.source import FrameSet, spread
 from tactibench.protocols.draws import TIPS, fits
 from tactibench.protocols.schema import Draw

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from tactibench.errors import UserError
-from tactibench.frames.drawn import SensorFrames
+from tactibench.frames.drawn_presses import SensorFrames
 from tactibench.frames.recorded import Division, Recording, Sets, divide, training_sets
 from tactibench.frames.source import (
     QUICK_FIT,
