@@ -23,6 +23,7 @@ from scipy.ndimage import spline_filter1d
 
 from tactibench import UserError
 from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.optics.camera import NUISANCES
 
 Array = npt.NDArray[np.float64]
 Clean = Callable[[Tips], npt.NDArray[np.floating]]
@@ -181,6 +182,4 @@ _DERIVATIVES: dict[str, Callable[[_Frame], list[Array]]] = {
     # by the heat equation, d image / d (sigma^2 / 2) of a Gaussian blur is the Laplacian
     "blur": lambda f: [_laplacian(f)],
 }
-NUISANCES = tuple(_DERIVATIVES)
-"""The camera moved in its plane; turned about its axis; its magnification; a gain of all grey
-levels; an offset of all grey levels; its focus."""
+"""One entry for each of ``NUISANCES``."""

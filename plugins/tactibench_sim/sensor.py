@@ -12,11 +12,10 @@ import numpy.typing as npt
 
 from tactibench import Grid, Scene, SensorContext, __version__
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.bounds import NUISANCES, covariance, deviations
 from tactibench_sim.mechanics import tables
 from tactibench_sim.mechanics.contact import UNTOUCHED, Tips, tips_of
 from tactibench_sim.mechanics.dome import mechanics_for
-from tactibench_sim.optics.camera import Optics, optics_from
+from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
 from tactibench_sim.optics.noise import Noise
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import layout
@@ -124,10 +123,14 @@ class SimulatedTacTip(RenderedSensor):
 
         Of the grey frame that models see; of output "bw" it holds, but cannot be reached.
         """
+        from tactibench_sim.bounds import covariance  # few protocols ask for bounds
+
         return covariance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
 
     def bound(self, scene: Scene) -> Array:
         """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
+        from tactibench_sim.bounds import deviations
+
         return deviations(self.covariance(scene))
 
     def describe(self) -> dict[str, Any]:

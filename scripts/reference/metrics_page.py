@@ -10,7 +10,7 @@ from typing import Any
 from reference.keys import Keys
 from reference.text import anchor, code, grid, plain
 from tactibench.metrics.plate import PUBLISHED_NAMES
-from tactibench.metrics.registry import METRICS
+from tactibench.metrics.registry import FAMILIES, all_metrics
 from tactibench.metrics.spec import MetricSpec
 from tactibench.protocols.loader import protocol_files, read_protocol
 
@@ -25,13 +25,13 @@ IN_RECORDS, OWN = "In records of shipped protocols", "For a protocol of your own
 def lines(root: Path) -> list[str]:
     """Lines of the page. Raises UserError for a metric without a source, or one too many."""
     keys = Keys.read()
-    keys.agree("sources", METRICS)
+    keys.agree("sources", FAMILIES)
     asked = shipped()
     groups = {name: _groups(root, name) for name in asked}
-    where = {name: [p for p, names in asked.items() if name in names] for name in METRICS}
+    where = {name: [p for p, names in asked.items() if name in names] for name in FAMILIES}
     made = ["# Metrics", "", *keys.words["pages"]["metrics"].strip().splitlines(), ""]
     for title, used in ((IN_RECORDS, True), (OWN, False)):
-        specs = [spec for spec in METRICS.values() if bool(where[spec.name]) is used]
+        specs = [spec for spec in all_metrics().values() if bool(where[spec.name]) is used]
         made += [f"## {title}", ""] if specs else []
         made += _table(specs)
         for spec in specs:
@@ -84,21 +84,12 @@ def _metric(spec: MetricSpec, asked: str, keys: Keys) -> list[str]:
         word for word, made in (("contacts", spec.contacts), ("plate poses", spec.plates)) if made
     ]
     mean = (spec.sample or spec.plate_sample) and not spec.root
+    family = f"tactibench/metrics/{FAMILIES[spec.name]}.py"
     facts = [
         f"{spec.unit or 'no unit'}, {BETTER[spec.better]}; of {' or '.join(kinds)}",
         *([f"asked by {asked}"] if asked else []),
         f"compared press by press: {'yes' if mean else 'no, it is no mean over presses'}",
-        f"source: {plain(keys.words['sources'][spec.name])}; {code(_family(spec.name))}",
+        f"source: {plain(keys.words['sources'][spec.name])}; {code(family)}",
     ]
     said = plain(spec.formula)
     return [f"### {spec.name}", "", said, "", *(f"* {fact}" for fact in facts), ""]
-
-
-def _family(name: str) -> str:
-    """File of the module whose SPECS hold a metric."""
-    from tactibench.metrics import registry
-
-    for module in vars(registry).values():
-        if any(s.name == name for s in getattr(module, "SPECS", ())):
-            return f"{str(module.__name__).replace('.', '/')}.py"
-    raise KeyError(name)

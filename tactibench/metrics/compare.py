@@ -9,7 +9,7 @@ import numpy as np
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics.groups import Mask, members
-from tactibench.metrics.registry import METRICS, find_metric
+from tactibench.metrics.registry import all_metrics, find_metric
 from tactibench.metrics.spec import Sample
 from tactibench.metrics.trials import PlateTrials, Trials
 
@@ -54,7 +54,7 @@ def _sample(name: str, trials: Trials | PlateTrials) -> Sample:
             return spec.plate_sample(trials)
     elif spec.sample is not None:
         return spec.sample(trials)
-    able = sorted(n for n, s in METRICS.items() if s.sample or s.plate_sample)
+    able = sorted(n for n, s in all_metrics().items() if s.sample or s.plate_sample)
     raise UserError(
         f"metric {name!r} is no mean over presses and cannot be compared press by press: "
         f"choose one of {', '.join(able)}."

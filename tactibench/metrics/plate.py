@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactibench.metrics.groups import plate_rows
+from tactibench.metrics.position import plate_depth_errors, plate_errors
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import PlateTrials
 from tactibench.stats.clusters import FloatArray
@@ -21,27 +22,15 @@ from tactibench.stats.intervals import mean_interval, positive_mean_interval, sh
 from tactibench.stats.paired import sign_flip_p
 
 
-def depth_errors(trials: PlateTrials) -> Sample:
-    """|p - t| of the depth of every answered frame, mm."""
-    return _errors(trials, "depth")
-
-
 def tilt_errors(trials: PlateTrials) -> Sample:
     """|p - t| of the tilt of every answered frame, deg."""
-    return _errors(trials, "tilt")
+    return plate_errors(trials, "tilt")
 
 
 def answered(trials: PlateTrials) -> Sample:
     """1 for an answered frame, 0 for another."""
     values = np.array([p is not None for p in trials.predictions], dtype=np.float64)
     return Sample(values, np.arange(len(values)))
-
-
-def _errors(trials: PlateTrials, field: str) -> Sample:
-    trial = np.flatnonzero(answered(trials).values)
-    true = np.array([getattr(trials.truth[i], field) for i in trial], dtype=np.float64)
-    predicted = np.array([getattr(trials.predictions[i], field) for i in trial], dtype=np.float64)
-    return Sample(np.abs(predicted - true), trial)
 
 
 Errors = Callable[[PlateTrials], Sample]
@@ -110,14 +99,14 @@ PUBLISHED_SPECS = (
         "mm",
         "lower",
         f"{_FORMULA}; of depth",
-        plates=_difference(depth_errors),
+        plates=_difference(plate_depth_errors),
     ),
     MetricSpec(
         "depth_mae_minus_published_p",
         "p",
         "none",
         "two-sided sign-flip permutation p of the difference in depth, whole presses",
-        plates=_p(depth_errors),
+        plates=_p(plate_depth_errors),
     ),
     MetricSpec(
         "tilt_mae_minus_published_deg",

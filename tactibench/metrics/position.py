@@ -6,9 +6,8 @@ import numpy as np
 
 from tactibench.metrics.groups import by_kind, mean_metric, plate_rows
 from tactibench.metrics.matching import runs
-from tactibench.metrics.plate import depth_errors as plate_depth_errors
 from tactibench.metrics.spec import Sample
-from tactibench.metrics.trials import Trials
+from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.stats.intervals import positive_mean_interval
 
 
@@ -26,6 +25,19 @@ def depth_errors(trials: Trials) -> Sample:
     """|p - t| of every pair inside the gate."""
     pairs = trials.matched
     return Sample(np.abs(pairs.predicted_depth - pairs.true_depth), pairs.trial)
+
+
+def plate_depth_errors(trials: PlateTrials) -> Sample:
+    """|p - t| of the depth of every answered frame, mm."""
+    return plate_errors(trials, "depth")
+
+
+def plate_errors(trials: PlateTrials, field: str) -> Sample:
+    """|p - t| of a field of the pose of every answered frame."""
+    trial = np.flatnonzero([pose is not None for pose in trials.predictions])
+    true = np.array([getattr(trials.truth[i], field) for i in trial], dtype=np.float64)
+    predicted = np.array([getattr(trials.predictions[i], field) for i in trial], dtype=np.float64)
+    return Sample(np.abs(predicted - true), trial)
 
 
 def relative_depth_errors(trials: Trials) -> Sample:

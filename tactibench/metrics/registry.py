@@ -1,51 +1,71 @@
-"""Every metric by name."""
+"""Every metric by name; the module of a metric is imported when the metric is asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from types import MappingProxyType
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.metrics import (
-    detection,
-    gospa,
-    hard_cases,
-    location,
-    plate,
-    position,
-    separation,
-    surface,
-    threshold,
-    uncertainty,
-)
 from tactibench.metrics.spec import MetricSpec
 from tactibench.protocols.loader import LoadedProtocol
 
-METRICS: Mapping[str, MetricSpec] = MappingProxyType(
-    {
-        spec.name: spec
-        for family in (
-            location,
-            position,
-            separation,
-            threshold,
-            detection,
-            gospa,
-            surface,
-            plate,
-            uncertainty,
-            hard_cases,
-        )
-        for spec in family.SPECS
-    }
+_FAMILIES = {
+    "location": ("r2", "mae_mm", "rmse_mm", "rmse_pooled_mm", "rmse_over_bound"),
+    "position": (
+        "position_mean_mm",
+        "position_ungated_mm",
+        "depth_mae_mm",
+        "relative_depth_mae_mm",
+    ),
+    "separation": (
+        "distance_mae_mm",
+        "distance_penalised_mm",
+        "resolved",
+        "orientation_mae_deg",
+    ),
+    "threshold": ("threshold_mm",),
+    "detection": ("missed", "spurious", "catch_resolved", "d_prime"),
+    "gospa": ("gospa1_mm", "gospa2_mm"),
+    "surface": ("surface_rmse_mm",),
+    "plate": (
+        "tilt_mae_deg",
+        "coverage",
+        "depth_mae_minus_published_mm",
+        "depth_mae_minus_published_p",
+        "tilt_mae_minus_published_deg",
+        "tilt_mae_minus_published_p",
+    ),
+    "uncertainty": ("nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95"),
+    "hard_cases": (
+        "ospa_mm",
+        "error_ratio",
+        "worst_ratio",
+        "doubles_at",
+        "false_per_1000",
+        "not_finite",
+        "raised",
+    ),
+}
+"""Module -> names of its SPECS: a protocol asks for a few metrics and loads the code of those."""
+FAMILIES: Mapping[str, str] = MappingProxyType(
+    {name: family for family, names in _FAMILIES.items() for name in names}
 )
+"""Name of every metric -> its module in ``tactibench.metrics``."""
 
 
 def find_metric(name: str) -> MetricSpec:
     """Return the metric of that name. Raises UserError with the close match."""
-    if name not in METRICS:
-        raise UserError(f"there is no metric {name!r}; {did_you_mean(name, METRICS)}")
-    return METRICS[name]
+    if name not in FAMILIES:
+        raise UserError(f"there is no metric {name!r}; {did_you_mean(name, FAMILIES)}")
+    specs = import_module(f"tactibench.metrics.{FAMILIES[name]}").SPECS
+    spec: MetricSpec = next(spec for spec in specs if spec.name == name)
+    return spec
+
+
+def all_metrics() -> dict[str, MetricSpec]:
+    """Return every metric by its name. Imports the code of all of them."""
+    return {name: find_metric(name) for name in FAMILIES}
 
 
 def check_metrics(protocol: LoadedProtocol) -> None:
@@ -56,10 +76,11 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     """
     keys = protocol.keys
     kind = "plates" if keys.answer == "plate" else "contacts"
-    fitting = [name for name, spec in METRICS.items() if getattr(spec, kind) is not None]
     for name in keys.metrics.names:
-        if name not in fitting:
-            raise UserError(
-                f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
-                f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
-            )
+        if name in FAMILIES and getattr(find_metric(name), kind) is not None:
+            continue
+        fitting = [other for other, spec in all_metrics().items() if getattr(spec, kind)]
+        raise UserError(
+            f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
+            f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
+        )

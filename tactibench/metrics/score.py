@@ -9,13 +9,11 @@ from dataclasses import asdict
 import numpy as np
 
 from tactibench.errors import UserError
-from tactibench.metrics.registry import METRICS, find_metric
+from tactibench.metrics.registry import all_metrics, find_metric
 from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.records.record import Metric
 from tactibench.stats.estimate import Estimate
-
-__all__ = ["METRICS", "score"]
 
 
 def score(
@@ -55,12 +53,12 @@ def _rows(spec: MetricSpec, trials: Trials | PlateTrials, rng: np.random.Generat
     if isinstance(trials, PlateTrials):
         if spec.plates is not None:
             return spec.plates(trials, rng)
-        fitting = [name for name, other in METRICS.items() if other.plates]
+        fitting = [name for name, other in all_metrics().items() if other.plates]
         kind = "plate poses"
     else:
         if spec.contacts is not None:
             return spec.contacts(trials, rng)
-        fitting = [name for name, other in METRICS.items() if other.contacts]
+        fitting = [name for name, other in all_metrics().items() if other.contacts]
         kind = "contacts"
     raise UserError(
         f"metric {spec.name!r} does not apply to answers that are {kind}: "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactibench.metrics.registry import METRICS
+from tactibench.metrics.registry import FAMILIES, find_metric
 
 HEADS = {
     "coverage": "coverage, %",
@@ -64,7 +64,7 @@ UNITS = {"share": "%", "per frame": ""}
 
 def is_share(metric: str) -> bool:
     """Return whether a metric lies in 0..1 and is shown in per cent."""
-    return metric in METRICS and METRICS[metric].unit == "share"
+    return metric in FAMILIES and find_metric(metric).unit == "share"
 
 
 def named(metric: str, unit: str) -> str:

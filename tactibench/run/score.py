@@ -39,7 +39,6 @@ def score_arrays(
         predicted: packed answers.
         maps: heatmaps and true surfaces, where there are any.
     """
-    from tactibench.metrics.plate import PUBLISHED_NAMES
     from tactibench.metrics.score import score
     from tactibench.metrics.trials import PlateTrials
 
@@ -47,6 +46,8 @@ def score_arrays(
     trials = trials_of(protocol, truth, predicted, maps)
     names = protocol.metrics.names
     if isinstance(trials, PlateTrials) and trials.published:
+        from tactibench.metrics.plate import PUBLISHED_NAMES
+
         names = (*names, *(name for name in PUBLISHED_NAMES if name not in names))
     return score(names, trials, rng=np.random.default_rng(seed))
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from tactibench import UserError
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.metrics.plate import PUBLISHED_NAMES
-from tactibench.metrics.registry import METRICS
+from tactibench.metrics.registry import FAMILIES, all_metrics
 from tactibench.metrics.score import score
 from tactibench.metrics.trials import PlateTrials, Trials
 
@@ -186,8 +187,14 @@ def test_a_metric_of_the_other_kind_is_refused(singles):
         score(["tilt_mae_deg"], singles, rng=rng())
 
 
+@pytest.mark.parametrize("family", sorted(set(FAMILIES.values())))
+def test_the_table_of_metrics_names_those_of_each_module(family):
+    specs = import_module(f"tactibench.metrics.{family}").SPECS
+    assert [spec.name for spec in specs] == [n for n, own in FAMILIES.items() if own == family]
+
+
 def test_every_metric_says_what_it_is():
-    for name, spec in METRICS.items():
+    for name, spec in all_metrics().items():
         assert spec.name == name
         assert spec.better in {"lower", "higher", "none"}
         assert spec.formula
@@ -203,7 +210,7 @@ def test_every_metric_says_what_it_is():
         "not_finite",
         "raised",
     }
-    assert set(EXP1) | set(EXP2) | set(EXP3) | plates | uncertainty | hard == set(METRICS)
+    assert set(EXP1) | set(EXP2) | set(EXP3) | plates | uncertainty | hard == set(FAMILIES)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tactibench.board.hard_cases import family_errors
 from tactibench.board.rows import rows_of
-from tactibench.metrics.registry import METRICS
+from tactibench.metrics.registry import FAMILIES
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.record import Cause, Failures, Metric, Record
@@ -68,7 +68,7 @@ def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any)
 
 def test_every_metric_of_the_protocol_exists_and_every_column_is_one_of_them() -> None:
     names = set(PROTOCOL.keys.metrics.names)
-    assert names <= set(METRICS)
+    assert names <= set(FAMILIES)
     assert {c.metric for block in board_spec("stability").blocks for c in block.columns} <= names
 
 

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench_sim import bounds
-from tactibench_sim.bounds import NUISANCES, derivatives
+from tactibench_sim.bounds import derivatives
 from tactibench_sim.mechanics.contact import Tips, tips_of
+from tactibench_sim.optics.camera import NUISANCES
 from tactibench_sim.sensor import TacTip127
 
 EDGE, RADIUS, HEIGHT, NOISE = 3.0, 8.0, 20.0, 2.0

@@ -7,8 +7,8 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench_sim import bounds
-from tactibench_sim.bounds import NUISANCES
 from tactibench_sim.mechanics.contact import Tips, tips_of
+from tactibench_sim.optics.camera import NUISANCES
 from tactibench_sim.sensor import TacTip127
 
 SCENES = {

@@ -12,6 +12,9 @@ from tactibench_sim.optics.noise import Noise
 
 LENSES = ("pinhole", "fisheye")
 OUTPUTS = ("grey", "rgb", "bw")
+NUISANCES = ("shift", "roll", "zoom", "brightness", "background", "blur")
+"""Properties of the camera that ``bounds`` may take as unknown: moved in its plane; turned about
+its axis; its magnification; a gain of all grey levels; an offset of all grey levels; its focus."""
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Grid, Scene, SensorContext, __version__
-from tactibench_sim.bounds import NUISANCES, covariance, deviations
+from tactibench_sim.bounds import covariance, deviations
 from tactibench_sim.instances import Spread, lost_pins, perturb
 from tactibench_sim.mechanics.contact import UNTOUCHED, Tips
-from tactibench_sim.optics.camera import Optics, optics_from
+from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.planar import mechanics
 from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
