@@ -90,7 +90,7 @@ def request_of(tmp_path: Path):
 def test_a_record_and_its_answers_are_verified_once(request_of) -> None:
     assert request_of("exp1/a.json", "exp1/a.npz", "exp2/b.npz") == (
         0,
-        "asked: verify exp1/a.json exp2/b.json\n",
+        "asked: board verify exp1/a.json exp2/b.json\n",
     )
 
 

@@ -155,6 +155,7 @@ def assert_whole(folder: Path) -> None:
     assert hidden == []
 
 
+@pytest.mark.long
 def test_an_interrupt_during_training_is_one_sentence_and_leaves_a_resumable_run(
     surroundings: dict[str, Any],
 ) -> None:

@@ -15,9 +15,12 @@ SCRIPT = Path(__file__).parents[2] / "benchmarks" / "faults.py"
 FEW = ("--kills", "1", "--changes", "2", "--full", "2", "--stage", "train", "--stage", "board")
 MANY = ("--kills", "50", "--changes", "40", "--full", "20")
 
-pytestmark = pytest.mark.skipif(
-    not (hasattr(os, "fork") and hasattr(signal, "SIGKILL")), reason="no SIGKILL on this system"
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (hasattr(os, "fork") and hasattr(signal, "SIGKILL")), reason="no SIGKILL on this system"
+    ),
+]
 
 
 @pytest.mark.parametrize("asked", [FEW, pytest.param(MANY, marks=pytest.mark.slow)], ids=len)

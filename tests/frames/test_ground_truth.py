@@ -39,12 +39,14 @@ def test_surfaces_are_kept(
     assert counter.surfaces == 100
 
 
-def test_bounds_keep_their_counts(request_of: RequestOf, sensor: Any, tmp_path: Path) -> None:
+def test_bounds_of_all_contacts_stand_in_one_array(
+    request_of: RequestOf, sensor: Any, tmp_path: Path
+) -> None:
     presses = open_frames(request_of(), tmp_path)
     for bounds in (true_bounds(sensor, presses), true_bounds(sensor, presses)):
         assert bounds is not None
-        assert [len(bound) for bound in bounds] == [1, 2] * 12 + [1]
-        assert bounds[4][0, 0] == pytest.approx(1.04)
+        assert bounds.shape == (12 * (1 + 2) + 1, 3), "one and two contacts in turn"
+        assert bounds[6, 0] == pytest.approx(1.04), "the first contact of the fifth press"
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 no zip", "flip", "cut"])

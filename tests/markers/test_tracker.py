@@ -205,6 +205,7 @@ def test_refinements_are_named(sketch, hexagon) -> None:
     assert Tracker(sketch(hexagon)).refine == "centroid"
 
 
+@pytest.mark.long
 def test_simulated_pins_are_found_to_a_hundredth_of_a_pixel() -> None:
     from tactibench.plugins.host import PluginHost
 

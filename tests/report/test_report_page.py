@@ -10,6 +10,8 @@ from html.parser import HTMLParser
 import pytest
 from report_material import HOSTILE
 
+pytestmark = pytest.mark.long
+
 LARGEST = 5_000_000
 
 

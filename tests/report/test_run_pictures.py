@@ -11,6 +11,8 @@ from tactibench.records.store import stored_runs
 from tactibench.report.plots.run_pictures import draw_pictures
 from tactibench.report.plots.style import new_figure
 
+pytestmark = pytest.mark.long
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

@@ -24,6 +24,8 @@ from tactibench.run.difference import Difference
 from tactibench.run.latency import LatencySample
 from tactibench.run.timing import time_model
 
+pytestmark = pytest.mark.long
+
 FRAMES = [Frame(np.full((2, 2), value, np.uint8), float(value), Pose()) for value in range(10)]
 TRUTH = [Contacts.truth([[0.0, 0.0]], [1.0 + value]) for value in range(10)]
 

@@ -23,6 +23,8 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.store import StoredRun
 from tactibench.run.request import TestOptions
 
+pytestmark = pytest.mark.long
+
 SECRET = "5eed" * 16
 HIDDEN = TestOptions(hidden=True)
 

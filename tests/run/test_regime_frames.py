@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 Shown = list[tuple[list[Any], list[Any]]]
 
 

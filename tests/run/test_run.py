@@ -155,6 +155,7 @@ def test_an_interrupted_training_goes_on(run: Run, tiny: Any, planned: Any, tmp_
     assert resumed.record.metrics == undisturbed.record.metrics
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("damage", ["weights", "gone", "manifest", "empty", "other"])
 def test_damaged_weights_are_trained_again(run: Run, tiny: Any, planned: Any, damage: str) -> None:
     first = run("exp1")

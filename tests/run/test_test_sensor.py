@@ -22,6 +22,8 @@ from tactibench.run.plan import RunPlan, plan_lines
 from tactibench.run.request import TestOptions, read_test_options
 from tactibench.run.test_sensor import describe_target
 
+pytestmark = pytest.mark.long
+
 Planned = Callable[..., RunPlan]
 Run = Callable[..., StoredRun]
 REFERENCE = TestOptions(reference=True)

@@ -32,6 +32,8 @@ from tactibench_sim.optics.camera import Optics
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.sensor import TACTIP_127, TACTIP_331
 
+pytestmark = pytest.mark.long
+
 # -- exact nu = 1/2
 
 
