@@ -23,7 +23,7 @@ from tactibench.training import (
     pack_image,
     unpack_image,
 )
-from tactibench_unet.architecture import LEVELS, UNetNetwork
+from tactibench_unet.architecture import LEVELS, UNetNetwork, layer_features
 
 Image = npt.NDArray[np.uint8]
 
@@ -135,8 +135,6 @@ class UNet(LearnedModel):
 
     def features(self, frame: Frame) -> dict[str, np.ndarray]:
         """Return layer -> (C, H, W) activations, in the order of the forward pass."""
-        from tactibench_unet.features import layer_features
-
         return layer_features(self.network, self.inputs([frame]).to(self.context.device))
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:

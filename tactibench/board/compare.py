@@ -25,8 +25,7 @@ from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.records.identity import canonical
 from tactibench.records.store import StoredRun
 from tactibench.run.score import protocol_of, trials_of
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import mean_interval
+from tactibench.stats.intervals import Estimate, mean_interval
 from tactibench.stats.paired import holm, sign_flip_ps
 
 COMPARISON_STREAM = 1_000_001

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import click
 
 from tactibench import __version__
-from tactibench.cli.failures import sentence
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -169,6 +168,8 @@ def call(arguments: Sequence[str]) -> int:
     except (click.ClickException, UserError, OSError) as error:
         if debug:
             raise
+        from tactibench.cli.failures import sentence
+
         click.echo(f"tactibench: {sentence(error)}", err=True)
         return MISTAKE
     return result if isinstance(result, int) else 0

@@ -13,12 +13,12 @@ from tactibench.contacts import Contacts
 from tactibench.datasets.image_cache import ImageCache
 from tactibench.datasets.image_files import Image, read_image
 from tactibench.datasets.journal import Content, Event, read_content, reference_file
+from tactibench.datasets.locks import WriterLock
 from tactibench.datasets.repair import needs_repair, repair
 from tactibench.datasets.rows import read_plan
 from tactibench.datasets.schema import EVENTS, JOURNAL, LOCK, PLAN, Header, Sample, contacts_of
 from tactibench.datasets.splits import Split, check_split, read_split, split_files
 from tactibench.errors import UserError
-from tactibench.records.locks import WriterLock
 
 
 @dataclass(frozen=True, eq=False)

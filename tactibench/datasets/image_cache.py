@@ -22,9 +22,8 @@ from tactibench.datasets.schema import CACHE
 from tactibench.errors import UserError
 from tactibench.images import gray, resized
 from tactibench.records.cache import cache_folder
-from tactibench.records.files import file_hash, read_json, write_json
+from tactibench.records.files import file_hash, locked, read_json, write_json
 from tactibench.records.identity import digest
-from tactibench.records.locks import locked
 
 Image = npt.NDArray[np.uint8]
 

@@ -20,6 +20,7 @@ import numpy as np
 from tactibench.contacts import Scene
 from tactibench.datasets.image_files import Image, ImageWriter, png_bytes
 from tactibench.datasets.journal import Event, Journal, read_content, read_lines
+from tactibench.datasets.locks import WriterLock
 from tactibench.datasets.repair import repair
 from tactibench.datasets.rows import (
     JsonType,
@@ -50,7 +51,6 @@ from tactibench.datasets.splits import Split, write_split
 from tactibench.datasets.storage import make_folder, sync_all, sync_folder
 from tactibench.errors import UserError
 from tactibench.records.files import atomic
-from tactibench.records.locks import WriterLock
 
 PlanRow = Mapping[str, Any]
 """``id`` and whatever else the recorder needs to press the sample."""

@@ -25,13 +25,13 @@ from tactibench.protocols.split import CHUNK
 from tactibench.records.files import (
     atomic,
     file_hash,
+    locked,
     read_checked_arrays,
     read_json,
     write_checked_arrays,
     write_json,
 )
 from tactibench.records.identity import combined, digest
-from tactibench.records.locks import locked
 
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")

@@ -12,8 +12,13 @@ from tactibench.metrics.groups import by_kind, mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import CATCH, Trials
 from tactibench.stats.clusters import Labels, cluster_codes
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import effective_size, rate_interval, share_interval, t_quantile
+from tactibench.stats.intervals import (
+    Estimate,
+    effective_size,
+    rate_interval,
+    share_interval,
+    t_quantile,
+)
 
 
 def missed(trials: Trials) -> Sample:

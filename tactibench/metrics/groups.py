@@ -16,7 +16,7 @@ import numpy.typing as npt
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import CATCH, PlateTrials, Trials
 from tactibench.stats.clusters import Labels
-from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import Estimate
 
 Mask = npt.NDArray[np.bool_]
 Groups = Mapping[str, Mask]

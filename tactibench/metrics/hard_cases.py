@@ -13,8 +13,7 @@ from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
 from tactibench.protocols.families import Axis, family_of
 from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import positive_mean_interval, rate_interval
+from tactibench.stats.intervals import Estimate, positive_mean_interval, rate_interval
 
 THOUSAND = 1000
 

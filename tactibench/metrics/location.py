@@ -17,8 +17,8 @@ from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import Trials
 from tactibench.stats.bca import bca_interval, r_squared
 from tactibench.stats.clusters import IntArray, Labels, cluster_codes
-from tactibench.stats.estimate import Estimate
 from tactibench.stats.intervals import (
+    Estimate,
     positive_mean_interval,
     ratio_interval,
     rms_interval,

@@ -17,8 +17,12 @@ from tactibench.metrics.position import plate_depth_errors, plate_errors
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import PlateTrials
 from tactibench.stats.clusters import FloatArray
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import mean_interval, positive_mean_interval, share_interval
+from tactibench.stats.intervals import (
+    Estimate,
+    mean_interval,
+    positive_mean_interval,
+    share_interval,
+)
 from tactibench.stats.paired import sign_flip_p
 
 

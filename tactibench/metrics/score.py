@@ -13,7 +13,7 @@ from tactibench.metrics.registry import all_metrics, find_metric
 from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.records.record import Metric
-from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import Estimate
 
 
 def score(

@@ -10,7 +10,7 @@ import numpy as np
 from tactibench.contacts import FloatArray
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.stats.clusters import IntArray
-from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import Estimate
 
 Rows = Iterable[tuple[str, Estimate]]
 """(group, estimate) pairs in the order of the table."""

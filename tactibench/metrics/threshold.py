@@ -26,8 +26,7 @@ from tactibench.metrics.separation import resolved
 from tactibench.metrics.spec import MetricSpec, Rows
 from tactibench.metrics.trials import Trials
 from tactibench.stats.clusters import IntArray, Labels, cluster_codes, cluster_sums
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import t_quantile
+from tactibench.stats.intervals import Estimate, t_quantile
 
 SHARE = 0.75
 STEEPEST = 50.0

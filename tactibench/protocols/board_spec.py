@@ -17,7 +17,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files
-from tactibench.protocols.mistakes import first_mistake
 
 SUFFIX = ".board.toml"
 COMMON = f"common{SUFFIX}"
@@ -169,6 +168,8 @@ def _read(path: Path, schema: type[SchemaT]) -> SchemaT:
     try:
         return schema.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except ValidationError as error:
+        from tactibench.protocols.mistakes import first_mistake
+
         raise UserError(f"board file {path}: {first_mistake(error, schema)}") from None
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(f"board file {path} cannot be read: {error}.") from None

@@ -1,4 +1,4 @@
-"""Writing so that nobody ever reads half a file."""
+"""Writing so that nobody ever reads half a file, and locks so that no two write one."""
 
 from __future__ import annotations
 
@@ -123,3 +123,19 @@ def file_hash(path: Path) -> str:
     """Return sha256 of a file's bytes."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock, so that two processes do not make the same thing at once.
+
+    Waits until the lock is free.
+
+    Args:
+        path: The lock's file; its folder is made if it is missing.
+    """
+    from filelock import FileLock  # takes a tenth of a second to import
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(path, poll_interval=0.02):
+        yield

@@ -12,9 +12,15 @@ from typing import Any
 import numpy.typing as npt
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.records.files import arrays_hash, read_arrays, read_json, write_arrays, write_json
+from tactibench.records.files import (
+    arrays_hash,
+    locked,
+    read_arrays,
+    read_json,
+    write_arrays,
+    write_json,
+)
 from tactibench.records.identity import digest
-from tactibench.records.locks import locked
 from tactibench.records.record import Record, parse_record
 
 RECORD = "record.json"

@@ -15,7 +15,7 @@ from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.plugins.base import FitReport, Model, Progress
 from tactibench.protocols.schema import Protocol
-from tactibench.records.files import file_hash, read_json, write_json
+from tactibench.records.files import file_hash, locked, read_json, write_json
 from tactibench.records.identity import (
     canonical,
     code_hash,
@@ -23,7 +23,6 @@ from tactibench.records.identity import (
     digest,
     installed_versions,
 )
-from tactibench.records.locks import locked
 from tactibench.run.components import Components
 
 TRAINING_STREAM = 1

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finite
-from tactibench.stats.estimate import Estimate
-from tactibench.stats.intervals import t_quantile
+from tactibench.stats.intervals import Estimate, t_quantile
 
 DOUBLE = 2.0
 

@@ -30,8 +30,11 @@ from tactibench.report.plots.distance import (
     distance_figure,
     distance_series,
 )
-from tactibench.report.plots.features import features_figure
-from tactibench.report.plots.frames import frame_figure, worst_frames_figure
+from tactibench.report.plots.frames import (
+    features_figure,
+    frame_figure,
+    worst_frames_figure,
+)
 from tactibench.report.plots.frontier import frontier_figure
 from tactibench.report.plots.marks import FrameExample, extent
 from tactibench.report.plots.relief import relief_figure

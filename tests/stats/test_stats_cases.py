@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench.stats.cases import crossing, doubling, mean_ratio
-from tactibench.stats.estimate import Estimate
+from tactibench.stats.intervals import Estimate
 
 PRESS = np.arange(50)
 

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tactibench.stats.estimate import Estimate
 from tactibench.stats.intervals import (
+    Estimate,
     effective_size,
     mean_interval,
     rate_interval,

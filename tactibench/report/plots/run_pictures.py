@@ -183,7 +183,7 @@ def _features(arrays: RunArrays) -> dict[str, Figure]:
     """Draw the layers of a model on the press that was stored for it, if it shows them."""
     if "features_row" not in arrays.examples:
         return {}
-    from tactibench.report.plots.features import features_figure
+    from tactibench.report.plots.frames import features_figure
     from tactibench.run.examples import unpack_features
 
     row = int(arrays.examples["features_row"])

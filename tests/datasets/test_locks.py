@@ -14,12 +14,13 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.records.locks import WriterLock, locked
+from tactibench.datasets.locks import WriterLock
+from tactibench.records.files import locked
 
 HOLD = """
 import sys
 from pathlib import Path
-from tactibench.records.locks import WriterLock
+from tactibench.datasets.locks import WriterLock
 lock = WriterLock(Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()

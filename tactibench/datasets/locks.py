@@ -1,34 +1,14 @@
-"""File locks: the operating system frees them when the process that holds them ends."""
+"""The lock of a data set; the operating system frees it when the process that holds it ends."""
 
 from __future__ import annotations
 
 import json
 import os
 import socket
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
-
-# filelock takes a tenth of a second to import, so each function imports it when it is called.
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold a lock, so that two processes do not make the same thing at once.
-
-    Waits until the lock is free.
-
-    Args:
-        path: The lock's file; its folder is made if it is missing.
-    """
-    from filelock import FileLock
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(path, poll_interval=0.02):
-        yield
 
 
 class WriterLock:
@@ -45,7 +25,7 @@ class WriterLock:
     """
 
     def __init__(self, path: Path) -> None:
-        from filelock import FileLock, Timeout
+        from filelock import FileLock, Timeout  # takes a tenth of a second to import
 
         self._path = path
         self._owner_file = path.with_name(f"{path.name}.owner")
