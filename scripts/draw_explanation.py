@@ -15,7 +15,8 @@ import click
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from tactibench.board.rows import TRIVIAL, Row, latency, machine
+from tactibench.board.cost import latency, machine
+from tactibench.board.rows import TRIVIAL, Row
 from tactibench.board.sections import gather_records, select_section
 from tactibench.records.files import atomic
 from tactibench.report.plots.style import GREY, headline, model_look, new_figure, plain, save_png

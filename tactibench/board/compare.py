@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from tactibench.board.grouping import section_key
 from tactibench.board.hard_cases import ERROR
-from tactibench.board.rows import label_of, measured_on, section_key
+from tactibench.board.rows import label_of, measured_on
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.metrics.compare import compared_metrics, press_means

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from tactibench.board.rows import Row, machine
+from typing import Literal
+
+from tactibench.board.rows import Row
 from tactibench.records.record import Record
 
 
@@ -43,3 +45,28 @@ def frames_per_second(record: Record) -> float | None:
 def difference(record: Record) -> float | None:
     """Median distance of the timed answers from the float32 ones, mm."""
     return record.timed.difference_mm
+
+
+def latency(
+    record: Record,
+    *,
+    threads: int | None,
+    statistic: Literal["p50_ms", "p90_ms"] = "p90_ms",
+) -> float | None:
+    """Milliseconds from one frame to its contacts; threads None: as many as the machine has.
+
+    None where a run was not timed so.
+    """
+    totals = [
+        row
+        for row in record.speed
+        if (row.scenario, row.batch, row.phase) == ("single", 1, "total")
+    ]
+    if threads is None:
+        threads = max((row.threads for row in totals), default=0)
+    return next((getattr(row, statistic) for row in totals if row.threads == threads), None)
+
+
+def machine(record: Record) -> str:
+    """Return the fingerprint of the hardware that a record was timed on."""
+    return record.environment.fingerprint

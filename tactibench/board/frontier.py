@@ -14,7 +14,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tactibench.board.rows import Row, latency, machine
+from tactibench.board.cost import latency, machine
+from tactibench.board.rows import Row
 from tactibench.protocols.board_spec import Ranking
 
 SETTLED = 0.02

@@ -9,18 +9,13 @@ nothing of the seeds' own spread, which is ``sd``: their sample standard deviati
 from __future__ import annotations
 
 import statistics
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
 
-from tactibench.records.identity import canonical, digest
-from tactibench.records.record import Record, Value
+from tactibench.records.record import Record
 
 MIXING = "mixing"
 """The parameter of a model that trains on contacts mixed out of single presses."""
-RETIRED = frozenset({"tolerance", "allow_fem"})
-"""Parameters of simulated sensors in older records, which changed none of their frames."""
 TRIVIAL = frozenset({"mean", "nearest"})
 """Models that learn next to nothing: what any other has to beat."""
 
@@ -39,37 +34,6 @@ def label_of(record: Record) -> str:
     if mixing := mixing_of(record):
         text += f", mixing {mixing}"
     return f"{text} ({record.regime})"
-
-
-def row_key(record: Record) -> list[Any]:
-    """Return all that two records must share to be seeds of one row, as JSON values."""
-    encoder = None if record.encoder is None else record.encoder.identity
-    model = record.model.identity
-    return [section_key(record), model, encoder, record.regime, record.limits.presses]
-
-
-def section_key(record: Record) -> list[Any]:
-    """Return all that two records must share to stand in one table, as JSON values.
-
-    These are the question, the sensor and the test frames.
-    """
-    sensor, test = record.sensor, record.test_sensor
-    key = [
-        record.protocol.id,
-        record.protocol.hash,
-        sensor.origin,
-        sensor.name,
-        _lasting(sensor.parameters),
-        record.identity.data,
-    ]
-    if test is None:
-        return key
-    key += [test.name, _lasting(test.parameters)]
-    return [*key, test.trained_on] if test.trained_on else key
-
-
-def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
-    return {name: value for name, value in parameters.items() if name not in RETIRED}
 
 
 def trained_on(record: Record) -> str:
@@ -92,16 +56,6 @@ def measured_on(record: Record) -> str:
         return f"real {test.description}, trained on {test.trained_on}"
     text = f"{record.sensor.origin} sensor {record.sensor.name}"
     return text if test is None else f"{text}, tested on {test.description}"
-
-
-def trained_for(records: Iterable[Record]) -> list[Record]:
-    """Return those that were tested on the sensor that they were trained for."""
-    return [record for record in records if record.test_sensor is None]
-
-
-def whole(records: Iterable[Record]) -> list[Record]:
-    """Return those that learned from all presses; the others belong to a learning curve alone."""
-    return [record for record in records if record.limits.presses is None]
 
 
 @dataclass(frozen=True)
@@ -201,50 +155,6 @@ class Row:
     def over(self, quantity: Callable[[Record], float | None]) -> list[float]:
         """Return a quantity of every seed that has it."""
         return [value for record in self.records if (value := quantity(record)) is not None]
-
-
-def rows_of(records: Iterable[Record]) -> list[Row]:
-    """Return records with their seeds pooled, in the order of their labels."""
-    groups: dict[str, list[Record]] = {}
-    for record in records:
-        groups.setdefault(canonical(row_key(record)), []).append(record)
-    seeds = [tuple(sorted(found, key=lambda r: r.seed)) for found in groups.values()]
-    labels = Counter(_shown(records[0]) for records in seeds)
-    rows = [Row(records, _mark(records[0], labels)) for records in seeds]
-    return sorted(rows, key=lambda row: (row.label, row.presses or 0))
-
-
-def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:
-    return f" #{digest(row_key(record))[:4]}" if labels[_shown(record)] > 1 else ""
-
-
-def _shown(record: Record) -> tuple[str, int | None]:
-    return label_of(record), record.limits.presses
-
-
-def latency(
-    record: Record,
-    *,
-    threads: int | None,
-    statistic: Literal["p50_ms", "p90_ms"] = "p90_ms",
-) -> float | None:
-    """Milliseconds from one frame to its contacts; threads None: as many as the machine has.
-
-    None where a run was not timed so.
-    """
-    totals = [
-        row
-        for row in record.speed
-        if (row.scenario, row.batch, row.phase) == ("single", 1, "total")
-    ]
-    if threads is None:
-        threads = max((row.threads for row in totals), default=0)
-    return next((getattr(row, statistic) for row in totals if row.threads == threads), None)
-
-
-def machine(record: Record) -> str:
-    """Return the fingerprint of the hardware that a record was timed on."""
-    return record.environment.fingerprint
 
 
 def _mean_or_none(ends: Sequence[float | None]) -> float | None:

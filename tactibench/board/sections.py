@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactibench.board.rows import Row, rows_of, section_key, trained_for, trained_on
+from tactibench.board.grouping import rows_of, section_key, trained_for
+from tactibench.board.rows import Row, trained_on
 from tactibench.board.submissions import records_of, slot
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files, read_protocol

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tactibench.board.grouping import row_key
 from tactibench.board.predictions import (
     Arrays,
     PressErrors,
@@ -23,7 +24,7 @@ from tactibench.board.predictions import (
     ranked_errors,
     read_press_errors,
 )
-from tactibench.board.rows import label_of, row_key
+from tactibench.board.rows import label_of
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.records.files import atomic, parse_json, read_json, write_arrays

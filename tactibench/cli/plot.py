@@ -71,8 +71,8 @@ def frontier(
     tactibench plot frontier exp2 --out docs/images/frontier-exp2.png
     """
     from tactibench.board.frontier import frontiers
+    from tactibench.board.grouping import whole
     from tactibench.board.ranking import ranking_error
-    from tactibench.board.rows import whole
     from tactibench.board.sections import gather_records, left_out
     from tactibench.cli.output import Terminal
     from tactibench.report.plot_tables import frontier_remarks, frontier_rows, frontier_table
@@ -104,7 +104,7 @@ def frontier(
 
 
 def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
-    from tactibench.board.rows import machine as machine_of
+    from tactibench.board.cost import machine as machine_of
 
     known = sorted({machine_of(record) for row in rows for record in row.records})
     if machine is not None and machine not in known:
@@ -188,8 +188,8 @@ def stability(
     tactibench run stability --model superpose
     tactibench plot stability --store runs --out stability.png --cases cases.png
     """
+    from tactibench.board.grouping import whole
     from tactibench.board.ranking import ordered
-    from tactibench.board.rows import whole
     from tactibench.board.sections import gather_records
     from tactibench.cli.output import Terminal
     from tactibench.protocols.loader import load_protocol

@@ -67,7 +67,6 @@ def read_protocol(path: Path) -> LoadedProtocol:
     """Read and validate one file. Raises UserError."""
     from pydantic import ValidationError
 
-    from tactibench.protocols.mistakes import first_mistake
     from tactibench.protocols.schema import Protocol
 
     raw = _bytes(path)
@@ -78,6 +77,8 @@ def read_protocol(path: Path) -> LoadedProtocol:
     try:
         keys = Protocol.model_validate(tables)
     except ValidationError as error:
+        from tactibench.protocols.mistakes import first_mistake
+
         raise UserError(f"protocol file {path}: {first_mistake(error, Protocol)}") from None
     names = _test_frames(path, keys)
     digest = hashlib.sha256(raw.replace(b"\r\n", b"\n"))

@@ -9,13 +9,16 @@ from typing import Any
 from tactibench.board.cost import (
     by_machine,
     frames_per_second,
+    latency,
+    machine,
     memory,
     operations,
     parameters,
     training_seconds,
 )
+from tactibench.board.grouping import whole
 from tactibench.board.ranking import Errors, Ranks, ordered, ranks
-from tactibench.board.rows import Row, latency, machine, whole
+from tactibench.board.rows import Row
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import all_press_errors, read_submissions
 from tactibench.protocols.board_spec import Block as BoardTable

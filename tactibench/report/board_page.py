@@ -13,16 +13,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tactibench.board.curve import Curve, curves
+from tactibench.board.grouping import rows_of, section_key, whole
 from tactibench.board.ranking import Errors, ordered, ranks
-from tactibench.board.rows import (
-    TRIVIAL,
-    Row,
-    command_options,
-    rows_of,
-    section_key,
-    trained_on,
-    whole,
-)
+from tactibench.board.rows import TRIVIAL, Row, command_options, trained_on
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,

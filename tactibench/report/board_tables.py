@@ -9,6 +9,8 @@ from tactibench.board.cost import (
     by_machine,
     difference,
     frames_per_second,
+    latency,
+    machine,
     memory,
     operations,
     parameters,
@@ -16,7 +18,7 @@ from tactibench.board.cost import (
 )
 from tactibench.board.curve import Curve, Step, counts
 from tactibench.board.ranking import Ranks
-from tactibench.board.rows import PooledMetric, Row, latency, machine
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.board_spec import Ranking

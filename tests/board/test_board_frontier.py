@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from tactibench.board.curve import counts, curves
 from tactibench.board.frontier import Point, Range, frontiers, line
+from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ranking_error
-from tactibench.board.rows import rows_of
 
 ERROR = ranking_error("exp1")
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactibench.board.grouping import rows_of
 from tactibench.board.predictions import PressErrors
 from tactibench.board.ranking import ranks
-from tactibench.board.rows import rows_of
 from tactibench.stats.intervals import mean_interval
 
 PRESSES = np.array([f"p{k:03d}" for k in range(200)])

@@ -8,8 +8,10 @@ from changed_record import changed_record
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactibench.board.cost import latency
+from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ordered
-from tactibench.board.rows import label_of, latency, mixing_of, rows_of
+from tactibench.board.rows import label_of, mixing_of
 from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
 
 

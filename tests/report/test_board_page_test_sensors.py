@@ -7,7 +7,8 @@ import re
 import pytest
 from changed_record import changed_record
 
-from tactibench.board.rows import measured_on, trained_for
+from tactibench.board.grouping import trained_for
+from tactibench.board.rows import measured_on
 from tactibench.board.sections import (
     NOMINAL,
     PERTURBED,

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from tactibench.board.grouping import rows_of
 from tactibench.board.hard_cases import family_errors
-from tactibench.board.rows import rows_of
 from tactibench.metrics.registry import FAMILIES
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import load_protocol

@@ -17,8 +17,9 @@ from scipy.optimize import minimize
 
 from tactibench.board.curve import curves
 from tactibench.board.frontier import frontiers
+from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ranking_error
-from tactibench.board.rows import Row, rows_of
+from tactibench.board.rows import Row
 from tactibench.contacts import Contacts, Grid
 from tactibench.metrics.threshold import fit_threshold
 from tactibench.protocols.published import load_published, published_means

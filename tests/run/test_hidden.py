@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.board.rows import command_options, section_key
+from tactibench.board.grouping import section_key
+from tactibench.board.rows import command_options
 from tactibench.protocols import hidden_seed as module
 from tactibench.protocols.hidden_seed import (
     VARIABLE,

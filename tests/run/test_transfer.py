@@ -16,7 +16,8 @@ from drawn_pins import SIZE, draw, hexagon
 
 from tactibench import UserError
 from tactibench.board import submissions, verification
-from tactibench.board.rows import measured_on, section_key, trained_on
+from tactibench.board.grouping import section_key
+from tactibench.board.rows import measured_on, trained_on
 from tactibench.board.truth import Source, trusted_host
 from tactibench.board.verification import verify
 from tactibench.plugins.host import PluginHost

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
+from tactibench.board.cost import machine
 from tactibench.board.ranking import ranks
-from tactibench.board.rows import machine
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.records.record import Record

@@ -10,8 +10,9 @@ from typing import Literal, TypeVar
 import numpy as np
 from matplotlib.figure import Figure
 
+from tactibench.board.cost import latency, machine
 from tactibench.board.frontier import frontiers
-from tactibench.board.rows import Row, latency, machine
+from tactibench.board.rows import Row
 from tactibench.errors import UserError
 from tactibench.metrics.gospa import gospa_per_frame
 from tactibench.metrics.trials import Trials

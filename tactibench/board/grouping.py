@@ -1,0 +1,74 @@
+"""Records sorted into the rows and sections of boards: seeds of one row share all but the seed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from tactibench.board.rows import Row, label_of
+from tactibench.records.identity import canonical, digest
+from tactibench.records.record import Record, Value
+
+RETIRED = frozenset({"tolerance", "allow_fem"})
+"""Parameters of simulated sensors in older records, which changed none of their frames."""
+
+
+def row_key(record: Record) -> list[Any]:
+    """Return all that two records must share to be seeds of one row, as JSON values."""
+    encoder = None if record.encoder is None else record.encoder.identity
+    model = record.model.identity
+    return [section_key(record), model, encoder, record.regime, record.limits.presses]
+
+
+def section_key(record: Record) -> list[Any]:
+    """Return all that two records must share to stand in one table, as JSON values.
+
+    These are the question, the sensor and the test frames.
+    """
+    sensor, test = record.sensor, record.test_sensor
+    key = [
+        record.protocol.id,
+        record.protocol.hash,
+        sensor.origin,
+        sensor.name,
+        _lasting(sensor.parameters),
+        record.identity.data,
+    ]
+    if test is None:
+        return key
+    key += [test.name, _lasting(test.parameters)]
+    return [*key, test.trained_on] if test.trained_on else key
+
+
+def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
+    return {name: value for name, value in parameters.items() if name not in RETIRED}
+
+
+def trained_for(records: Iterable[Record]) -> list[Record]:
+    """Return those that were tested on the sensor that they were trained for."""
+    return [record for record in records if record.test_sensor is None]
+
+
+def whole(records: Iterable[Record]) -> list[Record]:
+    """Return those that learned from all presses; the others belong to a learning curve alone."""
+    return [record for record in records if record.limits.presses is None]
+
+
+def rows_of(records: Iterable[Record]) -> list[Row]:
+    """Return records with their seeds pooled, in the order of their labels."""
+    groups: dict[str, list[Record]] = {}
+    for record in records:
+        groups.setdefault(canonical(row_key(record)), []).append(record)
+    seeds = [tuple(sorted(found, key=lambda r: r.seed)) for found in groups.values()]
+    labels = Counter(_shown(records[0]) for records in seeds)
+    rows = [Row(records, _mark(records[0], labels)) for records in seeds]
+    return sorted(rows, key=lambda row: (row.label, row.presses or 0))
+
+
+def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:
+    return f" #{digest(row_key(record))[:4]}" if labels[_shown(record)] > 1 else ""
+
+
+def _shown(record: Record) -> tuple[str, int | None]:
+    return label_of(record), record.limits.presses
