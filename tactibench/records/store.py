@@ -85,7 +85,7 @@ def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> Store
 
 def open_run(store: Path, name: str) -> StoredRun:
     """Open a run by its name in the store, its folder, or its record file. Raises UserError."""
-    _mend(store)
+    _repair(store)
     given = Path(name)
     folder = given.parent if given.name == RECORD else given
     if not (folder / RECORD).is_file():
@@ -99,7 +99,7 @@ def open_run(store: Path, name: str) -> StoredRun:
 
 def readable_run(store: Path, name: str) -> StoredRun | None:
     """The run of this name; None where there is none, or none that can be read."""
-    _mend(store)
+    _repair(store)
     return _readable(store / name)
 
 
@@ -107,7 +107,7 @@ def run_names(store: Path) -> list[str]:
     """Names of the runs in a store, sorted, whether they can be read or not."""
     if not store.is_dir():
         return []
-    _mend(store)
+    _repair(store)
     names = sorted(path.name for path in store.iterdir())
     return [name for name in names if name[0] != "." and (store / name / RECORD).is_file()]
 
@@ -156,7 +156,7 @@ def _beside(folder: Path, suffix: str) -> Path:
     return folder.with_name(f".{folder.name}{suffix}")
 
 
-def _mend(store: Path) -> None:
+def _repair(store: Path) -> None:
     """Put back the runs whose replacement was stopped; a store that cannot be written stays."""
     for before in store.glob(f".*{BEFORE}"):
         folder = store / before.name.removeprefix(".").removesuffix(BEFORE)

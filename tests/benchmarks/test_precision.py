@@ -12,6 +12,8 @@ from stubs import StubModel
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 
+pytestmark = pytest.mark.long
+
 FRAMES = [Frame(np.full((2, 2), k, np.uint8), 0.0, Pose()) for k in range(8)]
 TRUTH = [Contacts.truth([[float(k), 0.5]], [2.0]) for k in range(8)]
 

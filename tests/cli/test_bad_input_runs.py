@@ -12,6 +12,8 @@ import pytest
 from tactibench.cli.main import call
 from tactibench.records.store import with_checksum
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:

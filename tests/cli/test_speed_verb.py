@@ -12,6 +12,8 @@ import pytest
 
 from tactibench.run import configurations
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:

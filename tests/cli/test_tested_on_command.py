@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 NEAREST = ("run", "exp2", "--model", "nearest")
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 HEAVY = """
 @hookimpl
 def tactibench_models():

@@ -6,6 +6,8 @@ import pytest
 
 from tactibench import UserError
 
+pytestmark = pytest.mark.long
+
 
 def test_only_the_presses_to_learn_from_are_fewer(planned):
     whole, few = planned(), planned(presses=7)

@@ -1,6 +1,6 @@
 """Compile numba's loops once, before the test processes start; each would compile them anew.
 
-Two processes share the work: the simulator's loops take about as long as all others together.
+Two processes share the work: the dome's loops take about as long as all others together.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ several = (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0
 for name, parameters, indenters in (
     ("tactip-127", {}, several),
     ("tactip-127", {"tier": "green"}, several),
-    ("planar-grid", {}, several[:2]),
-    ("fitted-127", {}, (Indenter.plate(),)),
 ):
     spec = sensors[name]
     settings = spec.settings(parameters)
@@ -34,7 +32,7 @@ for name, parameters, indenters in (
 READERS = """
 import numpy as np
 from drawn_pins import presses
-from tactibench import Contacts, Grid
+from tactibench import Contacts, Grid, Indenter, Pose, Scene, SensorContext
 from tactibench.markers import PinTracker, pin_graph
 from tactibench.plugins.host import PluginHost
 
@@ -51,6 +49,10 @@ tracker = PinTracker(frames[0].rest)
 images = tracker.images(frames)
 xy, _ = tracker.track(images)
 tracker.retrack(images, xy)
+for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Indenter.plate())):
+    spec = PluginHost().sensors[name]
+    with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+        sensor.press(Scene(indenter, Pose(depth=2.0)))
 """
 
 SCRIPTS = {

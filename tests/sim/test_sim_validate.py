@@ -20,6 +20,8 @@ from tactibench_sim.mechanics.dome import TableMechanics, mechanics_for
 from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.reference_frames import scenes as reference
 
+pytestmark = pytest.mark.long
+
 SCENES = reference.shipped()
 BOUNDS_MM = {
     # (tier, group, deepest tip): (max, median) of pin bases. Still to be reached: 0.25 mm of

@@ -27,6 +27,8 @@ from tactibench.sweep.run import (
 )
 from tactibench.sweep.spec import Cell
 
+pytestmark = pytest.mark.long
+
 STORAGE = Storage(Path("runs"), Path("cache"))
 
 
