@@ -79,7 +79,7 @@ def main() -> None:
     sensor = spec.load()(
         SensorContext(np.random.SeedSequence(0)), **spec.settings({"noise": "false"})
     )
-    singles = draw_scenes(load_protocol("exp1").keys, "singles").scenes
+    singles = draw_scenes(load_protocol("exp1").spec, "singles").scenes
     with sensor:
         pins = PinTracker.of([sensor.rest()])
 

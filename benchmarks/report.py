@@ -77,8 +77,8 @@ def make(folder: Path, count: int, rng: np.random.Generator) -> None:
         )
         run = write_run(folder / "runs", made, parts)
         place = folder / "leaderboards" / FOLDER / record.protocol.id / f"{name}.json"
-        keys = load_protocol(record.protocol.id).keys
-        write_arrays(answers_file(place), {**predicted, **ranked_errors(keys, truth, predicted)})
+        spec = load_protocol(record.protocol.id).spec
+        write_arrays(answers_file(place), {**predicted, **ranked_errors(spec, truth, predicted)})
         place.write_text(text_of(compact(run.record)), encoding="utf-8")
 
 

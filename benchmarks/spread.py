@@ -38,10 +38,10 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     rng = np.random.default_rng(20260102)
-    keys = load_protocol("exp1").keys
+    spec = load_protocol("exp1").spec
     spec = PluginHost().sensors["tactip-127"]
     sensor = spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({}))
-    scenes = list(draw_scenes(keys, "singles").scenes[: LEARNED + HELD])
+    scenes = list(draw_scenes(spec, "singles").scenes[: LEARNED + HELD])
     alone = np.array([[[s.pose.x, s.pose.y, s.pose.depth]] for s in scenes])
     with sensor:
 
@@ -53,7 +53,7 @@ def main() -> None:
         for count in range(2, GROUPS + 1):
             contacts = free_contacts(options.presses, count, rng, APART_MM)
             sets.append((pressed([scene_of(c) for c in contacts]), contacts))
-    model = Superpose(ModelContext("contacts", keys.grid.grid(), keys.workspace.depth_max_mm))
+    model = Superpose(ModelContext("contacts", spec.grid.grid(), spec.workspace.depth_max_mm))
     truth = [Contacts.truth(one[:, :2], one[:, 2]) for one in alone[:LEARNED]]
     model.fit(frames[:LEARNED], truth, validation=([], []), rng=rng, progress=_silent())
     spread = Spread(np.zeros((GROUPS, 2, 4)))

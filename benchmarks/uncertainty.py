@@ -90,13 +90,13 @@ class Table:
 
 def scenes_of(stored: StoredRun, truth: Sequence[Contacts]) -> tuple[list[Scene], Any]:
     """The presses of a run, drawn again, and its sensor. Raises UserError for other presses."""
-    keys = load_protocol(stored.record.protocol.id).keys
+    spec = load_protocol(stored.record.protocol.id).spec
     spec = PluginHost().sensors[stored.record.sensor.name]
     if spec.needs_data:
         raise UserError(f"{stored.folder.name} has recorded frames, of which nobody knows a bound.")
     given = {name: str(value) for name, value in stored.record.sensor.parameters.items()}
     sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **spec.settings(given))
-    pressed = pressable(keys, sensor)
+    pressed = pressable(spec, sensor)
     names = [str(name).rpartition("-") for name in stored.arrays("truth")["press"]]
     draws = {name: draw_scenes(pressed, name).scenes for name in {draw for draw, _, _ in names}}
     scenes = [draws[draw][int(row)] for draw, _, row in names]
@@ -147,7 +147,7 @@ def tables(stored: StoredRun) -> dict[int, Table]:
     found = unpack_contacts(stored.arrays("predictions"))
     scenes, sensor = scenes_of(stored, truth)
     bound = bounds(sensor, scenes, truth)
-    gate = load_protocol(stored.record.protocol.id).keys.test.gate_mm
+    gate = load_protocol(stored.record.protocol.id).spec.test.gate_mm
     out = {}
     for count in sorted({len(true) for true in truth} - {0}):
         rows = [row for row, true in enumerate(truth) if len(true) == count]

@@ -50,7 +50,7 @@ def plan_presses(
     """
     if what.endswith(".jsonl"):
         return plan_of_file(Path(what), seed or 0, count)
-    protocol = load_protocol(what).keys
+    protocol = load_protocol(what).spec
     if seed is not None:
         protocol = protocol.model_copy(update={"data_seed": seed})
     return plan_of_protocol(protocol, sensor, count)

@@ -88,9 +88,9 @@ def fabricated(
         "created": f"2026-01-0{1 + seed}T00:00:00+00:00",
         "protocol": {
             "id": protocol,
-            "version": loaded.keys.version,
+            "version": loaded.spec.version,
             "hash": loaded.hash,
-            "title": loaded.keys.title,
+            "title": loaded.spec.title,
         },
         "model": {"name": model, "parameters": {"width": 16, **(settings or {})}},
         "regime": regime,

@@ -46,9 +46,9 @@ def shipped() -> dict[str, tuple[str, ...]]:
     """
     found = {}
     for name, path in sorted(protocol_files().items()):
-        keys = read_protocol(path).keys
-        more = PUBLISHED_NAMES if keys.answer == "plate" and keys.published.tables else ()
-        found[name] = (*keys.metrics.names, *more)
+        spec = read_protocol(path).spec
+        more = PUBLISHED_NAMES if spec.answer == "plate" and spec.published.tables else ()
+        found[name] = (*spec.metrics.names, *more)
     return found
 
 

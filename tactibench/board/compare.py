@@ -88,7 +88,7 @@ def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[
     refuse_unlike(runs)
     protocol = protocol_of(runs[0])
     measured = [_measure(run, distances) for run in runs]
-    seed = np.random.SeedSequence(protocol.keys.data_seed, spawn_key=(COMPARISON_STREAM,))
+    seed = np.random.SeedSequence(protocol.spec.data_seed, spawn_key=(COMPARISON_STREAM,))
     pairs = list(combinations(range(len(runs)), 2))
     streams = map(np.random.default_rng, seed.spawn(len(pairs)))
     found = [
@@ -124,10 +124,10 @@ def refuse_unlike(runs: Sequence[StoredRun]) -> None:
 
 
 def _measure(run: StoredRun, distances: bool) -> _Measured:
-    keys = protocol_of(run).keys
-    trials = trials_of(keys, run.arrays("truth"), run.arrays("predictions"))
+    spec = protocol_of(run).spec
+    trials = trials_of(spec, run.arrays("truth"), run.arrays("predictions"))
     means: dict[Cell, FloatArray] = {}
-    for metric in compared_metrics(trials, keys.metrics.names):
+    for metric in compared_metrics(trials, spec.metrics.names):
         groups = _groups(trials, metric, distances)
         table = press_means(metric, trials, groups)
         means |= {(metric, group): table[:, k] for k, group in enumerate(groups)}
@@ -209,10 +209,10 @@ def names_of(runs: Sequence[StoredRun]) -> list[str]:
 
 def left_out(runs: Sequence[StoredRun]) -> list[str]:
     """Return the metrics of the protocol that are no mean over presses."""
-    keys = protocol_of(runs[0]).keys
-    field = "plate_sample" if keys.answer == "plate" else "sample"
-    specs = [find_metric(name) for name in keys.metrics.names]
-    return [spec.name for spec in specs if spec.root or getattr(spec, field) is None]
+    spec = protocol_of(runs[0]).spec
+    field = "plate_sample" if spec.answer == "plate" else "sample"
+    metrics = [find_metric(name) for name in spec.metrics.names]
+    return [metric.name for metric in metrics if metric.root or getattr(metric, field) is None]
 
 
 def rows_of(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[dict[str, Any]]:

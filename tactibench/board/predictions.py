@@ -50,21 +50,21 @@ def answers_file(record_file: Path) -> Path:
 
 
 def ranked_errors(
-    keys: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
+    spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> Arrays:
     """Return arrays of the error that orders the board; empty where none does."""
-    if board_spec(keys.id).ranking is None:
+    if board_spec(spec.id).ranking is None:
         return {}
-    found = press_errors_of(keys, trials_of(keys, truth, predicted))
+    found = press_errors_of(spec, trials_of(spec, truth, predicted))
     return {f"{RANKED}press": found.press, f"{RANKED}error": found.error}
 
 
-def press_errors_of(keys: Protocol, trials: Trials | PlateTrials) -> PressErrors:
+def press_errors_of(spec: Protocol, trials: Trials | PlateTrials) -> PressErrors:
     """The error that orders the board of a protocol, which has one."""
-    by = board_spec(keys.id).ranking
+    by = board_spec(spec.id).ranking
     if by is None:
-        raise UserError(f"no error orders the board of {keys.id}, so it ranks nothing.")
-    group = by.group if keys.answer == "plate" else "all"  # elsewhere it is an axis, or all
+        raise UserError(f"no error orders the board of {spec.id}, so it ranks nothing.")
+    group = by.group if spec.answer == "plate" else "all"  # elsewhere it is an axis, or all
     error = press_means(by.metric, trials, (group,))[:, 0]
     known = np.isfinite(error)
     return PressErrors(np.unique(trials.press)[known], error[known])

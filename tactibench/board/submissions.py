@@ -88,7 +88,7 @@ def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
     protocol = None if path is None else read_protocol(path)
     if protocol is None or protocol.hash != stated.hash:
         return {}
-    return ranked_errors(protocol.keys, run.arrays("truth"), predicted)
+    return ranked_errors(protocol.spec, run.arrays("truth"), predicted)
 
 
 def press_errors(board: Path, record: Record) -> PressErrors | None:

@@ -64,9 +64,9 @@ def truth_of(
         UserError: where they cannot be made here.
     """
     options = _test_options(record, source)
-    if protocol.keys.transfer is not None and options.data is None:
+    if protocol.spec.transfer is not None and options.data is None:
         raise UserError(
-            f"{record.name}: the truth of {protocol.keys.id!r} is in the recording that was "
+            f"{record.name}: the truth of {protocol.spec.id!r} is in the recording that was "
             "tested, not in the one trained on; name the folder of the tested one with --data DIR."
         )
     sensor = _sensor(record, source)
@@ -74,7 +74,7 @@ def truth_of(
         protocol=protocol,
         regime=record.regime,
         sensor=sensor,
-        test_sensor=resolve_test_sensor(options, protocol.keys, sensor, source.host),
+        test_sensor=resolve_test_sensor(options, protocol.spec, sensor, source.host),
         cache=source.cache,
         data=source.data,
         test_data=options.data,
@@ -94,7 +94,7 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
     Raises:
         UserError: for other numbers than the protocol shows.
     """
-    transfer = protocol.keys.transfer
+    transfer = protocol.spec.transfer
     if transfer is None:
         return ()
     seen = record.data.of_tested_sensor
@@ -104,7 +104,7 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
             return counts
     raise UserError(
         f"{record.name} says that its model was shown {stated} labelled frames of the tested "
-        f"sensor; protocol {protocol.keys.id!r} shows none or {list(transfer.shots)} of them."
+        f"sensor; protocol {protocol.spec.id!r} shows none or {list(transfer.shots)} of them."
     )
 
 

@@ -106,11 +106,11 @@ def verify(
             f"{path} says that it was tested on {record.data.test} frames, but the "
             f"protocol tests {frames:,}."
         )
-    guarded = bool(protocol.keys.families)
-    check_answers(answers, protocol.keys.answer, frames * times, str(place), guarded=guarded)
-    again = score_arrays(protocol.keys, truth, answers, {})
+    guarded = bool(protocol.spec.families)
+    check_answers(answers, protocol.spec.answer, frames * times, str(place), guarded=guarded)
+    again = score_arrays(protocol.spec, truth, answers, {})
     stated = refuse_differences(record.metrics, again, str(path))
-    _refuse_ranked(ranked, ranked_errors(protocol.keys, truth, answers), place)
+    _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     kept = tuple(row for row in again if row.metric not in FROM_MAPS)
     return Verdict(path, record, frames, kept, stated)
 
@@ -131,7 +131,7 @@ def _protocol(record: Record, path: Path) -> LoadedProtocol:
             f"{did_you_mean(stated.id, files)}"
         )
     protocol = read_protocol(files[stated.id])
-    if (stated.version, stated.hash) != (protocol.keys.version, protocol.hash):
+    if (stated.version, stated.hash) != (protocol.spec.version, protocol.hash):
         raise UserError(
             f"{path} answers {stated.label} ({stated.hash[:8]}), but the "
             f"present one is {protocol.label} ({protocol.hash[:8]}); run the protocol again."

@@ -239,13 +239,13 @@ def hidden(protocol: str, board_folder: Path) -> None:
     from tactibench.records.files import atomic
 
     loaded = load_protocol(protocol)
-    if loaded.keys.split is None:
+    if loaded.spec.split is None:
         raise UserError(
-            f"protocol {loaded.keys.id!r} takes recorded presses, which no seed draws; take one "
+            f"protocol {loaded.spec.id!r} takes recorded presses, which no seed draws; take one "
             "that draws its presses."
         )
     seed = given_seed(loaded)
-    path = commitment_file(loaded.keys.id, board_folder / "hidden")
+    path = commitment_file(loaded.spec.id, board_folder / "hidden")
     if path.exists():
         if read_commitment(path) == seed.commitment:
             click.echo(f"{path} holds the hash of this seed already")

@@ -77,20 +77,20 @@ def _show_protocol(name: str) -> None:
     from tactibench.protocols.loader import load_protocol
 
     protocol = load_protocol(name)
-    keys = protocol.keys
-    click.echo(f"protocol {protocol.label}: {keys.title}")
+    spec = protocol.spec
+    click.echo(f"protocol {protocol.label}: {spec.title}")
     click.echo(f"  hash      {protocol.hash}")
-    click.echo(f"  asks for  {keys.answer}")
-    for draw in keys.draws:
+    click.echo(f"  asks for  {spec.answer}")
+    for draw in spec.draws:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
         click.echo(f"  draw      {draw.name}: {count:,} {draw.indenter} presses")
-    for regime, extra in keys.regimes.items():
+    for regime, extra in spec.regimes.items():
         click.echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
-    for axis in keys.axes:
+    for axis in spec.axes:
         click.echo(f"  {_family(axis)}")
-    click.echo(f"  tested on {', '.join(keys.test.sets)}; gate {keys.test.gate_mm} mm")
-    click.echo(f"  metrics   {', '.join(keys.metrics.names)}")
-    click.echo(f"  published {', '.join(keys.published.tables)}")
+    click.echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
+    click.echo(f"  metrics   {', '.join(spec.metrics.names)}")
+    click.echo(f"  published {', '.join(spec.published.tables)}")
 
 
 def _family(axis: Axis) -> str:

@@ -110,8 +110,8 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     axes: tuple[Axis, ...] = ()
     if record.protocol.id in files:
         protocol = read_protocol(files[record.protocol.id])
-        names = protocol.keys.published.tables
-        axes = protocol.keys.axes if protocol.hash == record.protocol.hash else ()
+        names = protocol.spec.published.tables
+        axes = protocol.spec.axes if protocol.hash == record.protocol.hash else ()
     published = load_published(names, shipped_folder("published"))
     records = [other.record for other in others]
     print_run(terminal.out, record, run.folder / RECORD, published, records, axes)

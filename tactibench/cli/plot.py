@@ -197,7 +197,7 @@ def stability(
     from tactibench.report.plot_tables import stability_rows
     from tactibench.report.writers.terminal import print_table
 
-    axes = load_protocol(protocol).keys.axes
+    axes = load_protocol(protocol).spec.axes
     if not axes:
         raise UserError(f"{protocol} has no families of hard cases; take stability.")
     section = _section(whole(gather_records(protocol, board_folder, runs)), sensor, protocol)

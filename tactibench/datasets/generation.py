@@ -132,7 +132,7 @@ class GenerationRequest:
             return plan, replace(source, request=request)
         assert self.protocol is not None, "checked above"  # noqa: S101
         loaded = load_protocol(self.protocol)
-        protocol = loaded.keys
+        protocol = loaded.spec
         if self.seed is not None:
             protocol = protocol.model_copy(update={"data_seed": self.seed})
         sensor = source.build(SensorContext(np.random.SeedSequence(0)))
@@ -148,7 +148,7 @@ class GenerationRequest:
         """
         name = self.sensor
         if name is None and self.protocol is not None:
-            name = load_protocol(self.protocol).keys.defaults.sensor
+            name = load_protocol(self.protocol).spec.defaults.sensor
         name = name or DEFAULT_SENSOR
         spec = PluginHost().sensors[name]
         if spec.needs_data:

@@ -349,7 +349,7 @@ def published_frames(
 
     None where it has not.
     """
-    published, recorded = protocol.test_frames, protocol.keys.recorded
+    published, recorded = protocol.test_frames, protocol.spec.recorded
     if not published or recorded is None or recorded.test_frames_size is None or image is None:
         return None
     same = set(published) < set(names) and tuple(image) == recorded.test_frames_size

@@ -36,7 +36,7 @@ def services(recording: Recording) -> list[Service]:
     scenes, presses = [scene for scene, _ in labelled], [press for _, press in labelled]
     found = []
     for name in sorted(protocol_files()):
-        protocol = load_protocol(name).keys
+        protocol = load_protocol(name).spec
         if protocol.recorded is not None:
             served, reason = _plates(recording, scenes)
         else:

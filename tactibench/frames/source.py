@@ -70,7 +70,7 @@ class FrameRequest:
     @property
     def spec(self) -> Protocol:
         """Return the validated protocol."""
-        return self.protocol.keys
+        return self.protocol.spec
 
     @property
     def tested(self) -> BoundSpec[SensorSpec]:

@@ -74,12 +74,12 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     Apart from ``read_protocol``, which imports nothing that the metrics compute with.
     Raises UserError with the close match.
     """
-    keys = protocol.keys
-    kind = "plates" if keys.answer == "plate" else "contacts"
-    for name in keys.metrics.names:
+    spec = protocol.spec
+    kind = "plates" if spec.answer == "plate" else "contacts"
+    for name in spec.metrics.names:
         if name in FAMILIES and getattr(find_metric(name), kind) is not None:
             continue
-        fitting = [other for other, spec in all_metrics().items() if getattr(spec, kind)]
+        fitting = [other for other, metric in all_metrics().items() if getattr(metric, kind)]
         raise UserError(
             f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
             f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"

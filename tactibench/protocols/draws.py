@@ -101,11 +101,11 @@ def _candidate(
     return Scene(Indenter.triple((a, b, c), draw.side_mm or 0.0, draw.radius_mm), pose)
 
 
-def draw_plates(keys: Protocol, plates: Plates) -> SceneSet:
+def draw_plates(spec: Protocol, plates: Plates) -> SceneSet:
     """All training presses of a plate: the same for equal keys and data seed, on every machine."""
-    seed = np.random.SeedSequence(keys.data_seed, spawn_key=(plates.stream,))
+    seed = np.random.SeedSequence(spec.data_seed, spawn_key=(plates.stream,))
     rng = np.random.default_rng(seed)
-    space = keys.workspace
+    space = spec.workspace
     depth = rng.uniform(space.depth_min_mm, space.depth_max_mm, plates.count)
     tilt = rng.uniform(-plates.tilt_deg, plates.tilt_deg, plates.count)
     return SceneSet(
@@ -117,16 +117,16 @@ def draw_plates(keys: Protocol, plates: Plates) -> SceneSet:
     )
 
 
-def draw_shots(keys: Protocol, pool: int) -> tuple[int, ...]:
+def draw_shots(spec: Protocol, pool: int) -> tuple[int, ...]:
     """Return the numbers of the labelled frames among ``pool`` frames.
 
     The first k are given for k labelled frames. Empty where the protocol transfers nothing.
     """
-    if keys.transfer is None:
+    if spec.transfer is None:
         return ()
-    seed = np.random.SeedSequence(keys.data_seed, spawn_key=(keys.transfer.stream,))
+    seed = np.random.SeedSequence(spec.data_seed, spawn_key=(spec.transfer.stream,))
     order = np.random.default_rng(seed).permutation(pool)
-    return tuple(order[: max(keys.transfer.shots)].tolist())
+    return tuple(order[: max(spec.transfer.shots)].tolist())
 
 
 class SensorShape(StructuralType):
@@ -141,21 +141,21 @@ class SensorShape(StructuralType):
         """Deepest press that the sensor stands."""
 
 
-def pressable(keys: Protocol, sensor: SensorShape) -> Protocol:
+def pressable(spec: Protocol, sensor: SensorShape) -> Protocol:
     """Protocol whose presses are drawn: on the sensor's surface, as deep as it can be pressed.
 
     A sensor that does not say leaves the protocol as it is. Raises UserError for one that cannot be
     pressed as deep as the protocol's shallowest tip.
     """
-    workspace = keys.workspace
+    workspace = spec.workspace
     deepest = min(workspace.depth_max_mm, sensor.deepest_mm)
     if not deepest > workspace.depth_min_mm:
         raise UserError(
-            f"the sensor can be pressed {sensor.deepest_mm:g} mm deep, but protocol {keys.id!r} "
+            f"the sensor can be pressed {sensor.deepest_mm:g} mm deep, but protocol {spec.id!r} "
             f"presses {workspace.depth_min_mm:g} mm and more; take another sensor."
         )
     radius = sensor.dome_radius_mm
     if radius is None:
         radius = workspace.dome_radius_mm
     shape = {"dome_radius_mm": radius, "depth_max_mm": deepest}
-    return keys.model_copy(update={"workspace": workspace.model_copy(update=shape)})
+    return spec.model_copy(update={"workspace": workspace.model_copy(update=shape)})

@@ -70,7 +70,7 @@ def committed_seed(protocol: LoadedProtocol, folder: Path | None = None) -> Hidd
     folder: of the published hashes; None: those that ship with tactibench.
     """
     seed = given_seed(protocol)
-    path = commitment_file(protocol.keys.id, folder)
+    path = commitment_file(protocol.spec.id, folder)
     published = read_commitment(path)
     if published != seed.commitment:
         raise UserError(
@@ -105,8 +105,8 @@ def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed) -> str:
     """Return the text of the file that publishes the hash of a seed."""
     return (
         f"# Hash of the hidden seed of {protocol.label}; the seed itself is told to scorers only.\n"
-        f'protocol = "{protocol.keys.id}"\n'
-        f"version = {protocol.keys.version}\n"
+        f'protocol = "{protocol.spec.id}"\n'
+        f"version = {protocol.spec.version}\n"
         f'protocol_hash = "{protocol.hash}"\n'
         f'sha256 = "{seed.commitment}"\n'
     )

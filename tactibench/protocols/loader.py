@@ -23,7 +23,7 @@ class LoadedProtocol:
     hash: sha256 of the file with line feeds at every line's end, and of test_frames.
     """
 
-    keys: Protocol
+    spec: Protocol
     path: Path
     test_frames: tuple[str, ...]
     hash: str
@@ -31,7 +31,7 @@ class LoadedProtocol:
     @property
     def label(self) -> str:
         """Name with version, as "exp1@1"."""
-        return f"{self.keys.id}@{self.keys.version}"
+        return f"{self.spec.id}@{self.spec.version}"
 
 
 def protocol_files() -> dict[str, Path]:
@@ -44,8 +44,8 @@ def protocol_titles() -> dict[str, tuple[int, str]]:
     """Return name -> version and title, read without validating (for listings)."""
     titles = {}
     for name, path in protocol_files().items():
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
-        titles[name] = (int(keys["version"]), str(keys["title"]))
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        titles[name] = (int(tables["version"]), str(tables["title"]))
     return titles
 
 
@@ -75,16 +75,16 @@ def read_protocol(path: Path) -> LoadedProtocol:
     except (ValueError, RecursionError) as error:  # TOML's and Unicode's errors are ValueErrors
         raise UserError(f"protocol file {path} is not valid TOML: {error}.") from None
     try:
-        keys = Protocol.model_validate(tables)
+        spec = Protocol.model_validate(tables)
     except ValidationError as error:
         from tactibench.protocols.mistakes import first_mistake
 
         raise UserError(f"protocol file {path}: {first_mistake(error, Protocol)}") from None
-    names = _test_frames(path, keys)
+    names = _test_frames(path, spec)
     digest = hashlib.sha256(raw.replace(b"\r\n", b"\n"))
     for name in names:
         digest.update(name.encode() + b"\n")
-    return LoadedProtocol(keys, path, names, digest.hexdigest())
+    return LoadedProtocol(spec, path, names, digest.hexdigest())
 
 
 def _bytes(path: Path) -> bytes:
@@ -98,8 +98,8 @@ def _bytes(path: Path) -> bytes:
         raise UserError(f"protocol file {path} cannot be read: {error}.") from None
 
 
-def _test_frames(path: Path, keys: Protocol) -> tuple[str, ...]:
-    recorded: Any = keys.recorded
+def _test_frames(path: Path, spec: Protocol) -> tuple[str, ...]:
+    recorded: Any = spec.recorded
     if recorded is None or recorded.test_frames is None:
         return ()
     listed = path.parent / recorded.test_frames

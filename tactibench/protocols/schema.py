@@ -216,23 +216,23 @@ class Protocol(Strict):
         return self
 
 
-def contradictions(keys: Protocol) -> Iterator[str]:
+def contradictions(spec: Protocol) -> Iterator[str]:
     """Yield the rules that a protocol breaks, most telling first."""
-    if (keys.split is None) == (keys.recorded is None):
+    if (spec.split is None) == (spec.recorded is None):
         yield "exactly one of [split] and [recorded] is needed"
-    yield from _repeated("draws", (draw.name for draw in keys.draws))
-    yield from _repeated("test.sets", keys.test.sets)
-    yield from _repeated("metrics.names", keys.metrics.names)
-    streams = Counter([*(d.stream for d in keys.draws), *(f.stream for f in keys.families)])
+    yield from _repeated("draws", (draw.name for draw in spec.draws))
+    yield from _repeated("test.sets", spec.test.sets)
+    yield from _repeated("metrics.names", spec.metrics.names)
+    streams = Counter([*(d.stream for d in spec.draws), *(f.stream for f in spec.families)])
     if streams and max(streams.values()) > 1:
-        kind = "draws or families" if keys.families else "draws"
+        kind = "draws or families" if spec.families else "draws"
         yield f"two {kind} take the same stream: they would share presses"
-    yield from _about_families(keys)
-    if keys.recorded is not None:
-        yield from _about_recorded(keys)
-    if keys.split is not None:
-        yield from _about_drawn(keys, keys.split)
-    yield from _about_transfer(keys)
+    yield from _about_families(spec)
+    if spec.recorded is not None:
+        yield from _about_recorded(spec)
+    if spec.split is not None:
+        yield from _about_drawn(spec, spec.split)
+    yield from _about_transfer(spec)
 
 
 def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
@@ -241,43 +241,43 @@ def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
             yield f"{key} holds {name!r} {count} times; it must hold it once"
 
 
-def _about_recorded(keys: Protocol) -> Iterator[str]:
-    if keys.draws:
+def _about_recorded(spec: Protocol) -> Iterator[str]:
+    if spec.draws:
         yield "a protocol of recorded presses draws none: leave out either [recorded] or [[draws]]"
-    if any(keys.regimes.values()):
+    if any(spec.regimes.values()):
         yield "a protocol of recorded presses has no draws to add to a regime: leave them empty"
-    if keys.test.sets != (RECORDED,) or keys.test.catch is not None:
+    if spec.test.sets != (RECORDED,) or spec.test.catch is not None:
         yield f"a protocol of recorded presses tests sets = [{RECORDED!r}] and has no catch trials"
-    if keys.test.group != "all":
+    if spec.test.group != "all":
         yield "a protocol of recorded presses has group = 'all'"
 
 
-def _about_transfer(keys: Protocol) -> Iterator[str]:
+def _about_transfer(spec: Protocol) -> Iterator[str]:
     for name in ("plates", "transfer"):
-        if getattr(keys, name) is not None and (keys.recorded is None or keys.answer != "plate"):
+        if getattr(spec, name) is not None and (spec.recorded is None or spec.answer != "plate"):
             yield f"[{name}] belongs to a protocol with [recorded] and answer = 'plate'"
-    if keys.transfer is None:
-        if keys.plates is not None:
+    if spec.transfer is None:
+        if spec.plates is not None:
             yield "[plates] is what is trained on where [transfer] is tested: add [transfer]"
         return
-    if keys.plates is not None and keys.plates.stream == keys.transfer.stream:
+    if spec.plates is not None and spec.plates.stream == spec.transfer.stream:
         yield "[plates] and [transfer] take the same stream: they would share random numbers"
-    if keys.recorded is not None and keys.recorded.test_frames is not None:
+    if spec.recorded is not None and spec.recorded.test_frames is not None:
         yield "a protocol with [transfer] tests on folders of any kind: leave out test_frames"
 
 
-def _about_drawn(keys: Protocol, split: Split) -> Iterator[str]:
-    if keys.answer == "plate":
+def _about_drawn(spec: Protocol, split: Split) -> Iterator[str]:
+    if spec.answer == "plate":
         yield "answer = 'plate' needs [recorded]: no draw presses a plate"
-    names = [draw.name for draw in keys.draws]
-    trained = [name for draws in keys.regimes.values() for name in draws]
-    catch = [] if keys.test.catch is None else [keys.test.catch]
-    tested = () if keys.families else keys.test.sets
+    names = [draw.name for draw in spec.draws]
+    trained = [name for draws in spec.regimes.values() for name in draws]
+    catch = [] if spec.test.catch is None else [spec.test.catch]
+    tested = () if spec.families else spec.test.sets
     for name in (split.draw, *trained, *tested, *catch):
         if name not in names:
             yield f"no draw is named {name!r}; {_near(name, names)}"
             return
-    for regime, draws in keys.regimes.items():
+    for regime, draws in spec.regimes.items():
         yield from _repeated(f"regimes.{regime}", draws)
         if split.draw in draws:
             yield (
@@ -285,9 +285,9 @@ def _about_drawn(keys: Protocol, split: Split) -> Iterator[str]:
                 "split is always in it"
             )
     for name in trained:
-        if name in keys.test.sets:
+        if name in spec.test.sets:
             yield f"draw {name!r} is both trained on and tested"
-    base = keys.draw(split.draw)
+    base = spec.draw(split.draw)
     if base.count is None:
         yield f"the split divides draw {base.name!r}, which must have a count"
     elif split.test + split.validation >= base.count:
@@ -295,41 +295,41 @@ def _about_drawn(keys: Protocol, split: Split) -> Iterator[str]:
             f"the split takes {split.test} test and {split.validation} validation presses of the "
             f"{base.count} of draw {base.name!r}, which leaves none to train on"
         )
-    if not keys.families:
-        yield from _about_test(keys, catch)
-    for draw in keys.draws:
-        if draw.span_mm > keys.workspace.diagonal_mm:
+    if not spec.families:
+        yield from _about_test(spec, catch)
+    for draw in spec.draws:
+        if draw.span_mm > spec.workspace.diagonal_mm:
             yield (
                 f"draw {draw.name!r} has tips {draw.span_mm} mm apart, but the workspace is "
-                f"{keys.workspace.diagonal_mm:.1f} mm across"
+                f"{spec.workspace.diagonal_mm:.1f} mm across"
             )
 
 
-def _about_families(keys: Protocol) -> Iterator[str]:
-    if not keys.families:
-        if keys.cases is not None:
+def _about_families(spec: Protocol) -> Iterator[str]:
+    if not spec.families:
+        if spec.cases is not None:
             yield "[cases] is about [[families]], but there are none: add some, or leave it out"
-        if keys.test.group == "case":
+        if spec.test.group == "case":
             yield "test.group = 'case' needs [[families]]"
         return
-    names = [family.name for family in keys.families]
+    names = [family.name for family in spec.families]
     yield from _repeated("families", names)
-    if keys.split is None:
+    if spec.split is None:
         yield "[[families]] are pressed by a sensor: a protocol with them needs [split]"
-    if keys.test.sets != (FAMILIES,) or keys.test.group != "case" or keys.test.catch is not None:
+    if spec.test.sets != (FAMILIES,) or spec.test.group != "case" or spec.test.catch is not None:
         yield (
             f"a protocol with [[families]] tests sets = [{FAMILIES!r}], has group = 'case' and no "
             "catch trials"
         )
-    if keys.cases is None:
+    if spec.cases is None:
         yield "[[families]] need [cases], which says how many presses a case has"
         return
-    base = next((one for one in keys.families if one.name == keys.cases.base), None)
+    base = next((one for one in spec.families if one.name == spec.cases.base), None)
     if base is None:
-        yield f"cases.base: no family is named {keys.cases.base!r}; {_near(keys.cases.base, names)}"
+        yield f"cases.base: no family is named {spec.cases.base!r}; {_near(spec.cases.base, names)}"
     elif base.press is None or len(base.pressed_values) != 1:
         yield f"cases.base {base.name!r} must press scenes and have one value and no easy one"
-    elif base.sensor or (base.presses or keys.cases.presses) < keys.cases.presses:
+    elif base.sensor or (base.presses or spec.cases.presses) < spec.cases.presses:
         yield (
             f"cases.base {base.name!r} must be pressed by the sensor as it is, and as often as any "
             "case: faults are done to its frames"
@@ -340,13 +340,13 @@ def _near(name: str, names: list[str]) -> str:
     return did_you_mean(name, names).rstrip(".")
 
 
-def _about_test(keys: Protocol, catch: list[str]) -> Iterator[str]:
+def _about_test(spec: Protocol, catch: list[str]) -> Iterator[str]:
     for name in catch:
-        if name not in keys.test.sets:
+        if name not in spec.test.sets:
             yield f"test.catch {name!r} must be one of test.sets"
-        if keys.draw(name).indenter != "single":
+        if spec.draw(name).indenter != "single":
             yield f"test.catch {name!r} must be a draw of single presses"
-    if keys.test.group == "distance":
-        for name in keys.test.sets:
-            if name not in catch and keys.draw(name).indenter != "dual":
+    if spec.test.group == "distance":
+        for name in spec.test.sets:
+            if name not in catch and spec.draw(name).indenter != "dual":
                 yield f"test.group = 'distance' needs dual presses, which draw {name!r} has not"

@@ -36,7 +36,7 @@ def split_presses(count: int, split: Split, data_seed: int) -> PressSplit:
 
 
 def split_recorded(
-    names: Sequence[str], keys: Recorded, data_seed: int, published: Sequence[str] | None
+    names: Sequence[str], spec: Recorded, data_seed: int, published: Sequence[str] | None
 ) -> PressSplit:
     """Divide recorded presses; ``published`` test frames are taken as they are.
 
@@ -47,10 +47,10 @@ def split_recorded(
         test = [index[name] for name in published]
         left = sorted(set(range(len(names))) - set(test))
         order = np.array(left, dtype=np.int64)[_permutation(len(left), data_seed)]
-        parts = _parts(order, 0, round(keys.validation_share * len(left)))
+        parts = _parts(order, 0, round(spec.validation_share * len(left)))
         return _trainable(PressSplit(parts.fit, parts.validation, tuple(sorted(test))), len(names))
-    test_count = round(keys.test_share * len(names))
-    validation = round(keys.validation_share * (len(names) - test_count))
+    test_count = round(spec.test_share * len(names))
+    validation = round(spec.validation_share * (len(names) - test_count))
     order = _permutation(len(names), data_seed)
     return _trainable(_parts(order, test_count, validation), len(names))
 

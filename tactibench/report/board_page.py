@@ -131,7 +131,7 @@ def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTab
     """Return the published tables of a protocol: the board's own, or those of the package."""
     own = board / "published"
     folder = own if own.is_dir() else shipped_folder("published")
-    return load_published(protocol.keys.published.tables, folder)
+    return load_published(protocol.spec.published.tables, folder)
 
 
 def _page_file(board: Path, name: str, file: Path) -> PageFile:
@@ -158,7 +158,7 @@ def board_page(
         published: Tables of papers.
         errors: Press by press, of the records that have predictions beside them.
     """
-    name = protocol.keys.id
+    name = protocol.spec.id
     spec = board_spec(name)
     sections = tuple(
         _page_section(spec, section, protocol, records, errors)
@@ -168,7 +168,7 @@ def board_page(
     if not sections:
         text = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
         intro.append(prose(text))
-    title = f"{name}: {protocol.keys.title}"
+    title = f"{name}: {protocol.spec.title}"
     return BoardPage(title, tuple(intro), sections, tuple(published_blocks(name, published)))
 
 
@@ -189,7 +189,7 @@ def _page_section(
     records: Iterable[Record],
     errors: Errors,
 ) -> PageSection:
-    name, first = protocol.keys.id, section.record
+    name, first = protocol.spec.id, section.record
     rows = ordered(name, section.rows)
     blocks: list[Block | None] = [
         *_other_version(first, protocol),
@@ -199,7 +199,7 @@ def _page_section(
     ranked = ranks(name, rows, errors)
     for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):
         blocks.append(metric_table(table, rows, None if k else ranked))
-    blocks += hard_case_blocks(rows, protocol.keys.axes)
+    blocks += hard_case_blocks(rows, protocol.spec.axes)
     learning: tuple[Curve, ...] = ()
     if spec.ranking is not None:
         here = [r for r in records if section_key(r) == section_key(first)]

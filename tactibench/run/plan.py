@@ -47,7 +47,7 @@ class RunPlan:
     @property
     def spec(self) -> Protocol:
         """Return the validated protocol."""
-        return self.protocol.keys
+        return self.protocol.spec
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -114,7 +114,7 @@ class RunPlan:
 def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     """Resolve a request. Raises UserError for anything that does not exist or fit."""
     protocol = load_protocol(request.protocol)
-    spec, test = protocol.keys, request.test
+    spec, test = protocol.spec, request.test
     data_folder(request.data)
     components = resolve_components(request, spec, host)
     if test or spec.transfer is not None or components.sensor.spec.reference_of:

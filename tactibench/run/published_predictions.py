@@ -78,15 +78,15 @@ def find_published(
     Raises:
         UserError: for a given file that is not one of those that were published.
     """
-    tables = load_published(protocol.keys.published.tables, shipped_folder("published"))
+    tables = load_published(protocol.spec.published.tables, shipped_folder("published"))
     rows = [
         (table.name, row.model, row.released)
         for table in tables
-        for row in rows_for(protocol.keys.id, table)
+        for row in rows_for(protocol.spec.id, table)
         if row.released is not None
     ]
     if given is not None:
-        _check_given(given, rows, protocol.keys.id)
+        _check_given(given, rows, protocol.spec.id)
         paths = [given]
     else:
         places = [] if data is None else [data, *data.resolve().parents[:_PARENTS]]

@@ -119,7 +119,7 @@ def rescore(run: StoredRun) -> Record:
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
     if arrays_hash(predicted) != run.record.identity.predictions_hash:
         raise UserError(f"the predictions in {run.folder} are not those of its record.")
-    metrics = score_arrays(protocol.keys, truth, predicted, run.arrays("maps"))
+    metrics = score_arrays(protocol.spec, truth, predicted, run.arrays("maps"))
     return run.record.model_copy(update={"metrics": metrics})
 
 

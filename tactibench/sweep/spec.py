@@ -301,7 +301,7 @@ def _check_names(file: SweepFile, host: PluginHost) -> None:
     for text in spec.protocol:
         known = text in protocol_files() or text.endswith(".toml")
         loaded = load_protocol(resolve_protocol(file, text) if known else text)
-        regimes |= dict.fromkeys(loaded.keys.regimes)
+        regimes |= dict.fromkeys(loaded.spec.regimes)
     for catalogue, texts in (
         (host.models, spec.model),
         (host.encoders, spec.encoder),

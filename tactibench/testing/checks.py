@@ -95,7 +95,7 @@ def subject_of(
         return _model_subject(title, host, name, given, sensor, encoder)
     values = spec.settings(given.get(kind, {}))
     if kind == "encoder":
-        grid = load_protocol(PROTOCOL).keys.grid.grid()
+        grid = load_protocol(PROTOCOL).spec.grid.grid()
         return EncoderSubject(title, spec, values, grid)
     if spec.needs_data and data is None:
         raise UserError(
@@ -115,7 +115,7 @@ def _model_subject(
         own.setdefault("epochs", EPOCHS)
     trained_through: tuple[EncoderSpec, Mapping[str, Value]] | None = None
     if spec.uses_encoder:
-        default = spec.default_encoder or load_protocol(PROTOCOL).keys.defaults.encoder
+        default = spec.default_encoder or load_protocol(PROTOCOL).spec.defaults.encoder
         encoder_spec = host.encoders[encoder or default]
         if encoder_spec.kind not in spec.encoders:
             raise UserError(

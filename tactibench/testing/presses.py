@@ -75,7 +75,7 @@ class SensorPresses:
         Raises:
             UserError: For an unknown sensor, and for one that needs data of its own.
         """
-        protocol = load_protocol(PROTOCOL).keys
+        protocol = load_protocol(PROTOCOL).spec
         spec = host.sensors[name or protocol.defaults.sensor]
         if spec.needs_data or spec.reference_of:
             raise UserError(

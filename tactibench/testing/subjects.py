@@ -227,7 +227,7 @@ class SensorSubject:
     @cached_property
     def protocol(self) -> Protocol:
         """The protocol whose presses are drawn, on the sensor's own surface."""
-        return pressable(load_protocol(PROTOCOL).keys, self.unopened)
+        return pressable(load_protocol(PROTOCOL).spec, self.unopened)
 
     @cached_property
     def scenes(self) -> tuple[Scene, ...]:

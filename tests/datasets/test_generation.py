@@ -156,31 +156,31 @@ def test_another_sensor_does_not_go_on(
 
 
 def shrunk(name: str) -> Protocol:
-    keys = load_protocol(name).keys
+    spec = load_protocol(name).spec
     draws = tuple(
         draw.model_copy(update={"count": 20} if draw.count else {"per_distance": 2})
-        for draw in keys.draws
+        for draw in spec.draws
     )
-    assert keys.split is not None
-    split = keys.split.model_copy(update={"test": 4, "validation": 3})
-    return keys.model_copy(update={"draws": draws, "split": split})
+    assert spec.split is not None
+    split = spec.split.model_copy(update={"test": 4, "validation": 3})
+    return spec.model_copy(update={"draws": draws, "split": split})
 
 
 @pytest.mark.parametrize("name", ["exp1", "exp2", "exp3"])
 @pytest.mark.parametrize("count", [None, 2])
 def test_all_that_a_protocol_needs_is_pressed(name: str, count: int | None) -> None:
-    keys = shrunk(name)
-    asked = plan_of_protocol(keys, StubSensor(), count)
+    spec = shrunk(name)
+    asked = plan_of_protocol(spec, StubSensor(), count)
     every = list(asked)
     assert [press.id for press in every] == list(range(len(every)))
     assert len({press.name for press in every}) == len(every)
-    assert set(asked.splits) == {f"{name}-{regime}" for regime in keys.regimes}
-    for regime, extra in keys.regimes.items():
+    assert set(asked.splits) == {f"{name}-{regime}" for regime in spec.regimes}
+    for regime, extra in spec.regimes.items():
         split = asked.splits[f"{name}-{regime}"]
         draws = {part: {every[n].draw for n in ids} for part, ids in split.items()}
-        assert draws["train"] == {keys.split.draw, *extra}  # type: ignore[union-attr]
-        assert draws["validation"] == {keys.split.draw}  # type: ignore[union-attr]
-        assert draws["test"] == set(keys.test.sets)
+        assert draws["train"] == {spec.split.draw, *extra}  # type: ignore[union-attr]
+        assert draws["validation"] == {spec.split.draw}  # type: ignore[union-attr]
+        assert draws["test"] == set(spec.test.sets)
         flat = [number for ids in split.values() for number in ids]
         assert len(flat) == len(set(flat))
         assert len(split["validation"]) == (count or 3)
@@ -190,7 +190,7 @@ def test_all_that_a_protocol_needs_is_pressed(name: str, count: int | None) -> N
 
 def test_a_protocol_without_draws_is_refused() -> None:
     with pytest.raises(UserError, match="'surface' takes the presses of a recorded folder"):
-        plan_of_protocol(load_protocol("surface").keys, StubSensor(), None)
+        plan_of_protocol(load_protocol("surface").spec, StubSensor(), None)
 
 
 def test_a_plan_file_says_what_plan_jsonl_says(tmp_path: Path, small: PressPlan) -> None:

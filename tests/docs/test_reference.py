@@ -66,7 +66,7 @@ def test_every_metric_that_a_record_can_hold_is_on_the_page_and_no_other(
     can_hold = {
         name
         for path in protocol_files().values()
-        for name in read_protocol(path).keys.metrics.names
+        for name in read_protocol(path).spec.metrics.names
     }
     committed = {
         name

@@ -17,7 +17,7 @@ from tactibench.protocols.families import NEEDS, Family, Press
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol, Workspace
 
-KEYS: Protocol = load_protocol("stability").keys
+KEYS: Protocol = load_protocol("stability").spec
 SPACE: Workspace = KEYS.workspace
 PRESSED = [family.name for family in KEYS.families if family.press]
 
@@ -66,7 +66,7 @@ def test_plain_presses_are_those_that_exp1_could_have_drawn() -> None:
     from tactibench.frames.matching import could_be_drawn
     from tactibench.protocols.draws import fits
 
-    exp1 = load_protocol("exp1").keys
+    exp1 = load_protocol("exp1").spec
     made = [scene("plain", 0, k) for k in range(50)]
     assert all(fits(one, exp1.workspace) for one in made)
     assert all(could_be_drawn(one, exp1.draw("singles"), exp1.workspace) for one in made)

@@ -15,15 +15,15 @@ from tactibench.frames.recorded import divide_by_parts
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.loader import load_protocol
 
-EXP1, EXP2, EXP3 = (load_protocol(name).keys for name in ("exp1", "exp2", "exp3"))
+EXP1, EXP2, EXP3 = (load_protocol(name).spec for name in ("exp1", "exp2", "exp3"))
 SINGLE = Scene(Indenter.single(), Pose(1.0, 2.0, depth=3.0))
 
 
-@pytest.mark.parametrize("keys", [EXP1, EXP2, EXP3])
-def test_what_a_protocol_draws_matches_its_draw(keys):
-    for draw in keys.draws:
-        for scene in draw_scenes(keys, draw.name).scenes[:40]:
-            assert could_be_drawn(scene, draw, keys.workspace)
+@pytest.mark.parametrize("spec", [EXP1, EXP2, EXP3])
+def test_what_a_protocol_draws_matches_its_draw(spec):
+    for draw in spec.draws:
+        for scene in draw_scenes(spec, draw.name).scenes[:40]:
+            assert could_be_drawn(scene, draw, spec.workspace)
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from tactibench.protocols.draws import PATIENCE, SceneSet, draw_scenes, fits
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
 
-EXPERIMENTS = {name: load_protocol(name).keys for name in ("exp1", "exp2", "exp3")}
-DRAWS = {(name, draw.name) for name, keys in EXPERIMENTS.items() for draw in keys.draws}
+EXPERIMENTS = {name: load_protocol(name).spec for name in ("exp1", "exp2", "exp3")}
+DRAWS = {(name, draw.name) for name, spec in EXPERIMENTS.items() for draw in spec.draws}
 DRAWN = {(name, draw): draw_scenes(EXPERIMENTS[name], draw) for name, draw in sorted(DRAWS)}
 
 
@@ -28,11 +28,11 @@ def tips(scene: Scene) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "draw"), sorted(DRAWS))
 def test_every_tip_touches_inside_the_ranges(name: str, draw: str) -> None:
-    keys, drawn = EXPERIMENTS[name], DRAWN[name, draw]
+    spec, drawn = EXPERIMENTS[name], DRAWN[name, draw]
     count = {"singles": 5000, "pairs": 1200, "catch": 120}.get(draw, 1000)
     assert len(drawn.scenes) == count
     for scene in drawn.scenes:
-        truth = true_contacts(scene, keys.workspace.dome_radius_mm)
+        truth = true_contacts(scene, spec.workspace.dome_radius_mm)
         assert len(truth) == {"single": 1, "dual": 2, "triple": 3}[scene.indenter.name]
         assert np.abs(tips(scene)).max() <= 6.4 + 1e-9
         np.testing.assert_allclose(np.sort(truth.xy, 0), np.sort(tips(scene), 0), atol=1e-9)
@@ -77,20 +77,20 @@ def test_single_presses_and_yaw_are_uniform() -> None:
 
 
 def test_candidates_have_a_uniform_yaw_before_any_is_refused() -> None:
-    keys = EXPERIMENTS["exp2"]
-    wide = keys.workspace.model_copy(update={"half_width_mm": 15.0, "depth_min_mm": 1e-6})
-    narrow = keys.draw("pairs").model_copy(
+    spec = EXPERIMENTS["exp2"]
+    wide = spec.workspace.model_copy(update={"half_width_mm": 15.0, "depth_min_mm": 1e-6})
+    narrow = spec.draw("pairs").model_copy(
         update={"distances_mm": (1e-6,), "per_distance": None, "count": 2000}
     )
-    loose = keys.model_copy(update={"workspace": wide, "draws": (narrow,)})
+    loose = spec.model_copy(update={"workspace": wide, "draws": (narrow,)})
     drawn = draw_scenes(loose, "pairs")
     assert uniform_p([s.pose.yaw for s in drawn.scenes], 0, 360) > 0.01
 
 
 def test_the_same_draw_is_the_same_whatever_else_is_drawn() -> None:
-    keys = EXPERIMENTS["exp2"]
-    assert draw_scenes(keys, "catch") == DRAWN["exp2", "catch"]
-    alone = keys.model_copy(update={"draws": (keys.draw("catch"),)})
+    spec = EXPERIMENTS["exp2"]
+    assert draw_scenes(spec, "catch") == DRAWN["exp2", "catch"]
+    alone = spec.model_copy(update={"draws": (spec.draw("catch"),)})
     assert draw_scenes(alone, "catch") == DRAWN["exp2", "catch"]
     for name in ("exp2", "exp3"):
         for shared in ("singles", "duals-train", "triples-train"):
@@ -98,10 +98,10 @@ def test_the_same_draw_is_the_same_whatever_else_is_drawn() -> None:
 
 
 def test_streams_and_seeds_give_other_presses() -> None:
-    keys = EXPERIMENTS["exp2"]
-    other = keys.draw("catch").model_copy(update={"stream": 99})
-    changed = keys.model_copy(update={"draws": (other,)})
-    reseeded = keys.model_copy(update={"data_seed": keys.data_seed + 1})
+    spec = EXPERIMENTS["exp2"]
+    other = spec.draw("catch").model_copy(update={"stream": 99})
+    changed = spec.model_copy(update={"draws": (other,)})
+    reseeded = spec.model_copy(update={"data_seed": spec.data_seed + 1})
     mine = {s.pose for s in DRAWN["exp2", "catch"].scenes}
     for drawn in (draw_scenes(changed, "catch"), draw_scenes(reseeded, "catch")):
         assert not mine & {s.pose for s in drawn.scenes}
@@ -109,10 +109,10 @@ def test_streams_and_seeds_give_other_presses() -> None:
     assert len({scene.pose for scene in every}) == len(every)
 
 
-def recounted(keys: Protocol, name: str) -> SceneSet:
+def recounted(spec: Protocol, name: str) -> SceneSet:
     """Draw again, candidate by candidate, and count by hand those that do not fit."""
-    draw = keys.draw(name)
-    rng = np.random.default_rng(np.random.SeedSequence(keys.data_seed, spawn_key=(draw.stream,)))
+    draw = spec.draw(name)
+    rng = np.random.default_rng(np.random.SeedSequence(spec.data_seed, spawn_key=(draw.stream,)))
     accepted, rejected = [], 0
     from tactibench import Indenter, Pose
 
@@ -130,9 +130,9 @@ def recounted(keys: Protocol, name: str) -> SceneSet:
 
 
 def test_refused_candidates_are_counted() -> None:
-    keys = EXPERIMENTS["exp2"]
-    first = keys.draw("pairs").model_copy(update={"distances_mm": (12.0,)})
-    only = keys.model_copy(update={"draws": (first,)})
+    spec = EXPERIMENTS["exp2"]
+    first = spec.draw("pairs").model_copy(update={"distances_mm": (12.0,)})
+    only = spec.model_copy(update={"draws": (first,)})
     drawn = draw_scenes(only, "pairs")
     by_hand = recounted(only, "pairs")
     assert drawn.rejected == by_hand.rejected > 100
@@ -140,17 +140,17 @@ def test_refused_candidates_are_counted() -> None:
 
 
 def test_a_workspace_without_room_ends_in_a_sentence() -> None:
-    keys = EXPERIMENTS["exp2"]
-    tight = keys.workspace.model_copy(update={"depth_min_mm": 5.9999})
-    hopeless = keys.model_copy(update={"workspace": tight})
+    spec = EXPERIMENTS["exp2"]
+    tight = spec.workspace.model_copy(update={"depth_min_mm": 5.9999})
+    hopeless = spec.model_copy(update={"workspace": tight})
     with pytest.raises(UserError, match=f"'pairs': none of {PATIENCE:,} candidates at 12.0 mm"):
         draw_scenes(hopeless, "pairs")
 
 
 def test_a_depth_on_the_border_is_not_refused_for_rounding() -> None:
-    keys = EXPERIMENTS["exp2"]
+    spec = EXPERIMENTS["exp2"]
     from dataclasses import replace
 
     for scene in DRAWN["exp2", "pairs"].scenes[:50]:
         at_most = replace(scene, pose=replace(scene.pose, depth=6.0))
-        assert fits(at_most, keys.workspace)
+        assert fits(at_most, spec.workspace)

@@ -11,7 +11,7 @@ import pytest
 from tactibench import UserError
 from tactibench.protocols.loader import load_protocol, protocol_files
 
-KEYS = load_protocol("stability").keys
+KEYS = load_protocol("stability").spec
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def refused(read_tables: Any, tables: dict[str, Any]) -> str:
 
 def test_training_is_that_of_the_experiments() -> None:
     for name in ("exp1", "exp2", "exp3"):
-        other = load_protocol(name).keys
+        other = load_protocol(name).spec
         assert KEYS.data_seed == other.data_seed
         assert KEYS.workspace == other.workspace
         assert KEYS.grid == other.grid
@@ -60,8 +60,8 @@ def test_every_family_is_graded_from_an_easy_case() -> None:
 
 
 def test_protocols_without_families_have_no_axes() -> None:
-    assert load_protocol("exp1").keys.axes == ()
-    assert load_protocol("surface").keys.axes == ()
+    assert load_protocol("exp1").spec.axes == ()
+    assert load_protocol("surface").spec.axes == ()
 
 
 @pytest.mark.parametrize(

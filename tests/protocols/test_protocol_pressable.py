@@ -13,7 +13,7 @@ from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
 
-KEYS = load_protocol("exp3").keys
+KEYS = load_protocol("exp3").spec
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,8 @@ def sentence(read: Read, tables: dict[str, Any]) -> str:
 def test_shipped_protocols_are_valid_and_named_like_their_files(name: str) -> None:
     protocol = load_protocol(name)
     check_metrics(protocol)
-    assert protocol.keys.id == name
-    assert protocol_titles()[name] == (protocol.keys.version, protocol.keys.title)
+    assert protocol.spec.id == name
+    assert protocol_titles()[name] == (protocol.spec.version, protocol.spec.title)
 
 
 def test_every_table_refuses_a_misspelt_key_with_the_right_one(
@@ -246,7 +246,7 @@ def test_no_mutation_gives_anything_but_a_protocol_or_a_sentence(
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     said = ""
     try:
-        assert isinstance(read_protocol(path).keys, Protocol)
+        assert isinstance(read_protocol(path).spec, Protocol)
     except UserError as error:
         said = str(error)
     assert "\n" not in said

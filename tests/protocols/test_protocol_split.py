@@ -101,15 +101,15 @@ def test_the_real_folders(folder: str, is_published: bool) -> None:
     names = list(sensor.scenes())
     published = published_frames(surface, names, sensor.describe()["image"])
     assert (published is not None) == is_published
-    keys = surface.keys
-    assert keys.recorded is not None
-    parts = split_recorded(names, keys.recorded, keys.data_seed, published)
+    spec = surface.spec
+    assert spec.recorded is not None
+    parts = split_recorded(names, spec.recorded, spec.data_seed, published)
     assert_partition(parts, len(names))
-    assert parts == split_recorded(names, keys.recorded, keys.data_seed, published)
+    assert parts == split_recorded(names, spec.recorded, spec.data_seed, published)
     tested = {names[i] for i in parts.test}
     if is_published:
         assert len(tested) == 1210
         assert tested == set(surface.test_frames)
     else:
         assert len(tested) == round(0.2 * len(names))
-        assert parts != split_recorded(names, keys.recorded, keys.data_seed + 1, None)
+        assert parts != split_recorded(names, spec.recorded, spec.data_seed + 1, None)

@@ -21,18 +21,18 @@ def tables() -> dict[str, Any]:
 
 
 def test_plates_fill_the_ranges_and_are_the_same_again() -> None:
-    keys = load_protocol("transfer").keys
-    assert keys.plates is not None
-    scenes = draw_plates(keys, keys.plates).scenes
-    assert len(scenes) == keys.plates.count
-    assert scenes == draw_plates(keys, keys.plates).scenes
+    spec = load_protocol("transfer").spec
+    assert spec.plates is not None
+    scenes = draw_plates(spec, spec.plates).scenes
+    assert len(scenes) == spec.plates.count
+    assert scenes == draw_plates(spec, spec.plates).scenes
     assert all(scene.indenter.is_plate and scene.pose.yaw == 90 for scene in scenes)
     depth = np.array([scene.pose.depth for scene in scenes])
     tilt = np.array([scene.pose.tilt for scene in scenes])
-    space = keys.workspace
+    space = spec.workspace
     for values, low, high in (
         (depth, space.depth_min_mm, space.depth_max_mm),
-        (tilt, -keys.plates.tilt_deg, keys.plates.tilt_deg),
+        (tilt, -spec.plates.tilt_deg, spec.plates.tilt_deg),
     ):
         assert low <= values.min() < low + 0.02 * (high - low)
         assert high - 0.02 * (high - low) < values.max() <= high
@@ -40,14 +40,14 @@ def test_plates_fill_the_ranges_and_are_the_same_again() -> None:
 
 
 def test_fewer_shots_are_the_first_of_more() -> None:
-    keys = load_protocol("transfer").keys
-    drawn = draw_shots(keys, 1000)
+    spec = load_protocol("transfer").spec
+    drawn = draw_shots(spec, 1000)
     assert len(set(drawn)) == len(drawn) == 200
-    assert drawn == draw_shots(keys, 1000)
+    assert drawn == draw_shots(spec, 1000)
     assert max(drawn) < 1000
-    assert draw_shots(keys, 30) == draw_shots(keys, 30)
-    assert len(draw_shots(keys, 30)) == 30
-    assert draw_shots(load_protocol("surface").keys, 1000) == ()
+    assert draw_shots(spec, 30) == draw_shots(spec, 30)
+    assert len(draw_shots(spec, 30)) == 30
+    assert draw_shots(load_protocol("surface").spec, 1000) == ()
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def test_the_hash_of_this_version_is_listed(name: str) -> None:
 
 
 def test_every_entry_is_of_a_protocol_and_none_of_a_later_version() -> None:
-    now = {name: read_protocol(path).keys.version for name, path in protocol_files().items()}
+    now = {name: read_protocol(path).spec.version for name, path in protocol_files().items()}
     for label in entries(CHANGELOG):
         name, _, version = label.partition("@")
         assert int(version) <= now[name]

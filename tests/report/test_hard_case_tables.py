@@ -25,7 +25,7 @@ from tactibench.report.plots.style import image_bytes
 from tactibench.report.run_report import print_run
 
 PROTOCOL = load_protocol("stability")
-AXES = PROTOCOL.keys.axes
+AXES = PROTOCOL.spec.axes
 
 
 def metric(name: str, group: str, value: float | None, **more: Any) -> Metric:
@@ -67,7 +67,7 @@ def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any)
 
 
 def test_every_metric_of_the_protocol_exists_and_every_column_is_one_of_them() -> None:
-    names = set(PROTOCOL.keys.metrics.names)
+    names = set(PROTOCOL.spec.metrics.names)
     assert names <= set(FAMILIES)
     assert {c.metric for block in board_spec("stability").blocks for c in block.columns} <= names
 

@@ -72,7 +72,7 @@ def test_partial_runs_are_counted_and_left_out(tmp_path, fabricate):
 def test_ranks_rest_on_the_same_errors_as_a_board(store, tmp_path):
     (board, _) = gather(store, tmp_path).boards
     for name, run in board.runs.items():
-        wanted = ranked_errors(board.protocol.keys, run.arrays("truth"), run.arrays("predictions"))
+        wanted = ranked_errors(board.protocol.spec, run.arrays("truth"), run.arrays("predictions"))
         np.testing.assert_array_equal(board.errors[name].press, wanted["ranked.press"])
         np.testing.assert_array_equal(board.errors[name].error, wanted["ranked.error"])
 

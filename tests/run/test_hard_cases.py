@@ -73,9 +73,9 @@ def test_every_case_has_its_frames_and_presses_are_shared(
     planned: Callable[..., RunPlan], hard: str
 ) -> None:
     frames = planned(hard).frames
-    keys = read_protocol(Path(hard)).keys
+    spec = read_protocol(Path(hard)).spec
     groups = [group for wanted in frames.test for group in wanted.groups]
-    expected = {g for axis in keys.axes for g in (*axis.groups, axis.reference) if g}
+    expected = {g for axis in spec.axes for g in (*axis.groups, axis.reference) if g}
     assert set(groups) == expected
     assert groups.count("grazing:0.05") == 3
     assert groups.count("empty:0") == 4
@@ -187,7 +187,7 @@ def test_a_run_counts_failures_names_them_and_scores_again(
     stored = run(hard)
     record = stored.record
     rows = {(row.metric, row.group): row for row in record.metrics}
-    keys = read_protocol(Path(hard)).keys
+    spec = read_protocol(Path(hard)).spec
     assert rows["raised", "many"].value == rows["raised", "all"].value
     assert rows["not_finite", "all"].value == 0
     failed = stored.arrays("predictions")
@@ -199,7 +199,7 @@ def test_a_run_counts_failures_names_them_and_scores_again(
     }
     assert record.speed == []
     assert record.partial is False
-    again = score_arrays(keys, stored.arrays("truth"), failed, stored.arrays("maps"))
+    again = score_arrays(spec, stored.arrays("truth"), failed, stored.arrays("maps"))
     assert metric_differences(record.metrics, again) == []
     assert rows["ospa_mm", "noise:64"].value > rows["ospa_mm", "plain:0"].value
     images = stored.arrays("examples")

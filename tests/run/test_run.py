@@ -203,9 +203,9 @@ def test_scoring_again_is_identical(
     run: Run, planned: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done = run("exp2")
-    keys = planned("exp2").protocol.keys
+    spec = planned("exp2").protocol.spec
     arrays = (done.arrays(part) for part in ("truth", "predictions", "maps"))
-    assert not metric_differences(done.record.metrics, score_arrays(keys, *arrays))
+    assert not metric_differences(done.record.metrics, score_arrays(spec, *arrays))
     with pytest.raises(UserError, match="run the protocol again"):
         rescore(done)  # the shipped exp2 is another
     from tactibench.run import score

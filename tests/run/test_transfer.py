@@ -122,7 +122,7 @@ def test_every_test_frame_is_answered_for_every_number_of_labelled_frames(
     assert seen.labelled_frames == list(SHOTS)
     assert seen.unlabelled_frames == 0
     assert [one["frames"] for one in seen.adapted] == list(SHOTS)
-    again = score_arrays(plan.protocol.keys, truth, run.arrays("predictions"), {})
+    again = score_arrays(plan.protocol.spec, truth, run.arrays("predictions"), {})
     assert not metric_differences(record.metrics, again)
     assert record.sensor.test_sensor.trained_on.startswith("real recording ")
     assert measured_on(record).startswith(f"real recording {folder_label(plan.request.test.data)}")

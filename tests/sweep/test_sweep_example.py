@@ -18,7 +18,7 @@ def test_every_cell_of_the_example_can_be_run() -> None:
     host = PluginHost()
     cells = list_cells(read_sweep(DOCS / "examples/sweep.toml"), host)
     for cell in cells:
-        parts = resolve_components(cell.request, load_protocol(cell.request.protocol).keys, host)
+        parts = resolve_components(cell.request, load_protocol(cell.request.protocol).spec, host)
         assert parts.model.name == cell.request.model
     shown = {cell.axes["model"] for cell in cells}
     assert shown == {"superpose", "mixture", "vgnn", "unet", "unet, mixing=1", "cnn"}

@@ -52,7 +52,7 @@ def _first_rows(board: ReportBoard, page: BoardPage) -> Iterator[list[Cell]]:
 
 def plan(board: ReportBoard) -> Table:
     """Return what a protocol asks, from its file."""
-    spec = board.protocol.keys
+    spec = board.protocol.spec
     rows = [(name, text) for name, text in _questions(spec) if text]
     heads: list[Head] = [Column("what", right=False, who=True), "asked"]
     note = f"Version {spec.version}, sha256 {board.protocol.hash}."

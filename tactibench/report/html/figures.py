@@ -237,7 +237,7 @@ def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
 
 
 def _stability_panel(rows: Sequence[Row], board: ReportBoard, where: str) -> Panel | None:
-    axes = board.protocol.keys.axes
+    axes = board.protocol.spec.axes
     if not axes or not rows:
         return None
     options = tuple(
@@ -257,12 +257,12 @@ def _stability_panel(rows: Sequence[Row], board: ReportBoard, where: str) -> Pan
 
 def _stored(rows: Sequence[Row], board: ReportBoard) -> Iterator[tuple[Row, RunArrays]]:
     """Return rows whose first seed is a stored run of the present protocol."""
-    if board.protocol.keys.answer != "contacts":
+    if board.protocol.spec.answer != "contacts":
         return
     for row in rows:
         run = board.runs.get(row.first.name)
         if run is not None and row.first.protocol.hash == board.protocol.hash:
-            yield row, RunArrays(run, board.protocol.keys)
+            yield row, RunArrays(run, board.protocol.spec)
 
 
 def _worst_panel(rows: Sequence[Row], board: ReportBoard) -> Panel:

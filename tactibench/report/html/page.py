@@ -97,7 +97,7 @@ def _chapter(board: ReportBoard, page: BoardPage) -> Chapter:
 
 def _section(board: ReportBoard, section: PageSection, key: str) -> SectionView:
     stored = any(row.first.name in board.runs for row in section.rows)
-    lacking = board.protocol.keys.answer == "contacts" and not stored
+    lacking = board.protocol.spec.answer == "contacts" and not stored
     return SectionView(
         key,
         section.title,

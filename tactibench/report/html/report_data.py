@@ -43,7 +43,7 @@ class ReportBoard:
     @property
     def name(self) -> str:
         """The id of the protocol."""
-        return self.protocol.keys.id
+        return self.protocol.spec.id
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _press_errors(
     protocol: LoadedProtocol, runs: Mapping[str, StoredRun]
 ) -> dict[str, PressErrors]:
     """Return the error that orders the board, press by press; equal arrays are read once."""
-    if board_spec(protocol.keys.id).ranking is None:
+    if board_spec(protocol.spec.id).ranking is None:
         return {}
     known: dict[tuple[str, str], PressErrors] = {}
     errors = {}
@@ -131,7 +131,7 @@ def _press_errors(
             try:
                 truth, predicted = run.arrays("truth"), run.arrays("predictions")
                 known[key] = press_errors_of(
-                    protocol.keys, trials_of(protocol.keys, truth, predicted)
+                    protocol.spec, trials_of(protocol.spec, truth, predicted)
                 )
             except (UserError, KeyError, ValueError):
                 continue  # a damaged run is ranked by its intervals

@@ -94,7 +94,7 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     protocol = None if file is None else read_protocol(file)
     if protocol is None or protocol.hash != record.protocol.hash:
         return []
-    spec = protocol.keys
+    spec = protocol.spec
     if spec.answer != "contacts":
         return []
     arrays, beside = RunArrays(run, spec), runs_beside(record, others)

@@ -60,8 +60,8 @@ def submitted(
         truth = truth_of(record, protocol, source, hidden)
         answers = pack_contacts([moved(contacts) for contacts in unpack_contacts(truth)])
         record.data.test = len(truth["press"])
-        record.metrics = score_arrays(protocol.keys, truth, answers, {})
-        return write(tmp_path, record, answers, ranked_errors(protocol.keys, truth, answers))
+        record.metrics = score_arrays(protocol.spec, truth, answers, {})
+        return write(tmp_path, record, answers, ranked_errors(protocol.spec, truth, answers))
 
     return made
 

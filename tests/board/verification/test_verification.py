@@ -69,9 +69,9 @@ def test_a_submission_that_holds_is_verified(submitted, source, name, frames) ->
 
 def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
     protocol = mini("exp1")
-    keys = protocol.keys
-    scenes = draw_scenes(keys, "singles").scenes
-    wanted = split_presses(len(scenes), keys.split, keys.data_seed).test
+    spec = protocol.spec
+    scenes = draw_scenes(spec, "singles").scenes
+    wanted = split_presses(len(scenes), spec.split, spec.data_seed).test
     record = fabricate("exp1")
     record.sensor.parameters = {}
     truth = truth_of(record, protocol, source, None)
