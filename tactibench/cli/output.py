@@ -96,10 +96,10 @@ class TrainingBar:
 
 
 def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
-    """Print the result beside the published numbers, and draw the pictures."""
+    """Print the result beside the published numbers, and its pictures."""
     from tactibench.protocols.loader import protocol_files, read_protocol
     from tactibench.protocols.published import load_published
-    from tactibench.report.plots.run_pictures import draw_pictures
+    from tactibench.report.plots.run_pictures import update_pictures
     from tactibench.report.run_report import print_run
     from tactibench.shipped import shipped_folder
 
@@ -115,6 +115,6 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     published = load_published(names, shipped_folder("published"))
     records = [other.record for other in others]
     print_run(terminal.out, record, run.folder / RECORD, published, records, axes)
-    for picture in draw_pictures(run, others):
+    for picture in update_pictures(run, others):
         terminal.say(f"picture: {picture}")
     terminal.say("terms: docs/glossary.md")

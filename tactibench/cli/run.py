@@ -75,7 +75,6 @@ def run(
     Frames and weights are cached and shared; an interrupted run continues by the same command.
     """
     from tactibench.cli.output import Terminal, show_run
-    from tactibench.metrics.registry import check_metrics
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
     from tactibench.records.files import write_json
@@ -93,7 +92,9 @@ def run(
         _train(plan, terminal, json_file)
         return
     stored = not fresh and (store / plan.name / RECORD).is_file()
-    if not stored:
+    if not stored:  # a stored run was checked when it was made
+        from tactibench.metrics.registry import check_metrics
+
         check_metrics(plan.protocol)
     for line in plan_lines(plan, stored):
         terminal.say(line)

@@ -160,10 +160,12 @@ class DrawnFrames(FrameSource):
         assert self.spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
         self.split: Split = self.spec.split
         self.training = SensorFrames(self.spec, request.sensor, request.cache)
+        self.testing = self.training
         tested, hidden = self.spec, request.hidden
         if hidden is not None:
             tested = tested.model_copy(update={"data_seed": hidden.data_seed})
-        self.testing = SensorFrames(tested, request.tested, request.cache, hidden is not None)
+        if hidden is not None or request.test_sensor is not None:
+            self.testing = SensorFrames(tested, request.tested, request.cache, hidden is not None)
 
     def plan(self) -> FramePlan:
         """Return the drawn presses of every role."""

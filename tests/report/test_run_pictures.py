@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from tiny_lab import Lab, tiny_commands
 
 from tactibench.board.rows import label_of
 from tactibench.cli.main import call
-from tactibench.records.store import stored_runs
-from tactibench.report.plots.run_pictures import draw_pictures
+from tactibench.records.store import RECORD, stored_runs
+from tactibench.report.plots.run_pictures import draw_pictures, update_pictures
 from tactibench.report.plots.style import new_figure
 
 pytestmark = pytest.mark.long
 
+MODULE = "tactibench.report.plots.run_pictures"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -40,6 +43,29 @@ def test_a_run_leaves_its_pictures(store, protocol, own):
         drawn = {path.name for path in run.folder.glob("*.png")}
         assert drawn == {"frame.png", own}  # the tiny model has no heatmap to show as relief
         assert all((run.folder / name).read_bytes().startswith(PNG) for name in drawn)
+
+
+def test_pictures_are_drawn_again_only_when_a_run_in_them_is_newer(store, monkeypatch):
+    drawn: list[str] = []
+    monkeypatch.setattr(f"{MODULE}.draw_pictures", lambda run, _: drawn.append(run.folder.name))
+    runs = [run for run in stored_runs(store) if run.record.protocol.id == "exp2"]
+    single = next(run for run in stored_runs(store) if run.record.protocol.id == "exp1")
+    for run in runs:  # both records are older than both pictures: as if each were drawn again
+        for picture in run.folder.glob("*.png"):
+            os.utime(picture, (2e9, 2e9))
+    first, second = runs
+    assert {path.name for path in update_pictures(first, [second])} == {"frame.png", "distance.png"}
+    assert not drawn
+    os.utime(second.folder / RECORD, (3e9, 3e9))  # the picture of both has become old
+    update_pictures(first, [second, single])
+    assert drawn == [first.folder.name]
+    os.utime(single.folder / RECORD, (3e9, 3e9))  # another protocol's run is in no picture of it
+    update_pictures(first, [single])
+    assert drawn == [first.folder.name]
+    (first.folder / "frame.png").unlink()
+    (first.folder / "distance.png").unlink()
+    update_pictures(first, [])
+    assert drawn == [first.folder.name] * 2
 
 
 def test_only_runs_that_answered_the_same_frames_share_a_picture(store, monkeypatch):

@@ -15,13 +15,14 @@ from tactibench.contacts import Contacts, FloatArray, Grid
 from tactibench.protocols.loader import protocol_files, read_protocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts
+from tactibench.records.files import atomic
 from tactibench.records.record import Record
-from tactibench.records.store import Arrays, StoredRun
-from tactibench.report.plots.marks import FrameExample
-from tactibench.report.plots.style import save_png
+from tactibench.records.store import RECORD, Arrays, StoredRun
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from tactibench.report.plots.marks import FrameExample
 
 CURVES, PANELS = 6, 3
 """Other runs in a picture of curves, and in one of panels: more could not be told apart."""
@@ -75,6 +76,8 @@ class RunArrays:
 
     def example(self, row: int) -> FrameExample:
         """Return a stored test frame with its truth and prediction."""
+        from tactibench.report.plots.marks import FrameExample
+
         image = self.examples["images"][int(np.searchsorted(self.examples["index"], row))]
         depth = self.spec.workspace.depth_max_mm
         heatmap = self.map_of(row)
@@ -87,6 +90,16 @@ class RunArrays:
         return f"{label_of(self.record)}, press {self.truth['press'][row]}"
 
 
+def update_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
+    """Return the pictures of a run, drawn where they are missing or older than a run in them."""
+    pictures = sorted(run.folder.glob("*.png"))
+    shown = [run, *runs_beside(run.record, others)]
+    newest = max(_written(one.folder / RECORD) for one in shown)
+    if pictures and min(map(_written, pictures)) >= newest:
+        return pictures
+    return draw_pictures(run, others)
+
+
 def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     """Draw the pictures of a run and return their files. Plate poses have none yet."""
     record = run.record
@@ -97,6 +110,8 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     spec = protocol.spec
     if spec.answer != "contacts":
         return []
+    from tactibench.report.plots.style import image_bytes
+
     arrays, beside = RunArrays(run, spec), runs_beside(record, others)
     figures: dict[str, Figure] = {}
     if spec.families:
@@ -109,11 +124,12 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
             figures["distance"] = _distance(arrays, beside[:CURVES])
         if spec.test.group == "indenter":
             figures |= _triple(arrays, beside[:PANELS])
-    paths = []
-    for name, figure in figures.items():
-        paths.append(run.folder / f"{name}.png")
-        save_png(figure, paths[-1])
-    return paths
+    # All are rendered before the first is written: an interruption leaves all or none.
+    images = {run.folder / f"{name}.png": image_bytes(f, "png") for name, f in figures.items()}
+    for path, image in images.items():
+        with atomic(path) as stream:
+            stream.write(image)
+    return sorted(images)
 
 
 def runs_beside(record: Record, others: Sequence[StoredRun]) -> list[StoredRun]:
@@ -142,6 +158,11 @@ def press_error(truth: Contacts, predicted: Contacts) -> float:
         return float("inf")
     gaps = np.linalg.norm(truth.xy[:, None] - predicted.xy[None], axis=2)
     return float(gaps.min(axis=1).mean())
+
+
+def _written(path: Path) -> float:
+    """Return when a file was last written, s."""
+    return path.stat().st_mtime
 
 
 def _comparable(other: Record, record: Record) -> bool:
