@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 
-from tactibench.protocols.strict import Name, Presses, Stream, Strict
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]*$")]
+Names = Annotated[tuple[Name, ...], Field(strict=False)]
+Presses = Annotated[int, Field(ge=1, le=1_000_000)]
+Stream = Annotated[int, Field(ge=1, lt=1_000_000)]
 
 FAMILIES = "families"
 """Name of the one set of presses that a protocol of hard cases tests."""
@@ -65,6 +68,12 @@ def case(family: str, value: float) -> str:
 def family_of(group: str) -> str:
     """Return the family of a case's group."""
     return group.partition(":")[0]
+
+
+class Strict(BaseModel):
+    """A table of a protocol file; frozen, nothing converted, no NaN and no infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)

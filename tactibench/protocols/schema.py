@@ -11,8 +11,17 @@ from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
 from tactibench.contacts import Grid
 from tactibench.errors import did_you_mean
-from tactibench.protocols.families import FAMILIES, Axis, Cases, Family
-from tactibench.protocols.strict import Name, Names, Presses, Stream, Strict
+from tactibench.protocols.families import (
+    FAMILIES,
+    Axis,
+    Cases,
+    Family,
+    Name,
+    Names,
+    Presses,
+    Stream,
+    Strict,
+)
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**64)]

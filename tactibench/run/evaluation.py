@@ -19,8 +19,7 @@ from tactibench.records.answers import pack
 from tactibench.records.store import Arrays
 from tactibench.run.examples import example_arrays
 from tactibench.run.plan import RunPlan
-from tactibench.run.predict import AnswerRules, predict_frames
-from tactibench.run.prediction_cache import Predictions
+from tactibench.run.predict import AnswerRules, Predictions, predict_frames
 from tactibench.run.reporter import Reporter
 from tactibench.run.timing import Speed, time_model
 from tactibench.run.train import open_frames

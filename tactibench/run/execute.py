@@ -16,7 +16,7 @@ from tactibench.plugins.base import SensorContext
 from tactibench.records.store import Arrays, StoredRun, write_run
 from tactibench.run.evaluation import Evaluation, TestFrames
 from tactibench.run.plan import RunPlan
-from tactibench.run.prediction_cache import cached_predictions
+from tactibench.run.predict import cached_predictions
 from tactibench.run.record import make_record
 from tactibench.run.reporter import Reporter
 from tactibench.run.score import score_arrays

@@ -16,8 +16,7 @@ from tactibench.records.answers import pack
 from tactibench.records.store import Arrays
 from tactibench.run.evaluation import Evaluation, TestFrames, truth_arrays
 from tactibench.run.plan import RunPlan
-from tactibench.run.predict import Answers, HeatMaps, predict_frames
-from tactibench.run.prediction_cache import Predictions
+from tactibench.run.predict import Answers, HeatMaps, Predictions, predict_frames
 from tactibench.run.reporter import Reporter
 from tactibench.run.train import open_frames
 

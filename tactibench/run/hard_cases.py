@@ -18,8 +18,7 @@ from tactibench.records.answers import pack
 from tactibench.records.store import Arrays
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.examples import example_arrays
-from tactibench.run.predict import AnswerRules, Answers, predict_frames
-from tactibench.run.prediction_cache import Predictions
+from tactibench.run.predict import AnswerRules, Answers, Predictions, predict_frames
 from tactibench.run.timing import Speed
 
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}

@@ -12,7 +12,7 @@ from tactibench.records.record import SCHEMA, Metric, Record, make_signature
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan
-from tactibench.run.prediction_cache import Predictions
+from tactibench.run.predict import Predictions
 from tactibench.run.timing import Speed
 from tactibench.run.weights import TrainedWeights
 

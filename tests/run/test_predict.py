@@ -8,7 +8,7 @@ import pytest
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.records.answers import pack
 from tactibench.records.files import arrays_hash
-from tactibench.run.prediction_cache import Predictions, cached_predictions
+from tactibench.run.predict import Predictions, cached_predictions
 
 CONTACTS = [
     Contacts(np.array([[1.0, 2.0], [3.0, -4.0]]), np.array([1.0, 0.1]), np.array([0.9, 0.3])),
