@@ -25,7 +25,7 @@ OUTPUT = click.Path(path_type=Path, dir_okay=False, writable=True)
 @click.option("--add", "added", multiple=True, hidden=True)
 @click.pass_context
 def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
-    r"""Make the leaderboards from submissions, and check submissions.
+    """Make the leaderboards from submissions, and check submissions.
 
     \b
     tactibench board add 'exp1-unet-*'       runs become rows
@@ -220,7 +220,7 @@ def export(
 @click.argument("protocol")
 @board_option
 def hidden(protocol: str, board_folder: Path) -> None:
-    r"""Publish the hash of the secret seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL, once.
+    """Publish the hash of the secret seed in TACTIBENCH_HIDDEN_SEED for PROTOCOL, once.
 
     The hash is published before the first run, the seed never: test presses that nobody has seen.
 

@@ -17,7 +17,7 @@ from tactibench.errors import UserError
 @store_option
 @json_option
 def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Path | None) -> None:
-    r"""Compare stored runs (names in the store, or folders) that answered the same test frames.
+    """Compare stored runs (names in the store, or folders) that answered the same test frames.
 
     Paired differences of every metric that is a mean over presses, with intervals over presses,
     permutation p, and Holm's adjustment over everything that is shown.

@@ -52,7 +52,7 @@ data.add_command(info)
 def export(
     folder: Path, target: Path, format_: str, split: str | None, json_file: Path | None
 ) -> None:
-    r"""Write the data set in FOLDER to TARGET, in another format.
+    """Write the data set in FOLDER to TARGET, in another format.
 
     \b
     bristol     sensor_images/, targets.csv, *_params.json; `data import` reads it back
@@ -107,7 +107,7 @@ def _export_rows(export: Export) -> list[dict[str, Any]]:
 @click.option("--tilt", default="auto", metavar="COLUMN", help="Tilt label, deg; default: pose_6.")
 @json_option
 def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
-    r"""Fit a and p of indentation = depth label + a + p (1 - cos tilt) from the pins of FOLDER.
+    """Fit a and p of indentation = depth label + a + p (1 - cos tilt) from the pins of FOLDER.
 
     A robot counts depth from a pose, not from first touch, and turns the sensor about a point that
     is not the dome's centre. Pins are followed in the least sheared presses of a flat plate; their
@@ -178,7 +178,7 @@ def generate(
     count: int | None,
     seed: int | None,
 ) -> None:
-    r"""Press a sensor as a protocol or a plan says, and write the frames as a data set.
+    """Press a sensor as a protocol or a plan says, and write the frames as a data set.
 
     Of a protocol everything is pressed that it trains, validates and tests on, in all regimes; the
     frames are those of `tactibench run`, and every regime becomes a split. When it is interrupted,
@@ -259,7 +259,7 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
     help="List what --param can set.",
 )
 def import_folder(source: Path, target: Path, format_: str | None, params: tuple[str, ...]) -> None:
-    r"""Read a folder of recorded frames into the new data set TARGET.
+    """Read a folder of recorded frames into the new data set TARGET.
 
     SOURCE is a Bristol folder (targets.csv and frames), a folder with a CSV file, or a Hugging Face
     image folder. Frames are checked and kept byte for byte. Labels become contacts where --param

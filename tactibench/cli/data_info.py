@@ -38,7 +38,7 @@ _LONGEST_NAME = 20
 )
 @json_option
 def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
-    r"""Show what FOLDER holds: a recording of any known format, or a data set.
+    """Show what FOLDER holds: a recording of any known format, or a data set.
 
     \b
     tactibench data info recordings/331 --sheet frames.png

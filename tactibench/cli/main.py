@@ -104,7 +104,7 @@ def _plugin_verbs() -> Mapping[str, CommandSpec]:
 @click.option("--debug", is_flag=True, help="Show the traceback of an error (after any verb, too).")
 @click.pass_context
 def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out by `call`
-    r"""Benchmark soft optical tactile sensors: protocols, models, speed beside error.
+    """Benchmark soft optical tactile sensors: protocols, models, speed beside error.
 
     \b
     tactibench run exp2 --model unet      the main experiment, on a simulated TacTip

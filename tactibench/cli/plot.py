@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @click.group()
 def plot() -> None:
-    r"""Draw what many runs say together, and print the numbers behind the picture.
+    """Draw what many runs say together, and print the numbers behind the picture.
 
     \b
     tactibench plot frontier exp2 --out frontier.png     speed against error
@@ -62,7 +62,7 @@ def frontier(
     json_file: Path | None,
     machine: str | None,
 ) -> None:
-    r"""Show which models of PROTOCOL are fast for their error, and which are dominated.
+    """Show which models of PROTOCOL are fast for their error, and which are dominated.
 
     From the committed records: the latency of one frame (p90, one thread, one machine) against the
     error that orders the board. Seeds are pooled.
@@ -125,7 +125,7 @@ def curve(
     sensor: str | None,
     json_file: Path | None,
 ) -> None:
-    r"""Show the learning curves of PROTOCOL: the error that orders its board against presses.
+    """Show the learning curves of PROTOCOL: the error that orders its board against presses.
 
     From runs with `--presses N` and the whole run of the same configuration.
 
@@ -180,7 +180,7 @@ def stability(
     cases: Path | None,
     rows: tuple[str, ...],
 ) -> None:
-    r"""Show where the error of every model doubles on the graded hard cases of PROTOCOL.
+    """Show where the error of every model doubles on the graded hard cases of PROTOCOL.
 
     From the committed records, and the complete runs of --store. Seeds are pooled.
 

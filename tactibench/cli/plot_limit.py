@@ -83,7 +83,7 @@ def limit(
     out: Path | None,
     json_file: Path | None,
 ) -> None:
-    r"""Show the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
+    """Show the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
 
     No unbiased estimator has a smaller standard deviation on these frames: x, y and depth of all
     contacts are unknown together, and so is every --nuisance. The separation is that of two tips in

@@ -57,7 +57,7 @@ def report(
     origin: str,
     protocols: tuple[str, ...],
 ) -> None:
-    r"""Write the boards, or stored runs, as one HTML file that needs no network.
+    """Write the boards, or stored runs, as one HTML file that needs no network.
 
     It holds tables that sort and filter, speed against error, error against distance, the worst
     frames of stored runs, the plan and the environment.

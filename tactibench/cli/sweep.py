@@ -47,7 +47,7 @@ def sweep(
     store: Path,
     dry_run: bool,
 ) -> int:
-    r"""Run all cells of FILE: protocol x model x regime x encoder x sensor x seed.
+    """Run all cells of FILE: protocol x model x regime x encoder x sensor x seed.
 
     What is in the store is not run again, and the same command continues an interrupted sweep.
     Ends with code 1 when a cell failed; the others have been run.

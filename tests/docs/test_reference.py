@@ -39,6 +39,11 @@ def test_the_pages_are_what_the_code_gives_and_nothing_heavy_was_imported() -> N
     assert done.stdout.splitlines()[-1].strip() == "loaded:"
 
 
+def test_no_help_shows_the_mark_of_an_example() -> None:
+    """Click keeps the lines below a backspace as they are; in a raw docstring it is a word."""
+    assert "\\b" not in (REFERENCE / "cli.md").read_text(encoding="utf-8")
+
+
 def test_a_stale_page_is_named_and_written_again(make_reference: Any, tmp_path: Path) -> None:
     from click.testing import CliRunner
 

@@ -63,7 +63,7 @@ def command(
     dry_run_height: float | None,
     json_file: Path | None,
 ) -> int:
-    r"""Press what a protocol trains, validates and tests on, and keep the frames as a data set.
+    """Press what a protocol trains, validates and tests on, and keep the frames as a data set.
 
     The whole plan is checked before anything moves. Interrupted, stopped or killed, the same
     command goes on: nothing is made twice, and nothing that was written is lost. The first Ctrl-C

@@ -46,7 +46,7 @@ class Verbs(click.Group):
 
 @click.group(cls=Verbs, name="hw")
 def hw() -> None:
-    r"""Work with a real TacTip under a UR arm or a serial stage.
+    """Work with a real TacTip under a UR arm or a serial stage.
 
     \b
     tactibench hw emulate --write lab.toml              a configuration to start from
