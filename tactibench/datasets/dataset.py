@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,13 +13,20 @@ from typing import Any
 from tactibench.contacts import Contacts
 from tactibench.datasets.image_cache import ImageCache
 from tactibench.datasets.image_files import Image, read_image
-from tactibench.datasets.journal import Content, Event, read_content, reference_file
-from tactibench.datasets.locks import WriterLock
-from tactibench.datasets.repair import needs_repair, repair
+from tactibench.datasets.journal import (
+    Content,
+    Event,
+    needs_repair,
+    read_content,
+    reference_file,
+    repair,
+)
 from tactibench.datasets.rows import read_plan
 from tactibench.datasets.schema import EVENTS, JOURNAL, LOCK, PLAN, Header, Sample, contacts_of
 from tactibench.datasets.splits import Split, check_split, read_split, split_files
+from tactibench.datasets.storage import WriterLock
 from tactibench.errors import UserError
+from tactibench.png import read_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,33 +35,31 @@ class Dataset:
 
     Attributes:
         folder: The data set's folder.
-        content: Header, samples and events as they were read.
+        header: Facts that hold for every sample.
+        samples: Samples in the order they were written, bad ones included.
+        events: Events in the order they were noted.
+        sha256: Identity of labels and images: the hash of the journal, which holds every image's.
         repaired: One sentence for each thing that opening repaired.
     """
 
     folder: Path
-    content: Content = field(repr=False)
+    header: Header
+    samples: tuple[Sample, ...] = field(repr=False)
+    events: tuple[Event, ...] = field(repr=False)
+    sha256: str
     repaired: tuple[str, ...] = ()
 
-    @property
-    def header(self) -> Header:
-        """Facts that hold for every sample."""
-        return self.content.header
-
-    @property
-    def samples(self) -> tuple[Sample, ...]:
-        """Samples in the order they were written, bad ones included."""
-        return self.content.samples
-
-    @property
-    def events(self) -> tuple[Event, ...]:
-        """Events in the order they were noted."""
-        return self.content.events
-
-    @property
-    def sha256(self) -> str:
-        """Identity of labels and images: the hash of the journal, which holds every image's."""
-        return self.content.journal.sha256
+    @classmethod
+    def of_content(cls, folder: Path, content: Content, repaired: tuple[str, ...] = ()) -> Dataset:
+        """Return the data set whose journals were read."""
+        return cls(
+            folder,
+            content.header,
+            content.samples,
+            content.events,
+            content.journal.sha256,
+            repaired,
+        )
 
     @cached_property
     def rest(self) -> Image | None:
@@ -96,6 +102,21 @@ class Dataset:
         """
         where = f"{JOURNAL} line {self._row[sample.id] + 1}"
         return read_image(self.folder, sample.file_name, sample.sha256, self.header, where)
+
+    def image_file(self, sample: Sample) -> bytes:
+        """Return the PNG file of a sample's image, which is not decoded.
+
+        Raises:
+            UserError: It is not the file that was written.
+        """
+        path = self.folder / sample.file_name
+        data = read_file(path)
+        if hashlib.sha256(data).hexdigest() != sample.sha256:
+            raise UserError(
+                f"{path} is not the file that sample {sample.id} had (its sha256 differs); see "
+                f"`tactibench data verify {self.folder}`."
+            )
+        return data
 
     def images(self, samples: Sequence[Sample], size: int | None = None) -> Image:
         """Return gray images of samples, (N, H, W) uint8.
@@ -140,7 +161,7 @@ def open_dataset(folder: Path, repair: bool = True) -> Dataset:
     content = read_content(folder)
     torn = content.header.status == "open" and needs_repair(folder, content)
     repaired = _repair(folder) if repair and torn and os.access(folder, os.W_OK) else None
-    return repaired or Dataset(folder, content)
+    return repaired or Dataset.of_content(folder, content)
 
 
 def _repair(folder: Path) -> Dataset | None:
@@ -151,6 +172,6 @@ def _repair(folder: Path) -> Dataset | None:
         return None
     try:
         content = read_content(folder)
-        return Dataset(folder, content, repair(folder, content))
+        return Dataset.of_content(folder, content, repair(folder, content))
     finally:
         lock.release()

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.datasets.journal import UNFINISHED
 from tactibench.datasets.schema import Header
-from tactibench.datasets.storage import make_folder, sync_file, sync_folder, write_unsynced
+from tactibench.datasets.storage import make_folder, sync_file, sync_folder
 from tactibench.errors import UserError
 from tactibench.png import ImageKind, check_png, decode_png, encode_png, read_file
 
 Image = npt.NDArray[np.uint8]
-
-UNFINISHED = ".part"
-"""End of a temporary file's name; it starts with a dot, so that no reader of images takes it."""
 
 _SYNC_THREADS = 16
 """Threads that wait for the disk at once: it then writes their files in one go."""
@@ -93,66 +91,49 @@ def _damage(path: Path, data: bytes) -> str:
     return f"{path} was changed after it was written (checksum)"
 
 
-class ImageWriter:
-    """Image files, written under temporary names, synced, then renamed.
+def write_images(
+    folder: Path, names: Sequence[str], files: Sequence[bytes], *, fsync: bool
+) -> None:
+    """Write images under temporary names, and wait until the disk has them.
 
-    One thread encodes and writes: several would wait for each other rather than for the disk.
+    One thread writes: several would wait for each other rather than for the disk.
 
     Args:
         folder: The data set's folder.
-        fsync: Whether to wait for the disk before files get their names.
+        names: Names of the images, relative to the folder.
+        files: Bytes of the PNG files.
+        fsync: Whether to wait for the disk.
     """
-
-    def __init__(self, folder: Path, *, fsync: bool) -> None:
-        self._folder, self._fsync = folder, fsync
-        self._pool = ThreadPoolExecutor(_SYNC_THREADS, thread_name_prefix="images")
-
-    def write(self, names: Sequence[str], files: Sequence[bytes]) -> None:
-        """Write files under temporary names, and wait until the disk has them.
-
-        Args:
-            names: Names of the images, relative to the data set's folder.
-            files: Bytes of the PNG files.
-        """
-        for folder in self._folders(names):
-            make_folder(folder)
-        paths = [self._temporary(name) for name in names]
-        for path, data in zip(paths, files, strict=True):
-            write_unsynced(path, data)
-        if not self._fsync:
-            return
-        if len(paths) == 1:
-            sync_file(paths[0])
-            return
-        shares = [paths[first::_SYNC_THREADS] for first in range(_SYNC_THREADS)]
-        for _ in self._pool.map(_sync_files, shares):
-            pass  # an error of a thread is raised here
-
-    def rename(self, names: Sequence[str]) -> None:
-        """Give the files their names, durably."""
-        for name in names:
-            os.replace(self._temporary(name), f"{self._folder}/{name}")  # noqa: PTH105 - twice as fast
-        if self._fsync:
-            for folder in self._folders(names):
-                sync_folder(folder)
-
-    def discard(self, names: Sequence[str]) -> None:
-        """Remove what was written under temporary names."""
-        for name in names:
-            Path(self._temporary(name)).unlink(missing_ok=True)
-
-    def close(self) -> None:
-        """End the threads."""
-        self._pool.shutdown()
-
-    def _folders(self, names: Sequence[str]) -> set[Path]:
-        return {Path(f"{self._folder}/{name}").parent for name in names}
-
-    def _temporary(self, name: str) -> str:
-        place, _, file = f"{self._folder}/{name}".rpartition("/")
-        return f"{place}/.{file}{UNFINISHED}"
+    for place in _folders(folder, names):
+        make_folder(place)
+    paths = [_temporary(folder, name) for name in names]
+    for path, data in zip(paths, files, strict=True):
+        path.write_bytes(data)
+    if fsync:
+        with ThreadPoolExecutor(_SYNC_THREADS) as pool:
+            for _ in pool.map(sync_file, paths):
+                pass  # an error of a thread is raised here
 
 
-def _sync_files(paths: Sequence[str]) -> None:
-    for path in paths:
-        sync_file(path)
+def rename_images(folder: Path, names: Sequence[str], *, fsync: bool) -> None:
+    """Give written images their names; with ``fsync`` the names are durable."""
+    for name in names:
+        os.replace(_temporary(folder, name), folder / name)  # noqa: PTH105 - a test counts it
+    if fsync:
+        for place in _folders(folder, names):
+            sync_folder(place)
+
+
+def discard_images(folder: Path, names: Sequence[str]) -> None:
+    """Remove what was written under temporary names."""
+    for name in names:
+        _temporary(folder, name).unlink(missing_ok=True)
+
+
+def _folders(folder: Path, names: Sequence[str]) -> set[Path]:
+    return {(folder / name).parent for name in names}
+
+
+def _temporary(folder: Path, name: str) -> Path:
+    path = folder / name
+    return path.with_name(f".{path.name}{UNFINISHED}")

@@ -1,7 +1,9 @@
-"""The journals of a data set: files to which lines are only ever added.
+"""The journals of a data set: writing, reading, and repair of what an interrupted writer leaves.
 
-Every line is one write, so that a crash tears the last line at most. POSIX: a write to a file that
-was opened with O_APPEND goes to its end as one piece; fsync returns when the disk has it.
+Lines are only ever added. Every line is one write, so that a crash tears the last line at most.
+POSIX: a write to a file that was opened with O_APPEND goes to its end as one piece; fsync returns
+when the disk has it. A repair touches nothing that was acknowledged: it removes temporary files
+and moves all else to .trash/.
 """
 
 from __future__ import annotations
@@ -9,23 +11,33 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactibench.datasets.rows import parse_object, read_row
+from tactibench.datasets.rows import parse_object, read_optional, read_row
 from tactibench.datasets.schema import (
     EVENTS,
+    HEADER,
+    IMAGES,
     JOURNAL,
+    PLAN,
+    SPLITS,
+    TRASH,
     Header,
     Sample,
+    is_image_name,
     is_reference_name,
     read_header,
 )
+from tactibench.datasets.storage import make_folder
 from tactibench.errors import UserError
 
 Event = Mapping[str, Any]
+
+UNFINISHED = ".part"
+"""End of a temporary image's name; it starts with a dot, so that no reader of images takes it."""
 
 
 @dataclass(frozen=True)
@@ -67,12 +79,7 @@ def read_lines(path: Path) -> Lines:
     Raises:
         UserError: The file cannot be read.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        data = b""
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+    data = read_optional(path)
     *lines, _ = data.split(b"\n")
     if lines and parse_object(lines[-1]) is None:
         lines.pop()
@@ -165,9 +172,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, *, fsync: bool = True) -> None:
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
-        self._file: int | None = os.open(path, flags, 0o644)
-        self._path = path
+        self._file = path.open("ab", buffering=0)
         self._fsync = fsync
 
     def append(self, lines: Iterable[bytes]) -> None:
@@ -176,37 +181,104 @@ class Journal:
         Raises:
             OSError: The disk refused; what was written of the lines is taken back.
         """
-        assert self._file is not None, "the journal is closed"  # noqa: S101
-        before = os.fstat(self._file).st_size
+        file = self._file.fileno()
+        before = os.fstat(file).st_size
         try:
             for line in lines:
-                if os.write(self._file, line) != len(line):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
+                if os.write(file, line) != len(line):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._file.name)
             if self._fsync:
-                os.fsync(self._file)
+                os.fsync(file)
         except OSError:
-            os.ftruncate(self._file, before)
+            os.ftruncate(file, before)
             raise
 
     def sync(self) -> None:
         """Wait for the disk."""
-        if self._file is not None:
-            os.fsync(self._file)
+        os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
+        self._file.close()
 
 
-def cut_journal(path: Path, size: int) -> None:
-    """Shorten a journal to its finished lines, and wait for the disk.
+def repair(folder: Path, content: Content) -> tuple[str, ...]:
+    """Repair an open data set whose lock is held.
 
-    Args:
-        path: The journal's file.
-        size: Bytes that stay.
+    Returns:
+        One sentence for each thing that was done.
     """
-    with path.open("r+b") as stream:
-        stream.truncate(size)
+    done = [
+        _cut_torn_line(folder, JOURNAL, content.journal),
+        _cut_torn_line(folder, EVENTS, content.event_lines),
+    ]
+    named = {sample.file_name for sample in content.samples}
+    orphans = [name for name in sample_images(folder) if name not in named]
+    for name in orphans:
+        target = _free_path(folder / TRASH / name)
+        make_folder(target.parent)
+        (folder / name).rename(target)
+    if orphans:
+        done.append(f"moved {_count(orphans, 'image')} that no line names to {TRASH}/")
+    temporary = list(temporary_files(folder))
+    for path in temporary:
+        path.unlink()
+    if temporary:
+        done.append(f"removed {_count(temporary, 'unfinished file')}")
+    return tuple(sentence for sentence in done if sentence)
+
+
+def needs_repair(folder: Path, content: Content) -> bool:
+    """Return whether an interrupted writer, or one at work, left anything."""
+    if content.journal.torn or content.event_lines.torn or any(temporary_files(folder)):
+        return True
+    return not {sample.file_name for sample in content.samples}.issuperset(sample_images(folder))
+
+
+def sample_images(folder: Path) -> Iterator[str]:
+    """Give the names of all images of samples on the disk, whether a line names them or not."""
+    for shard in _image_folders(folder):
+        with os.scandir(shard) as entries:
+            for entry in entries:
+                name = f"{IMAGES}/{shard.name}/{entry.name}"
+                if is_image_name(name):
+                    yield name
+
+
+def temporary_files(folder: Path) -> Iterator[Path]:
+    """Give the temporary files of writers that did not come to rename them."""
+    for name in (HEADER, PLAN, f"{SPLITS}/"):  # names of ``tactibench.records.files.atomic``
+        place, _, stem = name.rpartition("/")
+        yield from (folder / place).glob(f".{stem}*.*")
+    for shard in _image_folders(folder):
+        yield from shard.glob(f".*{UNFINISHED}")
+
+
+def _image_folders(folder: Path) -> list[Path]:
+    images = folder / IMAGES
+    return sorted(path for path in images.iterdir() if path.is_dir()) if images.is_dir() else []
+
+
+def _cut_torn_line(folder: Path, name: str, lines: Lines) -> str:
+    if not lines.torn:
+        return ""
+    copy = _free_path(folder / TRASH / f"{name}.torn")
+    make_folder(copy.parent)
+    copy.write_bytes(lines.torn)
+    with (folder / name).open("r+b") as stream:
+        stream.truncate(lines.size)
         os.fsync(stream.fileno())
+    return f"cut an unfinished line of {len(lines.torn):,} bytes off {name}"
+
+
+def _free_path(path: Path) -> Path:
+    """Return the path, or the first of path.1, path.2 ... that is free."""
+    free, number = path, 0
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.name}.{number}")
+    return free
+
+
+def _count(things: Sized, noun: str) -> str:
+    return f"{len(things):,} {noun}{'' if len(things) == 1 else 's'}"

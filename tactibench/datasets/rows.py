@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, Valid
 from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.datasets.schema import Sample, Status, contacts_of, image_name
 from tactibench.errors import UserError
+from tactibench.png import read_file
 from tactibench.protocols.mistakes import first_mistake
 
 _POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
@@ -265,12 +266,7 @@ def read_plan(path: Path, sha256: str | None = None) -> tuple[dict[str, Any], ..
     Raises:
         UserError: The file was changed, or a line is no JSON object with an id of its own.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        data = b""
-    except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
+    data = read_optional(path)
     if sha256 is not None and plan_hash(data) != sha256:
         raise UserError(f"{path} is not the plan that the data set was begun with; restore it.")
     rows = []
@@ -283,51 +279,50 @@ def read_plan(path: Path, sha256: str | None = None) -> tuple[dict[str, Any], ..
     return tuple(rows)
 
 
-JsonType = str | dict[str, "JsonType"] | list["JsonType"] | None
-"""Name of a type, the types of an object's keys, the type of a list's values; None: only null."""
+def read_optional(path: Path) -> bytes:
+    """Return the bytes of a file; a missing file has none."""
+    return read_file(path) if path.exists() else b""
 
 
-def json_type(value: Any) -> JsonType:
-    """Return the type of a JSON value.
+JsonTypes = dict[tuple[str, ...], str]
+"""Place of a value, by the keys above it, and the name of its type; "[]" stands for list items."""
+
+
+def json_types(before: JsonTypes, value: Any, where: tuple[str, ...]) -> JsonTypes:
+    """Return the types that were known before and those of a value, which may be null.
+
+    Args:
+        before: Types of the values so far, which is not changed.
+        value: A JSON value.
+        where: Place of the value.
 
     Raises:
-        UserError: A list mixes types, or the value is no JSON.
+        UserError: A place changes its type, which would break readers of the journal, or the value
+            is no JSON.
     """
-    if value is None:
-        return None
+    types = dict(before)
+    for place, kind in _places(value, where):
+        if types.setdefault(place, kind) != kind:
+            raise UserError(
+                f"{'.'.join(place)} holds {kind} after {types[place]}; a key has one type in all "
+                "samples (write 1.0 rather than 1 where others are 0.5)."
+            )
+    return types
+
+
+def _places(value: Any, where: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Give place and type of a value and of everything in it."""
     for scalar in (bool, int, float, str):  # a bool is an int, so it comes first
         if isinstance(value, scalar):
-            return scalar.__name__
+            yield where, scalar.__name__
+            return
     if isinstance(value, Mapping):
-        return {str(key): json_type(item) for key, item in value.items()}
-    if isinstance(value, Sequence):
-        kind: JsonType = None
+        yield where, "an object"
+        for key, item in value.items():
+            yield from _places(item, (*where, str(key)))
+    elif isinstance(value, Sequence):
+        yield where, "a list"
         for item in value:
-            kind = merge_types(kind, json_type(item), "a list")
-        return [kind]
-    raise UserError(f"{value!r} is no JSON value; write text, numbers, lists and objects.")
-
-
-def merge_types(before: JsonType, now: JsonType, where: str) -> JsonType:
-    """Return the type that fits both; null fits every type, and keys may be left out.
-
-    Raises:
-        UserError: A key changes its type, which would break readers of the journal.
-    """
-    if before is None or now is None or before == now:
-        return now if before is None else before
-    if isinstance(before, dict) and isinstance(now, dict):
-        keys = {**before, **now}
-        return {key: merge_types(before.get(key), now.get(key), f"{where}.{key}") for key in keys}
-    if isinstance(before, list) and isinstance(now, list):
-        return [merge_types(before[0], now[0], where)]
-    raise UserError(
-        f"{where} holds {_type_name(now)} after {_type_name(before)}; a key has one type in all "
-        "samples (write 1.0 rather than 1 where others are 0.5)."
-    )
-
-
-def _type_name(kind: JsonType) -> str:
-    if isinstance(kind, dict):
-        return "an object"
-    return "a list" if isinstance(kind, list) else str(kind)
+            yield from _places(item, (*where, "[]"))
+    elif value is not None:
+        raise UserError(f"{value!r} is no JSON value; write text, numbers, lists and objects.")

@@ -10,8 +10,15 @@ from pathlib import Path
 
 from tactibench.datasets.image_cache import is_intact
 from tactibench.datasets.image_files import read_image
-from tactibench.datasets.journal import Lines, parse_samples, read_event, read_lines, reference_file
-from tactibench.datasets.repair import sample_images, temporary_files
+from tactibench.datasets.journal import (
+    Lines,
+    parse_samples,
+    read_event,
+    read_lines,
+    reference_file,
+    sample_images,
+    temporary_files,
+)
 from tactibench.datasets.rows import check_contacts, read_plan
 from tactibench.datasets.schema import (
     CACHE,

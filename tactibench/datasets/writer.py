@@ -18,15 +18,18 @@ from typing import Any, Self
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.datasets.image_files import Image, ImageWriter, png_bytes
-from tactibench.datasets.journal import Event, Journal, read_content, read_lines
-from tactibench.datasets.locks import WriterLock
-from tactibench.datasets.repair import repair
+from tactibench.datasets.image_files import (
+    Image,
+    discard_images,
+    png_bytes,
+    rename_images,
+    write_images,
+)
+from tactibench.datasets.journal import Event, Journal, read_content, read_lines, repair
 from tactibench.datasets.rows import (
-    JsonType,
+    JsonTypes,
     json_line,
-    json_type,
-    merge_types,
+    json_types,
     plan_hash,
     plan_lines,
     read_plan,
@@ -48,7 +51,7 @@ from tactibench.datasets.schema import (
     write_header,
 )
 from tactibench.datasets.splits import Split, write_split
-from tactibench.datasets.storage import make_folder, sync_all, sync_folder
+from tactibench.datasets.storage import WriterLock, make_folder, sync_all, sync_folder
 from tactibench.errors import UserError
 from tactibench.records.files import atomic
 
@@ -89,10 +92,9 @@ class Writer:
             self._lock.release()
             raise
         self._fsync = fsync
-        self._extra_type: JsonType = None
+        self._extra_types: JsonTypes = {}
         for sample in self._samples.values():
-            self._extra_type = merge_types(self._extra_type, json_type(sample.extra), "extra")
-        self._images = ImageWriter(folder, fsync=fsync)
+            self._extra_types = json_types(self._extra_types, sample.extra, ("extra",))
         self._is_open = True
 
     def _begin(self, header: Header, rows: Sequence[PlanRow]) -> None:
@@ -198,9 +200,12 @@ class Writer:
         """
         self._check_open()
         self._check_ids(drafts)
-        extra = self._extra_type
+        types = self._extra_types
         for draft in drafts:
-            extra = merge_types(extra, json_type(draft.extra), f"sample {draft.id}: extra")
+            try:
+                types = json_types(types, draft.extra, ("extra",))
+            except UserError as error:
+                raise UserError(f"sample {draft.id}: {error}") from None
         files = [
             png_bytes(draft.image, self.header, f"the image of sample {draft.id}")
             for draft in drafts
@@ -211,7 +216,7 @@ class Writer:
         ]
         lines = [write_row(sample, self.header.dome_radius_mm) for sample in samples]
         self._write_images([image_name(draft.id) for draft in drafts], files, self._journal, lines)
-        self._extra_type = extra
+        self._extra_types = types
         self._samples.update((sample.id, sample) for sample in samples)
         return tuple(samples)
 
@@ -287,7 +292,6 @@ class Writer:
         """End writing for now; another writer may continue."""
         if self._is_open:
             self._is_open = False
-            self._images.close()
             self._journal.close()
             self._event_journal.close()
             self._lock.release()
@@ -297,12 +301,12 @@ class Writer:
     ) -> None:
         """Write images, then the lines that name them: a line never names a missing image."""
         try:
-            self._images.write(names, files)
+            write_images(self.folder, names, files, fsync=self._fsync)
         except BaseException:
-            self._images.discard(names)
+            discard_images(self.folder, names)
             raise
         try:
-            self._images.rename(names)
+            rename_images(self.folder, names, fsync=self._fsync)
             journal.append(lines)
         except BaseException:
             self.leave_open()  # what is half written is repaired when the folder is opened again

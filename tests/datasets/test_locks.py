@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets.locks import WriterLock
+from tactibench.datasets.storage import WriterLock
 from tactibench.records.files import locked
 
 HOLD = """
 import sys
 from pathlib import Path
-from tactibench.datasets.locks import WriterLock
+from tactibench.datasets.storage import WriterLock
 lock = WriterLock(Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()

@@ -178,7 +178,7 @@ def test_bulk_and_synced_writing_make_the_same_files(
         ({"labels": {"a": math.inf}}, "sample 1 cannot be written"),
         ({"extra": {"a": {1, 2}}}, "is no JSON value"),
         ({"extra": {"a": 1}}, "extra.a holds int after float"),
-        ({"extra": {"a": [1.0, "x"]}}, "a list holds str after float"),
+        ({"extra": {"d": [1.0, "x"]}}, r"extra.d.\[\] holds str after float"),
         ({"extra": {"b": {"c": "x"}}}, "extra.b.c holds str after a list"),
         ({"scene": Scene(Indenter.single(), Pose(math.nan))}, "sample 1"),
     ],

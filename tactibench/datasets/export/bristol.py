@@ -23,7 +23,6 @@ from typing import Any
 
 from tactibench.contacts import Indenter
 from tactibench.datasets.dataset import Dataset
-from tactibench.datasets.export.selection import Selection, image_bytes, rest_bytes
 from tactibench.datasets.labels import ALIAS
 from tactibench.datasets.labels import LETTERED as POSE
 from tactibench.datasets.readers.bristol import (
@@ -43,6 +42,7 @@ from tactibench.datasets.readers.bristol import (
 )
 from tactibench.datasets.schema import Sample
 from tactibench.datasets.splits import SUBSETS
+from tactibench.png import encode_png
 from tactibench.records.files import write_json
 
 IMAGES = "sensor_images"
@@ -106,30 +106,28 @@ def columns_of(samples: Sequence[Sample]) -> Columns:
 
 
 def write_bristol(
-    dataset: Dataset, folder: Path, selection: Selection, advance: Callable[[int], None]
+    dataset: Dataset, folder: Path, samples: Sequence[Sample], advance: Callable[[int], None]
 ) -> None:
     """Write frames, targets, params and splits.
 
     Args:
         dataset: The data set.
         folder: A new, empty folder.
-        selection: The samples that are written.
+        samples: The samples that are written.
         advance: Called with the number of samples that were written.
     """
     images = folder / IMAGES
     images.mkdir()
-    rest = rest_bytes(dataset)
     rest_name = IMAGE_NAME.format(0)
-    if rest is not None:
-        (images / rest_name).write_bytes(rest)
-    samples = selection.samples
+    if dataset.rest is not None:
+        (images / rest_name).write_bytes(encode_png(dataset.rest))
     columns = columns_of(samples)
     indenters = dict.fromkeys(s.scene.indenter for s in samples if s.scene is not None)
     objects = {indenter: str(number) for number, indenter in enumerate(indenters, start=1)}
     rows = []
     for sample in samples:
         name = IMAGE_NAME.format(sample.id + 1)
-        (images / name).write_bytes(image_bytes(dataset, sample))
+        (images / name).write_bytes(dataset.image_file(sample))
         rows.append({NAME: name, **_row(sample, columns, objects)})
         advance(1)
     text = _csv(columns.order(), rows)
@@ -164,7 +162,7 @@ def write_bristol(
             "image": list(header.image),
             "channels": header.channels,
             "sensor": dict(header.sensor),
-            "rest": None if rest is None else rest_name,
+            "rest": None if dataset.rest is None else rest_name,
         },
     )
     if dataset.splits:

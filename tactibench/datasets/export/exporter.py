@@ -10,19 +10,19 @@ from tactibench.datasets.dataset import Dataset
 from tactibench.datasets.export.bristol import write_bristol
 from tactibench.datasets.export.card import write_card
 from tactibench.datasets.export.parquet import write_parquet
-from tactibench.datasets.export.selection import (
-    Selection,
-    only_split,
-    rest_bytes,
-    select_samples,
-)
-from tactibench.datasets.schema import HEADER
+from tactibench.datasets.schema import HEADER, Sample
+from tactibench.datasets.splits import SUBSETS
 from tactibench.datasets.storage import new_folder, write_new_text
 from tactibench.errors import UserError, did_you_mean
+from tactibench.png import encode_png
 
 CARD = "README.md"
 REST, HEADER_COPY = "rest.png", "header.json"
 """Files beside Parquet files; called dataset.json, the header would make them a data set."""
+ALL = "train"
+"""Subset of all samples where there is no split: Hugging Face's name for data without one."""
+UNASSIGNED = "unassigned"
+"""Subset of samples that a split does not name, such as frames that a publication dropped."""
 BRISTOL, CARD_FORMAT, PARQUET = EXPORT_FORMATS = ("bristol", "card", "hf-parquet")
 
 
@@ -78,35 +78,67 @@ def export_dataset(
         write_new_text(path, write_card(dataset, dataset.samples))
         return Export(path, len(dataset.samples), 0, {}, 1, path.stat().st_size)
     if split is None and format == PARQUET:
-        split = only_split(dataset)
-    selection = select_samples(dataset, split)
+        split = _only_split(dataset)
+    subsets = select_samples(dataset, split)
+    samples = sorted((s for group in subsets.values() for s in group), key=lambda s: s.id)
     with new_folder(target, dataset.folder) as folder:
         if format == BRISTOL:
-            write_bristol(dataset, folder, selection, advance)
+            write_bristol(dataset, folder, samples, advance)
         else:
-            write_parquet(dataset, folder, selection, advance)
+            write_parquet(dataset, folder, subsets, advance)
             _copy_facts(dataset, folder)
-        text = write_card(dataset, selection.samples, format, tuple(selection.subsets))
+        text = write_card(dataset, samples, format, tuple(subsets))
         (folder / CARD).write_text(text, encoding="utf-8", newline="\n")
         sizes = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-    return _summary(target, selection, sizes)
+    return Export(
+        target,
+        len(samples),
+        len(dataset.samples) - len(samples),
+        {subset: len(group) for subset, group in subsets.items()} if split else {},
+        len(sizes),
+        sum(sizes),
+    )
+
+
+def select_samples(dataset: Dataset, split: str | None) -> dict[str, tuple[Sample, ...]]:
+    """Return the good samples by the subset of a split; without one all are in one subset.
+
+    Samples are in the order of their ids, and no subset is empty.
+
+    Raises:
+        UserError: There is no such split, or no good sample.
+    """
+    if split is not None and split not in dataset.splits:
+        advice = did_you_mean(split, dataset.splits)
+        raise UserError(f"{dataset.folder} has no split {split!r}; {advice}")
+    good = sorted((s for s in dataset.samples if s.status == "ok"), key=lambda s: s.id)
+    if not good:
+        raise UserError(f"{dataset.folder} holds no good sample, so there is nothing to export.")
+    subset_of = {} if split is None else dataset.splits[split].subset_of()
+    rest = ALL if split is None else UNASSIGNED
+    subsets = {
+        subset: tuple(s for s in good if subset_of.get(s.id, rest) == subset)
+        for subset in (*SUBSETS, UNASSIGNED)
+    }
+    return {subset: samples for subset, samples in subsets.items() if samples}
+
+
+def _only_split(dataset: Dataset) -> str | None:
+    """Return the name of the only split, None where there is none.
+
+    Raises:
+        UserError: There are several.
+    """
+    names = sorted(dataset.splits)
+    if len(names) > 1:
+        raise UserError(
+            f"{dataset.folder} has several splits ({', '.join(names)}); choose one with --split."
+        )
+    return names[0] if names else None
 
 
 def _copy_facts(dataset: Dataset, folder: Path) -> None:
     """Write what Parquet files do not say: the header and the sensor at rest."""
     (folder / HEADER_COPY).write_bytes((dataset.folder / HEADER).read_bytes())
-    rest = rest_bytes(dataset)
-    if rest is not None:
-        (folder / REST).write_bytes(rest)
-
-
-def _summary(target: Path, selection: Selection, sizes: list[int]) -> Export:
-    subsets = selection.subsets if selection.split else {}
-    return Export(
-        target,
-        len(selection.samples),
-        selection.bad,
-        {subset: len(samples) for subset, samples in subsets.items()},
-        len(sizes),
-        sum(sizes),
-    )
+    if dataset.rest is not None:
+        (folder / REST).write_bytes(encode_png(dataset.rest))

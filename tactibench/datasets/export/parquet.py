@@ -7,12 +7,11 @@ The feature types stand in the schema's metadata under ``huggingface``, so that
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactibench.datasets.dataset import Dataset
-from tactibench.datasets.export.selection import Selection, image_bytes, image_size
 from tactibench.datasets.rows import write_row
 from tactibench.datasets.schema import Sample
 from tactibench.errors import UserError
@@ -31,7 +30,7 @@ _POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
 def write_parquet(
     dataset: Dataset,
     folder: Path,
-    selection: Selection,
+    subsets: Mapping[str, Sequence[Sample]],
     advance: Callable[[int], None],
     shard_bytes: int = SHARD_BYTES,
 ) -> None:
@@ -42,7 +41,7 @@ def write_parquet(
     Args:
         dataset: The data set.
         folder: A new, empty folder.
-        selection: The samples that are written; every subset becomes files of its own.
+        subsets: Subset -> its samples; every subset becomes files of its own.
         advance: Called with the number of samples that were written.
         shard_bytes: Most bytes of images in one file.
 
@@ -56,10 +55,12 @@ def write_parquet(
             "Parquet files are written by pyarrow, which is not installed; "
             "run `pip install 'tactibench[hf]'`."
         ) from None
-    schema = parquet_schema(selection.samples)
+    schema = parquet_schema([sample for samples in subsets.values() for sample in samples])
     (folder / "data").mkdir()
-    for subset, samples in selection.subsets.items():
-        shards = divide([image_size(dataset, sample) for sample in samples], shard_bytes)
+    for subset, samples in subsets.items():
+        shards = divide(
+            [(dataset.folder / s.file_name).stat().st_size for s in samples], shard_bytes
+        )
         for number, shard in enumerate(shards):
             name = f"{subset}-{number:05d}-of-{len(shards):05d}.parquet"
             with pq.ParquetWriter(folder / "data" / name, schema) as writer:
@@ -137,7 +138,7 @@ def _table(dataset: Dataset, samples: Iterable[Sample], schema: pa.Schema) -> pa
     for sample in samples:
         row = json.loads(write_row(sample, dataset.header.dome_radius_mm))
         name = Path(row.pop("file_name")).name
-        row["image"] = {"bytes": image_bytes(dataset, sample), "path": name}
+        row["image"] = {"bytes": dataset.image_file(sample), "path": name}
         if "extra" in row:
             row["extra"] = json.dumps(row["extra"], ensure_ascii=False)
         rows.append(row)
