@@ -72,10 +72,19 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
     findings += _check_images(folder, header, numbered, advance)
     findings += _check_arrays(folder)
     findings += _check_leftovers(folder, samples)
-    findings += _check_plan(folder, header)
-    findings += _check_splits(folder, samples)
+    findings += _finding(read_plan, folder / PLAN, header.plan_sha256)
+    for path in split_files(folder).values():
+        findings += _finding(lambda path=path: check_split(read_split(path), samples, str(path)))
     findings += _check_closed(folder, header, journal, samples)
     return findings
+
+
+def _finding(check: Callable[..., object], *arguments: object) -> Iterator[str]:
+    """Give the sentence with which a check refuses its arguments."""
+    try:
+        check(*arguments)
+    except UserError as error:
+        yield str(error)
 
 
 def _check_contacts(
@@ -83,11 +92,8 @@ def _check_contacts(
 ) -> Iterator[str]:
     """Give findings on the contacts in lines of the journal, by their numbers."""
     for number in samples:
-        try:
-            where = f"{path} line {number}"
-            check_contacts(journal.whole[number - 1], where, header.dome_radius_mm)
-        except UserError as error:
-            yield str(error)
+        where = f"{path} line {number}"
+        yield from _finding(check_contacts, journal.whole[number - 1], where, header.dome_radius_mm)
     if journal.torn and header.status == "open":
         yield (
             f"{path} ends in an unfinished line of {len(journal.torn)} bytes; opening the data set "
@@ -123,23 +129,20 @@ def _check_images(
 ) -> Iterator[str]:
     """Give findings on images, in the order of the journal."""
 
-    def check(number: int, sample: Sample) -> str:
-        try:
-            where = f"{JOURNAL} line {number}"
-            read_image(folder, sample.file_name, sample.sha256, header, where)
-        except UserError as error:
-            return str(error)
-        return ""
+    def check(number: int, sample: Sample) -> list[str]:
+        where = f"{JOURNAL} line {number}"
+        arguments = (folder, sample.file_name, sample.sha256, header, where)
+        return list(_finding(read_image, *arguments))
 
-    waiting: deque[Future[str]] = deque()
+    waiting: deque[Future[list[str]]] = deque()
     with ThreadPoolExecutor(_THREADS) as pool:
         for number, sample in samples.items():
             waiting.append(pool.submit(check, number, sample))
-            while len(waiting) >= _PREFETCH:
-                yield from filter(None, [waiting.popleft().result()])
+            if len(waiting) == _PREFETCH:
+                yield from waiting.popleft().result()
                 advance(1)
-        while waiting:
-            yield from filter(None, [waiting.popleft().result()])
+        for future in waiting:
+            yield from future.result()
             advance(1)
 
 
@@ -155,21 +158,6 @@ def _check_leftovers(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
         yield f"{folder / name} is named by no line of {JOURNAL}; opening the data set moves it."
     for path in sorted(temporary_files(folder)):
         yield f"{path} is the rest of an interrupted writer; opening the data set removes it."
-
-
-def _check_plan(folder: Path, header: Header) -> Iterator[str]:
-    try:
-        read_plan(folder / PLAN, header.plan_sha256)
-    except UserError as error:
-        yield str(error)
-
-
-def _check_splits(folder: Path, samples: Sequence[Sample]) -> Iterator[str]:
-    for path in split_files(folder).values():
-        try:
-            check_split(read_split(path), samples, str(path))
-        except UserError as error:
-            yield str(error)
 
 
 def _check_closed(

@@ -59,7 +59,7 @@ def write_parquet(
     (folder / "data").mkdir()
     for subset, samples in subsets.items():
         shards = divide(
-            [(dataset.folder / s.file_name).stat().st_size for s in samples], shard_bytes
+            [_file_size(dataset.folder / sample.file_name) for sample in samples], shard_bytes
         )
         for number, shard in enumerate(shards):
             name = f"{subset}-{number:05d}-of-{len(shards):05d}.parquet"
@@ -68,6 +68,13 @@ def write_parquet(
                     group = samples[start : min(start + ROW_GROUP, shard.stop)]
                     writer.write_table(_table(dataset, group, schema), row_group_size=ROW_GROUP)
                     advance(len(group))
+
+
+def _file_size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror or error}.") from None
 
 
 def divide(sizes: Sequence[int], limit: int) -> list[range]:
