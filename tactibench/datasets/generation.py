@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from tactibench.datasets.image_files import Image
-from tactibench.datasets.press_plan import Press, PressPlan, plan_of_file, plan_of_protocol
+from tactibench.datasets.press_plan import PressPlan, PressSeries, plan_of_file, plan_of_protocol
 from tactibench.datasets.rows import plan_hash, plan_lines
 from tactibench.datasets.schema import Draft, Header, is_dataset, read_header
 from tactibench.datasets.writer import Writer
@@ -30,26 +30,10 @@ GROUP = 50
 """Samples that are acknowledged together."""
 
 Advance = Callable[[int], None]
-T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Shard:
-    """A chunk of a series of presses.
-
-    Its seed is its own: whoever presses a shard, and whenever, the frames are the same.
-
-    Attributes:
-        presses: The presses.
-        seed: Root seed and spawn key of the sensor's randomness.
-    """
-
-    presses: tuple[Press, ...]
-    seed: tuple[int, ...]
-
-
-ShardPresser = Callable[[Sequence[Shard], Header], Iterator[Iterable[Draft]]]
-"""Presses shards of a data set with that header; gives the drafts of each, in order."""
+SeriesPresser = Callable[[Sequence[PressSeries], Header], Iterator[Iterable[Draft]]]
+"""Presses series of a data set with that header; gives the drafts of each, in order."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +65,7 @@ def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource
         sensor: Sensor = target(context, **values)
         return sensor
 
-    sensor = build(SensorContext(np.random.SeedSequence(0)))
+    sensor = build(_context((0,)))
     identity = {
         "name": spec.name,
         "origin": spec.origin,
@@ -135,7 +119,7 @@ class GenerationRequest:
         protocol = loaded.spec
         if self.seed is not None:
             protocol = protocol.model_copy(update={"data_seed": self.seed})
-        sensor = source.build(SensorContext(np.random.SeedSequence(0)))
+        sensor = source.build(_context((0,)))
         plan = plan_of_protocol(protocol, sensor, self.count)
         request |= {"protocol": loaded.label, "sha256": loaded.hash, "seed": protocol.data_seed}
         return plan, replace(source, request=request)
@@ -193,16 +177,19 @@ def generate(
     source: SensorSource,
     plan: PressPlan,
     advance: Advance,
-    press_shards: ShardPresser | None = None,
+    press_all: SeriesPresser | None = None,
 ) -> None:
     """Write the frames of all presses into a data set and close it; an open one is continued.
+
+    A chunk of presses that was begun is pressed again from its start, so that its frames are what
+    they would have been.
 
     Args:
         folder: Folder of the data set.
         source: The sensor.
         plan: The presses.
         advance: Called with the number of presses that are there.
-        press_shards: What presses; None presses in this process.
+        press_all: Presses the chunks; None presses in this process.
 
     Raises:
         UserError: The folder holds something else.
@@ -218,60 +205,40 @@ def generate(
     )
     with Writer(folder, header, plan.rows()) as writer:
         writer.reference(rest)
-        shards = divide_plan(plan)
         missing = [
-            shard
-            for shard in shards
-            if not writer.done.issuperset(press.id for press in shard.presses)
+            chunk
+            for chunk in plan.chunks(CHUNK)
+            if not writer.done.issuperset(press.id for press in chunk.presses)
         ]
-        advance(sum(len(s.presses) for s in shards) - sum(len(s.presses) for s in missing))
-        if press_shards is None:
-            batches: Iterator[Iterable[Draft]] = (press_shard(source, s) for s in missing)
-        else:
-            batches = press_shards(missing, header)
-        for shard, drafts in zip(missing, batches, strict=True):
+        advance(len(list(plan)) - sum(len(chunk.presses) for chunk in missing))
+        batches: Iterator[Iterable[Draft]] = (press_series(source, chunk) for chunk in missing)
+        if press_all is not None:
+            batches = press_all(missing, header)
+        for chunk, drafts in zip(missing, batches, strict=True):
             done = writer.done
-            for group in _batched((draft for draft in drafts if draft.id not in done), GROUP):
+            new = (draft for draft in drafts if draft.id not in done)
+            while group := list(islice(new, GROUP)):
                 writer.add_many(group)
-            advance(len(shard.presses))
+            advance(len(chunk.presses))
         for name, subsets in plan.splits.items():
             writer.split(name, **subsets)
 
 
-def divide_plan(plan: PressPlan) -> list[Shard]:
-    """Return all presses in chunks.
-
-    A chunk's randomness depends on its number alone. One that was begun is pressed again from its
-    start, so that its frames are what they would have been.
-    """
-    return [
-        Shard(tuple(presses), (*series.seed, number))
-        for series in plan.series
-        for number, presses in enumerate(_batched(series.presses, CHUNK))
-    ]
-
-
-def press_shard(source: SensorSource, shard: Shard) -> Iterator[Draft]:
-    """Press a shard, and give its samples in order, each as soon as it is there."""
-    with source.build(SensorContext(_seed_sequence(shard.seed))) as sensor:
-        frames = sensor.press_many([press.scene for press in shard.presses])
-        for press, frame in zip(shard.presses, frames, strict=True):
+def press_series(source: SensorSource, series: PressSeries) -> Iterator[Draft]:
+    """Press a series, and give its samples in order, each as soon as it is there."""
+    with source.build(_context(series.seed)) as sensor:
+        frames = sensor.press_many([press.scene for press in series.presses])
+        for press, frame in zip(series.presses, frames, strict=True):
             scene = replace(press.scene, pose=frame.pose)
             extra = {"draw": press.draw} if press.draw else {}
             yield Draft(frame.image, press.id, scene, press=press.name, extra=extra)
 
 
 def _rest_image(source: SensorSource, plan: PressPlan) -> Image:
-    with source.build(SensorContext(_seed_sequence((*plan.series[0].seed, 0)))) as sensor:
+    with source.build(_context((*plan.series[0].seed, 0))) as sensor:
         return sensor.rest().image
 
 
-def _seed_sequence(seed: tuple[int, ...]) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed[0], spawn_key=seed[1:])
-
-
-def _batched(things: Iterable[T], count: int) -> Iterator[list[T]]:
-    """Give lists of ``count`` things, the last one shorter (itertools.batched of Python 3.12)."""
-    rest = iter(things)
-    while batch := list(islice(rest, count)):
-        yield batch
+def _context(seed: tuple[int, ...]) -> SensorContext:
+    """Return the context of a sensor with a root seed and spawn key."""
+    return SensorContext(np.random.SeedSequence(seed[0], spawn_key=seed[1:]))

@@ -38,7 +38,7 @@ class Press:
 
 @dataclass(frozen=True)
 class PressSeries:
-    """Presses in order.
+    """Presses in order; whoever presses them, and whenever, the frames are the same.
 
     Attributes:
         presses: The presses.
@@ -67,6 +67,14 @@ class PressPlan:
     def rows(self) -> list[dict[str, Any]]:
         """Return the rows of plan.jsonl."""
         return press_rows(self)
+
+    def chunks(self, size: int) -> list[PressSeries]:
+        """Return all presses in series of at most ``size``, each with a seed by its number."""
+        return [
+            PressSeries(series.presses[start : start + size], (*series.seed, start // size))
+            for series in self.series
+            for start in range(0, len(series.presses), size)
+        ]
 
 
 def press_rows(presses: Iterable[Press]) -> list[dict[str, Any]]:
@@ -119,15 +127,6 @@ def plan_of_file(path: Path, seed: int, count: int | None) -> PressPlan:
     return PressPlan((PressSeries(tuple(presses[:count]), (seed,)),), {})
 
 
-@dataclass(frozen=True)
-class _Subset:
-    """Rows of a draw that are pressed with one seed."""
-
-    draw: str
-    rows: Sequence[int]
-    seed: int
-
-
 def plan_of_protocol(protocol: Protocol, sensor: SensorShape, count: int | None) -> PressPlan:
     """Return every press that a protocol trains, validates and tests on.
 
@@ -156,32 +155,32 @@ def plan_of_protocol(protocol: Protocol, sensor: SensorShape, count: int | None)
     ids: dict[tuple[str, int], list[int]] = {}
     all_series = []
     start = 0
-    for subset in _subsets(protocol, split):
-        scenes = draw_scenes(pressed, subset.draw).scenes
+    for draw, rows, part in _subsets(protocol, split):
+        scenes = draw_scenes(pressed, draw).scenes
         presses = tuple(
-            Press(number, f"{subset.draw}-{row}", scenes[row], subset.draw)
-            for number, row in enumerate(subset.rows[:count], start)
+            Press(number, f"{draw}-{row}", scenes[row], draw)
+            for number, row in enumerate(rows[:count], start)
         )
         start += len(presses)
-        seed = (protocol.data_seed, protocol.draw(subset.draw).stream, subset.seed)
+        seed = (protocol.data_seed, protocol.draw(draw).stream, part)
         all_series.append(PressSeries(presses, seed))
-        ids[subset.draw, subset.seed] = [press.id for press in presses]
+        ids[draw, part] = [press.id for press in presses]
     return PressPlan(tuple(all_series), _splits(protocol, split, ids))
 
 
-def _subsets(protocol: Protocol, split: Split) -> list[_Subset]:
+def _subsets(protocol: Protocol, split: Split) -> list[tuple[str, Sequence[int], int]]:
+    """Return draw, rows of it, and the seed of the part that these rows are."""
     sizes = {draw.name: _size(draw) for draw in protocol.draws}
     divided = split_presses(sizes[split.draw], split, protocol.data_seed)
-    subsets = [
-        _Subset(split.draw, divided.fit, FIT),
-        _Subset(split.draw, divided.validation, VALIDATION),
+    subsets: list[tuple[str, Sequence[int], int]] = [
+        (split.draw, divided.fit, FIT),
+        (split.draw, divided.validation, VALIDATION),
     ]
     if split.draw in protocol.test.sets:
-        subsets.append(_Subset(split.draw, divided.test, TEST))
-    others = [*(name for names in protocol.regimes.values() for name in names)]
-    others += protocol.test.sets
-    whole = [name for name in dict.fromkeys(others) if name != split.draw]
-    return subsets + [_Subset(name, range(sizes[name]), WHOLE) for name in whole]
+        subsets.append((split.draw, divided.test, TEST))
+    names = [name for regime in protocol.regimes.values() for name in regime]
+    whole = dict.fromkeys([*names, *protocol.test.sets])
+    return subsets + [(name, range(sizes[name]), WHOLE) for name in whole if name != split.draw]
 
 
 def _size(draw: Draw) -> int:

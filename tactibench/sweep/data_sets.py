@@ -1,4 +1,4 @@
-"""Data sets that are pressed in shards: workers press, one process writes them in order."""
+"""Data sets that are pressed in chunks: workers press, one process writes them in order."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from tactibench.datasets.generation import (
     Advance,
     GenerationRequest,
     SensorSource,
-    Shard,
     generate,
     is_complete,
-    press_shard,
+    press_series,
     sensor_parameters,
 )
 from tactibench.datasets.image_files import png_bytes
-from tactibench.datasets.press_plan import PressPlan
+from tactibench.datasets.press_plan import PressPlan, PressSeries
 from tactibench.errors import UserError
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.identity import digest
@@ -97,12 +96,12 @@ def press_data_set(task: DatasetTask, cluster: Cluster, advance: Advance) -> Non
         UserError: Workers died, or have another version of the sensor than this process.
     """
 
-    def press_shards(shards: Sequence[Shard], header: Header) -> Iterator[Iterable[Draft]]:
+    def press_all(chunks: Sequence[PressSeries], header: Header) -> Iterator[Iterable[Draft]]:
         press = partial(_press_on_worker, task.request, digest(task.source.identity), header)
-        return cluster.map_in_order(press, shards)
+        return cluster.map_in_order(press, chunks)
 
     try:
-        generate(task.folder, task.source, task.plan, advance, press_shards)
+        generate(task.folder, task.source, task.plan, advance, press_all)
     except WorkerLossError:
         raise UserError(
             f"the workers that pressed {task.label} died (killed, out of memory, or crashed); "
@@ -111,9 +110,9 @@ def press_data_set(task: DatasetTask, cluster: Cluster, advance: Advance) -> Non
 
 
 def _press_on_worker(
-    request: GenerationRequest, identity: str, header: Header, shard: Shard
+    request: GenerationRequest, identity: str, header: Header, chunk: PressSeries
 ) -> list[Draft]:
-    """Return the samples of a shard with their images as PNG files, which are smaller to send."""
+    """Return the samples of a chunk with their images as PNG files, which are smaller to send."""
     source = _open_source(request)
     if digest(source.identity) != identity:
         raise UserError(
@@ -122,11 +121,11 @@ def _press_on_worker(
         )
     return [
         replace(draft, image=png_bytes(draft.image, header, f"press {draft.id}"))
-        for draft in press_shard(source, shard)
+        for draft in press_series(source, chunk)
     ]
 
 
 @lru_cache(maxsize=4)
 def _open_source(request: GenerationRequest) -> SensorSource:
-    """Open the sensor once a worker, not once a shard."""
+    """Open the sensor once a worker, not once a chunk."""
     return request.source()

@@ -145,7 +145,7 @@ def _answers_seeds(_: Path) -> list[bytes]:
 
 
 def _table(data: bytes, folder: Path) -> None:
-    from tactibench.datasets.readers.files import frame_names
+    from tactibench.datasets.readers.folder import frame_names
     from tactibench.datasets.readers.table import read_table
 
     table = read_table(folder / "targets.csv", data)

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from tactibench.contacts import Indenter, Pose, Scene
-from tactibench.datasets.readers.folder import FolderContent, KnownSamples
+from tactibench.datasets.readers.folder import FolderContent, FrameLabels
 from tactibench.datasets.readers.options import AUTO, FRAME_FOLDERS, ImportOptions
 from tactibench.datasets.readers.table import Table, read_table
 from tactibench.datasets.splits import SUBSETS, Split
@@ -47,14 +47,10 @@ _LABEL = re.compile(r"(pose|move|shear|object)_([1-6]|[xyz]|R[xyz])")
 _IMAGE_ID = re.compile(r"image_(\d+)\.png")
 
 
-class _Params(BaseModel):
-    model_config = ConfigDict(extra="ignore")
+_P = TypeVar("_P", bound=BaseModel)
 
 
-_P = TypeVar("_P", bound=_Params)
-
-
-class CollectParams(_Params):
+class CollectParams(BaseModel):
     """Content of an export's collect_params.json: which column is which label and pose."""
 
     name: str
@@ -62,7 +58,7 @@ class CollectParams(_Params):
     scene: dict[Literal["x", "y", "depth", "tilt", "yaw"], str]
 
 
-class IndenterParams(_Params):
+class IndenterParams(BaseModel):
     """An indenter in env_params.json; a plate has no radius."""
 
     name: str
@@ -70,7 +66,7 @@ class IndenterParams(_Params):
     offsets_mm: tuple[tuple[float, float, float], ...]
 
 
-class EnvironmentParams(_Params):
+class EnvironmentParams(BaseModel):
     """Content of an export's env_params.json: units, dome and indenters."""
 
     units: dict[str, str]
@@ -81,7 +77,7 @@ class EnvironmentParams(_Params):
     licence: str
 
 
-class SensorParams(_Params):
+class SensorParams(BaseModel):
     """Content of an export's sensor_image_params.json."""
 
     sensor: dict[str, Any] = Field(default_factory=dict)
@@ -108,10 +104,13 @@ def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
     table = read_table(path, data)
     name = table.column(options.column) if options.column else table.column(*NAME_COLUMNS)
     frames = _frames_folder(folder, options.frames)
-    labels = tuple(column for column in table.columns if _LABEL.fullmatch(column))
-    lettered = any(column.partition("_")[2] in ("x", "Rx") for column in labels)
+    columns = tuple(column for column in table.columns if _LABEL.fullmatch(column))
+    lettered = any(column.partition("_")[2] in ("x", "Rx") for column in columns)
     poses = "pose_x..pose_Rz" if lettered else "pose_1..pose_6"
-    about = {file.name: _read_json(file) for file in _about_files(folder)}
+    files = sorted(file for pattern in ABOUT for file in folder.glob(pattern) if file.is_file())
+    about = {file.name: _read_json(file) for file in files}
+    by_options = (options.indenter, options.labels) != (AUTO, AUTO)
+    labels = None if by_options or not _is_export(about) else _read_export(folder, table, about)
     return FolderContent(
         format="bristol",
         generation=f"{name}, {poses}, {frames.name}",
@@ -120,11 +119,11 @@ def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
         data=data,
         name_column=name,
         frame_folders=(frames, folder),  # older tables name frames from the folder above theirs
-        label_columns=labels,
+        label_columns=columns,
         rest_folder=frames,
         splits=_read_splits(folder / SPLIT_FILE, table, name),
         about=about,
-        known=_read_known(folder, table, about) if _is_export(about) else None,
+        labels=labels,
     )
 
 
@@ -134,10 +133,6 @@ def _frames_folder(folder: Path, name: str) -> Path:
         if (folder / candidate).is_dir():
             return folder / candidate
     raise UserError(f"{folder} holds no folder of frames; looked for {', '.join(names)}.")
-
-
-def _about_files(folder: Path) -> list[Path]:
-    return sorted(file for pattern in ABOUT for file in folder.glob(pattern) if file.is_file())
 
 
 def _read_json(path: Path) -> Any:
@@ -185,8 +180,8 @@ def _read_splits(path: Path, table: Table, name_column: str) -> dict[str, Split]
     return rows
 
 
-def _read_known(folder: Path, table: Table, about: Mapping[str, Any]) -> KnownSamples:
-    """Return what an export says about its samples."""
+def _read_export(folder: Path, table: Table, about: Mapping[str, Any]) -> FrameLabels:
+    """Return what an export of tactibench says about its samples."""
     collect = _validate(CollectParams, folder / COLLECT, about)
     environment = _validate(EnvironmentParams, folder / ENVIRONMENT, about)
     sensor = _validate(SensorParams, folder / SENSOR, about)
@@ -199,7 +194,7 @@ def _read_known(folder: Path, table: Table, about: Mapping[str, Any]) -> KnownSa
     if "pose_x" in used:
         used.add("pose_Rx")  # a scene is not turned about x, so that its column holds zeros
     radius = environment.dome_radius_mm
-    return KnownSamples(
+    return FrameLabels(
         labels=labels,
         scenes=_read_scenes(folder, table, collect, environment),
         presses=tuple(table.cells[table.column(PRESS)]),

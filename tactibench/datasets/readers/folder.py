@@ -1,46 +1,56 @@
-"""From a table and the folders beside it to a recording: what all formats have in common."""
+"""From a table and the folders beside it to a recording: what all formats have in common.
+
+Frames are looked for inside their folder only; every file is read once, checked and hashed.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Mapping, Sequence
+import stat
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from tactibench.contacts import Scene
 from tactibench.datasets.labels import choose_indenter, role_columns, scenes_of
-from tactibench.datasets.readers.files import FileFinder, check_frames, find_frames, frame_names
-from tactibench.datasets.readers.options import AUTO, NONE, ImportOptions
+from tactibench.datasets.readers.options import AUTO, NONE, REFUSE, ImportOptions
 from tactibench.datasets.readers.recording import FloatArray, Recording
 from tactibench.datasets.readers.table import Table
 from tactibench.datasets.splits import SUBSETS, Split
+from tactibench.errors import UserError
+from tactibench.png import ImageKind, check_png, read_file
 
 _MOSTLY_NUMBERS = 0.5
 """A column of which this share are numbers is meant as numbers; its other cells are mistakes."""
+_BITS_AT, _MOST_BITS = 24, 8
+"""Where a PNG says how many bits a channel has, and the most that a frame may have."""
 
 
 @dataclass(frozen=True, eq=False)
-class KnownSamples:
-    """Facts that a folder states itself, so that no option needs to say what labels mean.
+class FrameLabels:
+    """The labels of N frames, and what they say was pressed.
 
     Attributes:
         labels: Label -> (N,) values, NaN where a frame has none.
         scenes: What was pressed in every frame.
         presses: Name of the press of every frame.
-        samples: Other fields of every frame's sample.
-        header: Fields of the header.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         columns: Columns of the table from which all this was read.
+        roles: Role, such as "depth" -> column.
+        samples: Other fields of every frame's sample; empty where the table has none.
+        header: Fields of a data set's header.
     """
 
     labels: Mapping[str, FloatArray]
-    scenes: tuple[Scene | None, ...]
-    presses: tuple[str, ...]
-    samples: tuple[Mapping[str, Any], ...]
-    header: Mapping[str, Any]
+    scenes: Sequence[Scene | None]
+    presses: Sequence[str]
     dome_radius_mm: float | None
     columns: frozenset[str]
+    roles: Mapping[str, str] = field(default_factory=dict)
+    samples: tuple[Mapping[str, Any], ...] = ()
+    header: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +69,7 @@ class FolderContent:
         rest_folder: Folder in which the undeformed frame is looked for.
         splits: Name -> split of the table's row numbers.
         about: File name -> what files beside the table say.
-        known: Facts that the folder states itself.
+        labels: Labels where the folder itself says what they mean; None: the options say it.
     """
 
     format: str
@@ -73,7 +83,7 @@ class FolderContent:
     rest_folder: Path
     splits: Mapping[str, Split] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
-    known: KnownSamples | None = None
+    labels: FrameLabels | None = None
 
 
 def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
@@ -83,64 +93,62 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
         UserError: A frame, a label or a column is missing or wrong; the sentence names it.
     """
     table = content.table
-    all_names = frame_names(table.path, table.cells[content.name_column])
+    names = frame_names(table.path, table.cells[content.name_column])
     finder = FileFinder(content.folder)
     for path in (table.path, *(content.folder / name for name in content.about)):
         finder.find([path])
-    files = find_frames(table.path, finder, content.frame_folders, all_names, options.missing)
+    files = _find_frames(content, finder, names, options.missing)
     rows = [row for row, path in enumerate(files) if path is not None]
     paths = tuple(path for path in files if path is not None)
     rest = _find_rest(content.rest_folder, finder, set(paths))
-    if options.press:
-        table.column(options.press)
-    known = content.known
-    if (options.indenter, options.labels) != (AUTO, AUTO):
-        known = None  # the options say how labels are read
-    if known is not None:
-        roles: dict[str, str] = {}
-        labels = {name: values[rows] for name, values in known.labels.items()}
-        scenes: Sequence[Scene | None] = [known.scenes[row] for row in rows]
-        presses: Sequence[str] = known.presses
-        used = known.columns
-        radius = known.dome_radius_mm
-    else:
-        label_columns = _label_columns(content, options)
-        labels = {column: table.numbers(column)[rows] for column in label_columns}
-        indenter = choose_indenter(options, label_columns)
-        roles = role_columns(options, indenter, labels, table.path)
-        scenes = scenes_of(labels, roles, options, indenter) or [None] * len(rows)
-        presses = all_names
-        used = frozenset({*label_columns, content.name_column})
-        radius = None if indenter == NONE else options.dome_radius_mm
-    if options.press:
-        presses = table.cells[options.press]
+    labels = content.labels or _read_labels(content, names, options)
+    presses = table.cells[table.column(options.press)] if options.press else labels.presses
     kind, sha256 = check_frames(content.data, paths, rest)
     return Recording(
         format=content.format,
         generation=content.generation,
         folder=content.folder,
         table=table.path,
-        names=tuple(all_names[row] for row in rows),
+        names=tuple(names[row] for row in rows),
         paths=paths,
         frames=content.frame_folders[0],
         kind=kind,
         rest=rest,
-        labels=labels,
-        scenes=tuple(scenes),
+        labels={name: values[rows] for name, values in labels.labels.items()},
+        scenes=tuple(labels.scenes[row] for row in rows),
         presses=tuple(presses[row] for row in rows),
         sha256=sha256,
-        columns={"name": content.name_column, **roles},
+        columns={"name": content.name_column, **labels.roles},
         extra={
             name: tuple(table.cells[name][row] for row in rows)
             for name in table.columns
-            if name not in used
+            if name not in labels.columns
         },
-        samples=() if known is None else tuple(known.samples[row] for row in rows),
-        header={} if known is None else known.header,
+        samples=tuple(labels.samples[row] for row in rows) if labels.samples else (),
+        header=labels.header,
         splits=_renumber_splits(content.splits, rows),
         about=content.about,
-        dome_radius_mm=radius,
-        notes=_notes(content, len(all_names) - len(rows), paths, rest),
+        dome_radius_mm=labels.dome_radius_mm,
+        notes=_notes(content, len(names) - len(rows), paths, rest),
+    )
+
+
+def _read_labels(
+    content: FolderContent, names: Sequence[str], options: ImportOptions
+) -> FrameLabels:
+    """Read the labels as the options say; every frame is a press of its own."""
+    table = content.table
+    columns = _label_columns(content, options)
+    labels = {column: table.numbers(column) for column in columns}
+    indenter = choose_indenter(options, columns)
+    roles = role_columns(options, indenter, labels, table.path)
+    return FrameLabels(
+        labels,
+        scenes_of(labels, roles, options, indenter) or [None] * len(names),
+        names,
+        None if indenter == NONE else options.dome_radius_mm,
+        frozenset({*columns, content.name_column}),
+        roles,
     )
 
 
@@ -158,11 +166,146 @@ def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str,
     )
 
 
+def frame_names(path: Path, cells: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of frames with '/' as separator, in the order of the table.
+
+    Args:
+        path: The table, for errors; rows are counted from 1 below its header.
+        cells: Names as the table writes them.
+
+    Raises:
+        UserError: A name is empty, leads out of its folder, or is listed twice.
+    """
+    row_of: dict[str, int] = {}
+    for row, cell in enumerate(cells, start=1):
+        name = _relative_name(path, row, cell)
+        if name in row_of:
+            raise UserError(
+                f"{path} rows {row_of[name]} and {row} both name the frame {name}; "
+                "a frame may be listed once."
+            )
+        row_of[name] = row
+    return tuple(row_of)
+
+
+def _relative_name(path: Path, row: int, cell: str) -> str:
+    text = cell.strip().replace("\\", "/")
+    if not text:
+        raise UserError(f"{path} row {row} names no frame; every row needs a file name.")
+    name = PurePosixPath(text)
+    if name.is_absolute() or ".." in name.parts or ":" in text or "\0" in text:
+        raise UserError(
+            f"{path} row {row} names {cell!r}; a frame's name must be relative, stay inside the "
+            "frames folder and hold no ':'."
+        )
+    return str(name)
+
+
+class FileFinder:
+    """Finds files of one folder; links are followed inside it only."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._real = folder.resolve()
+        self._checked: set[Path] = set()
+
+    def find(self, places: Iterable[Path]) -> Path | None:
+        """Return the first of the places that is a file.
+
+        Raises:
+            UserError: A link leads out of the folder or runs in a circle.
+        """
+        for place in places:
+            if place.parent not in self._checked and place.parent.exists():
+                self._check(place.parent)
+                self._checked.add(place.parent)
+            try:
+                mode = os.lstat(place).st_mode
+            except OSError:
+                continue
+            if stat.S_ISLNK(mode):
+                self._check(place)
+                mode = stat.S_IFREG if place.is_file() else 0
+            if stat.S_ISREG(mode):
+                return place
+        return None
+
+    def _check(self, place: Path) -> None:
+        try:
+            inside = place.resolve(strict=True).is_relative_to(self._real)
+        except FileNotFoundError:
+            return  # a link to nothing is a file that is missing
+        except (OSError, RuntimeError):
+            raise UserError(
+                f"{place} is a link that runs in a circle; replace it by the file."
+            ) from None
+        if not inside:
+            raise UserError(
+                f"{place} is a link that leads out of {self._folder}, where nothing is read; "
+                "replace it by the file."
+            )
+
+
+def _find_frames(
+    content: FolderContent, finder: FileFinder, names: Sequence[str], missing: str
+) -> list[Path | None]:
+    """Return the file of every name; where ``missing`` is SKIP, None for one that is not there."""
+    folders = content.frame_folders
+    paths = [finder.find(folder / name for folder in folders) for name in names]
+    absent = [name for name, path in zip(names, paths, strict=True) if path is None]
+    if absent and (missing == REFUSE or len(absent) == len(names)):
+        many = len(absent) > 1
+        raise UserError(
+            f"{content.table.path} names {len(absent)} frame{'s' if many else ''} that "
+            f"{'are' if many else 'is'} not in {folders[0]}, first {absent[0]}; "
+            "add the files or remove their rows."
+        )
+    return paths
+
+
 def _find_rest(folder: Path, finder: FileFinder, listed: set[Path]) -> Path | None:
     """Return init_0.png, another *init*.png, or the image_0.png of newer recordings."""
     names = [folder / "init_0.png", *sorted(folder.glob("*init*.png")), folder / "image_0.png"]
     paths = (finder.find([path]) for path in names if path not in listed)
     return next((path for path in paths if path is not None), None)
+
+
+def check_frames(table: bytes, paths: Sequence[Path], rest: Path | None) -> tuple[ImageKind, str]:
+    """Read every file once.
+
+    Args:
+        table: Bytes of the table.
+        paths: Files of the frames, at least one.
+        rest: File of the undeformed frame.
+
+    Returns:
+        What every frame is, and the sha256 over the table, every frame and the rest frame.
+
+    Raises:
+        UserError: A frame is no sound PNG of 8 bits, or differs from the others.
+    """
+    digest = hashlib.sha256(table)
+    first: ImageKind | None = None
+    for path in (*paths, rest):
+        if path is None:
+            continue
+        data = read_file(path)
+        kind = check_png(path, data)
+        if data[_BITS_AT] > _MOST_BITS:
+            raise UserError(
+                f"{path} has {data[_BITS_AT]} bits a pixel; frames have 8: convert them first."
+            )
+        first = first or kind
+        if kind != first:
+            raise UserError(
+                f"{path} is {kind}, but {paths[0].name} is {first}; "
+                "all frames of a recording, the rest frame included, must be alike."
+            )
+        # The length keeps two files from passing for one.
+        digest.update(len(data).to_bytes(8, "little"))
+        digest.update(data)
+    assert first is not None, "a table has at least one row"  # noqa: S101
+    return first, digest.hexdigest()
 
 
 def _renumber_splits(splits: Mapping[str, Split], rows: Sequence[int]) -> dict[str, Split]:

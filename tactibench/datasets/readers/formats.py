@@ -1,19 +1,67 @@
-"""The format of a folder, and reading it."""
+"""The format of a folder, and reading it: by the format's own reader, or as a plain CSV file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tactibench.datasets.readers.bristol import TARGETS, find_targets, read_bristol
-from tactibench.datasets.readers.csv import read_csv
-from tactibench.datasets.readers.folder import read_recording
+from tactibench.datasets.readers.bristol import NAME_COLUMNS, TARGETS, find_targets, read_bristol
+from tactibench.datasets.readers.folder import FolderContent, read_recording
 from tactibench.datasets.readers.huggingface import metadata_files, read_huggingface
-from tactibench.datasets.readers.options import ImportOptions
+from tactibench.datasets.readers.options import AUTO, FRAME_FOLDERS, ImportOptions
 from tactibench.datasets.readers.recording import Recording, read_dataset
+from tactibench.datasets.readers.table import read_table
 from tactibench.datasets.schema import is_dataset
 from tactibench.errors import UserError, did_you_mean
+from tactibench.png import read_file
+
+NAMES = ("file_name", "filename", *NAME_COLUMNS, "image", "frame", "file", "path", "name")
+"""Columns of a CSV file that may name the frames, in order."""
 
 BRISTOL, HUGGINGFACE, CSV, V1 = "bristol", "huggingface", "csv", "v1"
+
+
+def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
+    """Read a folder whose one CSV file names frames, with labels beside the names.
+
+    Raises:
+        UserError: There is no table or several, or it cannot be read.
+    """
+    path = _table_path(folder, options.table)
+    data = read_file(path)
+    table = read_table(path, data)
+    name = table.column(options.column) if options.column else table.column(*NAMES)
+    if options.frames != AUTO:
+        frames = folder / options.frames
+        if not frames.is_dir():
+            raise UserError(f"{frames} is no folder; name that of the frames with --param frames.")
+        searched: tuple[Path, ...] = (frames,)
+    else:
+        known = [path for path in (folder / f for f in FRAME_FOLDERS) if path.is_dir()]
+        searched = (folder, *known)
+        frames = known[0] if known else folder
+    return FolderContent(
+        format="csv",
+        generation=f"{path.name}, {name}",
+        folder=folder,
+        table=table,
+        data=data,
+        name_column=name,
+        frame_folders=searched,
+        label_columns=None,
+        rest_folder=frames,
+    )
+
+
+def _table_path(folder: Path, name: str) -> Path:
+    paths = [folder / name] if name else sorted(folder.glob("*.csv"))
+    if len(paths) == 1 and paths[0].is_file():
+        return paths[0]
+    if name or not paths:
+        raise UserError(f"{folder} holds no {name or 'CSV file'}; name another folder.")
+    names = ", ".join(path.name for path in paths)
+    raise UserError(f"{folder} holds several CSV files ({names}); name one with --param table.")
+
+
 _READERS = {BRISTOL: read_bristol, HUGGINGFACE: read_huggingface, CSV: read_csv}
 FORMATS = tuple(_READERS)
 """Formats that can be imported."""
