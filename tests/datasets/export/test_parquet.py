@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from tactibench import Scene, UserError
 from tactibench.datasets import Dataset, Sample, export_dataset
-from tactibench.datasets.export.parquet import write_parquet
 from tactibench.datasets.export.exporter import select_samples
+from tactibench.datasets.export.parquet import write_parquet
 
 Make = Callable[..., Dataset]
 
