@@ -23,6 +23,7 @@ from tactibench.testing.runner import (
     Report,
     check_names,
     examine,
+    properties_of,
     run_checks,
 )
 from tactibench.testing.subjects import EncoderSubject, ModelSubject, SensorSubject
@@ -32,9 +33,9 @@ EPOCHS = "15"
 contact to frames like those of their training, and seconds on one core."""
 
 PROPERTIES = {
-    "model": model_checks.PROPERTIES,
-    "sensor": sensor_checks.PROPERTIES,
-    "encoder": encoder_checks.PROPERTIES,
+    "model": properties_of(model_checks),
+    "sensor": properties_of(sensor_checks),
+    "encoder": properties_of(encoder_checks),
 }
 OPTION_KINDS = {"sensor": "model", "encoder": "model", "data": "sensor"}
 """Option of ``subject_of`` -> the kind of plugin that it belongs to."""

@@ -1,4 +1,4 @@
-"""The properties of an encoder: the name of a function is the name of its property."""
+"""The properties of an encoder: every public function is one, and has its name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
-    Property,
     must_refuse,
     must_work,
     require,
@@ -372,29 +371,3 @@ def _alike(found: Contacts, expected: Contacts, slack: float, how: str) -> None:
     if len(found):
         away = max(np.abs(found.xy - expected.xy).max(), np.abs(found.depth - expected.depth).max())
         require(away <= slack, f"{how}: read {away:.3g} mm apart")
-
-
-PROPERTIES = tuple(
-    Property.from_function(function)
-    for function in (
-        target,
-        parameters,
-        empty,
-        round_trip,
-        border,
-        permutation,
-        shift,
-        refine,
-        noise,
-        close_pair,
-        pure,
-        dtype,
-        scores,
-        finite,
-        shape,
-        depth_range,
-        too_many,
-        another_grid,
-        several,
-    )
-)

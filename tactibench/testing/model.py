@@ -1,4 +1,4 @@
-"""The properties of a model: the name of a function is the name of its property."""
+"""The properties of a model: every public function is one, and has its name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from tactibench.testing.presses import changed_images, writable
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
-    Property,
     must_refuse,
     must_work,
     require,
@@ -286,29 +285,3 @@ def _predict_or_refuse(
         raise
     except Exception as error:
         raise Failed(f"{case} raised {describe_exception(error)} instead of a UserError") from error
-
-
-PROPERTIES = tuple(
-    Property.from_function(function)
-    for function in (
-        target,
-        parameters,
-        fit,
-        shapes,
-        finds_contacts,
-        empty,
-        batch,
-        seed,
-        save_load,
-        damaged_weights,
-        input_unchanged,
-        truth_hidden,
-        frame_size,
-        float_frame,
-        nan_frame,
-        every_answer,
-        several,
-        maps,
-        stages,
-    )
-)

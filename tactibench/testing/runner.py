@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FunctionType, ModuleType
 from typing import Any
 
 from tactibench.errors import UserError, describe_exception, did_you_mean
@@ -43,6 +44,17 @@ class Property:
         """Make a property of a function: its name, and the first paragraph of its docstring."""
         first_paragraph = (check.__doc__ or "").strip().partition("\n\n")[0]
         return cls(check.__name__, " ".join(first_paragraph.split()).rstrip("."), check)
+
+
+def properties_of(module: ModuleType) -> tuple[Property, ...]:
+    """Return a property for every public function that a module defines, in their order."""
+    return tuple(
+        Property.from_function(value)
+        for name, value in vars(module).items()
+        if isinstance(value, FunctionType)
+        and value.__module__ == module.__name__
+        and not name.startswith("_")
+    )
 
 
 @dataclass(frozen=True)

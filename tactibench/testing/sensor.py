@@ -1,4 +1,4 @@
-"""The properties of a sensor: the name of a function is the name of its property."""
+"""The properties of a sensor: every public function is one, and has its name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,
     NotApplicable,
-    Property,
     must_refuse,
     must_work,
     require,
@@ -111,7 +110,7 @@ def deeper(subject: SensorSubject) -> None:
     with subject.build() as sensor:
         rest = _gray(sensor.rest())
         levels = [
-            float(np.abs(_gray(sensor.press(tip(0, 0, float(depth)))) - rest).mean())
+            float(np.abs(_gray(sensor.press(_tip(0, 0, float(depth)))) - rest).mean())
             for depth in depths
         ]
     shown = ", ".join(
@@ -128,7 +127,7 @@ def direction(subject: SensorSubject) -> None:
     with subject.build() as sensor:
         rest = sensor.rest()
         left, right, up, down = (
-            _centroid(_change(sensor.press(tip(x, y, depth)), rest))
+            _centroid(_change(sensor.press(_tip(x, y, depth)), rest))
             for x, y in ((-ASIDE_MM, 0), (ASIDE_MM, 0), (0, -ASIDE_MM), (0, ASIDE_MM))
         )
     for axis, name, low, high in ((0, "x right", left, right), (1, "y down", up, down)):
@@ -167,9 +166,9 @@ def press_many(subject: SensorSubject) -> None:
 def refusals(subject: SensorSubject) -> None:
     """A scene far too deep or not finite is refused, one far beside the sensor touches nothing."""
     wrong = {
-        "a tip pressed 10 cm deep": tip(0.0, 0.0, 100.0),
-        "a scene at x = NaN": tip(float("nan"), 0.0, 2.0),
-        "a scene at infinite depth": tip(0.0, 0.0, float("inf")),
+        "a tip pressed 10 cm deep": _tip(0.0, 0.0, 100.0),
+        "a scene at x = NaN": _tip(float("nan"), 0.0, 2.0),
+        "a scene at infinite depth": _tip(0.0, 0.0, float("inf")),
     }
     if subject.has_own_scenes:
         there = set(_own_scenes(subject).values())
@@ -186,7 +185,7 @@ def refusals(subject: SensorSubject) -> None:
         with must_work("a press after a refused one"):
             press = sensor.press(subject.scenes[0])
         try:
-            beside = sensor.press(tip(100.0, 0.0, 2.0))
+            beside = sensor.press(_tip(100.0, 0.0, 2.0))
         except UserError:
             return
         rest = sensor.rest()
@@ -218,7 +217,7 @@ def surface(subject: SensorSubject) -> None:
     """A known surface is (H, W) of the grid, finite, and deepest within 2 mm of the contact."""
     subject.skip_unless_any_scene()
     grid = subject.protocol.grid.grid()
-    known = subject.unopened.surface(tip(3.0, -2.0, 2.0), grid)
+    known = subject.unopened.surface(_tip(3.0, -2.0, 2.0), grid)
     if known is None:
         raise NotApplicable("it knows no surface")
     depths = np.asarray(known)
@@ -235,7 +234,7 @@ def bound(subject: SensorSubject) -> None:
     """A known bound is (K, 3) and positive for the K true contacts of a scene."""
     subject.skip_unless_any_scene()
     radius = subject.protocol.workspace.dome_radius_mm
-    for scene in (tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0))):
+    for scene in (_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0))):
         known = subject.unopened.bound(scene)
         if known is None:
             raise NotApplicable("it knows no bound")
@@ -245,7 +244,7 @@ def bound(subject: SensorSubject) -> None:
         require((deviations > 0).all(), f"{deviations.tolist()} mm; a bound is positive")
 
 
-def tip(x: float, y: float, depth: float) -> Scene:
+def _tip(x: float, y: float, depth: float) -> Scene:
     """Return a press by one spherical tip of 3 mm."""
     return Scene(Indenter.single(), Pose(x, y, 0.0, 0.0, depth))
 
@@ -288,25 +287,3 @@ def _as_json(description: dict[str, Any]) -> str:
         return json.dumps(description, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise Failed(f"describe cannot be written as JSON: {error}") from error
-
-
-PROPERTIES = tuple(
-    Property.from_function(function)
-    for function in (
-        target,
-        parameters,
-        context_manager,
-        frames,
-        rest_frame,
-        deeper,
-        direction,
-        timestamps,
-        determinism,
-        press_many,
-        refusals,
-        describe,
-        scenes,
-        surface,
-        bound,
-    )
-)
