@@ -66,11 +66,12 @@ UNET = ("run", "exp2", "--model", "unet")
         ([*MEAN, "--json", "."], ["'--json'", "is a directory"]),
         (["score"], ["Missing argument 'RUN'", "tactibench score --help"]),
         (["score", "no-such-run"], ["no run 'no-such-run' in runs", "holds no run yet"]),
-        (["sim", "tabulatee", "x"], ["No such command 'tabulatee'", "Did you mean 'tabulate'?"]),
+        (["sim", "reall", "x"], ["No such command 'reall'"]),
+        (["data", "inport", "x"], ["No such command 'inport'"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def command_options(refused: Any, arguments: list[str], words: list[str]) -> None:
+def test_command_options(refused: Any, arguments: list[str], words: list[str]) -> None:
     sentence = refused(*arguments)
     for word in words:
         assert word in sentence
