@@ -116,7 +116,7 @@ def select_section(records: Iterable[Record], sensor: str | None, protocol: str)
     if not sections:
         raise UserError(
             f"there is no complete run of {protocol}; add some with `tactibench board add`, or "
-            "name a run store with --runs."
+            "name a run store with --store."
         )
     if sensor is None:
         least = min(section.kind for section in sections)

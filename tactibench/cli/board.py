@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.completion import RUN
-from tactibench.cli.options import board_option, json_option, store_option, writable_place
+from tactibench.cli.options import (
+    board_option,
+    json_option,
+    output_file,
+    save_json,
+    store_option,
+)
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from tactibench.records.store import StoredRun
     from tactibench.report.board_page import PageFile
-
-
-OUTPUT = click.Path(path_type=Path, dir_okay=False, writable=True)
 
 
 @click.group(invoke_without_command=True)
@@ -148,7 +151,6 @@ def verify(
     from tactibench.board.verification import verify as check
     from tactibench.cli.output import Terminal
     from tactibench.records.cache import cache_folder
-    from tactibench.records.files import write_json
     from tactibench.report.verify_report import print_verdict
     from tactibench.run.request import data_folder
 
@@ -169,8 +171,7 @@ def verify(
             continue
         print_verdict(terminal.out, verdict)
         rows += metric_rows(verdict)
-    if json_file is not None:
-        write_json(json_file, rows)
+    save_json(json_file, rows)
     if len(files) > 1:
         terminal.say(f"{len(files) - refused:,} of {len(files):,} verified")
     if refused:
@@ -180,34 +181,21 @@ def verify(
 @board.command()
 @board_option
 @json_option
-@click.option(
-    "--csv",
-    "csv_file",
-    type=OUTPUT,
-    callback=writable_place,
-    help="Write the figures here, a line a metric.",
-)
-@click.option(
-    "--latex",
-    "latex_file",
-    type=OUTPUT,
-    callback=writable_place,
-    help="Write the first tables here, for a paper.",
-)
+@output_file("--csv", "csv_file", help="Write the figures here, a line a metric.")
+@output_file("--latex", "latex_file", help="Write the first tables here, for a paper.")
 def export(
     board_folder: Path, json_file: Path | None, csv_file: Path | None, latex_file: Path | None
 ) -> None:
     """Write the figures of all boards as JSON, CSV or LaTeX files."""
     from tactibench.board.submissions import check_folder
-    from tactibench.records.files import atomic, write_json
+    from tactibench.records.files import atomic
     from tactibench.report.board_export import board_csv, board_latex, tidy_rows
 
     if json_file is csv_file is latex_file is None:
         raise UserError("nothing to write; name a file with --json, --csv or --latex.")
     check_folder(board_folder)
     rows = tidy_rows(board_folder)
-    if json_file is not None:
-        write_json(json_file, rows)
+    save_json(json_file, rows)
     if csv_file is not None:
         with atomic(csv_file) as stream:
             stream.write(board_csv(rows).encode())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option
+from tactibench.cli.options import json_option, param_option, save_json
 from tactibench.errors import UserError, did_you_mean
 from tactibench.plugins.specs import KINDS
 
@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     help="Folder of a sensor that reads recorded frames.",
 )
-@click.option(
-    "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
-)
+@param_option()
 @click.option(
     "--expect-failed",
     "expected",
@@ -77,8 +75,7 @@ def check(
         report = run_checks(properties(subject_kind), subject, expectations, _print_finding)
         click.echo(report.summary())
         reports.append(report)
-    if json_file is not None:
-        _write(json_file, reports)
+    save_json(json_file, _json_values(reports))
     if not all(report.ok for report in reports):
         ctx.exit(1)
 
@@ -113,24 +110,19 @@ def _reasons(texts: tuple[str, ...]) -> dict[str, str]:
     return reasons
 
 
-def _write(path: Path, reports: list[Report]) -> None:
-    from tactibench.records.files import write_json
-
-    write_json(
-        path,
-        {
-            "metrics": [row for report in reports for row in report.rows()],
-            "properties": [
-                {
-                    "subject": report.title,
-                    "property": finding.checked.name,
-                    "asserts": finding.checked.statement,
-                    "outcome": finding.outcome,
-                    "found": finding.message,
-                    "seconds": round(finding.seconds, 3),
-                }
-                for report in reports
-                for finding in report.findings
-            ],
-        },
-    )
+def _json_values(reports: list[Report]) -> dict[str, Any]:
+    return {
+        "metrics": [row for report in reports for row in report.rows()],
+        "properties": [
+            {
+                "subject": report.title,
+                "property": finding.checked.name,
+                "asserts": finding.checked.statement,
+                "outcome": finding.outcome,
+                "found": finding.message,
+                "seconds": round(finding.seconds, 3),
+            }
+            for report in reports
+            for finding in report.findings
+        ],
+    }

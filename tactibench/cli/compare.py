@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tactibench.cli.completion import RUN
-from tactibench.cli.options import json_option, store_option
+from tactibench.cli.options import json_option, save_json, store_option
 from tactibench.errors import UserError
 
 
@@ -27,7 +27,6 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     """
     from tactibench.board.compare import compare_runs, rows_of
     from tactibench.cli.output import Terminal
-    from tactibench.records.files import write_json
     from tactibench.records.store import open_run
     from tactibench.report.compare_report import print_comparisons
 
@@ -36,5 +35,4 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     runs = [open_run(store, name) for name in names]
     found = compare_runs(runs, distances=distances)
     print_comparisons(Terminal().out, runs, found)
-    if json_file is not None:
-        write_json(json_file, rows_of(runs, found))
+    save_json(json_file, rows_of(runs, found))

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.data_info import info
-from tactibench.cli.options import json_option
-from tactibench.errors import UserError, did_you_mean
+from tactibench.cli.options import json_option, param_option, save_json
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
@@ -22,18 +21,7 @@ SHOWN = 20
 """Findings that `verify` prints; --json has all."""
 
 
-class Actions(click.Group):
-    """Actions on data sets; an unknown one gets a close match."""
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Return an action by its name."""
-        if name not in self.commands:
-            advice = did_you_mean(name, self.commands)
-            raise UserError(f"unknown command 'data {name}'; {advice}")
-        return super().get_command(ctx, name)
-
-
-@click.group(cls=Actions)
+@click.group()
 def data() -> None:
     """Data sets on the disk: read recordings, check, share and describe them."""
 
@@ -63,7 +51,6 @@ def export(
     """
     from tactibench.cli.output import Terminal
     from tactibench.datasets import export_dataset, open_dataset
-    from tactibench.records.files import write_json
 
     dataset = open_dataset(folder)
     terminal = Terminal()
@@ -72,8 +59,7 @@ def export(
     for sentence in dataset.repaired:
         terminal.say(f"{folder}: {sentence}")
     terminal.say(_export_line(summary))
-    if json_file is not None:
-        write_json(json_file, _export_rows(summary))
+    save_json(json_file, _export_rows(summary))
 
 
 def _export_line(export: Export) -> str:
@@ -118,7 +104,6 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     """
     from tactibench.cli.output import Terminal
     from tactibench.datasets import ImportOptions, fit_recording, open_recording, presses_to_fit
-    from tactibench.records.files import write_json
     from tactibench.report.table import Column, Head, table
     from tactibench.report.writers.terminal import print_table
 
@@ -144,22 +129,21 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     )
     params = " ".join(f"--param {name}={value}" for name, value in fit.options().items())
     terminal.say(f"\ntactibench data import {shlex.quote(str(folder))} TARGET {params}")
-    if json_file is not None:
-        rows = [
-            _row("offset", "all", pivot.offset_mm, "mm") | {"std": pivot.offset_std},
-            _row("pivot", "all", pivot.pivot_mm, "mm") | {"std": pivot.pivot_std},
-            _row("lean", "all", fit.lean_deg, "deg") | {"std": None},
-            _row("misfit", "all", pivot.residual, "share") | {"std": None},
-            _row("presses", "all", pivot.presses) | {"std": None},
-        ]
-        write_json(json_file, rows)
+    rows = [
+        _row("offset", "all", pivot.offset_mm, "mm") | {"std": pivot.offset_std},
+        _row("pivot", "all", pivot.pivot_mm, "mm") | {"std": pivot.pivot_std},
+        _row("lean", "all", fit.lean_deg, "deg") | {"std": None},
+        _row("misfit", "all", pivot.residual, "share") | {"std": None},
+        _row("presses", "all", pivot.presses) | {"std": None},
+    ]
+    save_json(json_file, rows)
 
 
 @data.command(short_help="press a sensor and keep the frames")
 @click.argument("protocol", required=False)
 @click.option("--plan", type=click.Path(path_type=Path), help="Press the lines of a plan.jsonl.")
 @click.option("--sensor", help="Sensor that is pressed; default: the protocol's.")
-@click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE", help="Set one.")
+@param_option("sensor.NAME=VALUE", "Set one.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
@@ -242,13 +226,7 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
     metavar="NAME",
     help="bristol, csv or huggingface; default: what the folder looks like.",
 )
-@click.option(
-    "--param",
-    "params",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Say where labels are and what they mean; --params lists them.",
-)
+@param_option("NAME=VALUE", "Say where labels are and what they mean; --params lists them.")
 @click.option(
     "--params",
     "list_params",
@@ -297,7 +275,6 @@ def verify(ctx: click.Context, folder: Path, json_file: Path | None) -> None:
     from tactibench.cli.output import Terminal
     from tactibench.datasets import count_samples
     from tactibench.datasets import verify as check
-    from tactibench.records.files import write_json
 
     terminal = Terminal()
     count = count_samples(folder)
@@ -309,12 +286,11 @@ def verify(ctx: click.Context, folder: Path, json_file: Path | None) -> None:
         terminal.say(f"... and {len(findings) - SHOWN:,} more; --json FILE has all of them")
     verdict = f"{len(findings):,} findings" if findings else "all as it was written"
     terminal.say(f"{folder}: {count:,} samples, {verdict}")
-    if json_file is not None:
-        rows = [
-            _row("samples", "all", count, "samples"),
-            _row("findings", "all", len(findings), "findings"),
-        ]
-        write_json(json_file, {"findings": findings, "metrics": rows})
+    rows = [
+        _row("samples", "all", count, "samples"),
+        _row("findings", "all", len(findings), "findings"),
+    ]
+    save_json(json_file, {"findings": findings, "metrics": rows})
     if findings:
         ctx.exit(1)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option, picture
+from tactibench.cli.options import json_option, picture_file, save_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,13 +29,7 @@ _LONGEST_NAME = 20
 
 @click.command(short_help="what a folder holds, and what it can serve")
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--sheet",
-    type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    callback=picture,
-    metavar="FILE.png",
-    help="Draw frames spread over the labels.",
-)
+@picture_file("--sheet", "Draw frames spread over the labels.")
 @json_option
 def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     """Show what FOLDER holds: a recording of any known format, or a data set.
@@ -47,7 +41,6 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     from tactibench.datasets import open_recording
     from tactibench.datasets.description import label_values, summarize_labels, summarize_pins
     from tactibench.frames.services import services
-    from tactibench.records.files import write_json
 
     terminal = Terminal()
     recording = open_recording(folder)
@@ -66,8 +59,7 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     if sheet is not None:
         draw_sheet(sheet, recording)
         terminal.say(f"picture: {sheet}")
-    if json_file is not None:
-        write_json(json_file, _rows(recording, labels, pins, protocols))
+    save_json(json_file, _rows(recording, labels, pins, protocols))
 
 
 def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import board_option, json_option, store_option
+from tactibench.cli.options import board_option, json_option, save_json, store_option
 
 if TYPE_CHECKING:
     from tactibench.plugins.host import PluginHost
@@ -40,10 +40,7 @@ def listing(kind: str | None, json_file: Path | None, store: Path, board_folder:
         rows = _list_published(board_folder)
     else:
         rows = _list_plugins((kind,) if kind else PLUGINS)
-    if json_file is not None:
-        from tactibench.records.files import write_json
-
-        write_json(json_file, rows)
+    save_json(json_file, rows)
 
 
 def _list_plugins(kinds: tuple[str, ...]) -> dict[str, list[Row]]:

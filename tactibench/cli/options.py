@@ -13,69 +13,79 @@ from tactibench.cli.completion import ENCODER, SENSOR
 if TYPE_CHECKING:
     from tactibench.run.request import RunRequest
 
-Verb = Callable[..., None]
+Verb = Callable[..., Any]
 
 
-def writable_place(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
-    """Refuse before the work what could not be written after it."""
-    if path is not None and not path.parent.is_dir():
-        raise click.BadParameter(f"the folder {path.parent} is not there; make it first.")
-    return path
+def output_file(
+    *names: str, suffixes: tuple[str, ...] = (), **attributes: Any
+) -> Callable[[Verb], Verb]:
+    """Return an option that names a file to write.
+
+    What could not be written after the work is refused before it: a folder that is not there, and
+    a name that ends in none of the suffixes, the first of which is proposed.
+    """
+
+    def check(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
+        if path is None:
+            return None
+        if suffixes and path.suffix.lower() not in suffixes:
+            kind = suffixes[0][1:].upper()
+            raise click.BadParameter(
+                f"{path.name} is no {kind} file; call it {path.stem}{suffixes[0]}."
+            )
+        if not path.parent.is_dir():
+            raise click.BadParameter(f"the folder {path.parent} is not there; make it first.")
+        return path
+
+    file = click.Path(path_type=Path, dir_okay=False, writable=True)
+    return click.option(*names, type=file, callback=check, **attributes)
 
 
-def picture(_ctx: click.Context, _option: click.Parameter, path: Path | None) -> Path | None:
-    """A PNG file in a folder that is there."""
-    if path is not None and path.suffix.lower() != ".png":
-        raise click.BadParameter(f"{path.name} is no PNG file; call it {path.stem}.png.")
-    return writable_place(_ctx, _option, path)
+def picture_file(name: str, help_text: str) -> Callable[[Verb], Verb]:
+    """Return an option that names a picture to draw."""
+    return output_file(name, suffixes=(".png",), metavar="FILE.png", help=help_text)
 
 
-store_option = click.option(
-    "--store",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("runs"),
-    show_default=True,
-    help="The run store.",
+def folder_option(*names: str, default: str, help_text: str) -> Callable[[Verb], Verb]:
+    """Return an option that names a folder, which need not be there."""
+    folder = click.Path(path_type=Path, file_okay=False)
+    return click.option(
+        *names, type=folder, default=Path(default), show_default=True, help=help_text
+    )
+
+
+def param_option(
+    metavar: str = "KIND.NAME=VALUE", help_text: str = "Set a parameter."
+) -> Callable[[Verb], Verb]:
+    """Return the option that sets a parameter of a plugin; the verb takes all as ``params``."""
+    return click.option("--param", "params", multiple=True, metavar=metavar, help=help_text)
+
+
+store_option = folder_option("--store", default="runs", help_text="The run store.")
+board_option = folder_option(
+    "--board", "board_folder", default="leaderboards", help_text="Folder of the leaderboards."
 )
-json_option = click.option(
-    "--json",
-    "json_file",
-    type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    callback=writable_place,
-    help="Write the record here.",
-)
-board_option = click.option(
-    "--board",
-    "board_folder",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("leaderboards"),
-    show_default=True,
-    help="Folder of the leaderboards.",
-)
-runs_option = click.option(
-    "--store",
-    "runs",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("runs"),
-    show_default=True,
-    help="The run store.",
-)
-picture_option = click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    callback=picture,
-    metavar="FILE.png",
-    help="Draw the picture.",
-)
-more_runs_option = click.option(
-    "--store",
-    "runs",
-    type=click.Path(path_type=Path, file_okay=False, exists=True),
-    help="Take the complete runs of this store, too.",
-)
-one_sensor_option = click.option(
-    "--sensor", help="Such as 'tactip-127, instance=1'; default: the nominal one."
-)
+json_option = output_file("--json", "json_file", help="Write the record here.")
+picture_option = picture_file("--out", "Draw the picture.")
+
+
+def save_json(path: Path | None, values: Any) -> None:
+    """Write values as JSON where ``--json`` names a file."""
+    if path is not None:
+        from tactibench.records.files import write_json
+
+        write_json(path, values)
+
+
+def add_options(*options: Callable[[Verb], Verb]) -> Callable[[Verb], Verb]:
+    """Return a decorator that adds several options, which ``--help`` lists in this order."""
+
+    def decorate(verb: Verb) -> Verb:
+        for option in reversed(options):
+            verb = option(verb)
+        return verb
+
+    return decorate
 
 
 def request_options(
@@ -88,7 +98,7 @@ def request_options(
 
     The verb takes the values as ``**asked`` and hands them to ``request_of``.
     """
-    options = (
+    return add_options(
         click.option("--regime", help=regime),
         click.option(
             "--sensor", type=SENSOR, help="Sensor that makes the frames; default: the protocol's."
@@ -102,17 +112,8 @@ def request_options(
             default="auto",
             show_default=True,
         ),
-        click.option(
-            "--param", "params", multiple=True, metavar="KIND.NAME=VALUE", help="Set a parameter."
-        ),
+        param_option(),
     )
-
-    def decorate(verb: Verb) -> Verb:
-        for option in reversed(options):
-            verb = option(verb)
-        return verb
-
-    return decorate
 
 
 def request_of(protocol: str, model: str, asked: Mapping[str, Any], **more: Any) -> RunRequest:

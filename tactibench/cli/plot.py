@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from tactibench.cli.options import (
+    add_options,
     board_option,
     json_option,
-    more_runs_option,
-    one_sensor_option,
-    picture,
+    picture_file,
     picture_option,
+    save_json,
 )
 from tactibench.cli.plot_limit import limit
 from tactibench.errors import UserError, did_you_mean
@@ -41,12 +41,19 @@ def plot() -> None:
     """
 
 
-def board_options(command: Any) -> Any:
-    """Add the options that say which runs are drawn, and where picture and numbers go."""
-    options = (picture_option, board_option, more_runs_option, one_sensor_option, json_option)
-    for option in reversed(options):
-        command = option(command)
-    return command
+board_options = add_options(
+    picture_option,
+    board_option,
+    click.option(
+        "--store",
+        "runs",
+        type=click.Path(path_type=Path, file_okay=False, exists=True),
+        help="Take the complete runs of this store, too.",
+    ),
+    click.option("--sensor", help="Such as 'tactip-127, instance=1'; default: the nominal one."),
+    json_option,
+)
+"""Options that say which runs are drawn, and where picture and numbers go."""
 
 
 @plot.command()
@@ -100,7 +107,7 @@ def frontier(
         from tactibench.report.plots.frontier import frontier_figure
 
         _save(terminal, frontier_figure(found, error, measured_on=subject), out)
-    _write_json(json_file, [line for one in found for line in frontier_rows(one, error)])
+    save_json(json_file, [line for one in found for line in frontier_rows(one, error)])
 
 
 def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
@@ -156,19 +163,13 @@ def curve(
         from tactibench.report.plots.curve import curve_figure
 
         _save(terminal, curve_figure(found, error, measured_on=subject), out)
-    _write_json(json_file, curve_rows(found, error))
+    save_json(json_file, curve_rows(found, error))
 
 
 @plot.command()
 @click.argument("protocol", default="stability")
 @board_options
-@click.option(
-    "--cases",
-    type=click.Path(path_type=Path, dir_okay=False, writable=True),
-    callback=picture,
-    metavar="FILE.png",
-    help="Draw one frame of every case, from a run of --store.",
-)
+@picture_file("--cases", "Draw one frame of every case, from a run of --store.")
 @click.option("--rows", multiple=True, metavar="LABEL", help="Only these rows, in this order.")
 def stability(
     protocol: str,
@@ -212,7 +213,7 @@ def stability(
         _save(terminal, stability_figure(chosen, axes, measured_on=subject), out)
     if cases is not None:
         _save(terminal, _case_frames(protocol, runs, axes), cases)
-    _write_json(json_file, stability_rows(chosen, axes))
+    save_json(json_file, stability_rows(chosen, axes))
 
 
 def _rows_named(rows: Sequence[Row], labels: tuple[str, ...]) -> list[Row]:
@@ -269,10 +270,3 @@ def _save(terminal: Terminal, figure: Figure, out: Path) -> None:
 
     save_png(figure, out)
     terminal.say(f"picture: {out}")
-
-
-def _write_json(path: Path | None, rows: list[dict[str, Any]]) -> None:
-    from tactibench.records.files import write_json
-
-    if path is not None:
-        write_json(path, rows)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option, picture_option
+from tactibench.cli.options import json_option, param_option, picture_option, save_json
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[f
 
 @click.command()
 @click.option("--sensor", "sensor_name", default="tactip-127", show_default=True, help="Preset.")
-@click.option("--param", "params", multiple=True, metavar="sensor.NAME=VALUE", help="Set one.")
+@param_option("sensor.NAME=VALUE", "Set one.")
 @click.option("--scene", type=click.Choice(["single", "dual"]), default="single", show_default=True)
 @click.option(
     "--depth",
@@ -97,7 +97,6 @@ def limit(
     from tactibench.cli.output import Terminal
     from tactibench.contacts import Indenter
     from tactibench.plugins.host import PluginHost
-    from tactibench.records.files import write_json
     from tactibench.report.plot_tables import limit_remarks, limit_table
     from tactibench.report.writers.terminal import print_table
 
@@ -122,17 +121,16 @@ def limit(
 
         save_png(limit_figure(maps, measured_on=subject), out)
         terminal.say(f"picture: {out}")
-    if json_file is not None:
-        identity = {"name": spec.name, "origin": spec.origin, "parameters": dict(values)}
-        write_json(
-            json_file,
-            {
-                "sensor": {**identity, "description": sensor.describe()},
-                **_json(request),
-                "metrics": rows_of(maps),
-                "maps_mm": _cells(maps),
-            },
-        )
+    identity = {"name": spec.name, "origin": spec.origin, "parameters": dict(values)}
+    save_json(
+        json_file,
+        {
+            "sensor": {**identity, "description": sensor.describe()},
+            **_json(request),
+            "metrics": rows_of(maps),
+            "maps_mm": _cells(maps),
+        },
+    )
 
 
 def _settings(spec: SensorSpec, params: tuple[str, ...]) -> dict[str, Value]:

@@ -7,30 +7,21 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from tactibench.cli.options import board_option, runs_option, writable_place
+from tactibench.cli.options import board_option, output_file, store_option
 from tactibench.errors import UserError
 from tactibench.report.html.origins import AUTO, BOTH, ORIGINS, RUNS
 
 
-def page_place(ctx: click.Context, option: click.Parameter, path: Path) -> Path:
-    """Refuse a file that is no HTML file, or whose folder is not there."""
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise click.BadParameter(f"{path.name} is no HTML file; call it {path.stem}.html.")
-    writable_place(ctx, option, path)
-    return path
-
-
 @click.command()
-@click.option(
+@output_file(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False, writable=True),
+    suffixes=(".html", ".htm"),
     default=Path("report.html"),
     show_default=True,
-    callback=page_place,
     metavar="FILE.html",
     help="Write the page here.",
 )
-@runs_option
+@store_option
 @board_option
 @click.option(
     "--from",
@@ -52,7 +43,7 @@ def page_place(ctx: click.Context, option: click.Parameter, path: Path) -> Path:
 def report(
     ctx: click.Context,
     out: Path,
-    runs: Path,
+    store: Path,
     board_folder: Path,
     origin: str,
     protocols: tuple[str, ...],
@@ -71,10 +62,10 @@ def report(
     from tactibench.report.html.page import report_page
     from tactibench.report.html.report_data import gather
 
-    named = ctx.get_parameter_source("runs") is not ParameterSource.DEFAULT
-    if not runs.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
-        raise UserError(f"there is no run store in {runs}; name one with --store DIR.")
-    data = gather(runs, board_folder, origin=origin, protocols=protocols)
+    named = ctx.get_parameter_source("store") is not ParameterSource.DEFAULT
+    if not store.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
+        raise UserError(f"there is no run store in {store}; name one with --store DIR.")
+    data = gather(store, board_folder, origin=origin, protocols=protocols)
     terminal = Terminal()
     with terminal.task("report", len(data.boards) + 1) as advance:
         page = report_page(data, advance=lambda _: advance(1)).encode()

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.completion import MODEL, PROTOCOL
-from tactibench.cli.options import json_option, request_of, request_options, store_option
+from tactibench.cli.options import (
+    json_option,
+    request_of,
+    request_options,
+    save_json,
+    store_option,
+)
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
@@ -77,7 +83,6 @@ def run(
     from tactibench.cli.output import Terminal, show_run
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
-    from tactibench.records.files import write_json
     from tactibench.records.store import RECORD, open_run
     from tactibench.run.plan import make_plan, plan_lines
     from tactibench.run.request import read_test_options
@@ -107,13 +112,11 @@ def run(
 
         finished = execute(plan, store, terminal, fresh=fresh)
     show_run(terminal, finished, store)
-    if json_file is not None:
-        write_json(json_file, finished.record.json_values())
+    save_json(json_file, finished.record.json_values())
 
 
 def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:
     """Train, or find the weights in the cache, and say where they are."""
-    from tactibench.records.files import write_json
     from tactibench.report.numbers import duration
     from tactibench.run.train import train_model
 
@@ -126,13 +129,13 @@ def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:
         f"{duration(report['seconds'])}"
     )
     terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
-    if json_file is not None:
-        facts = {
-            "model": model,
-            "regime": plan.components.regime,
-            "seed": plan.request.seed,
-            "weights": trained.hash,
-            "reused": trained.reused,
-        }
-        values = {"training_s": report["seconds"], "epochs": report["epochs"]}
-        write_json(json_file, {**facts, **values})
+    facts = {
+        "model": model,
+        "regime": plan.components.regime,
+        "seed": plan.request.seed,
+        "weights": trained.hash,
+        "reused": trained.reused,
+        "training_s": report["seconds"],
+        "epochs": report["epochs"],
+    }
+    save_json(json_file, facts)

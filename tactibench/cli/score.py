@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tactibench.cli.completion import RUN
-from tactibench.cli.options import json_option, store_option
+from tactibench.cli.options import json_option, save_json, store_option
 
 
 @click.command()
@@ -22,7 +22,6 @@ def score(ctx: click.Context, run_name: str, store: Path, json_file: Path | None
     when they do not.
     """
     from tactibench.cli.output import Terminal, show_run
-    from tactibench.records.files import write_json
     from tactibench.records.store import StoredRun, open_run
     from tactibench.run.score import metric_differences, rescore
 
@@ -31,8 +30,7 @@ def score(ctx: click.Context, run_name: str, store: Path, json_file: Path | None
     record = rescore(run)
     show_run(terminal, StoredRun(run.folder, record), store)
     changed = metric_differences(run.record.metrics, record.metrics)
-    if json_file is not None:
-        write_json(json_file, record.json_values())
+    save_json(json_file, record.json_values())
     if changed:
         for line in changed[:20]:
             terminal.say(line)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option, request_of, request_options
+from tactibench.cli.options import json_option, request_of, request_options, save_json
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -62,7 +62,6 @@ def speed(
     from tactibench.frames.presses import true_answers
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
-    from tactibench.records.files import write_json
     from tactibench.report.race_report import print_race
     from tactibench.run.configurations import metric_rows, race, race_steps
     from tactibench.run.machine import environment_facts
@@ -94,28 +93,27 @@ def speed(
             advance=advance,
         )
     print_race(terminal.out, finished, subject, note)
-    if json_file is not None:
-        write_json(
-            json_file,
-            {
-                "model": chosen.component.identity,
-                "untrained": untrained,
-                "environment": facts,
-                "default": finished.best.name,
-                "configurations": [
-                    {
-                        "name": way.name,
-                        "words": way.description,
-                        **way.difference.as_row(),
-                        "allowed": way.difference.allowed,
-                    }
-                    for way in finished.configurations.usable
-                ],
-                "skipped": dict(finished.configurations.skipped),
-                "speed": list(finished.rows),
-                "metrics": metric_rows(finished),
-            },
-        )
+    save_json(
+        json_file,
+        {
+            "model": chosen.component.identity,
+            "untrained": untrained,
+            "environment": facts,
+            "default": finished.best.name,
+            "configurations": [
+                {
+                    "name": way.name,
+                    "words": way.description,
+                    **way.difference.as_row(),
+                    "allowed": way.difference.allowed,
+                }
+                for way in finished.configurations.usable
+            ],
+            "skipped": dict(finished.configurations.skipped),
+            "speed": list(finished.rows),
+            "metrics": metric_rows(finished),
+        },
+    )
 
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tactibench.cli.options import json_option, store_option
+from tactibench.cli.options import json_option, save_json, store_option
 from tactibench.errors import UserError
 
 FAILED = 1
@@ -63,7 +63,6 @@ def sweep(
     from tactibench.cli.output import Terminal
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
-    from tactibench.records.files import write_json
     from tactibench.report.sweep_report import print_sweep
     from tactibench.sweep.cluster import Storage, count_cores, local_cluster, remote_cluster
     from tactibench.sweep.data_sets import list_data_sets
@@ -94,5 +93,5 @@ def sweep(
                 results = run_sweep(plans, data_sets, cluster, storage, retries, terminal)
     print_sweep(terminal.out, results, data_sets, storage.store)
     if json_file is not None:
-        write_json(json_file, result_rows(results, data_sets, storage.store))
+        save_json(json_file, result_rows(results, data_sets, storage.store))
     return FAILED if any(result.why for result in results) else 0
