@@ -30,7 +30,7 @@ import numpy as np
 from hardware_kills import run_kills
 
 from tactibench import UserError
-from tactibench.datasets import image_files, open_dataset
+from tactibench.datasets import images, open_dataset
 from tactibench_tactip.collection import collect
 from tactibench_tactip.collector import Callbacks
 from tactibench_tactip.emulators import Emulation, Fault, HiddenOffset, Rehearsal, rehearse
@@ -269,11 +269,11 @@ class _Disk:
 
 @contextmanager
 def _disk(kind: str) -> Iterator[_Disk]:
-    disk = _Disk(image_files.write_unsynced)
+    disk = _Disk(images.write_file)
     if kind != DISK_FULL:
         yield disk
         return
-    with mock.patch.object(image_files, "write_unsynced", disk):
+    with mock.patch.object(images, "write_file", disk):
         yield disk
 
 

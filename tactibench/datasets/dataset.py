@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.contacts import Contacts
-from tactibench.datasets.image_cache import ImageCache
-from tactibench.datasets.image_files import Image, read_image
+from tactibench.datasets.images import Image, ImageCache, read_image
 from tactibench.datasets.journal import (
     Content,
     Event,

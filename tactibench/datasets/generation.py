@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.datasets.image_files import Image
+from tactibench.datasets.images import Image
 from tactibench.datasets.press_plan import PressPlan, PressSeries, plan_of_file, plan_of_protocol
 from tactibench.datasets.rows import plan_hash, plan_lines
 from tactibench.datasets.schema import Draft, Header, is_dataset, read_header

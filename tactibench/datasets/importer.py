@@ -8,7 +8,7 @@ from typing import Any
 
 import tactibench
 from tactibench.datasets.dataset import Dataset, open_dataset
-from tactibench.datasets.image_files import Image, is_plain_png
+from tactibench.datasets.images import Image, is_plain_png
 from tactibench.datasets.readers.formats import V1, open_recording
 from tactibench.datasets.readers.options import ImportOptions
 from tactibench.datasets.readers.recording import SOURCE_NAME, Recording

@@ -16,7 +16,7 @@ import math
 import re
 import uuid
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -94,10 +94,6 @@ class Header:
     counts: Mapping[str, NonNegativeInt] = field(default_factory=dict)
     journal_sha256: str = ""
     schema_version: Literal[1] = 1
-
-    def closed(self, counts: Mapping[str, int], journal_sha256: str) -> Header:
-        """Return the header of the finished data set."""
-        return replace(self, status="closed", counts=dict(counts), journal_sha256=journal_sha256)
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
 from tactibench.datasets.schema import SPLITS, Sample
 from tactibench.errors import UserError
+from tactibench.protocols.mistakes import first_mistake
 from tactibench.records.files import read_json, write_json
 
 SUBSETS = ("train", "validation", "test")
@@ -23,6 +27,8 @@ _SUBSET = re.compile(rf"(?:^|[-._0-9])({_SUBSET_WORDS})(?=[-._0-9]|$)")
 @dataclass(frozen=True)
 class Split:
     """Ids of three subsets; the samples of one press are in one subset only."""
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid")
 
     train: tuple[int, ...]
     validation: tuple[int, ...]
@@ -39,6 +45,9 @@ class Split:
     def subset_of(self) -> dict[int, str]:
         """Return id -> the subset that it is in."""
         return {number: subset for subset in SUBSETS for number in getattr(self, subset)}
+
+
+_SPLIT_FILE = TypeAdapter(Split)
 
 
 def write_split(folder: Path, name: str, split: Split, samples: Iterable[Sample]) -> None:
@@ -98,14 +107,10 @@ def read_split(path: Path) -> Split:
     Raises:
         UserError: The file is damaged.
     """
-    value = read_json(path)
-    if not isinstance(value, dict) or sorted(value) != sorted(SUBSETS):
-        raise UserError(f"{path} must hold the keys {', '.join(SUBSETS)}; restore it.")
-    for subset in SUBSETS:
-        ids = value[subset]
-        if not isinstance(ids, list) or not all(type(number) is int for number in ids):
-            raise UserError(f"{path}: {subset} is no list of ids; restore it.")
-    return Split(*(tuple(value[subset]) for subset in SUBSETS))
+    try:
+        return _SPLIT_FILE.validate_json(json.dumps(read_json(path)))
+    except ValidationError as error:
+        raise UserError(f"{path}: {first_mistake(error, Split)}") from None
 
 
 def split_files(folder: Path) -> Mapping[str, Path]:

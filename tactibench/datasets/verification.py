@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from tactibench.datasets.image_cache import is_intact
-from tactibench.datasets.image_files import read_image
+from tactibench.datasets.images import is_intact, read_image
 from tactibench.datasets.journal import (
     Lines,
     parse_samples,

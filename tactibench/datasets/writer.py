@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.datasets.image_files import (
+from tactibench.datasets.images import (
     Image,
     discard_images,
     png_bytes,
@@ -72,6 +72,10 @@ class Writer:
         fsync: False waits for the disk once, in ``close``, and acknowledges nothing before; for
             data that can be made again.
 
+    Attributes:
+        header: Facts that hold for every sample.
+        repaired: One sentence for each thing that an interrupted writer left and that was repaired.
+
     Raises:
         UserError: The folder holds something else, another plan or other settings, or another
             writer is at work.
@@ -101,17 +105,17 @@ class Writer:
         """Write header and plan of a new data set, or check and repair the one that is there."""
         lines = plan_lines(rows)
         self._plan_ids = frozenset(row["id"] for row in rows)
-        self._header = replace(header, plan_sha256=plan_hash(lines))
+        self.header = replace(header, plan_sha256=plan_hash(lines))
         self._samples: dict[int, Sample] = {}
         self._events: list[Event] = []
-        self._repaired: tuple[str, ...] = ()
+        self.repaired: tuple[str, ...] = ()
         if is_dataset(self.folder):
-            self._header = resume_header(self.folder, self._header)
-            read_plan(self.folder / PLAN, self._header.plan_sha256)
+            self.header = resume_header(self.folder, self.header)
+            read_plan(self.folder / PLAN, self.header.plan_sha256)
             content = read_content(self.folder)
             self._samples = {sample.id: sample for sample in content.samples}
             self._events = list(content.events)
-            self._repaired = repair(self.folder, content)
+            self.repaired = repair(self.folder, content)
             return
         others = [
             path.name
@@ -126,7 +130,7 @@ class Writer:
         if lines:
             with atomic(self.folder / PLAN) as stream:
                 stream.write(lines)
-        write_header(self.folder, self._header)
+        write_header(self.folder, self.header)
 
     def __enter__(self) -> Self:
         return self
@@ -143,11 +147,6 @@ class Writer:
             self.leave_open()
 
     @property
-    def header(self) -> Header:
-        """Facts that hold for every sample."""
-        return self._header
-
-    @property
     def done(self) -> frozenset[int]:
         """Ids of the samples that are there."""
         return frozenset(self._samples)
@@ -161,11 +160,6 @@ class Writer:
     def events(self) -> tuple[Event, ...]:
         """Events in the order they were noted."""
         return tuple(self._events)
-
-    @property
-    def repaired(self) -> tuple[str, ...]:
-        """One sentence for each thing that an interrupted writer left and that was repaired."""
-        return self._repaired
 
     def add(
         self,
@@ -283,8 +277,10 @@ class Writer:
                 "presses": len({sample.press for sample in samples}),
             }
             journal = read_lines(self.folder / JOURNAL)
-            self._header = self._header.closed(counts, journal.sha256)
-            write_header(self.folder, self._header)
+            self.header = replace(
+                self.header, status="closed", counts=counts, journal_sha256=journal.sha256
+            )
+            write_header(self.folder, self.header)
             sync_folder(self.folder)
         self.leave_open()
 

@@ -17,7 +17,7 @@ from tactibench.datasets.generation import (
     press_series,
     sensor_parameters,
 )
-from tactibench.datasets.image_files import png_bytes
+from tactibench.datasets.images import png_bytes
 from tactibench.datasets.press_plan import PressPlan, PressSeries
 from tactibench.errors import UserError
 from tactibench.protocols.loader import protocol_files

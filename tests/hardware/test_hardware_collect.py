@@ -304,21 +304,21 @@ def test_a_flickering_light_is_refused(lab: Lab) -> None:
 def test_a_full_disk_ends_the_session_and_the_next_goes_on(
     lab: Lab, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tactibench.datasets import image_files
+    from tactibench.datasets import images
 
-    real, calls = image_files.write_unsynced, iter(range(100))
+    real, calls = images.write_file, iter(range(100))
 
     def full(path: Path, data: bytes) -> None:
         if next(calls) == 2:
             raise OSError(28, "No space left on device")
         real(path, data)
 
-    monkeypatch.setattr(image_files, "write_unsynced", full)
+    monkeypatch.setattr(images, "write_file", full)
     with pytest.raises(OSError, match="No space"):
         lab.collect()
     clear = -lab.settings.envelope.clearance_mm
     assert lab.robot.tool()[2] <= clear + TRUE_Z0 + 0.1
-    monkeypatch.setattr(image_files, "write_unsynced", real)
+    monkeypatch.setattr(images, "write_file", real)
     assert lab.collect().left == 0
     assert sorted(lab.ids()) == [0, 1, 2, 3]
 

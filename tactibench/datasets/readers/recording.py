@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Scene
 from tactibench.datasets.dataset import Dataset, open_dataset
-from tactibench.datasets.image_files import Image, kind_of
+from tactibench.datasets.images import Image, kind_of
 from tactibench.datasets.schema import IMAGES, JOURNAL, Sample
 from tactibench.datasets.splits import Split
 from tactibench.errors import UserError
