@@ -182,11 +182,11 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
         "rest": rest,
         "poses": np.concatenate([np.empty((0, 5)), *(chunk["poses"] for chunk in chunks)]),
     }
-    made = _beside(folder, ".made")
-    shutil.rmtree(made, ignore_errors=True)
-    made.mkdir(parents=True)
+    temporary = _beside(folder, ".made")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
     for name, array in arrays.items():
-        with atomic(made / f"{name}.npy") as stream:
+        with atomic(temporary / f"{name}.npy") as stream:
             np.save(stream, array, allow_pickle=False)
     manifest = {
         "key": recipe.key,
@@ -194,12 +194,12 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
         "presses": len(recipe.scenes),
         "sensor": recipe.identity,
         "seed": "hidden" if recipe.secret else list(recipe.seed),
-        **{name: file_hash(made / f"{name}.npy") for name in ARRAYS},
+        **{name: file_hash(temporary / f"{name}.npy") for name in ARRAYS},
     }
-    write_json(made / MANIFEST, manifest)
+    write_json(temporary / MANIFEST, manifest)
     if folder.exists():  # damaged, or no set of frames at all
         shutil.rmtree(folder)
-    made.rename(folder)
+    temporary.rename(folder)
     return manifest
 
 

@@ -191,12 +191,12 @@ def label_pins(image: Image) -> tuple[Labels, int]:
     if int(level.max()) - int(level.min()) < FAINTEST:
         return np.zeros(level.shape, np.int32), 0
     _, bright = cv2.threshold(level, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    _, found = cv2.connectedComponents(bright, connectivity=4, ltype=cv2.CV_32S)
-    area = np.bincount(found.ravel())
+    _, labels = cv2.connectedComponents(bright, connectivity=4, ltype=cv2.CV_32S)
+    area = np.bincount(labels.ravel())
     kept = np.flatnonzero(area[1:] >= SMALLEST_BLOB * np.median(area[1:])) + 1
     number = np.zeros(len(area), np.int32)
     number[kept] = np.arange(1, len(kept) + 1)
-    return number[found], len(kept)
+    return number[labels], len(kept)
 
 
 def paint_over(

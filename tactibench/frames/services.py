@@ -34,15 +34,15 @@ def services(recording: Recording) -> list[Service]:
         if scene
     ]
     scenes, presses = [scene for scene, _ in labelled], [press for _, press in labelled]
-    found = []
+    services = []
     for name in sorted(protocol_files()):
         protocol = load_protocol(name).spec
         if protocol.recorded is not None:
             served, reason = _plates(recording, scenes)
         else:
             served, reason = _tips(protocol, scenes, presses)
-        found.append(Service(name, protocol.title, served, reason))
-    return found
+        services.append(Service(name, protocol.title, served, reason))
+    return services
 
 
 def _plates(recording: Recording, scenes: Sequence[Scene]) -> tuple[bool, str]:

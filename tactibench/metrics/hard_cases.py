@@ -54,8 +54,8 @@ def error_ratios(trials: Trials, _rng: np.random.Generator) -> Rows:
 
 def worst_ratio(trials: Trials, rng: np.random.Generator) -> Rows:
     """Yield the largest ratio of all cases."""
-    known = [one for _, one in error_ratios(trials, rng) if one.value is not None]
-    yield "all", max(known, key=lambda one: one.value or 0.0, default=Estimate.nothing())
+    known = [ratio for _, ratio in error_ratios(trials, rng) if ratio.value is not None]
+    yield "all", max(known, key=lambda ratio: ratio.value or 0.0, default=Estimate.nothing())
 
 
 def doubles_at(trials: Trials, _rng: np.random.Generator) -> Rows:
@@ -68,11 +68,11 @@ def doubles_at(trials: Trials, _rng: np.random.Generator) -> Rows:
         if not axis.ordered or axis.easy is None:
             continue
         ratios = list(_ratios(trials, error, axis))
-        found = doubling(axis.easy, axis.values, ratios)
+        doubled = doubling(axis.easy, axis.values, ratios)
         easy = error[members(trials, axis.reference)]
         if len(easy) and DOUBLE * easy.mean() > trials.gate:
-            found = Estimate(None, None, None, found.n, found.clusters)
-        yield axis.family, found
+            doubled = Estimate(None, None, None, doubled.n, doubled.clusters)
+        yield axis.family, doubled
 
 
 def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]:
@@ -90,9 +90,10 @@ def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]
 def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
     """Yield the predictions per 1,000 frames in which nothing presses."""
     empty = trials.true_counts == 0
-    one = rate_interval(trials.predicted_counts[empty], trials.press[empty], level=trials.level)
-    value, low, high = (None if x is None else THOUSAND * x for x in (one.value, one.low, one.high))
-    yield "all", Estimate(value, low, high, one.n, one.clusters)
+    rate = rate_interval(trials.predicted_counts[empty], trials.press[empty], level=trials.level)
+    limits = (rate.value, rate.low, rate.high)
+    value, low, high = (None if x is None else THOUSAND * x for x in limits)
+    yield "all", Estimate(value, low, high, rate.n, rate.clusters)
 
 
 def _count(trials: Trials, kind: int) -> Rows:

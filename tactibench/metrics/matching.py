@@ -67,11 +67,11 @@ def match(
 
 def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gate: float) -> Pairs:
     """Match every trial; all pairs in one table."""
-    found = [match(t.xy, p.xy, gate) for t, p in zip(truth, predictions, strict=True)]
-    rows = _join([f[0] for f in found]).astype(np.intp)
-    columns = _join([f[1] for f in found]).astype(np.intp)
-    sizes = np.array([len(f[0]) for f in found], dtype=np.intp)
-    trial = np.repeat(np.arange(len(found)), sizes)
+    matches = [match(t.xy, p.xy, gate) for t, p in zip(truth, predictions, strict=True)]
+    rows = _join([f[0] for f in matches]).astype(np.intp)
+    columns = _join([f[1] for f in matches]).astype(np.intp)
+    sizes = np.array([len(f[0]) for f in matches], dtype=np.intp)
+    trial = np.repeat(np.arange(len(matches)), sizes)
     at_truth = _starts(truth)[trial] + rows
     at_prediction = _starts(predictions)[trial] + columns
     return Pairs(
@@ -82,7 +82,7 @@ def match_trials(truth: Sequence[Contacts], predictions: Sequence[Contacts], gat
         _stack([c.xy for c in predictions])[at_prediction],
         _join([c.depth for c in truth])[at_truth],
         _join([c.depth for c in predictions])[at_prediction],
-        _join([f[2] for f in found]),
+        _join([f[2] for f in matches]),
     )
 
 

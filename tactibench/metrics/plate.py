@@ -51,9 +51,9 @@ def differences(trials: PlateTrials, table: str, errors: Errors) -> Sample:
 def _difference(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
     def rows(trials: PlateTrials, _rng: np.random.Generator) -> Rows:
         for table in trials.published:
-            found = differences(trials, table, errors)
-            press = trials.press[found.trial]
-            yield table, mean_interval(found.values, press, level=trials.level)
+            sample = differences(trials, table, errors)
+            press = trials.press[sample.trial]
+            yield table, mean_interval(sample.values, press, level=trials.level)
 
     return rows
 
@@ -61,19 +61,19 @@ def _difference(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], 
 def _p(errors: Errors) -> Callable[[PlateTrials, np.random.Generator], Rows]:
     def rows(trials: PlateTrials, rng: np.random.Generator) -> Rows:
         for table in trials.published:
-            found = differences(trials, table, errors)
-            sums = _by_press(found, trials)
+            sample = differences(trials, table, errors)
+            sums = _by_press(sample, trials)
             if len(sums) > 1:
                 p = sign_flip_p(sums, rng=rng)
-                yield table, Estimate(p, None, None, len(found.values), len(sums))
+                yield table, Estimate(p, None, None, len(sample.values), len(sums))
 
     return rows
 
 
-def _by_press(found: Sample, trials: PlateTrials) -> FloatArray:
+def _by_press(sample: Sample, trials: PlateTrials) -> FloatArray:
     """(G,) sums over presses: the signs of a press's frames flip together."""
-    _, codes = np.unique(trials.press[found.trial], return_inverse=True)
-    return np.bincount(codes, found.values).astype(np.float64)
+    _, codes = np.unique(trials.press[sample.trial], return_inverse=True)
+    return np.bincount(codes, sample.values).astype(np.float64)
 
 
 _FORMULA = "mean of |p - t| - |q - t| over frames that both answered, q the released answer"

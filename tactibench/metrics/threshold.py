@@ -79,14 +79,14 @@ def fit_threshold(
     when it stays below everywhere; a limit beyond the tested distances is None. No value with
     fewer than two distances.
     """
-    tested, index = np.unique(distance, return_inverse=True)
+    distances, index = np.unique(distance, return_inverse=True)
     codes, clusters = cluster_codes(press, len(distance))
     n = len(distance)
-    if len(tested) < 2:
+    if len(distances) < 2:
         return Estimate(None, None, None, n, clusters)
-    k = len(tested)
+    k = len(distances)
     yes = np.bincount(index, hits, k).astype(np.float64)
-    profile = Profile(tested, yes, np.bincount(index, minlength=k).astype(np.float64))
+    profile = Profile(distances, yes, np.bincount(index, minlength=k).astype(np.float64))
     best, censored = _most_likely(profile, hits.mean() >= SHARE)
     if clusters < 2:
         return Estimate(best, None, None, n, clusters, censored)
@@ -104,11 +104,11 @@ def _most_likely(profile: Profile, mostly_resolved: bool) -> tuple[float, str | 
     if np.ptp(likelihood) < 1e-9:  # flat: the answers do not rise with distance at all
         peak = 0 if mostly_resolved else GRID - 1
     bracket = (grid[max(peak - 1, 0)], grid[min(peak + 1, GRID - 1)])
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda m: -profile.at(m), bounds=bracket, method="bounded", options={"xatol": 1e-6}
     )
-    better = float(-found.fun) > float(likelihood[peak]) + 1e-12
-    best = float(found.x) if better else float(grid[peak])
+    better = float(-optimum.fun) > float(likelihood[peak]) + 1e-12
+    best = float(optimum.x) if better else float(grid[peak])
     if best == grid[0]:
         return best, "<"
     return best, ">" if best == grid[-1] else None

@@ -88,7 +88,7 @@ def commitment_file(protocol: str, folder: Path | None = None) -> Path:
 def read_commitment(path: Path) -> str:
     """Return the published hash. Raises UserError where there is none."""
     try:
-        found = tomllib.loads(path.read_text(encoding="utf-8")).get("sha256")
+        committed = tomllib.loads(path.read_text(encoding="utf-8")).get("sha256")
     except FileNotFoundError:
         raise UserError(
             f"no hash of a hidden seed was published for protocol {path.stem!r} ({path} is not "
@@ -96,9 +96,9 @@ def read_commitment(path: Path) -> str:
         ) from None
     except (OSError, ValueError) as error:
         raise UserError(f"{path} is no TOML file with a key sha256 ({error}).") from None
-    if not isinstance(found, str):
+    if not isinstance(committed, str):
         raise UserError(f"{path}: key 'sha256' must be the hash of a hidden seed.")
-    return found
+    return committed
 
 
 def commitment_text(protocol: LoadedProtocol, seed: HiddenSeed) -> str:

@@ -333,7 +333,7 @@ def _about_families(spec: Protocol) -> Iterator[str]:
     if spec.cases is None:
         yield "[[families]] need [cases], which says how many presses a case has"
         return
-    base = next((one for one in spec.families if one.name == spec.cases.base), None)
+    base = next((family for family in spec.families if family.name == spec.cases.base), None)
     if base is None:
         yield f"cases.base: no family is named {spec.cases.base!r}; {_near(spec.cases.base, names)}"
     elif base.press is None or len(base.pressed_values) != 1:

@@ -74,13 +74,13 @@ def _code(root: Path) -> list[Path]:
 
 def installed_versions(*distributions: str) -> dict[str, str]:
     """Return the version of every distribution, read without importing it."""
-    found = {}
+    versions = {}
     for name in distributions:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            versions[name] = "not installed"
+    return versions
 
 
 def code_commit(folder: Path) -> str:

@@ -65,20 +65,20 @@ def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> Store
     values = with_checksum(values)
     record = parse_record(values, f"the record of {record.name}")
     folder = store / record.name
-    made, before = (_beside(folder, suffix) for suffix in (".made", BEFORE))
+    temporary, before = (_beside(folder, suffix) for suffix in (".made", BEFORE))
     with locked(_beside(folder, ".lock")):
         _put_back(before, folder)
-        shutil.rmtree(made, ignore_errors=True)
-        made.mkdir(parents=True)
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
         try:
             for name in PARTS:
-                write_arrays(made / f"{name}.npz", parts[name])
-            write_json(made / RECORD, values)
+                write_arrays(temporary / f"{name}.npz", parts[name])
+            write_json(temporary / RECORD, values)
             if folder.exists():
                 folder.rename(before)
-            made.rename(folder)
+            temporary.rename(folder)
         finally:
-            shutil.rmtree(made, ignore_errors=True)
+            shutil.rmtree(temporary, ignore_errors=True)
             _put_back(before, folder)
     return StoredRun(folder, record)
 

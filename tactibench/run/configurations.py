@@ -73,9 +73,9 @@ class Race:
 
     def total(self, name: str, threads: int, batch: int = 1, scenario: str = "single") -> Any:
         """Return the row of the whole call of one configuration; None when it was not timed."""
-        wanted = (name, scenario, threads, batch, "total")
+        sought = (name, scenario, threads, batch, "total")
         columns = ("configuration", "scenario", "threads", "batch", "phase")
-        matching = (row for row in self.rows if tuple(row[k] for k in columns) == wanted)
+        matching = (row for row in self.rows if tuple(row[k] for k in columns) == sought)
         return next(matching, None)
 
 

@@ -57,7 +57,7 @@ class RunPlan:
             "tested": frames.test_identity,
             "hidden": self.hidden and self.hidden.commitment,
             "shots": frames.few_shot and frames.few_shot.key,
-            "released": [one.identity for one in self.published if one.path is not None],
+            "released": [table.identity for table in self.published if table.path is not None],
         }
         return {
             "protocol": f"{self.protocol.label} {self.protocol.hash}",
@@ -82,15 +82,15 @@ class RunPlan:
     def name(self) -> str:
         """Return the name of the run in the store."""
         request = self.request
-        words = [self.spec.id, self.components.model.name, self.components.regime]
+        terms = [self.spec.id, self.components.model.name, self.components.regime]
         if request.quick:
-            words.append("quick")
+            terms.append("quick")
         if request.presses is not None:
-            words.append(f"n{request.presses}")
+            terms.append(f"n{request.presses}")
         if request.test:
             options = "-".join(text.removeprefix("sensor.") for text in request.test.texts)
-            words.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', options)}")
-        return "-".join([*words, f"s{request.seed}", digest(self.identity)[:8]])
+            terms.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', options)}")
+        return "-".join([*terms, f"s{request.seed}", digest(self.identity)[:8]])
 
     @property
     def predictions_file(self) -> Path:

@@ -170,13 +170,13 @@ def _train(
         rng=np.random.default_rng(seed),
         progress=progress,
     )
-    made = plan.folder.with_name(plan.folder.name + ".made")
-    shutil.rmtree(made, ignore_errors=True)
-    made.mkdir(parents=True)
-    model.save(made)
+    temporary = plan.folder.with_name(plan.folder.name + ".made")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    model.save(temporary)
     files = {
-        path.relative_to(made).as_posix(): file_hash(path)
-        for path in sorted(made.rglob("*"))
+        path.relative_to(temporary).as_posix(): file_hash(path)
+        for path in sorted(temporary.rglob("*"))
         if path.is_file()
     }
     manifest = {
@@ -186,10 +186,10 @@ def _train(
         "report": _report_as_json(report, plan.identity["model"]),
         "presses": len(frames),
     }
-    write_json(made / MANIFEST, manifest)
+    write_json(temporary / MANIFEST, manifest)
     if plan.folder.exists():  # damaged
         shutil.rmtree(plan.folder)
-    made.rename(plan.folder)
+    temporary.rename(plan.folder)
     return manifest
 
 

@@ -107,18 +107,18 @@ def bca_interval(
     if not np.isfinite(value):
         raise ValueError(f"the statistic of a BCa interval is {value}")
     drawn = bootstrap_values(statistic, clusters, resamples, rng)
-    kept = drawn[np.isfinite(drawn)]
+    usable = drawn[np.isfinite(drawn)]
     jackknife = jackknife_values(statistic, clusters)
-    if len(kept) < (1 - LOST) * resamples or not np.isfinite(jackknife).all():
+    if len(usable) < (1 - LOST) * resamples or not np.isfinite(jackknife).all():
         return None
-    if np.ptp(kept) <= 1e-12 * max(1.0, abs(value)):
+    if np.ptp(usable) <= 1e-12 * max(1.0, abs(value)):
         return None
-    below = ((kept < value).sum() + (kept <= value).sum()) / (2 * len(kept))
+    below = ((usable < value).sum() + (usable <= value).sum()) / (2 * len(usable))
     # a value outside all resamples would give an infinite bias correction
-    below = float(np.clip(below, 1 / (len(kept) + 1), len(kept) / (len(kept) + 1)))
+    below = float(np.clip(below, 1 / (len(usable) + 1), len(usable) / (len(usable) + 1)))
     bias, a = ndtri(below), acceleration(jackknife)
     shifted = bias + ndtri([(1 - level) / 2, (1 + level) / 2])
     # beyond the pole of the correction the adjusted quantile is the extreme one
     tail = np.where(1 - a * shifted > 0, shifted / np.maximum(1 - a * shifted, 1e-12), 38 * shifted)
-    low, high = np.quantile(kept, ndtr(bias + tail))
+    low, high = np.quantile(usable, ndtr(bias + tail))
     return float(low), float(high)

@@ -77,13 +77,13 @@ def doubling(easy: float, values: Sequence[float], ratios: Sequence[Estimate]) -
     value, ">" where harder rises and "<" where it falls, when the ratio stays below 2.
     """
     axis = (easy, *values)
-    n = min((one.n for one in ratios), default=0)
-    clusters = min((one.clusters for one in ratios), default=0)
-    if not ratios or any(one.value is None for one in ratios):
+    n = min((ratio.n for ratio in ratios), default=0)
+    clusters = min((ratio.clusters for ratio in ratios), default=0)
+    if not ratios or any(ratio.value is None for ratio in ratios):
         return Estimate(None, None, None, n, clusters)
-    middle = crossing(axis, [1.0, *(one.value for one in ratios)])
-    soon = crossing(axis, [1.0, *(one.high for one in ratios)])
-    late = crossing(axis, [1.0, *(one.low for one in ratios)])
+    middle = crossing(axis, [1.0, *(ratio.value for ratio in ratios)])
+    soon = crossing(axis, [1.0, *(ratio.high for ratio in ratios)])
+    late = crossing(axis, [1.0, *(ratio.low for ratio in ratios)])
     rising = values[-1] > easy
     low, high = (soon, late) if rising else (late, soon)
     if middle is None:
