@@ -25,7 +25,7 @@ def tactibench_commands() -> list[CommandSpec]:
     return [
         CommandSpec(
             "hw",
-            "tactibench_tactip.commands.group:hw",
+            "tactibench_tactip.commands:hw",
             "work with a real TacTip: check it, calibrate, collect, watch, rehearse",
         )
     ]

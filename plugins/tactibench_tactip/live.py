@@ -200,12 +200,7 @@ class Page:
         threading.Thread(target=self._server.serve_forever, name="tactip page", daemon=True).start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._news:
             self._ended = True
             self._news.notify_all()

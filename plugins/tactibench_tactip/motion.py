@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -263,12 +262,7 @@ class RobotThread:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._jobs.put(None)
         if self._thread is not None:
             self._thread.join(10.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError, __version__
@@ -57,12 +56,7 @@ class TacTip(Sensor):
         self._since_touch = None
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._station = None
         self._stack.close()
 

@@ -14,8 +14,8 @@ import pytest
 
 from tactibench import UserError
 from tactibench.cli.main import call
-from tactibench_tactip.commands.group import VERBS
-from tactibench_tactip.commands.output import devices
+from tactibench_tactip.commands import VERBS
+from tactibench_tactip.commands.output import open_devices
 from tactibench_tactip.example import example_configuration
 from tactibench_tactip.settings import Settings, read_settings
 
@@ -98,7 +98,7 @@ def test_emulate_prints_a_configuration_that_can_be_read(
 def test_a_note_at_an_error_is_told(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
     error = UserError("it failed.")
     error.add_note("the tool was left where it is")
-    with pytest.raises(UserError), devices(lab, False, 1.0):
+    with pytest.raises(UserError), open_devices(lab, False, 1.0):
         raise error
     assert capsys.readouterr().err == "the tool was left where it is\n"
 

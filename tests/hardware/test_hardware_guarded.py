@@ -14,11 +14,11 @@ from tactibench import Indenter, Pose, Scene
 from tactibench.datasets import open_dataset
 from tactibench.lab import Press
 from tactibench_tactip import collection
+from tactibench_tactip.commands.settle_test import measure_settling
 from tactibench_tactip.errors import GuardError, RobotError
 from tactibench_tactip.live import PressLoop
 from tactibench_tactip.plan import CollectionPlan
 from tactibench_tactip.settings import Pose6, Settings
-from tactibench_tactip.settling import measure_settling
 from tactibench_tactip.station import Station
 
 MAIN = threading.main_thread().ident or 0

@@ -12,8 +12,8 @@ from hypothesis import settings as settings_of
 from hypothesis import strategies as st
 
 from tactibench import UserError
-from tactibench_tactip.calibration import fit_centre, fit_yaw
 from tactibench_tactip.camera import Camera
+from tactibench_tactip.commands.calibrate import fit_centre, fit_yaw
 from tactibench_tactip.errors import GuardError
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station

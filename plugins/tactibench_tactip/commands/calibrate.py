@@ -1,59 +1,56 @@
-"""``tactibench hw calibrate``."""
+"""``tactibench hw calibrate``: the sensor's place, from first touches and images of presses.
+
+A tip whose axis passes the dome's at distance rho touches sqrt((R_d + R)^2 - rho^2) above its
+centre, so heights of first touch at known places w_i of the work frame fit
+
+    z_i = z_0 + (R_d + R) - sqrt((R_d + R)^2 - |w_i - w_0|^2)
+
+with the centre w_0 and the height z_0 unknown. In the image a press shows at m_i, the middle of the
+squared change, against the middle of all presses: m_i = (s + k |u_i|^2) R(yaw) F u_i + c, where
+u_i = w_i - w_0, F turns y about (the sensor's z looks against the work frame's), s and k are the
+camera's scale and its first distortion, c what is left of the centre.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+from scipy.optimize import least_squares
 
-from tactibench import UserError
-from tactibench_tactip.calibration import calibrate
+from tactibench import Pose, Scene, UserError
+from tactibench_tactip.camera import Image
 from tactibench_tactip.commands.output import (
     device_options,
-    devices,
     json_option,
+    number_option,
+    open_devices,
     progress_bar,
     write_figures,
 )
 from tactibench_tactip.emulators import HiddenOffset
+from tactibench_tactip.plan import check_scenes
+from tactibench_tactip.poses import Array
 from tactibench_tactip.station import Station
+from tactibench_tactip.touch import find_touch
 
 HIDDEN = HiddenOffset(0.4, -0.3, 0.8, 6.0)
-"""Where a rehearsal's sensor sits, for the calibration to find."""
+"""The place of a rehearsal's sensor, for the calibration to find."""
 
 
 @click.command("calibrate")
 @device_options
-@click.option(
-    "--radius",
-    type=click.FloatRange(1, 8),
-    default=4.0,
-    show_default=True,
-    help="Of the circle of presses, mm.",
-)
-@click.option(
-    "--depth",
-    type=click.FloatRange(0.5, 5),
-    default=2.0,
-    show_default=True,
-    help="Of the presses, mm.",
-)
-@click.option(
-    "--points",
-    type=click.IntRange(4, 24),
-    default=8,
-    show_default=True,
-    help="Presses on the circle.",
-)
+@number_option("--radius", click.FloatRange(1, 8), 4.0, "Radius of the circle of presses, mm.")
+@number_option("--depth", click.FloatRange(0.5, 5), 2.0, "Depth of the presses, mm.")
+@number_option("--points", click.IntRange(4, 24), 8, "Presses on the circle.")
 @json_option
 def command(
-    config: Path,
-    emulate: bool,
-    time_scale: float,
-    radius: float,
-    depth: float,
-    points: int,
-    json_file: Path | None,
+    radius: float, depth: float, points: int, json_file: Path | None, **device: Any
 ) -> None:
     """Find where the sensor sits, from presses of one tip: centre, yaw of the image, height.
 
@@ -61,7 +58,7 @@ def command(
     place of every press in the image, against where the tool was, gives the yaw. Prints the line
     for [frames].
     """
-    with devices(config, emulate, time_scale, hidden=HIDDEN) as (settings, _):
+    with open_devices(**device, hidden=HIDDEN) as (settings, emulation):
         if settings.indenter.kind != "single":
             raise UserError(
                 'a calibration needs one tip; mount it and say indenter.kind = "single".'
@@ -75,7 +72,7 @@ def command(
         f"{points + 1} presses; heights lie {result.height_rms_mm:.3f} mm from the dome; first "
         f"touch at z {result.z0_mm:+.3f} mm of the work frame"
     )
-    if emulate:
+    if emulation is not None:
         click.echo(
             f"emulated: the sensor sits at {HIDDEN.x}, {HIDDEN.y} mm and {HIDDEN.yaw:g} deg from "
             "[frames]"
@@ -87,3 +84,107 @@ def command(
         ("first_touch", "all", result.z0_mm, "mm"),
     ]
     write_figures(json_file, figures)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The place of the sensor.
+
+    Attributes:
+        sensor: x, y mm and yaw deg for [frames].
+        z0_mm: of first touch over the apex.
+        centre_std_mm, yaw_std_deg: one sigma.
+        height_rms_mm: of first touches from the dome.
+    """
+
+    sensor: tuple[float, float, float]
+    z0_mm: float
+    centre_std_mm: float
+    yaw_std_deg: float
+    height_rms_mm: float
+
+
+def calibrate(
+    station: Station, radius: float, depth: float, points: int, advance: Callable[[int], None]
+) -> Calibration:
+    """Search and press at the middle and on a circle.
+
+    Args:
+        station: open, with one tip mounted.
+        radius: of the circle, mm.
+        depth: of the presses, mm.
+        points: on the circle.
+        advance: called with 1 after every press.
+
+    Raises UserError as searches and presses.
+    """
+    indenter = station.settings.indenter.indenter()
+    angles = [2.0 * math.pi * k / points for k in range(points)]
+    spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in angles)]
+    deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
+    settings, turns = station.settings, station.robot.turns
+    check_scenes("the calibration", deep, settings, station.geometry, turns=turns)
+    rest = station.look_at_rest()
+    places, heights, seen = [], [], []
+    for number, scene in enumerate(deep):
+        place = replace(scene, pose=replace(scene.pose, depth=0.0))
+        station.look_at_rest()
+        find_touch(station, first=number == 0, scene=place)
+        tool = station.geometry.tool_pose(place)
+        places.append(tool[:2])
+        heights.append(tool[2])
+        result = station.press(scene)
+        seen.append(middle_of(result.check.image, rest.mean))
+        advance(1)
+    reach = station.settings.sensor.dome_radius_mm + indenter.radius
+    centre, z0, std, rms = fit_centre(np.array(places), np.array(heights), reach)
+    yaw, yaw_std = fit_yaw(np.array(places) - centre, np.array(seen))
+    return Calibration((float(centre[0]), float(centre[1]), yaw), z0, std, yaw_std, rms)
+
+
+def middle_of(image: Image, rest: Array) -> tuple[float, float]:
+    """Return column and row of the middle of the squared change, px."""
+    energy = np.square(image - rest)
+    energy = np.maximum(0.0, energy - np.percentile(energy, 75))  # noise is everywhere
+    rows, columns = np.indices(energy.shape)
+    total = float(energy.sum())
+    return float((energy * columns).sum() / total), float((energy * rows).sum() / total)
+
+
+def fit_centre(places: Array, heights: Array, reach: float) -> tuple[Array, float, float, float]:
+    """Return the centre (2,), z_0, one sigma of the centre and rms of the heights, mm."""
+
+    def misfit(p: Array) -> Array:
+        square = np.maximum(1e-9, reach**2 - ((places - p[:2]) ** 2).sum(axis=1))
+        return np.asarray(p[2] + reach - np.sqrt(square) - heights)
+
+    start = np.array([*places.mean(axis=0), heights.min()])
+    fit = least_squares(misfit, start)
+    rms = float(np.sqrt(np.mean(fit.fun**2)))
+    spread = np.linalg.pinv(fit.jac.T @ fit.jac) * (fit.fun**2).sum()
+    spread = spread / max(1, len(heights) - 3)
+    return fit.x[:2], float(fit.x[2]), float(np.sqrt(np.diag(spread)[:2].mean())), rms
+
+
+def fit_yaw(from_centre: Array, seen: Array) -> tuple[float, float]:
+    """Return the yaw of the image's x axis in the work frame and its one sigma, deg."""
+    flipped = from_centre * [1.0, -1.0]
+    square = (flipped**2).sum(axis=1, keepdims=True)
+
+    def misfit(p: Array) -> Array:
+        angle, scale, cubic, cx, cy = p
+        c, s = math.cos(angle), math.sin(angle)
+        turned = flipped @ np.array([[c, s], [-s, c]])
+        return np.asarray(((scale + cubic * square) * turned + [cx, cy] - seen).ravel())
+
+    best = None
+    for start in np.arange(0.0, 2.0 * math.pi, math.pi / 4):
+        first = np.array([start, 3.0, 0.0, *seen.mean(axis=0)])
+        fit = least_squares(misfit, first)
+        middle = fit.x[1] + fit.x[2] * float(square.mean())  # scale where the presses are
+        if middle > 0 and (best is None or fit.cost < best.cost):
+            best = fit
+    assert best is not None, "one of eight starts has a positive scale"  # noqa: S101
+    spread = np.linalg.pinv(best.jac.T @ best.jac) * 2.0 * best.cost / max(1, len(seen) * 2 - 5)
+    yaw = math.degrees(float(best.x[0]))
+    return (yaw + 180.0) % 360.0 - 180.0, math.degrees(float(np.sqrt(spread[0, 0])))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -12,9 +13,10 @@ from tactibench_tactip.collection import collect, dry_run
 from tactibench_tactip.collector import Callbacks, SessionReport
 from tactibench_tactip.commands.output import (
     device_options,
-    devices,
     format_duration,
     json_option,
+    number_option,
+    open_devices,
     progress_bar,
     write_figures,
 )
@@ -36,13 +38,7 @@ INTERRUPTED = 130
     help="Folder of the data set.",
 )
 @plan_options
-@click.option(
-    "--speed-scale",
-    type=click.FloatRange(0.01, 1),
-    default=1.0,
-    show_default=True,
-    help="Slow all motion down.",
-)
+@number_option("--speed-scale", click.FloatRange(0.01, 1), 1.0, "Slow all motion down.")
 @click.option(
     "--dry-run-height",
     type=click.FloatRange(min=1),
@@ -52,9 +48,6 @@ INTERRUPTED = 130
 @json_option
 def command(
     presses: str,
-    config: Path,
-    emulate: bool,
-    time_scale: float,
     out: Path,
     draws: tuple[str, ...],
     count: int | None,
@@ -62,6 +55,7 @@ def command(
     speed_scale: float,
     dry_run_height: float | None,
     json_file: Path | None,
+    **device: Any,
 ) -> int:
     """Press what a protocol trains, validates and tests on, and keep the frames as a data set.
 
@@ -74,7 +68,7 @@ def command(
     tactibench hw collect exp1 --config lab.toml --out data/exp1 --draw singles
     tactibench run exp1 --sensor recorded --data data/exp1 --model unet
     """
-    with devices(config, emulate, time_scale) as (settings, emulation):
+    with open_devices(**device) as (settings, emulation):
         plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
         slow = settings.with_speed_scale(speed_scale)
         if dry_run_height is not None:

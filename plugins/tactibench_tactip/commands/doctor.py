@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from typing import Any
 
 import click
 
 from tactibench import UserError
 from tactibench_tactip.camera import Camera
 from tactibench_tactip.collection import warm_up
-from tactibench_tactip.commands.output import device_options, devices, print_rows
+from tactibench_tactip.commands.output import device_options, open_devices, print_rows
 from tactibench_tactip.frame_check import Reference
 from tactibench_tactip.motion import RobotThread
 from tactibench_tactip.poses import envelope_violation
@@ -26,13 +26,15 @@ Row = tuple[str, str, str]
 
 @click.command("doctor")
 @device_options
-def command(config: Path, emulate: bool, time_scale: float) -> int:
+def command(**device: Any) -> int:
     """Say what of a setup is reachable and what is not as the configuration says; nothing moves.
 
     (A stage with robot.home = true is not homed for it.)
     """
-    with devices(config, emulate, time_scale) as (settings, _):
-        robot = settings.robot.model_copy(update={"home": emulate and settings.robot.home})
+    with open_devices(**device) as (settings, emulation):
+        robot = settings.robot.model_copy(
+            update={"home": emulation is not None and settings.robot.home}
+        )
         settings = settings.model_copy(update={"robot": robot})
         rows = [*_check("camera", _camera, settings), *_check("robot", _robot, settings)]
     print_rows(("", "", "found"), rows)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 import click
 
 from tactibench import UserError
-from tactibench_tactip.commands.output import device_options, devices
+from tactibench_tactip.commands.output import device_options, number_option, open_devices
 from tactibench_tactip.motion import Mover, RobotThread
 from tactibench_tactip.poses import envelope_violation
 from tactibench_tactip.robots.base import HomingRobot
@@ -27,20 +27,16 @@ LOOK_S, MOVE_S = 10.0, 120.0
     help="Move by so much, mm of the work frame; a positive DZ is towards the sensor.",
 )
 @click.option("--to", "target", nargs=3, type=float, metavar="X Y Z", help="Move there.")
-@click.option(
-    "--speed", type=click.FloatRange(0.1, 20), default=5.0, show_default=True, help="mm/s."
-)
+@number_option("--speed", click.FloatRange(0.1, 20), 5.0, "mm/s.")
 @click.option("--home", is_flag=True, help="Drive a stage to its switches, and nothing else.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def command(
-    config: Path,
-    emulate: bool,
-    time_scale: float,
     by: tuple[float, float, float] | None,
     target: tuple[float, float, float] | None,
     speed: float,
     home: bool,
     yes: bool,
+    **device: Any,
 ) -> None:
     """Move the tool straight, inside the envelope, and say where it is.
 
@@ -48,14 +44,14 @@ def command(
     """
     if by is not None and target is not None:
         raise UserError("give --by or --to, not both.")
-    with devices(config, emulate, time_scale) as (settings, _):
+    with open_devices(**device) as (settings, emulation):
         if home:
             robot_settings = settings.robot.model_copy(update={"home": True})
             settings = settings.model_copy(update={"robot": robot_settings})
         robot = make_robot(settings)
         if home and not isinstance(robot, HomingRobot):
             raise UserError("--home is for a stage; a UR knows where it is.")
-        if (by or target or home) and not (yes or emulate):
+        if (by or target or home) and not yes and emulation is None:
             click.confirm("Is the way clear, and the emergency stop in reach", abort=True, err=True)
         with RobotThread(robot, settings) as thread:
             here = thread.do(lambda mover: mover.pose(), LOOK_S)

@@ -6,7 +6,7 @@ import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,8 +14,10 @@ from tactibench.lab import trained_model
 from tactibench_tactip.camera import Camera, Image
 from tactibench_tactip.commands.output import (
     device_options,
-    devices,
     json_option,
+    number_option,
+    open_devices,
+    picture_option,
     print_rows,
     write_figures,
 )
@@ -46,24 +48,14 @@ REST_FRAMES = 20
 )
 @click.option("--regime", help="Frames the weights were trained on; default: the protocol's first.")
 @click.option("--untrained", is_flag=True, help="Random weights, to see the latency alone.")
-@click.option(
-    "--frames", type=click.IntRange(min=1), default=300, show_default=True, help="Frames to answer."
-)
+@number_option("--frames", click.IntRange(min=1), 300, "Frames to answer.")
 @click.option("--press", is_flag=True, help="Let the robot press meanwhile, as exp1 does.")
 @click.option("--serve", is_flag=True, help="Show the picture on a page of this machine.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; 0: any free.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE.png",
-    help="Write the last picture with a contact.",
-)
+@picture_option("Write the last picture with a contact.")
 @json_option
 def command(
     model: str,
-    config: Path,
-    emulate: bool,
-    time_scale: float,
     protocol: str,
     params: tuple[str, ...],
     data: Path | None,
@@ -75,6 +67,7 @@ def command(
     port: int,
     out: Path | None,
     json_file: Path | None,
+    **device: Any,
 ) -> None:
     """Answer frames as they come and show camera, pins, heatmap, contacts and the loop's latency.
 
@@ -88,7 +81,7 @@ def command(
     network, label = trained_model(
         model, protocol, params=params, data=data, regime=regime, sensor=sensor, untrained=untrained
     )
-    with devices(config, emulate, time_scale) as (settings, _), ExitStack() as stack:
+    with open_devices(**device) as (settings, _), ExitStack() as stack:
         presses: PressLoop | None = None
         if press:
             presses = stack.enter_context(PressLoop(settings))

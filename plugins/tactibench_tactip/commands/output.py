@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from tactibench_tactip.emulators import Emulation, rehearse
 from tactibench_tactip.settings import Settings, read_settings
 
 Verb = Callable[..., Any]
+Decorator = Callable[[Verb], Verb]
 
 config_option = click.option(
     "--config",
@@ -34,35 +35,56 @@ json_option = click.option(
 emulate_option = click.option(
     "--emulate", is_flag=True, help="Rehearse on emulators; no device is opened."
 )
-time_scale_option = click.option(
-    "--time-scale",
-    type=click.FloatRange(1, 1000),
-    default=1.0,
-    show_default=True,
-    help="How much faster than real the emulators run.",
+
+
+def number_option(name: str, kind: click.ParamType[Any], default: float, help_text: str) -> Decorator:
+    """Return an option of a number whose default is shown."""
+    return click.option(name, type=kind, default=default, show_default=True, help=help_text)
+
+
+def picture_option(help_text: str) -> Decorator:
+    """Return the option ``--out``, which names a PNG file to draw."""
+    return click.option(
+        "--out",
+        type=click.Path(path_type=Path, dir_okay=False),
+        metavar="FILE.png",
+        help=help_text,
+    )
+
+
+time_scale_option = number_option(
+    "--time-scale", click.FloatRange(1, 1000), 1.0, "How much faster than real the emulators run."
 )
 
 
 def device_options(verb: Verb) -> Verb:
-    """Add ``--config``, and ``--emulate`` with its time scale."""
+    """Add the options that choose the devices; the verb hands them to ``open_devices``."""
     return config_option(emulate_option(time_scale_option(verb)))
 
 
 @contextmanager
-def devices(
+def open_devices(
     config: Path, emulate: bool, time_scale: float, **plan: Any
 ) -> Iterator[tuple[Settings, Emulation | None]]:
     """Give the settings to use, and the emulation if there is one.
 
-    plan: further arguments of ``rehearse``. Raises UserError.
+    Args:
+        config: Configuration file.
+        emulate: Whether to run emulators of all that it names.
+        time_scale: How many times faster than real they run.
+        plan: Further arguments of ``rehearse``.
+
+    Raises:
+        UserError: The configuration has a mistake, or an emulator cannot start.
     """
     settings = read_settings(config)
-    if not emulate:
-        with print_notes():
+    with ExitStack() as stack:
+        stack.enter_context(print_notes())
+        if not emulate:
             yield settings, None
-        return
-    click.echo(f"emulated, {time_scale:g} times as fast as real; no device is opened", err=True)
-    with print_notes(), rehearse(settings, time_scale=time_scale, **plan) as rehearsal:
+            return
+        click.echo(f"emulated, {time_scale:g} times as fast as real; no device is opened", err=True)
+        rehearsal = stack.enter_context(rehearse(settings, time_scale=time_scale, **plan))
         yield rehearsal.settings, rehearsal.emulation
 
 

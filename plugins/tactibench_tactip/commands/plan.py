@@ -12,6 +12,7 @@ from tactibench_tactip.commands.output import (
     config_option,
     format_duration,
     json_option,
+    picture_option,
     print_rows,
     write_figures,
 )
@@ -50,12 +51,7 @@ def plan_options(verb: Verb) -> Verb:
 @click.argument("presses", metavar="PROTOCOL|PLAN.jsonl")
 @config_option
 @plan_options
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE.png",
-    help="Draw where the tool goes.",
-)
+@picture_option("Draw where the tool goes.")
 @json_option
 def command(
     presses: str,

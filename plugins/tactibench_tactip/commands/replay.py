@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -11,8 +12,9 @@ from tactibench import UserError
 from tactibench.datasets import open_dataset
 from tactibench_tactip.commands.output import (
     device_options,
-    devices,
     json_option,
+    number_option,
+    open_devices,
     print_rows,
     progress_bar,
     write_figures,
@@ -25,17 +27,9 @@ from tactibench_tactip.touch import find_touch
 @click.command("replay")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @device_options
-@click.option(
-    "--count",
-    type=click.IntRange(min=1),
-    default=10,
-    show_default=True,
-    help="Presses, evenly spread over the data set.",
-)
+@number_option("--count", click.IntRange(min=1), 10, "Presses, evenly spread over the data set.")
 @json_option
-def command(
-    folder: Path, config: Path, emulate: bool, time_scale: float, count: int, json_file: Path | None
-) -> None:
+def command(folder: Path, count: int, json_file: Path | None, **device: Any) -> None:
     """Press some samples of a data set again and compare the frames with the stored ones.
 
     What differs by more than the noise of a frame has changed since: the skin wore, a mount moved,
@@ -43,7 +37,7 @@ def command(
     """
     dataset = open_dataset(folder)
     rows, figures = [], []
-    with devices(config, emulate, time_scale) as (settings, _):
+    with open_devices(**device) as (settings, _):
         usable = [
             (sample, with_smallest_turn(sample.scene))
             for sample in dataset.samples

@@ -1,60 +1,51 @@
-"""``tactibench hw settle-test``."""
+"""``tactibench hw settle-test``: the change of a held press's image with time."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
 
+from tactibench import Pose, Scene
 from tactibench_tactip.commands.output import (
     device_options,
-    devices,
     json_option,
+    number_option,
+    open_devices,
+    picture_option,
     print_rows,
     write_figures,
 )
 from tactibench_tactip.plan import check_scenes
-from tactibench_tactip.settling import draw_settling, held_press, measure_settling
+from tactibench_tactip.poses import Array
+from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
 
 TIMES_S = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
+"""Times after the move at which the change is printed."""
+MEAN_OF = 5
+"""Frames that are averaged against noise."""
 
 
 @click.command("settle-test")
 @device_options
-@click.option(
-    "--depth", type=click.FloatRange(0.5, 6.0), default=3.0, show_default=True, help="mm."
-)
-@click.option(
-    "--seconds",
-    type=click.FloatRange(0.5, 30),
-    default=3.0,
-    show_default=True,
-    help="How long the press is held.",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE.png",
-    help="Draw the change against time.",
-)
+@number_option("--depth", click.FloatRange(0.5, 6.0), 3.0, "Depth of the press, mm.")
+@number_option("--seconds", click.FloatRange(0.5, 30), 3.0, "Time for which the press is held.")
+@picture_option("Draw the change against time.")
 @json_option
 def command(
-    config: Path,
-    emulate: bool,
-    time_scale: float,
-    depth: float,
-    seconds: float,
-    out: Path | None,
-    json_file: Path | None,
+    depth: float, seconds: float, out: Path | None, json_file: Path | None, **device: Any
 ) -> None:
     """Hold a press and see how long its image still changes.
 
     Skin and gel creep after a press. timing.settle_s is well chosen when what still changes after
     it is less than the noise of a frame.
     """
-    with devices(config, emulate, time_scale) as (settings, _):
+    with open_devices(**device) as (settings, emulation):
         station = Station(settings)
         scenes = [held_press(settings, depth)]
         turns = station.robot.turns
@@ -70,7 +61,7 @@ def command(
         f"the image is still within noise ({settling.noise:.3f}) after {settling.settled_s:.2f} s; "
         f"timing.settle_s is {settings.timing.settle_s:g}"
     )
-    if emulate:
+    if emulation is not None:
         click.echo("emulated: a simulated skin does not creep, the figures show noise alone")
     if out is not None:
         draw_settling(out, settling, depth)
@@ -80,3 +71,78 @@ def command(
         ("noise", "all", settling.noise, "grey levels"),
     ]
     write_figures(json_file, figures)
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """The change of a held press.
+
+    Attributes:
+        times: (N,) device seconds after the end of the move.
+        change: (N,) mean absolute difference of running means to the last one, grey levels.
+        noise: of such a difference at rest.
+    """
+
+    times: Array
+    change: Array
+    noise: float
+
+    def change_at(self, seconds: float) -> float:
+        """Return the change nearest to a time."""
+        return float(self.change[int(np.argmin(np.abs(self.times - seconds)))])
+
+    @property
+    def settled_s(self) -> float:
+        """Time from which on the change stays below twice the noise."""
+        loud = np.flatnonzero(self.change > 2.0 * self.noise)
+        if not len(loud):
+            return float(self.times[0])
+        return float(self.times[min(loud[-1] + 1, len(self.times) - 1)])
+
+
+def held_press(settings: Settings, depth: float) -> Scene:
+    """Return the press that is held: at the apex, mm deep."""
+    return Scene(settings.indenter.indenter(), Pose(depth=depth))
+
+
+def measure_settling(station: Station, depth: float, seconds: float) -> Settling:
+    """Press at the apex, hold, and look at every frame.
+
+    Raises RobotError, CameraError, and UserError as ``Station.path``.
+    """
+    settings = station.settings
+    scene = held_press(settings, depth)
+    path = station.path(scene)
+    rest = station.rest_reference()
+    scale = settings.robot.time_scale
+    count = max(3 * MEAN_OF, int(seconds / scale / station.camera.period_s))
+    with station.at(scene):
+        began = station.do(lambda m: station.down(m, path))
+        frames = station.camera.fresh(began, count)
+        station.retract(scene)
+    images = np.stack([frame.image for frame in frames]).astype(np.float32)
+    means = np.stack([images[k : k + MEAN_OF].mean(axis=0) for k in range(count - MEAN_OF + 1)])
+    change = np.abs(means - means[-1]).mean(axis=(1, 2))
+    # Means of n frames each differ by sqrt(2 / n) of the deviation; two frames by sqrt(2) of it.
+    noise = rest.between / MEAN_OF**0.5
+    times = np.array([(frame.t_ns - began) * 1e-9 * scale for frame in frames[: len(means)]])
+    return Settling(times, change.astype(np.float64), noise)
+
+
+def draw_settling(path: Path, settling: Settling, depth: float) -> None:
+    """Write a PNG of the change against time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot(settling.times, settling.change, lw=1)
+    axes.axhline(2 * settling.noise, ls="--", lw=0.8, color="0.5", label="twice the noise")
+    axes.set(
+        xlabel="seconds after the move",
+        ylabel="change to the end, grey levels",
+        title=f"held at {depth:g} mm",
+    )
+    axes.legend()
+    figure.savefig(path, dpi=120)
