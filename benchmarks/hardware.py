@@ -34,10 +34,9 @@ from tactibench.datasets import images, open_dataset
 from tactibench_tactip.collection import collect
 from tactibench_tactip.collector import Callbacks
 from tactibench_tactip.emulators import Emulation, Fault, HiddenOffset, Rehearsal, rehearse
-from tactibench_tactip.example import example_configuration
 from tactibench_tactip.plan import plan_of
-from tactibench_tactip.robots.ur_dashboard import Dashboard
-from tactibench_tactip.settings import Settings
+from tactibench_tactip.robots.ur import Dashboard
+from tactibench_tactip.settings import Settings, example_configuration
 
 UR_FAULTS = (
     "protective-stop",

@@ -12,9 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tactibench_tactip.example import example_configuration
 from tactibench_tactip.plan import plan_of
-from tactibench_tactip.settings import Settings
+from tactibench_tactip.settings import Settings, example_configuration
 
 
 def run_kills(kills: int, count: int, seed: int, settings: Settings) -> None:

@@ -23,7 +23,7 @@ from tactibench_tactip.errors import RobotLostError, StopNowError
 from tactibench_tactip.frame_check import Reference
 from tactibench_tactip.plan import CollectionPlan, check_plan, with_smallest_turn
 from tactibench_tactip.press_geometry import PressGeometry
-from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 

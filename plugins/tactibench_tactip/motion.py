@@ -23,8 +23,13 @@ from tactibench_tactip.poses import (
     matrix,
     pose_of,
 )
-from tactibench_tactip.robots.base import ProbingRobot, Robot, RobotState
-from tactibench_tactip.robots.connect import connect_seconds, run_within
+from tactibench_tactip.robots.base import (
+    ProbingRobot,
+    Robot,
+    RobotState,
+    connect_seconds,
+    run_within,
+)
 from tactibench_tactip.settings import Pose6, Settings
 
 T = TypeVar("T")

@@ -19,8 +19,7 @@ from tactibench_tactip.motion import Mover, RobotThread, patience
 from tactibench_tactip.poses import envelope_violation
 from tactibench_tactip.press_geometry import PressGeometry
 from tactibench_tactip.press_path import PressPath, path_of, path_seconds
-from tactibench_tactip.robots.base import HomingRobot, Robot, RobotState
-from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.robots.base import HomingRobot, Robot, RobotState, make_robot
 from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
 
 T = TypeVar("T")

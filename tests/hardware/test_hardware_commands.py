@@ -16,8 +16,7 @@ from tactibench import UserError
 from tactibench.cli.main import call
 from tactibench_tactip.commands import VERBS
 from tactibench_tactip.commands.output import open_devices
-from tactibench_tactip.example import example_configuration
-from tactibench_tactip.settings import Settings, read_settings
+from tactibench_tactip.settings import Settings, example_configuration, read_settings
 
 Said = Callable[[], str]
 

@@ -22,13 +22,13 @@ from tactibench_tactip.emulators import Clock, Fault, GrblEmulator, Rig, UrEmula
 from tactibench_tactip.errors import NoTouchError, RobotError, RobotLostError, StopNowError
 from tactibench_tactip.motion import RobotThread
 from tactibench_tactip.poses import angle_between
-from tactibench_tactip.robots.connect import connect_seconds
+from tactibench_tactip.robots.base import connect_seconds
 from tactibench_tactip.robots.cri import CriRobot
 from tactibench_tactip.robots.grbl import GrblRobot
 from tactibench_tactip.robots.grbl_link import GrblLink
-from tactibench_tactip.robots.ur import UrRobot
-from tactibench_tactip.robots.ur_dashboard import (
+from tactibench_tactip.robots.ur import (
     Dashboard,
+    UrRobot,
     describe_safety,
     is_normal,
     is_protective_stop,

@@ -16,9 +16,8 @@ from tactibench_tactip import collection
 from tactibench_tactip.camera import Camera
 from tactibench_tactip.commands.calibrate import calibrate
 from tactibench_tactip.commands.settle_test import measure_settling
-from tactibench_tactip.example import example_configuration
 from tactibench_tactip.plan import CollectionPlan
-from tactibench_tactip.settings import Settings
+from tactibench_tactip.settings import Settings, example_configuration
 from tactibench_tactip.station import Station
 
 SHALLOW = {"deepest_mm": 1.5}

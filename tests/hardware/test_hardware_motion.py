@@ -17,7 +17,7 @@ from tactibench_tactip.collection import StopSignals
 from tactibench_tactip.errors import GuardError, ProtectiveStopError, RobotError, StopNowError
 from tactibench_tactip.motion import Mover, RobotThread, distance_from_line
 from tactibench_tactip.press_geometry import PressGeometry
-from tactibench_tactip.robots.connect import run_within
+from tactibench_tactip.robots.base import run_within
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tactibench import Indenter, UserError
-from tactibench_tactip.example import example_configuration
-from tactibench_tactip.settings import Settings, read_settings
+from tactibench_tactip.settings import Settings, example_configuration, read_settings
 
 
 @pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])

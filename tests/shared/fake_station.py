@@ -12,11 +12,10 @@ import cv2
 import numpy as np
 
 from tactibench import Pose, Scene
-from tactibench_tactip.example import example_configuration
 from tactibench_tactip.poses import inverse, matrix, pose_of
 from tactibench_tactip.press_geometry import PressGeometry
 from tactibench_tactip.robots.base import RobotState
-from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.settings import Pose6, Settings, example_configuration
 
 TRUE_Z0 = 0.35
 SIDE = 48

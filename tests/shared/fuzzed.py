@@ -69,7 +69,7 @@ def _settings(data: bytes, folder: Path) -> None:
 
 
 def _settings_seeds(_: Path) -> list[bytes]:
-    from tactibench_tactip.example import example_configuration
+    from tactibench_tactip.settings import example_configuration
 
     return [example_configuration(driver).encode() for driver in ("ur", "grbl", "cri")]
 

@@ -15,7 +15,7 @@ from tactibench_tactip.commands.output import device_options, open_devices, prin
 from tactibench_tactip.frame_check import Reference
 from tactibench_tactip.motion import RobotThread
 from tactibench_tactip.poses import envelope_violation
-from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import Settings
 
 FAILED = 1

@@ -14,8 +14,12 @@ import click
 from tactibench import UserError
 from tactibench_tactip.commands.output import time_scale_option
 from tactibench_tactip.emulators import FAULTS, Emulation, Fault, rehearse
-from tactibench_tactip.example import example_configuration
-from tactibench_tactip.settings import IndenterSettings, Settings, read_settings
+from tactibench_tactip.settings import (
+    IndenterSettings,
+    Settings,
+    example_configuration,
+    read_settings,
+)
 
 HELP = """what can be typed here:
   mount single | mount dual 11.5 | mount triple 0 1.5 3

@@ -10,8 +10,7 @@ from tactibench import UserError
 from tactibench_tactip.commands.output import device_options, number_option, open_devices
 from tactibench_tactip.motion import Mover, RobotThread
 from tactibench_tactip.poses import envelope_violation
-from tactibench_tactip.robots.base import HomingRobot
-from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.robots.base import HomingRobot, make_robot
 from tactibench_tactip.settings import Pose6
 
 LOOK_S, MOVE_S = 10.0, 120.0

@@ -37,7 +37,9 @@ emulate_option = click.option(
 )
 
 
-def number_option(name: str, kind: click.ParamType[Any], default: float, help_text: str) -> Decorator:
+def number_option(
+    name: str, kind: click.ParamType[Any], default: float, help_text: str
+) -> Decorator:
     """Return an option of a number whose default is shown."""
     return click.option(name, type=kind, default=default, show_default=True, help=help_text)
 

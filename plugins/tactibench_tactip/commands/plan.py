@@ -25,7 +25,7 @@ from tactibench_tactip.plan import (
     plan_of,
 )
 from tactibench_tactip.press_geometry import PressGeometry
-from tactibench_tactip.robots.connect import make_robot
+from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import read_settings
 
 MOST_ROWS = 20

@@ -15,7 +15,7 @@ as fast as the host's.
 """
 
 from tactibench_tactip.emulators.camera import CameraEmulator
-from tactibench_tactip.emulators.faults import FAULTS, Fault, FaultEvent
+from tactibench_tactip.emulators.device import FAULTS, Fault, FaultEvent
 from tactibench_tactip.emulators.grbl import GrblEmulator
 from tactibench_tactip.emulators.rehearsal import Emulation, HiddenOffset, Rehearsal, rehearse
 from tactibench_tactip.emulators.touch import Rig, Truth

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from tactibench import UserError
-from tactibench_tactip.emulators.device import Device
-from tactibench_tactip.emulators.faults import Fault
+from tactibench_tactip.emulators.device import Device, Fault
 from tactibench_tactip.emulators.world import Image, World
 
 KINDS = (

@@ -1,11 +1,15 @@
-"""A device of the emulators: a context manager with threads that end within a deadline."""
+"""A device of the emulators, and the faults that it can have."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from threading import Event, Thread
+from types import MappingProxyType
 from typing import Self
+
+from tactibench import UserError
 
 DEADLINE_S = 5.0
 """Host seconds within which a device has stopped."""
@@ -51,3 +55,71 @@ class Device(ABC):
         thread = Thread(target=target, args=arguments, name=name, daemon=True)
         self._threads.append(thread)
         thread.start()
+
+
+FAULTS = MappingProxyType(
+    {
+        # UR
+        "protective-stop": "the controller stops the arm; unlock after the delay",
+        "unlock-refused": "the next ``value`` unlocks are refused, whatever the delay (default 3)",
+        "emergency-stop": "the emergency button is pressed; nothing unlocks it",
+        "socket-drop": "the controller closes every RTDE and script connection",
+        "frozen-stream": "the controller sends no data package for ``value`` s (default: for ever)",
+        "wrong-length": "the next data package's header gives a wrong length",
+        "program-stop": "the control script ends",
+        # GRBL
+        "alarm-1": "hard limit: motion stops at once, position lost",
+        "alarm-2": "soft limit: motion stops, position kept",
+        "alarm-3": "reset while moving: position lost, banner",
+        "alarm-5": "the next ``value`` probes meet nothing, wherever the surface is (default 1)",
+        "no-ok": "the next ``value`` lines get no answer (default 1)",
+        "garbled-line": "the next answer is damaged on its way",
+        "unplug": "the port goes away until it is plugged in again",
+        "hold": "feed hold, as somebody at the machine presses it",
+        # Camera
+        "camera-stall": "no frame for ``value`` s (default: for ever); the connection stays",
+        "camera-drop": "the connection closes; a new one is served",
+        "stale-frames": "for ``value`` s (default 2) the frame of the moment it began is repeated",
+        "black-frames": "for ``value`` s (default 2) frames are black",
+        "brightness-jump": "from now on frames are ``value`` grey levels brighter (default 40)",
+        "pin-loss": "from now on ``value`` pins are missing (default 5)",
+    }
+)
+"""Name -> what happens; seconds are the world's. A full disk is no device's fault: the tests of a
+collection have it."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault, at press ``press`` (from 1) as it passes ``depth_mm`` going down, else at once.
+
+    A press that stays shallower does not trigger it. The default depth is reached by every press of
+    the protocols. value: as FAULTS says; None: the default there.
+    """
+
+    kind: str
+    press: int | None = None
+    depth_mm: float = 0.45
+    value: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in FAULTS:
+            raise UserError(f"there is no fault {self.kind!r}; known are {', '.join(FAULTS)}.")
+        if self.press is not None and (self.press < 1 or not self.depth_mm > 0):
+            raise UserError(
+                f"fault {self.kind!r} at press {self.press}, {self.depth_mm:g} mm deep; presses "
+                "count from 1 and the depth must be above 0 mm."
+            )
+
+
+@dataclass(frozen=True)
+class FaultEvent:
+    """A fault that happened at ``at_s`` of the world, at press number ``press``.
+
+    answered: whether a device of this world acts on it.
+    """
+
+    fault: Fault
+    at_s: float
+    press: int
+    answered: bool

@@ -7,8 +7,7 @@ import select
 import socket
 from collections.abc import Mapping
 
-from tactibench_tactip.emulators.device import Device
-from tactibench_tactip.emulators.faults import Fault
+from tactibench_tactip.emulators.device import Device, Fault
 from tactibench_tactip.emulators.gcode import Settings
 from tactibench_tactip.emulators.grbl_firmware import Controller
 from tactibench_tactip.emulators.world import World

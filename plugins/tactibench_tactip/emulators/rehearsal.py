@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from tactibench import Indenter, Sensor, UserError
 from tactibench_tactip.emulators.camera import CameraEmulator
-from tactibench_tactip.emulators.faults import Fault, FaultEvent
+from tactibench_tactip.emulators.device import Fault, FaultEvent
 from tactibench_tactip.emulators.grbl import GrblEmulator
 from tactibench_tactip.emulators.motion import Pose6, matrix, pose6
 from tactibench_tactip.emulators.touch import Rig, Truth

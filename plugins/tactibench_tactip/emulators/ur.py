@@ -17,8 +17,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from tactibench import UserError
-from tactibench_tactip.emulators.device import Device
-from tactibench_tactip.emulators.faults import Fault
+from tactibench_tactip.emulators.device import Device, Fault
 from tactibench_tactip.emulators.motion import Pose6
 from tactibench_tactip.emulators.ur_controller import RUNNING, Controller
 from tactibench_tactip.emulators.world import World

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactibench import Indenter, Scene, Sensor, SensorContext, UserError, open_sensor
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_tactip.emulators.faults import Fault, FaultEvent
+from tactibench_tactip.emulators.device import Fault, FaultEvent
 from tactibench_tactip.emulators.motion import Array, Move, Pose6, matrix, pose6
 from tactibench_tactip.emulators.touch import Rig, Touch, Truth
 

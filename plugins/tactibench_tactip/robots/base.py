@@ -1,12 +1,34 @@
-"""The interface of a robot. One thread calls it, and nothing here waits but ``connect``."""
+"""The interface of a robot, and the drivers by name.
+
+One thread calls a robot, and none of its methods waits but ``connect``.
+"""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from importlib import import_module
+from types import MappingProxyType
+from typing import Protocol, TypeVar, runtime_checkable
 
 from tactibench import UserError
-from tactibench_tactip.settings import Pose6
+from tactibench_tactip.errors import RobotError, StopNowError
+from tactibench_tactip.settings import Pose6, Settings
+
+T = TypeVar("T")
+
+DRIVERS = MappingProxyType(
+    {
+        "ur": ("tactibench_tactip.robots.ur", "UrRobot"),
+        "grbl": ("tactibench_tactip.robots.grbl", "GrblRobot"),
+        "cri": ("tactibench_tactip.robots.cri", "CriRobot"),
+    }
+)
+"""Name in the configuration -> module and class, imported on use."""
+LOOK_S = 0.05
+"""Longest wait between two looks at whether to stop."""
 
 HOMING_S = 90.0
 """Within which a stage has reached its switches, s."""
@@ -118,4 +140,51 @@ def missing_package(package: str, extra: str, remark: str = "") -> UserError:
     return UserError(
         f"the package {package} is missing; install it with "
         f"pip install 'tactibench[{extra}]'{remark}."
+    )
+
+
+def make_robot(settings: Settings) -> Robot:
+    """Return the driver of a configuration, not connected."""
+    module, name = DRIVERS[settings.robot.driver]
+    robot: Robot = getattr(import_module(module), name)(settings)
+    return robot
+
+
+def connect_seconds(settings: Settings) -> float:
+    """Return s that connecting may take: ``connect_s``, and a stage's way to its switches."""
+    homes = settings.robot.driver == "grbl" and settings.robot.home
+    return settings.robot.connect_s + (HOMING_S if homes else 0.0)
+
+
+def run_within(
+    seconds: float, name: str, job: Callable[[], T], halt: threading.Event | None = None
+) -> T:
+    """Return the result of a job that may hang, from a thread that is left behind then.
+
+    Raises RobotError when the time is over, and StopNowError when halt is set meanwhile.
+    """
+    results: list[T] = []
+    failures: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            results.append(job())
+        except BaseException as error:  # noqa: BLE001 - raised again by the caller
+            failures.append(error)
+
+    thread = threading.Thread(target=work, name=f"tactip {name}", daemon=True)
+    thread.start()
+    end = time.monotonic() + seconds
+    halt = halt or threading.Event()
+    while thread.is_alive() and not halt.is_set() and (left := end - time.monotonic()) > 0:
+        thread.join(min(left, LOOK_S))
+    if failures:
+        raise failures[0]
+    if results:
+        return results[0]
+    if halt.is_set():
+        raise StopNowError
+    raise RobotError(
+        f"{name} did not answer within {seconds:g} s; check that it is switched on and that "
+        "robot.address is right."
     )

@@ -9,11 +9,11 @@ from typing import Any
 
 from tactibench import UserError
 from tactibench_tactip.errors import RobotError
-from tactibench_tactip.robots.base import RobotState
+from tactibench_tactip.robots.base import Robot, RobotState
 from tactibench_tactip.settings import Pose6, Settings
 
 
-class CriRobot:
+class CriRobot(Robot):
     """A robot whose ``move_linear`` blocks until it stands: each move runs in a thread of its own.
 
     The robot is asked for nothing else meanwhile. ``stop`` is used where it has one; otherwise the

@@ -13,7 +13,7 @@ from contextlib import suppress
 from tactibench import UserError
 from tactibench_tactip.errors import RobotError, RobotLostError
 from tactibench_tactip.poses import angle_between
-from tactibench_tactip.robots.base import HOMING_S, RobotState
+from tactibench_tactip.robots.base import HOMING_S, HomingRobot, ProbingRobot, Robot, RobotState
 from tactibench_tactip.robots.grbl_link import GrblLink, NoAnswerError, Status, describe_alarm
 from tactibench_tactip.settings import Pose6, Settings
 
@@ -27,7 +27,7 @@ _RATES = {"x": "$110", "y": "$111", "z": "$112"}
 _CANCEL, _RESET, _HOLD = b"\x85", b"\x18", b"!"
 
 
-class GrblRobot:
+class GrblRobot(Robot, HomingRobot, ProbingRobot):
     """A stage whose machine coordinates are the base frame.
 
     It carries the tool without turning it, so every pose has the work frame's own orientation.
