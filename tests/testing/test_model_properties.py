@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from broken import Break, changing, with_attributes
 
 from tactibench import Contacts, Frame, PlatePose, UserError
 from tactibench.testing import examine, properties, run_checks, subject_of
@@ -17,50 +19,31 @@ PROPERTIES = {one.name: one for one in properties("model")}
 SMALL = {"model": {"size": "8"}}
 
 
-def refuses_to_be_small(good: Any) -> Any:
-    class Broken(good):
-        def __init__(self, context: Any, size: int = 8, penalty: float = 1.0) -> None:
-            super().__init__(context, size, penalty)
-            self.step = 1 / (size - 4)
-
-    return Broken
+def refuses_to_be_small(self: Any, init: Any, context: Any, size: int = 8, **keys: Any) -> None:
+    init(context, size, **keys)
+    self.step = 1 / (size - 4)
 
 
-def no_report(good: Any) -> Any:
-    class Broken(good):
-        def fit(self, *arguments: Any, **keys: Any) -> Any:
-            super().fit(*arguments, **keys)
-
-    return Broken
+def does_not_train(*_: Any, **__: Any) -> Any:
+    raise RuntimeError("diverged")
 
 
-def does_not_train(good: Any) -> Any:
-    class Broken(good):
-        def fit(self, *arguments: Any, **keys: Any) -> Any:
-            raise RuntimeError("diverged")
-
-    return Broken
+def notes_that_are_not_json(_: Any, fit: Any, *arguments: Any, **keys: Any) -> Any:
+    return replace(fit(*arguments, **keys), notes={"loss": float("nan")})
 
 
-def notes_that_are_not_json(good: Any) -> Any:
-    class Broken(good):
-        def fit(self, *arguments: Any, **keys: Any) -> Any:
-            return replace(super().fit(*arguments, **keys), notes={"loss": float("nan")})
-
-    return Broken
-
-
-def answering(change: Callable[[list[Any], list[Frame]], Any]) -> Callable[[Any], Any]:
+def answering(change: Callable[[list[Any], list[Frame]], Any]) -> Break:
     """A model whose answers are changed. change: answers and frames -> answers."""
+    return changing("predict", lambda _, predict, frames: change(predict(frames), list(frames)))
 
-    def broken(good: Any) -> Any:
-        class Broken(good):
-            def predict(self, frames: Any) -> Any:
-                return change(super().predict(frames), list(frames))
 
-        return Broken
+def shown(change: Callable[[Any], Any]) -> Break:
+    """A model that sees other images. change: image -> image."""
 
-    return broken
+    def predict_changed(_: Any, predict: Any, frames: Any) -> Any:
+        return predict([replace(frame, image=change(frame.image)) for frame in frames])
+
+    return changing("predict", predict_changed)
 
 
 def moved(answers: list[Any], x: Any) -> list[Any]:
@@ -74,73 +57,33 @@ def two(answers: list[Any], _: Any) -> list[Any]:
     return [Contacts(np.repeat(a.xy, 2, 0), np.repeat(a.depth, 2), np.ones(2)) for a in answers]
 
 
-def global_noise(good: Any) -> Any:
-    class Broken(good):
-        def fit(self, *arguments: Any, **keys: Any) -> Any:
-            report = super().fit(*arguments, **keys)
-            self.mean_answer = self.mean_answer + np.random.default_rng().normal(0, 0.1, 3)
-            return report
-
-    return Broken
+def global_noise(self: Any, fit: Any, *arguments: Any, **keys: Any) -> Any:
+    report = fit(*arguments, **keys)
+    self.mean_answer = self.mean_answer + np.random.default_rng().normal(0, 0.1, 3)
+    return report
 
 
-def forgets_to_save(good: Any) -> Any:
-    class Broken(good):
-        def save(self, directory: Any) -> None:
-            self.mean_answer, kept = np.zeros(3), self.mean_answer
-            super().save(directory)
-            self.mean_answer = kept
-
-    return Broken
+def forgets_to_save(self: Any, save: Any, directory: Any) -> None:
+    self.mean_answer, kept = np.zeros(3), self.mean_answer
+    save(directory)
+    self.mean_answer = kept
 
 
-def saves_nothing(good: Any) -> Any:
-    class Broken(good):
-        def save(self, directory: Any) -> None: ...
-
-    return Broken
+def loads_anything(_: Any, load: Any, directory: Any) -> None:
+    with suppress(UserError):
+        load(directory)
 
 
-def loads_anything(good: Any) -> Any:
-    class Broken(good):
-        def load(self, directory: Any) -> None:
-            try:
-                super().load(directory)
-            except UserError:
-                return
-
-    return Broken
+def loads_with_a_traceback(_: Any, load: Any, directory: Any) -> None:
+    np.load(directory / "weights.npz")["weights"]
+    load(directory)
 
 
-def loads_with_a_traceback(good: Any) -> Any:
-    class Broken(good):
-        def load(self, directory: Any) -> None:
-            np.load(directory / "weights.npz")["weights"]
-            super().load(directory)
-
-    return Broken
-
-
-def scribbles(good: Any) -> Any:
-    class Broken(good):
-        def fit(self, frames: Any, *arguments: Any, **keys: Any) -> Any:
-            for frame in frames:
-                if frame.image.flags.writeable:
-                    frame.image[0, 0] += 1
-            return super().fit(frames, *arguments, **keys)
-
-    return Broken
-
-
-def scribbles_on_test_frames(good: Any) -> Any:
-    class Broken(good):
-        def predict(self, frames: Any) -> Any:
-            for frame in frames:
-                if frame.image.flags.writeable:
-                    frame.image[0, 0] += 1
-            return super().predict(frames)
-
-    return Broken
+def scribbles(_: Any, method: Any, frames: Any, *arguments: Any, **keys: Any) -> Any:
+    for frame in frames:
+        if frame.image.flags.writeable:
+            frame.image[0, 0] += 1
+    return method(frames, *arguments, **keys)
 
 
 def one_size(answers: list[Any], frames: list[Frame]) -> list[Any]:
@@ -148,38 +91,13 @@ def one_size(answers: list[Any], frames: list[Frame]) -> list[Any]:
     return answers
 
 
-def shown_to(wish: str) -> Callable[[Any], Any]:
-    """A model that mishandles floats. wish: "scaled" or "nan"."""
-
-    def broken(good: Any) -> Any:
-        class Broken(good):
-            def predict(self, frames: Any) -> Any:
-                if wish == "scaled":
-                    frames = [
-                        replace(
-                            f,
-                            image=(f.image * (1 / 255 if f.image.dtype.kind == "f" else 1)).astype(
-                                np.uint8
-                            ),
-                        )
-                        for f in frames
-                    ]
-                else:
-                    frames = [replace(f, image=np.nan_to_num(f.image)) for f in frames]
-                return super().predict(frames)
-
-        return Broken
-
-    return broken
+def scaled(image: Any) -> Any:
+    return (image / 255 if image.dtype.kind == "f" else image).astype(np.uint8)
 
 
-def one_contact_only(good: Any) -> Any:
-    class Broken(good):
-        def fit(self, frames: Any, truth: Any, **keys: Any) -> Any:
-            np.stack([contacts.xy for contacts in truth])
-            return super().fit(frames, truth, **keys)
-
-    return Broken
+def one_contact_only(_: Any, fit: Any, frames: Any, truth: Any, **keys: Any) -> Any:
+    np.stack([contacts.xy for contacts in truth])
+    return fit(frames, truth, **keys)
 
 
 def maps_of_another_grid(good: Any) -> Any:
@@ -194,32 +112,22 @@ def maps_of_another_grid(good: Any) -> Any:
     return Broken
 
 
-def maps_that_say_something_else(good: Any) -> Any:
-    class Broken(good):
-        def maps(self, frames: Any) -> Any:
-            return np.zeros((len(frames), 1, 64, 64), np.float32)
-
-        def read_maps(self, maps: Any) -> Any:
-            return [Contacts.none()] * len(maps)
-
-    return Broken
-
-
-def stages_for_one_frame(good: Any) -> Any:
-    class Broken(good):
-        def stages(self) -> Any:
-            return [("forward", lambda frames: self.predict(frames)[:1])]
-
-    return Broken
+maps_that_say_something_else = with_attributes(
+    maps=lambda _, frames: np.zeros((len(frames), 1, 64, 64), np.float32),
+    read_maps=lambda _, maps: [Contacts.none()] * len(maps),
+)
+stages_for_one_frame = with_attributes(
+    stages=lambda self: [("forward", lambda frames: self.predict(frames)[:1])]
+)
 
 
 ANY, BOTH = {"max_contacts": None}, {"answers": ("contacts", "plate")}
 BROKEN = [
     ("target", lambda _: type("NoModel", (), {}), {}),
-    ("parameters", refuses_to_be_small, {}),
-    ("fit", no_report, {}),
-    ("fit", does_not_train, {}),
-    ("fit", notes_that_are_not_json, {}),
+    ("parameters", changing("__init__", refuses_to_be_small), {}),
+    ("fit", with_attributes(fit=lambda *_, **__: None), {}),
+    ("fit", changing("fit", does_not_train), {}),
+    ("fit", changing("fit", notes_that_are_not_json), {}),
     ("shapes", answering(lambda answers, _: answers[1:]), {}),
     ("shapes", answering(lambda answers, _: [PlatePose(1, 2) for _ in answers]), {}),
     ("shapes", answering(lambda answers, _: [None for _ in answers]), {}),
@@ -229,20 +137,20 @@ BROKEN = [
     ("empty", answering(lambda answers, frames: answers[:] if frames[0] else []), {}),
     ("batch", answering(lambda answers, _: moved(answers, len(answers) / 10)), {}),
     ("batch", answering(lambda answers, _: moved(answers, np.arange(len(answers)))), {}),
-    ("seed", global_noise, {}),
-    ("save_load", forgets_to_save, {}),
-    ("save_load", saves_nothing, {}),
-    ("damaged_weights", loads_anything, {}),
-    ("damaged_weights", loads_with_a_traceback, {}),
-    ("input_unchanged", scribbles, {}),
-    ("input_unchanged", scribbles_on_test_frames, {}),
+    ("seed", changing("fit", global_noise), {}),
+    ("save_load", changing("save", forgets_to_save), {}),
+    ("save_load", with_attributes(save=lambda *_: None), {}),
+    ("damaged_weights", changing("load", loads_anything), {}),
+    ("damaged_weights", changing("load", loads_with_a_traceback), {}),
+    ("input_unchanged", changing("fit", scribbles), {}),
+    ("input_unchanged", changing("predict", scribbles), {}),
     ("truth_hidden", answering(lambda a, frames: moved(a, [f.pose.x for f in frames])), {}),
     ("truth_hidden", answering(lambda a, frames: moved(a, [f.timestamp for f in frames])), {}),
     ("frame_size", answering(one_size), {}),
-    ("float_frame", shown_to("scaled"), {}),
-    ("nan_frame", shown_to("nan"), {}),
+    ("float_frame", shown(scaled), {}),
+    ("nan_frame", shown(np.nan_to_num), {}),
     ("every_answer", lambda good: good, BOTH),
-    ("several", one_contact_only, ANY),
+    ("several", changing("fit", one_contact_only), ANY),
     ("maps", maps_of_another_grid, {}),
     ("maps", maps_that_say_something_else, {}),
     ("stages", stages_for_one_frame, {}),
@@ -302,7 +210,7 @@ def _context() -> Any:
 
 
 def test_a_model_that_does_not_train_is_reported_once(host: Any, target: Any) -> None:
-    built = host("model", does_not_train(target("model")))
+    built = host("model", changing("fit", does_not_train)(target("model")))
     subject = subject_of("model", "good_model", host=built, parameters=SMALL)
     report = run_checks(PROPERTIES.values(), subject)
     assert [one.checked.name for one in report.findings if one.outcome == FAILED] == ["fit"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from broken import Break, changing, with_attributes
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
 from tactibench.testing import examine, properties, run_checks, subject_of
@@ -20,90 +21,47 @@ KEPT = {
 }
 
 
-def with_methods(**methods: Any) -> Callable[[Any], Any]:
-    """The good class with some attributes of its own."""
-    return lambda good: type("Broken", (good,), methods)
-
-
-def pressing(change: Callable[[Frame, Scene], Frame]) -> Callable[[Any], Any]:
+def pressing(change: Callable[[Frame, Scene], Frame]) -> Break:
     """A sensor whose presses are changed."""
-
-    def broken(good: Any) -> Any:
-        class Broken(good):
-            def press(self, scene: Any) -> Any:
-                return change(super().press(scene), scene)
-
-        return Broken
-
-    return broken
+    return changing("press", lambda _, press, scene: change(press(scene), scene))
 
 
-def scene_changed(change: Callable[[Pose], Pose]) -> Callable[[Any], Any]:
+def scene_changed(change: Callable[[Pose], Pose]) -> Break:
     """A sensor that presses something else than it says."""
 
-    def broken(good: Any) -> Any:
-        class Broken(good):
-            def press(self, scene: Any) -> Any:
-                other = replace(scene, pose=change(scene.pose))
-                return replace(super().press(other), pose=scene.pose)
+    def press_changed(_: Any, press: Any, scene: Any) -> Any:
+        return replace(press(replace(scene, pose=change(scene.pose))), pose=scene.pose)
 
-        return Broken
-
-    return broken
+    return changing("press", press_changed)
 
 
-def half_the_size_is_a_crash(good: Any) -> Any:
-    class Broken(good):
-        def __init__(self, context: Any, size: int = 96, **keys: Any) -> None:
-            super().__init__(context, size, **keys)
-            self.step = 1 / (size - 32)
-
-    return Broken
+def half_the_size_is_a_crash(self: Any, init: Any, context: Any, size: int = 96, **k: Any) -> None:
+    init(context, size, **k)
+    self.step = 1 / (size - 32)
 
 
-def unseeded(good: Any) -> Any:
-    class Broken(good):
-        def press(self, scene: Any) -> Any:
-            frame = super().press(scene)
-            noise = np.random.default_rng().integers(0, 3, frame.image.shape)
-            return replace(frame, image=np.clip(frame.image + noise, 0, 255).astype(np.uint8))
-
-    return Broken
+def noisy(frame: Frame, _: Scene) -> Frame:
+    noise = np.random.default_rng().integers(0, 3, frame.image.shape)
+    return replace(frame, image=np.clip(frame.image + noise, 0, 255).astype(np.uint8))
 
 
-def rest_drifts(good: Any) -> Any:
-    class Broken(good):
-        def rest(self) -> Any:
-            frame = super().rest()
-            return frame if not self._count else replace(frame, image=255 - frame.image)
-
-    return Broken
+def rest_drifts(self: Any, rest: Any) -> Any:
+    frame = rest()
+    return frame if not self._count else replace(frame, image=255 - frame.image)
 
 
-def sees_anything(good: Any) -> Any:
-    class Broken(good):
-        def _displacement(self, scene: Any) -> Any:
-            try:
-                return super()._displacement(scene)
-            except UserError:
-                return np.zeros_like(self._pins)
-
-    return Broken
+def sees_anything(self: Any, displacement: Any, scene: Any) -> Any:
+    try:
+        return displacement(scene)
+    except UserError:
+        return np.zeros_like(self._pins)
 
 
-def raises_a_value_error(good: Any) -> Any:
-    class Broken(good):
-        def _displacement(self, scene: Any) -> Any:
-            try:
-                return super()._displacement(scene)
-            except UserError as error:
-                raise ValueError(error) from error
-
-    return Broken
-
-
-def counts_in_its_description(good: Any) -> Any:
-    return with_methods(describe=lambda self: {"count": self._count})(good)
+def raises_a_value_error(_: Any, displacement: Any, scene: Any) -> Any:
+    try:
+        return displacement(scene)
+    except UserError as error:
+        raise ValueError(error) from error
 
 
 def flat(_self: Any, scene: Any, grid: Any) -> Any:
@@ -134,15 +92,15 @@ def turned(frame: Frame, _: Scene) -> Frame:
 
 BROKEN = [
     ("target", lambda _: type("NoSensor", (), {})),
-    ("parameters", half_the_size_is_a_crash),
-    ("context_manager", with_methods(__exit__=lambda *_: True)),
-    ("context_manager", with_methods(__enter__=lambda self: None)),
+    ("parameters", changing("__init__", half_the_size_is_a_crash)),
+    ("context_manager", with_attributes(__exit__=lambda *_: True)),
+    ("context_manager", with_attributes(__enter__=lambda self: None)),
     ("frames", pressing(as_floats)),
     ("frames", pressing(grey)),
     ("frames", pressing(lambda frame, _: replace(frame, pose=Pose()))),
     ("frames", pressing(lambda frame, _: replace(frame, rest=frame.image[:5]))),
-    ("rest_frame", with_methods(rest=lambda self: Frame(self._rest[:9], 0.0, Pose()))),
-    ("rest_frame", rest_drifts),
+    ("rest_frame", with_attributes(rest=lambda self: Frame(self._rest[:9], 0.0, Pose()))),
+    ("rest_frame", changing("rest", rest_drifts)),
     ("deeper", scene_changed(lambda pose: replace(pose, depth=2.0))),
     ("deeper", scene_changed(lambda pose: replace(pose, depth=max(0.1, 6.5 - pose.depth)))),
     ("direction", pressing(mirrored)),
@@ -150,30 +108,24 @@ BROKEN = [
     ("direction", scene_changed(lambda pose: replace(pose, x=0.0, y=0.0))),
     ("timestamps", pressing(lambda frame, _: replace(frame, timestamp=0.0))),
     ("timestamps", pressing(lambda frame, _: replace(frame, timestamp=float("nan")))),
-    ("determinism", unseeded),
+    ("determinism", pressing(noisy)),
+    ("press_many", changing("press_many", lambda _, press, scenes: iter(list(press(scenes))[1:]))),
+    ("refusals", changing("_displacement", sees_anything)),
+    ("refusals", changing("_displacement", raises_a_value_error)),
+    ("refusals", with_attributes(press_many=lambda self, scenes: iter([self.rest()]))),
+    ("describe", with_attributes(describe=lambda self: {"pins": self._pins})),
+    ("describe", with_attributes(describe=lambda self: {"noise": float("nan")})),
+    ("describe", with_attributes(describe=lambda self: {"count": self._count})),
+    ("describe", with_attributes(describe=lambda self: {"seed": str(self._seed)})),
+    ("scenes", with_attributes(scenes=lambda self: {**KEPT, "again": KEPT["press 0"]})),
+    ("scenes", with_attributes(scenes=lambda self: {})),
+    ("surface", with_attributes(surface=flat)),
+    ("surface", with_attributes(surface=elsewhere)),
+    ("bound", with_attributes(bound=lambda self, scene: np.ones((1, 3)))),
     (
-        "press_many",
-        with_methods(press_many=lambda self, scenes: reversed([self.press(one) for one in scenes])),
+        "bound",
+        with_attributes(bound=lambda self, scene: -np.ones((len(scene.indenter.offsets), 3))),
     ),
-    (
-        "press_many",
-        with_methods(
-            press_many=lambda self, scenes: iter([self.press(one) for one in list(scenes)[1:]])
-        ),
-    ),
-    ("refusals", sees_anything),
-    ("refusals", raises_a_value_error),
-    ("refusals", with_methods(press_many=lambda self, scenes: iter([self.rest()]))),
-    ("describe", with_methods(describe=lambda self: {"pins": self._pins})),
-    ("describe", with_methods(describe=lambda self: {"noise": float("nan")})),
-    ("describe", counts_in_its_description),
-    ("describe", with_methods(describe=lambda self: {"seed": str(self._seed)})),
-    ("scenes", with_methods(scenes=lambda self: {**KEPT, "again": KEPT["press 0"]})),
-    ("scenes", with_methods(scenes=lambda self: {})),
-    ("surface", with_methods(surface=flat)),
-    ("surface", with_methods(surface=elsewhere)),
-    ("bound", with_methods(bound=lambda self, scene: np.ones((1, 3)))),
-    ("bound", with_methods(bound=lambda self, scene: -np.ones((len(scene.indenter.offsets), 3)))),
 ]
 
 
@@ -202,7 +154,7 @@ def test_a_sensor_that_has_scenes_is_asked_for_those(host: Any, target: Any) -> 
             raise UserError("it was not recorded.")
         return target("sensor").press(self, scene)
 
-    broken = with_methods(scenes=lambda self: dict(KEPT), press=press)
+    broken = with_attributes(scenes=lambda self: dict(KEPT), press=press)
     built = host("sensor", broken(target("sensor")), origin="real")
     report = run_checks(PROPERTIES.values(), subject_of("sensor", "good_sensor", host=built))
     outcomes = {one.checked.name: one.outcome for one in report.findings}
