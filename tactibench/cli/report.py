@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from tactibench.cli.options import board_option, output_file, store_option
 from tactibench.errors import UserError
-from tactibench.report.html.origins import AUTO, BOTH, ORIGINS, RUNS
+from tactibench.report.html import AUTO, BOTH, ORIGINS, RUNS
 
 
 @click.command()

@@ -32,9 +32,10 @@ from tactibench.protocols.published import PublishedTable, load_published
 from tactibench.records.files import atomic
 from tactibench.records.record import Record
 from tactibench.report.board_tables import cost_blocks, curve_table, metric_table, published_blocks
-from tactibench.report.document import Block, Code, Fold, Heading, Inline, Paragraph, Prose, prose
+from tactibench.report.document import Block, Fold, Heading, Inline, Paragraph, Prose, prose
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
+from tactibench.report.table import Text
 from tactibench.report.writers.markdown import markdown
 from tactibench.shipped import shipped_folder
 
@@ -249,7 +250,7 @@ def _test_frames(record: Record) -> list[Block]:
         parts = [Prose("Trained on "), trained, Prose(text)]
     else:
         text = f"Trained on the sensor itself and tested on {counted}: "
-        parts = [Prose(text), Code(command_options(record)[1:]), Prose(".")]
+        parts = [Prose(text), Text(command_options(record)[1:], "code"), Prose(".")]
     return [Paragraph(tuple(parts))]
 
 
@@ -267,7 +268,7 @@ def _commits(runs: Sequence[Record]) -> Block:
     for k, (commit, count) in enumerate(sorted(commits.items())):
         name, plus, _ = commit.partition("+")
         changed = ", with uncommitted changes" if plus else ""
-        parts += [Prose("; " if k else ""), Code(name[:10]), Prose(f"{changed} ({count})")]
+        parts += [Prose("; " if k else ""), Text(name[:10], "code"), Prose(f"{changed} ({count})")]
     return Paragraph((*parts, Prose(".")))
 
 

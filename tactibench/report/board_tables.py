@@ -24,8 +24,7 @@ from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.board_spec import Ranking
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Record
-from tactibench.report import document
-from tactibench.report.document import Bullets, Code, Emphasis, Heading, Paragraph, prose
+from tactibench.report.document import Block, Bullets, Heading, Paragraph, Prose, prose
 from tactibench.report.labels import HEADS
 from tactibench.report.numbers import Format, duration, fixed, number, scaled, significant, span
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
@@ -120,7 +119,7 @@ def _share_below(row: Row, column: MetricColumn, spec: BoardTable) -> str:
     return "" if pooled is None else f"{number(100 * pooled.value, 0)} %"
 
 
-def cost_blocks(rows: Sequence[Row]) -> list[document.Block]:
+def cost_blocks(rows: Sequence[Row]) -> list[Block]:
     """Return the tables of latency and cost, and the machines behind the fingerprints."""
     parts = [part for row in rows for part in by_machine(row)]
     latencies = table(
@@ -150,7 +149,7 @@ def cost_blocks(rows: Sequence[Row]) -> list[document.Block]:
     )
     machines = {machine(record): record for row in rows for record in row.records}
     named = tuple(
-        (Code(name), document.Prose(": "), _machine(record))
+        (Text(name, "code"), Prose(": "), _machine(record))
         for name, record in sorted(machines.items())
     )
     return [latencies, costs, Bullets(named)]
@@ -244,9 +243,9 @@ def _step_number(step: Step | None, decimals: int) -> Number | None:
     return Number(step.error.value, fixed(decimals), below=below)
 
 
-def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[document.Block]:
+def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[Block]:
     """Return the published rows of a protocol, a table a paper, with where they come from."""
-    blocks: list[document.Block] = []
+    blocks: list[Block] = []
     for paper in papers:
         if rows := rows_for(protocol, paper):
             blocks += _paper_blocks(paper, rows)
@@ -259,7 +258,7 @@ def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[do
     ]
 
 
-def _paper_blocks(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[document.Block]:
+def _paper_blocks(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[Block]:
     """Columns are the metrics and groups that any of its rows has."""
     metrics = list(
         dict.fromkeys((m, g) for row in rows for m, groups in row.metrics.items() for g in groups)
@@ -287,12 +286,12 @@ def _paper_blocks(paper: PublishedTable, rows: Sequence[PublishedRow]) -> list[d
         ]
         for row in rows
     ]
-    who = (paper.authors, document.Prose(", "), Emphasis(paper.title))
-    where = (document.Prose(f", {paper.year}. Measured on: "), paper.measured_on)
+    who = (paper.authors, Prose(", "), Text(paper.title, "italic"))
+    where = (Prose(f", {paper.year}. Measured on: "), paper.measured_on)
     reasons = dict.fromkeys(row.note for row in rows)
     return [
         Heading(3, paper.name),
-        Paragraph((*who, *where, document.Prose("."))),
+        Paragraph((*who, *where, Prose("."))),
         table(heads, body),
         Bullets(tuple((text,) for text in (*reasons, *paper.notes))),
     ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactibench.report.table import Table
+from tactibench.report.table import Table, Text
 
 
 @dataclass(frozen=True)
@@ -18,21 +18,7 @@ class Prose:
     text: str
 
 
-@dataclass(frozen=True)
-class Emphasis:
-    """Words in italics."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Code:
-    """Words in a fixed pitch."""
-
-    text: str
-
-
-Inline = Prose | Emphasis | Code | str
+Inline = Prose | Text | str
 
 
 @dataclass(frozen=True)

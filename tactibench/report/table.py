@@ -61,7 +61,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """Words of a cell. style: "" (plain), "italic", "bold" or "code"."""
+    """Words of a cell or a paragraph. style: "" (plain), "italic" or "code"."""
 
     text: str
     style: str = ""

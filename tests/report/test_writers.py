@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from report_material import HOSTILE
 
 from tactibench.report import numbers
-from tactibench.report.document import Bullets, Code, Emphasis, Fold, Heading, Paragraph, Prose
+from tactibench.report.document import Bullets, Fold, Heading, Paragraph, Prose
 from tactibench.report.numbers import duration, fixed, number, significant
 from tactibench.report.table import Caption, Column, Number, Table, Text, table
 from tactibench.report.writers.csv import csv_text
@@ -217,7 +217,7 @@ def test_text_of_strangers_brings_no_tag_and_no_attribute(text):
     shown = Table((Column(text, title=text),), ((Text(text, "italic"),), (text,)), title=text)
     blocks = (
         Heading(2, text),
-        Paragraph((Prose("see `this`: "), text, Emphasis(text), Code(text))),
+        Paragraph((Prose("see `this`: "), text, Text(text, "italic"), Text(text, "code"))),
         Bullets(((text,),)),
         Fold("lines", (text,)),
         shown,

@@ -1,1 +1,7 @@
 """The report: boards and runs as one HTML file that asks no network for anything."""
+
+from __future__ import annotations
+
+AUTO, RUNS, BOARD, BOTH = "auto", "runs", "board", "both"
+ORIGINS = (AUTO, RUNS, BOARD, BOTH)
+"""Origins of the rows of a report, as ``tactibench report --from`` names them."""

@@ -16,7 +16,7 @@ from tactibench.protocols.published import PublishedTable
 from tactibench.records.record import Record
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 from tactibench.report.board_page import published_tables
-from tactibench.report.html.origins import AUTO, BOARD, RUNS
+from tactibench.report.html import AUTO, BOARD, RUNS
 from tactibench.report.numbers import plural
 from tactibench.run.request import folder_label
 from tactibench.run.score import trials_of

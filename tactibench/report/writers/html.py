@@ -12,8 +12,6 @@ from html import escape
 from tactibench.report.document import (
     Block,
     Bullets,
-    Code,
-    Emphasis,
     Fold,
     Heading,
     Inline,
@@ -24,7 +22,7 @@ from tactibench.report.table import MISSING, Cell, Column, Number, Table, Text
 
 _CODE = re.compile(r"`([^`]*)`")
 _ESCAPED_SIGN = re.compile(r"\\([*_])")
-_STYLES = {"italic": "em", "bold": "strong", "code": "code"}
+_STYLES = {"italic": "em", "code": "code"}
 
 
 def html(blocks: Iterable[Block]) -> str:
@@ -73,11 +71,14 @@ def _line(parts: Iterable[Inline]) -> str:
 
 
 def _inline(part: Inline) -> str:
-    if isinstance(part, Prose):
-        return prose_html(part.text)
-    if isinstance(part, Emphasis):
-        return f"<em>{escape(part.text)}</em>"
-    return f"<code>{escape(part.text)}</code>" if isinstance(part, Code) else escape(part)
+    return prose_html(part.text) if isinstance(part, Prose) else _words(part)
+
+
+def _words(text: Text | str) -> str:
+    if isinstance(text, str):
+        return escape(text)
+    tag = _STYLES.get(text.style)
+    return f"<{tag}>{escape(text.text)}</{tag}>" if tag else escape(text.text)
 
 
 def _head(column: Column) -> str:
@@ -105,6 +106,4 @@ def _content(cell: Cell) -> str:
         if cell.below:
             lines.append(f"<sub>{escape(cell.below)}</sub>")
         return "<br>".join(lines)
-    text = Text(cell) if isinstance(cell, str) else cell
-    tag = _STYLES.get(text.style)
-    return f"<{tag}>{escape(text.text)}</{tag}>" if tag else escape(text.text)
+    return _words(cell)

@@ -17,7 +17,7 @@ _SPECIAL = {
 }
 _ANY = re.compile("|".join(map(re.escape, _SPECIAL)))
 MISSING = "--"
-_STYLES = {"italic": "textit", "bold": "textbf", "code": "texttt"}
+_STYLES = {"italic": "textit", "code": "texttt"}
 
 
 def escape(text: str) -> str:

@@ -8,18 +8,15 @@ from collections.abc import Iterable
 from tactibench.report.document import (
     Block,
     Bullets,
-    Code,
-    Emphasis,
     Fold,
     Heading,
     Inline,
     Paragraph,
     Prose,
 )
-from tactibench.report.table import MISSING, Cell, Number, Table
+from tactibench.report.table import MISSING, Cell, Number, Table, Text
 
 _MARKUP = re.compile(r"([\\`*_{}\[\]<>#|~&])")
-_STYLES = {"italic": "*", "bold": "**"}
 
 
 def escape(text: str) -> str:
@@ -66,24 +63,21 @@ def _line(parts: Iterable[Inline]) -> str:
 
 
 def _inline(part: Inline) -> str:
-    if isinstance(part, Prose):
-        return part.text
-    if isinstance(part, Emphasis):
-        return f"*{escape(part.text)}*"
-    return code(part.text) if isinstance(part, Code) else escape(part)
+    return part.text if isinstance(part, Prose) else _words(part)
+
+
+def _words(text: Text | str) -> str:
+    if isinstance(text, str):
+        return escape(text)
+    if text.style == "code":
+        return code(text.text)
+    return f"*{escape(text.text)}*" if text.style == "italic" else escape(text.text)
 
 
 def _cell(cell: Cell) -> str:
     if cell is None:
         return MISSING
-    if isinstance(cell, Number):
-        return _number(cell)
-    if isinstance(cell, str):
-        return escape(cell)
-    if cell.style == "code":
-        return code(cell.text)
-    sign = _STYLES.get(cell.style, "")
-    return f"{sign}{escape(cell.text)}{sign}"
+    return _number(cell) if isinstance(cell, Number) else _words(cell)
 
 
 def _number(cell: Number) -> str:
