@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stored_answers import answered_parts, with_hash
+from stored_answers import answered_parts, store_run
 
 from tactibench import UserError
 from tactibench.board.predictions import answers_file, read_answers_file, read_press_errors
 from tactibench.board.submissions import FOLDER, add, press_errors
 from tactibench.records.files import arrays_hash, write_arrays
-from tactibench.records.store import write_run
 
 
 @pytest.fixture
 def stored(tmp_path, fabricate):
-    def made(parts=None, **more):
-        parts = parts or answered_parts(0.06, frames=5, missing=(2,))
-        return write_run(tmp_path / "runs", with_hash(fabricate(**more), parts), parts)
+    def made(**more):
+        parts = answered_parts(0.06, frames=5, missing=(2,))
+        return store_run(tmp_path / "runs", fabricate(**more), parts)
 
     return made
 

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from stored_answers import answered_parts, with_hash
+from stored_answers import store_run
 
 from tactibench import UserError
 from tactibench.board.submissions import (
@@ -18,19 +18,12 @@ from tactibench.board.submissions import (
     slot,
     text_of,
 )
-from tactibench.records.store import write_run
 
 
 @pytest.fixture
 def stored(tmp_path, fabricate):
     """Keywords of ``fabricate`` -> a run in a store."""
-
-    def made(**more):
-        parts = answered_parts()
-        record = with_hash(fabricate(**more), parts)
-        return write_run(tmp_path / "runs", record, parts)
-
-    return made
+    return lambda **more: store_run(tmp_path / "runs", fabricate(**more))
 
 
 def committed(board):

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import stats
-from stored_answers import answered_parts, with_hash
+from stored_answers import answered_parts, store_run
 
 from tactibench import UserError
 from tactibench.board.compare import compare_runs, left_out, names_of, rows_of
 from tactibench.contacts import Contacts, PlatePose
 from tactibench.records.answers import pack_contacts, pack_plates, unpack_contacts
-from tactibench.records.store import write_run
 from tactibench.stats.paired import holm
 
 
@@ -28,8 +27,8 @@ def stored(tmp_path, fabricate):
                 for t, e in zip(truth, errors, strict=True)
             ]
         )
-        record = with_hash(fabricate(model=name, name=f"exp1-{name}", encoder=None, **more), parts)
-        return write_run(tmp_path / "runs", record, parts)
+        record = fabricate(model=name, name=f"exp1-{name}", encoder=None, **more)
+        return store_run(tmp_path / "runs", record, parts)
 
     return made
 
@@ -137,7 +136,7 @@ def test_answers_after_more_labelled_frames_are_compared_apart(tmp_path, fabrica
         off = [PlatePose(t.depth + e, 0.0) for e, t in zip(errors, truth * 2, strict=True)]
         own = {**parts, "predictions": pack_plates(off)}
         record = fabricate("transfer", model=name, name=f"transfer-{name}", encoder=None)
-        return write_run(tmp_path / "runs", with_hash(record, own), own)
+        return store_run(tmp_path / "runs", record, own)
 
     (one,) = compare_runs([run("a", [0.3, 0.4, 0.5, 0.1, 0.1, 0.1]), run("b", [0.2] * 6)])
     none, ten = (cell(one, "depth_mae_mm", group) for group in ("0", "10"))

@@ -1,4 +1,4 @@
-"""The command line called in this process, in a folder and with a cache of its own."""
+"""The command line called in this process, and stored runs to call it on."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stored_answers import answered_parts, with_hash
+from command_line import cli, refused  # noqa: F401 - fixtures
+from stored_answers import store_run
 
-from tactibench.cli.main import call
 from tactibench.records.record import Record
-from tactibench.records.store import write_run
-
-Result = tuple[int, str, str]
 
 
 @pytest.fixture
@@ -22,44 +19,6 @@ def stored_run(tmp_path: Path, fabricate: Callable[..., Record]) -> Callable[...
     (tmp_path / "leaderboards").mkdir()
 
     def made(**more: Any) -> str:
-        parts = answered_parts()
-        record = with_hash(fabricate(**more), parts)
-        name: str = write_run(tmp_path / "runs", record, parts).record.name
-        return name
+        return store_run(tmp_path / "runs", fabricate(**more)).record.name
 
     return made
-
-
-@pytest.fixture
-def cli(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Result]:
-    """Arguments -> exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
-
-    def called(*arguments: str | Path) -> Result:
-        capsys.readouterr()
-        code = call([str(argument) for argument in arguments])
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
-
-    return called
-
-
-@pytest.fixture
-def refused(cli: Callable[..., Result]) -> Callable[..., str]:
-    """Arguments of a mistake -> its one sentence."""
-
-    def mistake(*arguments: str | Path) -> str:
-        code, out, err = cli(*arguments)
-        assert code == 2, (out, err)
-        assert out == ""
-        assert err.startswith("tactibench: ")
-        assert err.count("\n") == 1, "one line"
-        assert err[-2] in ".?)", err
-        assert ".." not in err.replace("...", "").replace("../", "").replace("0..", "")
-        assert "Traceback" not in err
-        return err[len("tactibench: ") : -1]
-
-    return mistake

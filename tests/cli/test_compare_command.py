@@ -6,17 +6,15 @@ import json
 from pathlib import Path
 
 import pytest
-from stored_answers import answered_parts, with_hash
-
-from tactibench.records.store import write_run
+from stored_answers import answered_parts, store_run
 
 
 @pytest.fixture
 def stored(tmp_path, fabricate):
     def made(name, offset, **more):
         parts = answered_parts(offset, frames=8, missing=more.pop("missing", ()))
-        record = with_hash(fabricate(model=name, encoder=None, name=f"exp1-{name}", **more), parts)
-        write_run(tmp_path / "runs", record, parts)
+        record = fabricate(model=name, encoder=None, name=f"exp1-{name}", **more)
+        store_run(tmp_path / "runs", record, parts)
 
     return made
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.cli.main import call
 from tactibench.datasets import Header, Writer
 
 
@@ -53,10 +52,9 @@ def rows(path):
     return found
 
 
-def test_a_bristol_folder(bristol, tmp_path, capsys):
+def test_a_bristol_folder(cli, bristol, tmp_path):
     out, sheet = tmp_path / "info.json", tmp_path / "sheet.png"
-    assert call(["data", "info", str(bristol), "--json", str(out), "--sheet", str(sheet)]) == 0
-    shown = capsys.readouterr().out
+    shown = cli("data", "info", bristol, "--json", out, "--sheet", sheet)[1]
     for text in (
         "sensor_image, pose_x..pose_Rz, images",
         "8 of 80x90 gray, 8 presses",
@@ -82,9 +80,8 @@ def test_a_bristol_folder(bristol, tmp_path, capsys):
     assert cv2.imread(str(sheet)) is not None
 
 
-def test_a_data_set_of_single_presses(singles, tmp_path, capsys):
-    assert call(["data", "info", str(singles), "--json", str(tmp_path / "i.json")]) == 0
-    shown = capsys.readouterr().out
+def test_a_data_set_of_single_presses(cli, singles, tmp_path):
+    shown = cli("data", "info", singles, "--json", "i.json")[1]
     for text in ("tips", "v1 (schema 1, closed)", "10 presses", "20 frames", "CC0-1.0"):
         assert text in shown
     served = rows(tmp_path / "i.json")["served"]
@@ -93,10 +90,9 @@ def test_a_data_set_of_single_presses(singles, tmp_path, capsys):
     assert "two tips" in served["exp2"]["reason"]
 
 
-def test_no_line_is_cut_on_a_narrow_terminal(bristol, capsys, monkeypatch):
+def test_no_line_is_cut_on_a_narrow_terminal(cli, bristol, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
-    assert call(["data", "info", str(bristol)]) == 0
-    assert "█" in capsys.readouterr().out
+    assert "█" in cli("data", "info", bristol)[1]
 
 
 @pytest.mark.parametrize(
@@ -107,7 +103,5 @@ def test_no_line_is_cut_on_a_narrow_terminal(bristol, capsys, monkeypatch):
         (["bristol", "--json", "no/info.json"], "is not there"),
     ],
 )
-def test_mistakes(bristol, monkeypatch, capsys, arguments, says):
-    monkeypatch.chdir(bristol.parent)
-    assert call(["data", "info", *arguments]) == 2
-    assert says in capsys.readouterr().err
+def test_mistakes(refused, bristol, arguments, says):
+    assert says in refused("data", "info", *arguments)

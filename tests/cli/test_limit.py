@@ -119,13 +119,16 @@ def test_a_mistake_gets_one_sentence(refused: Any, options: tuple[str, ...], nam
     assert named in refused("plot", "limit", *options)
 
 
-def test_help_is_light() -> None:
-    import subprocess
-    import sys
-
-    code = (
-        "import sys; from tactibench.cli.plot import plot;"
-        "print(*sorted({'numpy', 'torch', 'matplotlib', 'rich'} & set(sys.modules)))"
+@pytest.mark.slow
+def test_a_run_prints_the_ratio_of_every_axis(cli: Any, tmp_path: Path) -> None:
+    code, out, _ = cli(
+        "run", "exp1", "--model", "mean", "--quick", "--device", "cpu", "--json", "run.json"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == ""
+    assert code == 0
+    start = out.index("RMSE / Cramer-Rao bound")
+    lines = out[start:].splitlines()[:3]
+    assert [line.removeprefix("RMSE / Cramer-Rao bound").split()[0] for line in lines] == [*"xyz"]
+    record = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    rows = [row for row in record["metrics"] if row["metric"] == "rmse_over_bound"]
+    assert [row["group"] for row in rows] == [*"xyz"]
+    assert all(row["value"] > 50 for row in rows)  # the mean of all presses knows nothing

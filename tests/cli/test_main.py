@@ -70,6 +70,22 @@ def test_light_commands_import_nothing_heavy(arguments: list[str]) -> None:
     assert done.stdout.splitlines()[-1].strip() == "loaded:"
 
 
+def test_help_of_no_verb_or_action_imports_anything_heavy() -> None:
+    code = (
+        "import sys\nfrom importlib import import_module\n"
+        "import click\nfrom tactibench.cli.main import VERBS, call\n"
+        "for verb, (target, _) in VERBS.items():\n"
+        "    module, _, name = target.partition(':')\n"
+        "    command = getattr(import_module(module), name)\n"
+        "    actions = command.commands if isinstance(command, click.Group) else ()\n"
+        "    for arguments in ([verb], *([verb, action] for action in actions)):\n"
+        "        assert call([*arguments, '--help']) == 0\n"
+        f"print('loaded:', *[name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout.splitlines()[-1].strip() == "loaded:", done.stderr
+
+
 def test_the_command_alone_prints_its_help(cli: Any) -> None:
     code, out, err = cli()
     assert (code, err) == (0, "")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -68,12 +66,3 @@ def test_random_weights_are_timed_and_said_to_be(short: Any, cli: Any, tmp_path:
 )
 def test_a_mistake_gets_one_sentence(refused: Any, options: tuple[str, ...], named: str) -> None:
     assert named in refused("speed", *options)
-
-
-def test_help_is_light() -> None:
-    code = (
-        "import sys; from tactibench.cli.speed import speed;"
-        "print(*sorted({'numpy', 'torch', 'matplotlib', 'rich'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == ""

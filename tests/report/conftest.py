@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from changed_record import changed_record
+from command_line import cli, refused  # noqa: F401 - fixtures
 from report_material import HOSTILE, hostile_record, store_of
 from rich.console import Console
 
@@ -97,17 +100,12 @@ def _table(k: int, text: str) -> PublishedTable:
     )
 
 
+SHARES = {"resolved", "missed", "catch_resolved", "coverage"}
 UNITS = {
-    "r2": "",
-    "resolved": "share",
-    "missed": "share",
-    "catch_resolved": "share",
-    "coverage": "share",
+    **dict.fromkeys(SHARES, "share"),
+    **dict.fromkeys(("r2", "d_prime", "rmse_over_bound"), ""),
+    **dict.fromkeys(("orientation_mae_deg", "tilt_mae_deg"), "deg"),
     "spurious": "per frame",
-    "d_prime": "",
-    "rmse_over_bound": "",
-    "orientation_mae_deg": "deg",
-    "tilt_mae_deg": "deg",
 }
 DISTANCES = [f"{6.5 + k / 2:.1f}" for k in range(12)]
 
@@ -122,41 +120,34 @@ def metric_row(
     **more: Any,
 ) -> Metric:
     low, high = (None, None) if value is None else (value - spread, value + spread)
-    if UNITS.get(metric) == "share" and value is not None:
-        low, high = max(0.0, value - spread), min(1.0, value + spread)
-    return Metric(
-        metric=metric,
-        group=group,
-        value=value,
-        low=low,
-        high=high,
-        n=n,
-        clusters=clusters,
-        unit=UNITS.get(metric, "mm"),
-        better="lower",
-        **more,
-    )
+    if metric in SHARES and low is not None and high is not None:
+        low, high = max(0.0, low), min(1.0, high)
+    ends = {"low": low, "high": high, "unit": UNITS.get(metric, "mm"), "better": "lower"}
+    return Metric(metric=metric, group=group, value=value, n=n, clusters=clusters, **ends, **more)
 
 
 def exp1_rows() -> list[Metric]:
+    by_axis = [
+        ("r2", 0.99941, -0.001, 0.0002),
+        ("mae_mm", 0.0412, 0.01, 0.0014),
+        ("rmse_mm", 0.0531, 0.01, 0.0031),
+        ("rmse_over_bound", 3.14, 1.0, 0.2),
+    ]
     rows = [
-        metric_row("r2", a, 0.99941 - k / 1e3, 0.0002)
-        for k, a in enumerate(("x", "y", "z", "mean"))
+        metric_row(name, axis, first + step * k, spread)
+        for name, first, step, spread in by_axis
+        for k, axis in enumerate("xyz")
     ]
-    rows += [metric_row("mae_mm", a, 0.0412 + k / 100, 0.0014) for k, a in enumerate("xyz")]
-    rows += [metric_row("mae_mm", "mean", 0.0512, 0.0011)]
-    rows += [metric_row("rmse_mm", a, 0.0531 + k / 100, 0.0031) for k, a in enumerate("xyz")]
-    rows += [
-        metric_row("rmse_mm", "mean", 0.0634, 0.0021),
-        metric_row("rmse_pooled_mm", "all", 0.0641, 0.0022),
-        metric_row("surface_rmse_mm", "all", 0.2113, 0.004),
+    whole = [
+        ("r2", "mean", 0.99641, 0.0002),
+        ("mae_mm", "mean", 0.0512, 0.0011),
+        ("rmse_mm", "mean", 0.0634, 0.0021),
+        ("rmse_pooled_mm", "all", 0.0641, 0.0022),
+        ("surface_rmse_mm", "all", 0.2113, 0.004),
+        ("missed", "all", 0.0, 0.0037),
+        ("spurious", "all", 0.0021, 0.001),
     ]
-    rows += [metric_row("rmse_over_bound", a, 3.14 + k, 0.2) for k, a in enumerate("xyz")]
-    return [
-        *rows,
-        metric_row("missed", "all", 0.0, 0.0037),
-        metric_row("spurious", "all", 0.0021, 0.001),
-    ]
+    return rows + [metric_row(*row) for row in whole]
 
 
 def exp2_rows(resolved: float = 0.6) -> list[Metric]:
@@ -164,68 +155,58 @@ def exp2_rows(resolved: float = 0.6) -> list[Metric]:
     for k, d in enumerate(DISTANCES):
         share = min(1.0, resolved + k * 0.05) if resolved else 0.0
         n = round(100 * share)
-        error = None if not n else 0.92 - 0.05 * k
+        error, turn = (0.92 - 0.05 * k, 8.2 - 0.4 * k) if n else (None, None)
+        penalised = (1 - share) * float(d) + (error or 0) * share
         rows += [
             metric_row("distance_mae_mm", d, error, 0.07, n, n),
-            metric_row(
-                "distance_penalised_mm",
-                d,
-                (1 - share) * float(d) + (error or 0) * share,
-                0.4,
-                100,
-                100,
-            ),
+            metric_row("distance_penalised_mm", d, penalised, 0.4, 100, 100),
             metric_row("resolved", d, share, 0.07, 100, 100),
-            metric_row("orientation_mae_deg", d, None if not n else 8.2 - 0.4 * k, 0.6, n, n),
+            metric_row("orientation_mae_deg", d, turn, 0.6, n, n),
         ]
     n = round(1200 * resolved)
-    some = None if not n else 0.652
     rows += [
-        metric_row("distance_mae_mm", "all", some, 0.021, n, n),
+        metric_row("distance_mae_mm", "all", 0.652 if n else None, 0.021, n, n),
         metric_row("distance_penalised_mm", "all", 1.934, 0.11, 1200, 1200),
         metric_row("resolved", "all", resolved, 0.02, 1200, 1200),
         metric_row("threshold_mm", "all", 6.5, 0.2, 1200, 1200, censored="<"),
         metric_row("catch_resolved", "all", 0.008, 0.01, 120, 120),
         metric_row("d_prime", "all", 3.41, 0.4, 1320, 1320),
-        metric_row("orientation_mae_deg", "all", None if not n else 5.31, 0.2, n, n),
+        metric_row("orientation_mae_deg", "all", 5.31 if n else None, 0.2, n, n),
     ]
-    rows += [
-        metric_row(m, "all", v, 0.01, 2200, 1200)
-        for m, v in (
-            ("position_mean_mm", 0.361),
-            ("position_ungated_mm", 0.912),
-            ("depth_mae_mm", 0.204),
-            ("gospa1_mm", 0.891),
-            ("gospa2_mm", 1.21),
-            ("missed", 0.081),
-            ("spurious", 0.031),
-            ("surface_rmse_mm", 0.311),
-        )
-    ]
-    return rows
+    over_all_frames = {
+        "position_mean_mm": 0.361,
+        "position_ungated_mm": 0.912,
+        "depth_mae_mm": 0.204,
+        "gospa1_mm": 0.891,
+        "gospa2_mm": 1.21,
+        "missed": 0.081,
+        "spurious": 0.031,
+        "surface_rmse_mm": 0.311,
+    }
+    return rows + [metric_row(m, "all", v, 0.01, 2200, 1200) for m, v in over_all_frames.items()]
 
 
 def exp3_rows() -> list[Metric]:
-    rows = []
-    for metric, v in (
-        ("position_mean_mm", 0.408),
-        ("position_ungated_mm", 0.71),
-        ("depth_mae_mm", 0.164),
-        ("relative_depth_mae_mm", 0.21),
-        ("gospa1_mm", 0.9),
-        ("gospa2_mm", 1.1),
-        ("missed", 0.021),
-        ("spurious", 0.017),
-        ("surface_rmse_mm", 0.33),
-    ):
-        for group, true, presses in (
-            ("dual", 2000, 1000),
-            ("triple", 3000, 1000),
-            ("all", 5000, 2000),
-        ):
-            n = round(0.979 * true) if metric in {"position_mean_mm", "depth_mae_mm"} else true
-            rows.append(metric_row(metric, group, v, 0.012, n, presses))
-    return rows
+    values = {
+        "position_mean_mm": 0.408,
+        "position_ungated_mm": 0.71,
+        "depth_mae_mm": 0.164,
+        "relative_depth_mae_mm": 0.21,
+        "gospa1_mm": 0.9,
+        "gospa2_mm": 1.1,
+        "missed": 0.021,
+        "spurious": 0.017,
+        "surface_rmse_mm": 0.33,
+    }
+    counts = [("dual", 2000, 1000), ("triple", 3000, 1000), ("all", 5000, 2000)]
+    matched_only = {"position_mean_mm", "depth_mae_mm"}
+    return [
+        metric_row(
+            metric, group, v, 0.012, round(0.979 * n) if metric in matched_only else n, presses
+        )
+        for metric, v in values.items()
+        for group, n, presses in counts
+    ]
 
 
 def surface_rows() -> list[Metric]:
@@ -243,63 +224,37 @@ METRICS = {
     "surface": surface_rows,
 }
 RECORD_FILE = "experiments/of/a/long/name/tactile/runs/{}/record.json"
-TITLES = {
-    "exp1": "single-point sensing",
-    "exp2": "two-point discrimination",
-    "exp3": "position and depth of several tips",
-    "surface": "depth and tilt of a plate",
-}
 
 
-def made_record(protocol: str, **changes: Any) -> Record:
+def speed_row(threads: int, phase: str, ms: float) -> dict[str, Any]:
+    times = {"p50_ms": ms, "p90_ms": 1.2 * ms, "p99_ms": 1.9 * ms, "mean_ms": 1.05 * ms}
+    facts = {"scenario": "single", "threads": threads, "batch": 1, "phase": phase}
+    return {
+        **facts,
+        **{name: value / threads for name, value in times.items()},
+        "per_s": 950 * threads / 6.3,
+        "settled": True,
+    }
+
+
+PHASES = (("preprocess", 0.09), ("forward", 5.4), ("decode", 0.81), ("total", 6.3))
+
+
+def made_record(fabricate: Callable[..., Record], protocol: str, **changes: Any) -> Record:
     real = protocol == "surface"
-    speed = [
-        {
-            "scenario": "single",
-            "threads": t,
-            "batch": 1,
-            "phase": phase,
-            "p50_ms": ms / t,
-            "p90_ms": 1.2 * ms / t,
-            "p99_ms": 1.9 * ms / t,
-            "mean_ms": 1.05 * ms / t,
-            "per_s": 950 * t / 6.3,
-            "settled": True,
-        }
-        for t in (1, 2)
-        for phase, ms in (("preprocess", 0.09), ("forward", 5.4), ("decode", 0.81), ("total", 6.3))
-    ]
+    sensor = ("recorded", "real") if real else ("tactip-127", "simulated")
     made = {
-        "schema": 1,
         "name": f"{protocol}-unet-single-1f00",
-        "created": "2026-01-01T00:00:00+00:00",
-        "regime": "recorded" if real else "single",
-        "protocol": {
-            "id": protocol,
-            "version": 1,
-            "hash": "0123456789ab",
-            "title": TITLES[protocol],
-        },
         "model": {"name": "cnn" if real else "unet", "parameters": {"width": 16}},
-        "encoder": None if real else {"name": "hertz", "parameters": {}},
-        "sensor": {
-            "name": "recorded" if real else "tactip-127",
-            "parameters": {},
-            "origin": "real" if real else "simulated",
-        },
-        "seed": 0,
-        "partial": False,
-        "limits": {"quick": False, "limit": None},
-        "identity": {"weights_hash": "", "predictions_hash": "", "stored": {}},
+        "sensor": {"name": sensor[0], "parameters": {}, "origin": sensor[1]},
         "environment": {
             "cpu": "Intel(R) Xeon(R) Processor @ 2.10GHz",
             "threads": 2,
             "fingerprint": "0a1b2c3d4e5f",
         },
         "metrics": METRICS[protocol](),
-        "speed": speed,
+        "speed": [speed_row(t, phase, ms) for t in (1, 2) for phase, ms in PHASES],
         "timed": {"configuration": "bfloat16, channels_last, batch 1", "difference_mm": 0.0012},
-        "training": {"epochs": 20, "seconds": 241.3, "presses": 3600},
         "data": {
             "train": 3600,
             "validation": 400,
@@ -310,7 +265,10 @@ def made_record(protocol: str, **changes: Any) -> Record:
         "signature": f"tactibench 0.1.0|{protocol}@1#0123456789ab|unet#77aa|hertz|tactip-127|"
         "seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
     }
-    return Record.model_validate({**made, **changes})
+    record = fabricate(
+        protocol, regime="recorded" if real else "single", encoder=None if real else "hertz"
+    )
+    return changed_record(record, {**made, **changes})
 
 
 @pytest.fixture
@@ -326,9 +284,9 @@ def exp2() -> Callable[..., list[Metric]]:
 
 
 @pytest.fixture
-def record() -> Callable[..., Record]:
+def record(fabricate: Callable[..., Record]) -> Callable[..., Record]:
     """Protocol, keys to change -> a record."""
-    return made_record
+    return partial(made_record, fabricate)
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from report_material import contact_parts, store_of
-from stored_answers import with_hash
+from stored_answers import store_run
 
 from tactibench import UserError
 from tactibench.board.predictions import ranked_errors
 from tactibench.board.submissions import add
-from tactibench.records.store import write_run
 from tactibench.report.html.report_data import gather
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,13 +41,8 @@ def test_both_takes_the_newest_of_a_row_and_seed(store, tmp_path, fabricate):
     board = tmp_path / "leaderboards"
     old = contact_parts(seed=7)
     was = fabricate(created="2020-01-01T00:00:00+00:00", name="exp1-unet-old", error=0.9)
-    run = write_run(tmp_path / "old", with_hash(was, old), old)
-    add(run, board)
-    other = contact_parts(seed=7)
-    add(
-        write_run(tmp_path / "old", with_hash(fabricate(model="vgnn", encoder=None), other), other),
-        board,
-    )
+    add(store_run(tmp_path / "old", was, old), board)
+    add(store_run(tmp_path / "old", fabricate(model="vgnn", encoder=None), old), board)
     made = gather(store, board, origin="both")
     records = {r.name for b in made.boards if b.name == "exp1" for r in b.records}
     assert "exp1-unet-old" not in records
@@ -61,7 +55,7 @@ def test_partial_runs_are_counted_and_left_out(tmp_path, fabricate):
     parts = contact_parts()
     for partial in (True, False):
         record = fabricate(partial=partial, name=f"exp1-unet-{partial}")
-        write_run(tmp_path / "runs", with_hash(record, parts), parts)
+        store_run(tmp_path / "runs", record, parts)
     (tmp_path / "runs" / "damaged").mkdir()
     (tmp_path / "runs" / "damaged" / "record.json").write_text("{", encoding="utf-8")
     made = gather(tmp_path / "runs", tmp_path)
@@ -78,8 +72,7 @@ def test_ranks_rest_on_the_same_errors_as_a_board(store, tmp_path):
 
 
 def test_a_run_without_its_arrays_is_shown_by_its_record(tmp_path, fabricate):
-    parts = contact_parts()
-    run = write_run(tmp_path / "runs", with_hash(fabricate(), parts), parts)
+    run = store_run(tmp_path / "runs", fabricate(), contact_parts())
     (run.folder / "predictions.npz").unlink()
     (board,) = gather(tmp_path / "runs", tmp_path).boards
     assert len(board.records) == 1

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from changed_record import changed_record
-from stored_answers import answered_parts, with_hash
+from stored_answers import answered_parts, store_run
 
 from tactibench.contacts import Contacts
 from tactibench.records.answers import pack_contacts
 from tactibench.records.record import Record
-from tactibench.records.store import StoredRun, write_run
+from tactibench.records.store import StoredRun
 
 DISTANCES = ("6.5", "7.0", "8.0", "9.0", "10.0", "12.0")
 SCRIPT = "</script><script>window.broken=1</script>"
@@ -84,7 +84,7 @@ def store_of(folder: Path, fabricate: Callable[..., Record]) -> list[StoredRun]:
     runs = []
 
     def stored(parts: dict[str, dict[str, Any]], **more: Any) -> None:
-        runs.append(write_run(folder, with_hash(fabricate(**more), parts), parts))
+        runs.append(store_run(folder, fabricate(**more), parts))
 
     for seed in (0, 1):
         stored(contact_parts(seed=7), error=0.05 + 0.01 * seed, seed=seed, p90_ms=6 + seed)

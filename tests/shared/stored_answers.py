@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from tactibench.contacts import Contacts
 from tactibench.records.answers import pack_contacts
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Record
-from tactibench.records.store import PARTS
+from tactibench.records.store import PARTS, StoredRun, write_run
 
 
 def answered_parts(
@@ -34,7 +35,10 @@ def answered_parts(
     return parts
 
 
-def with_hash(record: Record, parts: dict[str, dict[str, Any]]) -> Record:
-    """The record with the hash of these predictions."""
+def store_run(
+    store: Path, record: Record, parts: dict[str, dict[str, Any]] | None = None
+) -> StoredRun:
+    """Write a run with these arrays, and with the hash of its predictions in the record."""
+    parts = parts or answered_parts()
     hashed = arrays_hash(parts["predictions"])
-    return changed_record(record, {"identity.predictions_hash": hashed})
+    return write_run(store, changed_record(record, {"identity.predictions_hash": hashed}), parts)

@@ -10,6 +10,7 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
+from command_line import cli, refused  # noqa: F401 - fixtures
 from fake_distribution import fake_distribution
 from few_presses import few_presses
 
