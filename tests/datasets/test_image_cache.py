@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from small_data_sets import draft, header, image
 
 from tactibench import Frame, Pose, UserError, gray_frames
 from tactibench.datasets import Writer, open_dataset, verify
@@ -32,7 +32,7 @@ def test_it_is_shrunk_as_models_shrink(closed_set: Path) -> None:
     assert len(list((closed_set / ".cache").glob("*.npy"))) == 2
 
 
-def test_colours_become_grey(tmp_path: Path, image: Any, header: Any) -> None:
+def test_colours_become_grey(tmp_path: Path) -> None:
     with Writer(tmp_path / "set", header(channels=3)) as writer:
         writer.add(image(0, (9, 7, 3)), id=0)
     dataset = open_dataset(tmp_path / "set")
@@ -49,9 +49,7 @@ def test_files_are_decoded_once(closed_set: Path, monkeypatch: pytest.MonkeyPatc
     assert np.array_equal(again.images(again.samples), wanted)
 
 
-def test_more_samples_more_images_and_no_old_arrays(
-    open_set: Path, draft: Any, header: Any
-) -> None:
+def test_more_samples_more_images_and_no_old_arrays(open_set: Path) -> None:
     dataset = open_dataset(open_set)
     dataset.images(dataset.samples)
     with Writer(open_set, header()) as writer:
@@ -86,7 +84,7 @@ def test_a_damaged_array_is_found(closed_set: Path) -> None:
     assert f"{path.name} is damaged; delete it" in finding
 
 
-def test_no_samples(tmp_path: Path, header: Any) -> None:
+def test_no_samples(tmp_path: Path) -> None:
     Writer(tmp_path / "set", header()).close()
     dataset = open_dataset(tmp_path / "set")
     assert dataset.images(dataset.samples).shape == (0, 9, 7)

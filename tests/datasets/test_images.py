@@ -5,12 +5,12 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from png_bytes import png
+from small_data_sets import header, image
 
 from tactibench import UserError
 from tactibench.datasets import Writer, open_dataset, verify
@@ -83,7 +83,7 @@ def test_a_bomb_that_was_written_with_its_own_checksum_is_never_decoded(
             dataset.image(dataset.samples[2])
 
 
-def test_a_kept_png_must_be_plain(tmp_path: Path, image: Any, header: Any) -> None:
+def test_a_kept_png_must_be_plain(tmp_path: Path) -> None:
     deep = cv2.imencode(".png", image(0).astype(np.uint16) * 257)[1].tobytes()
     clear = cv2.imencode(".png", np.dstack([image(0)] * 4))[1].tobytes()
     colour = cv2.imencode(".png", np.dstack([image(0)] * 3))[1].tobytes()

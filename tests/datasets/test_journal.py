@@ -6,25 +6,23 @@ import os
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from small_data_sets import draft, header, image
 
 from tactibench import UserError
 from tactibench.datasets import Draft, Writer, open_dataset, verify
 
 
-def test_truncation_at_every_byte(
-    tmp_path: Path, image: Any, header: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_truncation_at_every_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole lines are kept, the rest is moved aside, and writing goes on to the same data set."""
     monkeypatch.setattr(os, "fsync", lambda _: None)  # some thousand of them, on any disk
     folder, kept_images = tmp_path / "set", tmp_path / "images"
     with Writer(folder, header()) as writer:
-        writer.add_many([short(image, number) for number in range(2)])
+        writer.add_many([short(number) for number in range(2)])
         writer.leave_open()
     shutil.copytree(folder / "images", kept_images)
     journal = (folder / "metadata.jsonl").read_bytes()
@@ -50,13 +48,13 @@ def test_truncation_at_every_byte(
             with Writer(folder, header()) as writer:
                 assert writer.done == set(range(kept))
                 assert writer.repaired == ()
-                writer.add_many([short(image, number) for number in range(kept, 2)])
+                writer.add_many([short(number) for number in range(kept, 2)])
                 writer.leave_open()
             assert (folder / "metadata.jsonl").read_bytes() == journal
             assert verify(folder) == []
 
 
-def short(image: Any, number: int) -> Draft:
+def short(number: int) -> Draft:
     return Draft(image(number), number, press="ü€𝄞")
 
 
@@ -107,7 +105,7 @@ def test_a_torn_event_is_cut_off(open_set: Path) -> None:
     ],
 )
 def test_a_garbled_line_is_named_and_refused(
-    open_set: Path, header: Any, line: int, old: bytes, new: bytes, says: str
+    open_set: Path, line: int, old: bytes, new: bytes, says: str
 ) -> None:
     path = open_set / "metadata.jsonl"
     lines = path.read_bytes().splitlines(keepends=True)
@@ -162,9 +160,7 @@ def test_a_closed_journal_is_never_cut(closed_set: Path) -> None:
         assert "was closed (checksum)" in " ".join(verify(closed_set))
 
 
-def test_a_sample_that_was_cut_off_can_be_written_again(
-    open_set: Path, draft: Any, header: Any
-) -> None:
+def test_a_sample_that_was_cut_off_can_be_written_again(open_set: Path) -> None:
     path = open_set / "metadata.jsonl"
     path.write_bytes(path.read_bytes()[:-1])
     with Writer(open_set, header()) as writer:

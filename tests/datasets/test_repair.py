@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 from folder_files import files
+from small_data_sets import header
 
 from tactibench import UserError
 from tactibench.datasets import Writer, open_dataset, verify
@@ -62,7 +62,7 @@ def test_a_closed_data_set_is_left_alone(closed_set: Path) -> None:
     assert any("000009.png is named by no line" in finding for finding in verify(closed_set))
 
 
-def test_reading_does_not_disturb_a_writer(open_set: Path, draft: Any, header: Any) -> None:
+def test_reading_does_not_disturb_a_writer(open_set: Path) -> None:
     with Writer(open_set, header()) as writer:
         (open_set / "images/000000/000004.png").write_bytes(b"about to be named")
         with (open_set / "metadata.jsonl").open("ab") as stream:

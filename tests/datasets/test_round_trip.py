@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,92 +11,28 @@ import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from small_data_sets import Small, draft, header, image, smalls
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Draft, Header, Writer, open_dataset, verify
+from tactibench.datasets import Writer, open_dataset, verify
 from tactibench.geometry import true_contacts
-
-floats = st.floats(allow_nan=False, allow_infinity=False, width=64)
-millimetres = st.floats(-8, 8)
-texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
-indenters = st.one_of(
-    st.just(Indenter.plate()),
-    st.builds(Indenter.single, st.floats(0.5, 5)),
-    st.builds(Indenter.dual, st.floats(1, 12)),
-    st.builds(
-        Indenter,
-        st.floats(0.1, 9),
-        st.lists(st.tuples(millimetres, millimetres, millimetres), min_size=1, max_size=4).map(
-            tuple
-        ),
-        texts,
-    ),
-)
-scenes = st.builds(
-    Scene,
-    indenters,
-    st.builds(
-        Pose, millimetres, millimetres, st.floats(-360, 360), st.floats(-20, 20), st.floats(-1, 6)
-    ),
-)
-extras = st.fixed_dictionaries(
-    {},
-    optional={
-        "force_n": st.lists(floats, max_size=3),
-        "z0_method": texts,
-        "n_markers": st.integers(-(2**62), 2**62),
-        "pose": st.fixed_dictionaries({"x": floats, "steady": st.booleans()}),
-        "robot_timestamp": st.one_of(st.none(), floats),
-    },
-)
-rows = st.fixed_dictionaries(
-    {
-        "scene": st.none() | scenes,
-        "labels": st.dictionaries(texts.filter(bool), floats, max_size=3),
-        "press": texts,
-        "session": texts,
-        "t_frame_ns": st.none() | st.integers(0, 2**63),
-        "extra": extras,
-        "status": st.sampled_from(["ok", "bad"]),
-        "attempt": st.integers(1, 5),
-    }
-)
 
 
 @settings(max_examples=25, suppress_health_check=list(HealthCheck))
-@given(
-    st.lists(st.tuples(st.integers(0, 3_000_000), rows), max_size=5, unique_by=lambda r: r[0]),
-    st.sampled_from([(5, 4), (5, 4, 3)]),
-    st.sampled_from([None, 20.0, math.inf]),
-)
-def test_samples_come_back(
-    tmp_path_factory: pytest.TempPathFactory,
-    several: list[tuple[int, dict[str, Any]]],
-    shape: tuple[int, ...],
-    radius: float | None,
-) -> None:
-    folder = tmp_path_factory.mktemp("v1") / "set"
-    rng = np.random.default_rng(0)
-    images = {number: rng.integers(0, 256, shape, dtype=np.uint8) for number, _ in several}
-    asked = Header("x", {}, (5, 4), len(shape) // 3 * 2 + 1, radius, licence="CC-BY-4.0")
-    with Writer(folder, asked, fsync=False) as writer:
-        told = [writer.add(images[number], id=number, **row) for number, row in several]
-    dataset = open_dataset(folder)
-    assert list(dataset.samples) == told
-    for sample, (number, row) in zip(dataset.samples, several, strict=True):
-        assert sample.id == number
-        assert sample.scene == row["scene"]
-        assert sample.press == (row["press"] or str(number))
-        for key in ("labels", "session", "t_frame_ns", "extra", "status", "attempt"):
-            assert getattr(sample, key) == row[key]
-        assert np.array_equal(dataset.image(sample), images[number])
-        outside = cv2.imread(str(folder / sample.file_name), cv2.IMREAD_UNCHANGED)
-        assert np.array_equal(outside if outside.ndim == 2 else outside[..., ::-1], images[number])
-    assert verify(folder) == []
+@given(smalls())
+def test_samples_come_back(tmp_path_factory: pytest.TempPathFactory, small: Small) -> None:
+    dataset = small.write(tmp_path_factory.mktemp("v1") / "set")
+    for sample, written in zip(dataset.samples, small.drafts, strict=True):
+        assert sample.press == (written.press or str(written.id))
+        for key in ("id", "scene", "labels", "session", "t_frame_ns", "extra", "status", "attempt"):
+            assert getattr(sample, key) == getattr(written, key)
+        assert np.array_equal(dataset.image(sample), written.image)
+        outside = cv2.imread(str(dataset.folder / sample.file_name), cv2.IMREAD_UNCHANGED)
+        assert np.array_equal(outside if outside.ndim == 2 else outside[..., ::-1], written.image)
+    assert verify(dataset.folder) == []
 
 
-def test_the_journal_says_what_a_reader_of_it_alone_needs(closed_set: Path, draft: Any) -> None:
+def test_the_journal_says_what_a_reader_of_it_alone_needs(closed_set: Path) -> None:
     text = (closed_set / "metadata.jsonl").read_text(encoding="utf-8")
     rows = [json.loads(line) for line in text.splitlines()]
     row = rows[3]
@@ -109,7 +44,7 @@ def test_the_journal_says_what_a_reader_of_it_alone_needs(closed_set: Path, draf
     assert len({json.dumps({k: type(v).__name__ for k, v in row.items()}) for row in rows}) == 1
 
 
-def test_a_thousand_images_in_a_folder(tmp_path: Path, image: Any, header: Any) -> None:
+def test_a_thousand_images_in_a_folder(tmp_path: Path) -> None:
     with Writer(tmp_path / "set", header()) as writer:
         names = [writer.add(image(n), id=n).file_name for n in (999, 1000, 1_234_567)]
     assert names == [
@@ -120,7 +55,7 @@ def test_a_thousand_images_in_a_folder(tmp_path: Path, image: Any, header: Any) 
     assert len(open_dataset(tmp_path / "set").samples) == 3
 
 
-def test_the_rest_frame_and_later_references(tmp_path: Path, image: Any, header: Any) -> None:
+def test_the_rest_frame_and_later_references(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     with Writer(folder, header()) as writer:
         assert open_dataset(folder).rest is None
@@ -151,16 +86,14 @@ def test_closing_seals_counts_and_journal(closed_set: Path) -> None:
     assert not (closed_set / ".lock").exists()
 
 
-def test_a_png_file_is_kept_byte_for_byte(tmp_path: Path, image: Any, header: Any) -> None:
+def test_a_png_file_is_kept_byte_for_byte(tmp_path: Path) -> None:
     _, data = cv2.imencode(".png", image(5), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     with Writer(tmp_path / "set", header()) as writer:
         sample = writer.add(data.tobytes(), id=0)
     assert (tmp_path / "set" / sample.file_name).read_bytes() == data.tobytes()
 
 
-def test_bulk_and_synced_writing_make_the_same_files(
-    tmp_path: Path, draft: Callable[[int], Draft], header: Any
-) -> None:
+def test_bulk_and_synced_writing_make_the_same_files(tmp_path: Path) -> None:
     for name, fsync in (("bulk", False), ("synced", True)):
         with Writer(tmp_path / name, header(uuid="0"), fsync=fsync) as writer:
             writer.add_many([draft(n) for n in range(40)])
@@ -184,7 +117,7 @@ def test_bulk_and_synced_writing_make_the_same_files(
     ],
 )
 def test_what_cannot_come_back_is_refused_and_leaves_nothing(
-    tmp_path: Path, image: Any, header: Any, keys: dict[str, Any], says: str
+    tmp_path: Path, keys: dict[str, Any], says: str
 ) -> None:
     folder = tmp_path / "set"
     with Writer(folder, header()) as writer:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
+from small_data_sets import header
 
 from tactibench import UserError
 from tactibench.datasets import Split, Writer, open_dataset, verify
 
 
-def test_a_split_comes_back(open_set: Path, header: Any) -> None:
+def test_a_split_comes_back(open_set: Path) -> None:
     with Writer(open_set, header()) as writer:
         writer.split("by-press", train=[1, 0], test=[2, 3])
         writer.split("by-press", train=[0, 1], test=[3, 2])  # the same again
@@ -33,7 +33,7 @@ def test_a_split_comes_back(open_set: Path, header: Any) -> None:
     ],
 )
 def test_a_split_that_leaks_is_refused(
-    open_set: Path, header: Any, parts: dict[str, list[int]], says: str
+    open_set: Path, parts: dict[str, list[int]], says: str
 ) -> None:
     with Writer(open_set, header()) as writer:
         with pytest.raises(UserError, match=says):
@@ -48,7 +48,7 @@ def test_a_split_that_leaks_is_refused(
 
 
 @pytest.mark.parametrize("name", ["", "../x", "a/b", ".hidden", "a b"])
-def test_a_name_stays_in_the_folder(open_set: Path, header: Any, name: str) -> None:
+def test_a_name_stays_in_the_folder(open_set: Path, name: str) -> None:
     with Writer(open_set, header()) as writer, pytest.raises(UserError, match="cannot be called"):
         writer.split(name, train=[0, 1])
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_data_sets import draft, header, image
 
 from tactibench import UserError
 from tactibench.datasets import Draft, Header, Writer, is_dataset, open_dataset, verify
@@ -17,7 +18,7 @@ from tactibench.datasets.journal import Journal
 PLAN = [{"id": number, "depth_mm": 0.5 * number} for number in range(5)]
 
 
-def test_writing_goes_on_where_it_was(open_set: Path, draft: Any, header: Any) -> None:
+def test_writing_goes_on_where_it_was(open_set: Path) -> None:
     with Writer(open_set, header()) as writer:
         assert writer.done == {0, 1, 2, 3}
         with pytest.raises(UserError, match="has a sample 2 already"):
@@ -30,14 +31,12 @@ def test_writing_goes_on_where_it_was(open_set: Path, draft: Any, header: Any) -
     assert verify(open_set) == []
 
 
-def test_a_type_stays_the_same_after_an_interruption(
-    open_set: Path, image: Any, header: Any
-) -> None:
+def test_a_type_stays_the_same_after_an_interruption(open_set: Path) -> None:
     with Writer(open_set, header()) as writer, pytest.raises(UserError, match=r"extra\.n holds"):
         writer.add(image(9), id=9, extra={"n": 1.5})
 
 
-def test_an_exception_leaves_the_data_set_open(tmp_path: Path, draft: Any, header: Any) -> None:
+def test_an_exception_leaves_the_data_set_open(tmp_path: Path) -> None:
     def stopped(writer: Writer) -> None:
         with writer:
             writer.add_many([draft(0)])
@@ -50,7 +49,7 @@ def test_an_exception_leaves_the_data_set_open(tmp_path: Path, draft: Any, heade
     assert not (tmp_path / "set/.lock").exists()
 
 
-def test_it_stays_open_until_the_plan_is_done(tmp_path: Path, draft: Any, header: Any) -> None:
+def test_it_stays_open_until_the_plan_is_done(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     with Writer(folder, header(), PLAN) as writer:
         writer.add_many([draft(0), draft(3)])
@@ -66,13 +65,13 @@ def test_it_stays_open_until_the_plan_is_done(tmp_path: Path, draft: Any, header
 
 
 @pytest.mark.parametrize("plan", [[], PLAN[:-1], [*PLAN[:-1], {"id": 4, "depth_mm": 9.0}]])
-def test_another_plan_is_refused(tmp_path: Path, header: Any, plan: Any) -> None:
+def test_another_plan_is_refused(tmp_path: Path, plan: Any) -> None:
     Writer(tmp_path / "set", header(), PLAN).leave_open()
     with pytest.raises(UserError, match="begun with plan_sha256"):
         Writer(tmp_path / "set", header(), plan)
 
 
-def test_a_changed_plan_file_is_named(tmp_path: Path, header: Any) -> None:
+def test_a_changed_plan_file_is_named(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     Writer(folder, header(), PLAN).leave_open()
     (folder / "plan.jsonl").write_text('{"id": 0}\n')
@@ -92,7 +91,7 @@ def test_a_changed_plan_file_is_named(tmp_path: Path, header: Any) -> None:
         [{"id": 0, "x": float("nan")}],
     ],
 )
-def test_a_plan_that_is_none_is_refused(tmp_path: Path, header: Any, plan: Any) -> None:
+def test_a_plan_that_is_none_is_refused(tmp_path: Path, plan: Any) -> None:
     with pytest.raises(UserError, match=r"row [12] of the plan"):
         Writer(tmp_path / "set", header(), plan)
     assert not is_dataset(tmp_path / "set")
@@ -108,18 +107,18 @@ def test_a_plan_that_is_none_is_refused(tmp_path: Path, header: Any, plan: Any) 
         ({"sensor": {"name": "noise", "gain": 2}}, "begun with sensor.gain null, now it is 2"),
     ],
 )
-def test_other_settings_are_refused(open_set: Path, header: Any, keys: Any, says: str) -> None:
+def test_other_settings_are_refused(open_set: Path, keys: Any, says: str) -> None:
     with pytest.raises(UserError, match=says):
         Writer(open_set, header(**keys))
     Writer(open_set, header()).leave_open()
 
 
-def test_a_closed_data_set_takes_no_more(closed_set: Path, header: Any) -> None:
+def test_a_closed_data_set_takes_no_more(closed_set: Path) -> None:
     with pytest.raises(UserError, match="is closed: it holds 4 samples"):
         Writer(closed_set, header())
 
 
-def test_a_folder_with_other_things_is_refused(tmp_path: Path, header: Any) -> None:
+def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(UserError, match=r"not empty \(notes.txt is there\)"):
         Writer(tmp_path, header())
@@ -127,9 +126,7 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path, header: Any) -> N
 
 
 @pytest.mark.parametrize("number", [-1, 0.0, "0", True, np.int64(3)])
-def test_an_id_is_a_whole_number_from_0(
-    tmp_path: Path, image: Any, header: Any, number: Any
-) -> None:
+def test_an_id_is_a_whole_number_from_0(tmp_path: Path, number: Any) -> None:
     with Writer(tmp_path / "set", header()) as writer:
         if isinstance(number, np.integer):
             assert type(writer.add(image(0), id=number).id) is int
@@ -138,7 +135,7 @@ def test_an_id_is_a_whole_number_from_0(
                 writer.add(image(0), id=number)
 
 
-def test_a_closed_writer_takes_nothing(tmp_path: Path, image: Any, header: Any) -> None:
+def test_a_closed_writer_takes_nothing(tmp_path: Path) -> None:
     writer = Writer(tmp_path / "set", header())
     writer.close()
     writer.close()
@@ -163,7 +160,7 @@ def test_a_closed_writer_takes_nothing(tmp_path: Path, image: Any, header: Any) 
     ],
 )
 def test_an_image_that_is_not_like_the_others_is_refused(
-    tmp_path: Path, draft: Any, header: Any, array: Any, says: str
+    tmp_path: Path, array: Any, says: str
 ) -> None:
     folder = tmp_path / "set"
     with Writer(folder, header()) as writer:
@@ -178,7 +175,7 @@ def test_an_image_that_is_not_like_the_others_is_refused(
 
 
 def test_a_full_disk_loses_nothing_that_was_acknowledged(
-    tmp_path: Path, draft: Any, header: Any, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second line does not fit: it is taken back, and the first one stays."""
     folder, write = tmp_path / "set", os.write
@@ -196,9 +193,7 @@ def test_a_full_disk_loses_nothing_that_was_acknowledged(
     assert verify(folder) == []
 
 
-def test_the_order_of_writing(
-    tmp_path: Path, draft: Any, header: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_order_of_writing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Image synced, renamed, its folder synced, line written, journal synced."""
     steps: list[str] = []
     fsync, replace, append = os.fsync, os.replace, Journal.append

@@ -6,7 +6,6 @@ import csv
 import json
 import math
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_data_sets import good, smalls, write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import (
-    Dataset,
     ImportOptions,
     Sample,
     export_dataset,
@@ -28,8 +27,6 @@ from tactibench.datasets import (
 from tactibench.datasets.export.bristol import POSE, columns_of
 from tactibench.geometry import true_contacts
 
-Make = Callable[..., Dataset]
-Good = Callable[[Dataset], list[Sample]]
 SAMPLE_FIELDS = (
     *("id", "file_name", "sha256", "scene", "labels", "press", "session", "attempt", "t_frame_ns"),
 )
@@ -65,13 +62,13 @@ def read_bristol(folder: Path) -> list[dict[str, Any]]:
 @settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_the_export_holds_the_samples_and_the_import_makes_the_data_set_again(
-    small_datasets: st.SearchStrategy[Any], good_of: Good, data: st.DataObject
+    data: st.DataObject,
 ) -> None:
-    small = data.draw(small_datasets)
+    small = data.draw(smalls())
     with tempfile.TemporaryDirectory() as place:
         dataset = small.write(Path(place) / "v1")
         folder = export_dataset(dataset, Path(place) / "bristol", "bristol").path
-        rows, samples = read_bristol(folder), good_of(dataset)
+        rows, samples = read_bristol(folder), good(dataset)
         assert [row["file"].name for row in rows] == [f"image_{s.id + 1}.png" for s in samples]
         for row, sample in zip(rows, samples, strict=True):
             for key in ("labels", "scene", "press", "session"):
@@ -101,8 +98,8 @@ def test_the_export_holds_the_samples_and_the_import_makes_the_data_set_again(
         assert verify(again.folder) == []
 
 
-def test_an_option_reads_an_export_as_any_other_folder(make: Make, tmp_path: Path) -> None:
-    dataset = make(tmp_path / "v1")
+def test_an_option_reads_an_export_as_any_other_folder(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1")
     export_dataset(dataset, tmp_path / "bristol", "bristol")
     options = ImportOptions(indenter="plate", depth="pose_x", tilt="pose_Ry", press="session")
     recording = open_recording(tmp_path / "bristol", options)
@@ -114,9 +111,9 @@ def test_an_option_reads_an_export_as_any_other_folder(make: Make, tmp_path: Pat
 
 
 def test_a_column_that_somebody_added_is_kept_and_a_lost_frame_leaves_its_split(
-    make: Make, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    folder = export_dataset(make(tmp_path / "v1"), tmp_path / "bristol", "bristol").path
+    folder = export_dataset(write_taps(tmp_path / "v1"), tmp_path / "bristol", "bristol").path
     lines = (folder / "targets.csv").read_text().splitlines()
     lines = [f"{line},{'note' if row == 0 else row}" for row, line in enumerate(lines)]
     (folder / "targets.csv").write_text("\n".join(lines))
@@ -144,9 +141,9 @@ def test_a_column_that_somebody_added_is_kept_and_a_lost_frame_leaves_its_split(
     ],
 )
 def test_a_mistake_in_an_edited_export_names_its_file(
-    make: Make, tmp_path: Path, file: str, old: str, new: str, says: str
+    tmp_path: Path, file: str, old: str, new: str, says: str
 ) -> None:
-    folder = export_dataset(make(tmp_path / "v1"), tmp_path / "bristol", "bristol").path
+    folder = export_dataset(write_taps(tmp_path / "v1"), tmp_path / "bristol", "bristol").path
     text = (folder / file).read_text()
     assert old in text
     (folder / file).write_text(text.replace(old, new, 1))
@@ -209,9 +206,7 @@ def test_labels_that_are_poses_keep_their_columns() -> None:
         ("sensor_image", {"image": [16, 16], "channels": 1, "rest": "image_0.png"}),
     ],
 )
-def test_the_params_say_what_is_known(
-    make: Make, tmp_path: Path, name: str, facts: dict[str, Any]
-) -> None:
-    folder = export_dataset(make(tmp_path / "v1"), tmp_path / "out", "bristol").path
+def test_the_params_say_what_is_known(tmp_path: Path, name: str, facts: dict[str, Any]) -> None:
+    folder = export_dataset(write_taps(tmp_path / "v1"), tmp_path / "out", "bristol").path
     params = json.loads((folder / f"{name}_params.json").read_text("utf-8"))
     assert {key: params[key] for key in facts} == facts

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_data_sets import smalls, write_taps
 
-from tactibench.datasets import Dataset, export_dataset
+from tactibench.datasets import export_dataset
 from tactibench.datasets.export.card import hub_licence, licence_name
-
-Make = Callable[..., Dataset]
 
 
 def front_matter(text: str) -> dict[str, Any]:
@@ -24,8 +22,8 @@ def front_matter(text: str) -> dict[str, Any]:
     return dict(yaml.safe_load(matter))
 
 
-def test_the_card_of_the_data_set_itself(make: Make, tmp_path: Path) -> None:
-    dataset = make(tmp_path / "v1")
+def test_the_card_of_the_data_set_itself(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1")
     text = export_dataset(dataset, dataset.folder, "card").path.read_text("utf-8")
     for sentence_ in (
         "# taps\n",
@@ -43,11 +41,11 @@ def test_the_card_of_the_data_set_itself(make: Make, tmp_path: Path) -> None:
     assert text.startswith('---\npretty_name: "taps"\nlicense: "cc-by-4.0"\n')
 
 
-def test_the_front_matter_names_the_files_of_every_part(make: Make, tmp_path: Path) -> None:
-    dataset = make(tmp_path / "v1")
+def test_the_front_matter_names_the_files_of_every_part(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1")
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    made = export_dataset(dataset, tmp_path / "out", "hf-parquet")
-    matter = front_matter((made.path / "README.md").read_text("utf-8"))
+    export = export_dataset(dataset, tmp_path / "out", "hf-parquet")
+    matter = front_matter((export.path / "README.md").read_text("utf-8"))
     (config,) = matter["configs"]
     assert config["data_files"] == [
         {"split": "test", "path": ["data/test-*.parquet"]},
@@ -55,16 +53,14 @@ def test_the_front_matter_names_the_files_of_every_part(make: Make, tmp_path: Pa
     ]
     for part in config["data_files"]:
         for pattern in part["path"]:
-            assert list(made.path.glob(pattern))
+            assert list(export.path.glob(pattern))
     assert matter["size_categories"] == ["n<1K"]
 
 
 @settings(max_examples=12)
 @given(st.data())
-def test_any_name_and_label_makes_a_card_that_parses(
-    small_datasets: st.SearchStrategy[Any], data: st.DataObject
-) -> None:
-    small = data.draw(small_datasets)
+def test_any_name_and_label_makes_a_card_that_parses(data: st.DataObject) -> None:
+    small = data.draw(smalls())
     with tempfile.TemporaryDirectory() as place:
         dataset = small.write(Path(place) / "v1")
         text = export_dataset(dataset, Path(place) / "card.md", "card").path.read_text("utf-8")
@@ -94,6 +90,6 @@ def test_licences_as_the_hub_calls_them(written: str | None, hub: dict[str, str]
 @pytest.mark.parametrize(
     ("radius", "words"), [(None, "Nobody noted"), (math.inf, "It is flat."), (12.5, "12.5 mm")]
 )
-def test_the_dome_is_said(make: Make, tmp_path: Path, radius: float | None, words: str) -> None:
-    dataset = make(tmp_path / "v1", dome_radius_mm=radius)
+def test_the_dome_is_said(tmp_path: Path, radius: float | None, words: str) -> None:
+    dataset = write_taps(tmp_path / "v1", dome_radius_mm=radius)
     assert words in export_dataset(dataset, tmp_path / "c.md", "card").path.read_text("utf-8")

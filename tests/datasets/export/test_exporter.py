@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from small_data_sets import write_taps
 
 from tactibench import UserError
 from tactibench.datasets import Dataset, export_dataset, is_dataset, open_dataset, verify
 from tactibench.datasets.splits import write_split
 from tactibench.datasets.storage import new_folder
 
-Make = Callable[..., Dataset]
 FOLDERS = ("bristol", "hf-parquet")
 
 
 @pytest.fixture(scope="module")
-def dataset(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return make(tmp_path_factory.mktemp("place") / "v1")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return write_taps(tmp_path_factory.mktemp("place") / "v1")
 
 
 def names(folder: Path) -> list[str]:
@@ -33,12 +32,12 @@ def test_an_empty_folder_is_taken_with_the_usual_rights(
         pytest.importorskip("pyarrow", reason="pyarrow is not installed")
     (tmp_path / "out").mkdir()
     rights = (tmp_path / "out").stat().st_mode
-    made = export_dataset(dataset, tmp_path / "out", format_)
+    export = export_dataset(dataset, tmp_path / "out", format_)
     assert names(tmp_path) == ["out"]
     assert (tmp_path / "out").stat().st_mode == rights
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
-    assert (made.files, made.size_bytes) == (len(files), sum(p.stat().st_size for p in files))
-    assert (made.samples, made.bad) == (5, 0)
+    assert (export.files, export.size_bytes) == (len(files), sum(p.stat().st_size for p in files))
+    assert (export.samples, export.bad) == (5, 0)
 
 
 @pytest.mark.parametrize("format_", FOLDERS)
@@ -104,41 +103,41 @@ def test_a_place_that_was_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> 
     assert names(target) == ["theirs"]
 
 
-def test_a_card_is_written_once_and_the_data_set_stays_sound(make: Make, tmp_path: Path) -> None:
-    dataset = make(tmp_path / "v1")
+def test_a_card_is_written_once_and_the_data_set_stays_sound(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1")
     assert export_dataset(dataset, dataset.folder, "card").path == dataset.folder / "README.md"
     with pytest.raises(UserError, match=r"README\.md is there already"):
         export_dataset(dataset, dataset.folder, "card")
     assert verify(dataset.folder) == []
 
 
-def test_formats_and_splits_are_known_by_name(make: Make, tmp_path: Path) -> None:
-    dataset = make(tmp_path / "v1")
+def test_formats_and_splits_are_known_by_name(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1")
     with pytest.raises(UserError, match=r"unknown format 'parquet'; did you mean 'hf-parquet'\?"):
         export_dataset(dataset, tmp_path / "out", "parquet")
     with pytest.raises(UserError, match=r"has no split 'mien'; did you mean 'mine'\?"):
         export_dataset(dataset, tmp_path / "out", "bristol", split="mien")
-    made = export_dataset(dataset, tmp_path / "out", "bristol", split="mine")
-    assert made.subsets == {"test": 2, "unassigned": 3}
+    export = export_dataset(dataset, tmp_path / "out", "bristol", split="mine")
+    assert export.subsets == {"test": 2, "unassigned": 3}
 
 
-def test_of_several_splits_one_must_be_named(make: Make, tmp_path: Path) -> None:
+def test_of_several_splits_one_must_be_named(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    folder = make(tmp_path / "v1").folder
+    folder = write_taps(tmp_path / "v1").folder
     (folder / "splits/other.json").write_text('{"train": [0], "validation": [], "test": []}')
     (folder / "splits/mine.json").write_text('{"train": [0, 1], "validation": [4], "test": [2]}')
     dataset = open_dataset(folder)
     with pytest.raises(UserError, match=r"several splits \(mine, other\); choose one"):
         export_dataset(dataset, tmp_path / "out", "hf-parquet")
-    made = export_dataset(dataset, tmp_path / "out", "hf-parquet", split="mine")
-    assert made.subsets == {"train": 2, "validation": 1, "test": 1, "unassigned": 1}
-    assert names(made.path) == ["README.md", "data", "header.json", "rest.png"]
-    assert not is_dataset(made.path)
+    export = export_dataset(dataset, tmp_path / "out", "hf-parquet", split="mine")
+    assert export.subsets == {"train": 2, "validation": 1, "test": 1, "unassigned": 1}
+    assert names(export.path) == ["README.md", "data", "header.json", "rest.png"]
+    assert not is_dataset(export.path)
     assert export_dataset(dataset, tmp_path / "bristol", "bristol").subsets == {}
 
 
-def test_nothing_good_to_export_is_said(make: Make, tmp_path: Path) -> None:
-    dataset = make(tmp_path / "v1", count=0)
+def test_nothing_good_to_export_is_said(tmp_path: Path) -> None:
+    dataset = write_taps(tmp_path / "v1", count=0)
     with pytest.raises(UserError, match="holds no good sample"):
         export_dataset(dataset, tmp_path / "out", "bristol")
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_data_sets import good, scene_of, smalls, write_taps
 
-from tactibench import Scene, UserError
-from tactibench.datasets import Dataset, Sample, export_dataset
+from tactibench import UserError
+from tactibench.datasets import export_dataset
 from tactibench.datasets.export.exporter import select_samples
 from tactibench.datasets.export.parquet import write_parquet
-
-Make = Callable[..., Dataset]
 
 
 def read_parquet(folder: Path) -> list[dict[str, Any]]:
@@ -31,18 +29,15 @@ def read_parquet(folder: Path) -> list[dict[str, Any]]:
 @settings(max_examples=12)
 @given(st.data())
 def test_the_files_hold_the_same_samples(
-    small_datasets: st.SearchStrategy[Any],
-    good_of: Callable[[Dataset], list[Sample]],
-    scene_from: Callable[[Mapping[str, Any]], Scene | None],
     data: st.DataObject,
 ) -> None:
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    small = data.draw(small_datasets)
+    small = data.draw(smalls())
     with tempfile.TemporaryDirectory() as place:
         dataset = small.write(Path(place) / "v1")
-        made = export_dataset(dataset, Path(place) / "out", "hf-parquet")
-        samples = good_of(dataset)
-        for row, sample in zip(read_parquet(made.path), samples, strict=True):
+        export = export_dataset(dataset, Path(place) / "out", "hf-parquet")
+        samples = good(dataset)
+        for row, sample in zip(read_parquet(export.path), samples, strict=True):
             image = {
                 "bytes": (dataset.folder / sample.file_name).read_bytes(),
                 "path": f"{sample.id:06d}.png",
@@ -53,16 +48,16 @@ def test_the_files_hold_the_same_samples(
             assert json.loads(row.get("extra") or "{}") == sample.extra
             assert row.get("t_frame_ns") == sample.t_frame_ns
             assert (row["press"], row["session"]) == (sample.press, sample.session)
-            assert scene_from(row) == sample.scene
+            assert scene_of(row) == sample.scene
             contacts = dataset.contacts(sample)
             if contacts is not None:
                 assert row["n_contacts"] == len(contacts)
                 assert row["contacts_depth_mm"] == contacts.depth.tolist()
 
 
-def test_the_schema_says_which_column_is_an_image(make: Make, tmp_path: Path) -> None:
+def test_the_schema_says_which_column_is_an_image(tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    export_dataset(make(tmp_path / "v1"), tmp_path / "out", "hf-parquet")
+    export_dataset(write_taps(tmp_path / "v1"), tmp_path / "out", "hf-parquet")
     schema = pq.read_schema(tmp_path / "out/data/test-00000-of-00001.parquet")
     features = json.loads(schema.metadata[b"huggingface"])["info"]["features"]
     assert list(features) == schema.names
@@ -72,9 +67,9 @@ def test_the_schema_says_which_column_is_an_image(make: Make, tmp_path: Path) ->
     assert features["labels"] == {"force_z": number}
 
 
-def test_shards_are_counted_in_their_names(make: Make, tmp_path: Path) -> None:
+def test_shards_are_counted_in_their_names(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    dataset = make(tmp_path / "v1", count=9)
+    dataset = write_taps(tmp_path / "v1", count=9)
     (tmp_path / "out").mkdir()
     write_parquet(
         dataset,
@@ -92,9 +87,9 @@ def test_shards_are_counted_in_their_names(make: Make, tmp_path: Path) -> None:
 
 
 def test_without_pyarrow_it_says_what_to_install(
-    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    dataset = make(tmp_path / "v1")
+    dataset = write_taps(tmp_path / "v1")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(UserError, match=r"pip install 'tactibench\[hf\]'"):
         export_dataset(dataset, tmp_path / "out", "hf-parquet")

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_data_sets import write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import Dataset, Header, Writer, export_dataset, open_dataset
 from tactibench.datasets.splits import write_split
 
-Make = Callable[..., Dataset]
 Run = Callable[..., Any]
 pytestmark = pytest.mark.slow
 
@@ -84,8 +84,8 @@ def check(rows: list[dict[str, Any]], dataset: Dataset, samples: Any) -> None:
         "datasets.load_dataset(FOLDER)",
     ],
 )
-def test_a_data_set_is_an_image_folder(make: Make, run: Run, tmp_path: Path, call: str) -> None:
-    dataset = make(tmp_path / "v1")
+def test_a_data_set_is_an_image_folder(run: Run, tmp_path: Path, call: str) -> None:
+    dataset = write_taps(tmp_path / "v1")
     dataset.images(dataset.samples)  # a cache beside the images
     export_dataset(dataset, dataset.folder, "card")
     found = run("datasets", LOADED.format(call=call), dataset.folder)
@@ -131,12 +131,12 @@ def test_what_some_samples_lack_is_no_obstacle(run: Run, tmp_path: Path) -> None
         "datasets.load_dataset(FOLDER)",
     ],
 )
-def test_parquet_files_show_images(make: Make, run: Run, tmp_path: Path, call: str) -> None:
+def test_parquet_files_show_images(run: Run, tmp_path: Path, call: str) -> None:
     if importlib.util.find_spec("pyarrow") is None:
         pytest.skip("pyarrow is not installed")
-    dataset = make(tmp_path / "v1")
-    made = export_dataset(dataset, tmp_path / "out", "hf-parquet")
-    found = run("datasets", LOADED.format(call=call), made.path)
+    dataset = write_taps(tmp_path / "v1")
+    export = export_dataset(dataset, tmp_path / "out", "hf-parquet")
+    found = run("datasets", LOADED.format(call=call), export.path)
     assert list(found) == ["test", "unassigned"]
     check(found["test"], dataset, dataset.samples[:2])
     check(found["unassigned"], dataset, dataset.samples[2:])
@@ -153,17 +153,15 @@ found = {folder.name: loaded(folder) for folder in pathlib.Path(FOLDER).iterdir(
 """
 
 
-def test_names_of_splits_that_would_hide_the_images_are_refused(
-    make: Make, run: Run, tmp_path: Path
-) -> None:
+def test_names_of_splits_that_would_hide_the_images_are_refused(run: Run, tmp_path: Path) -> None:
     """And for a reason: such a file alone is taken for the data."""
     names = ("my-test", "val_2", "train", "2test")
     for name in names:
-        dataset = make(tmp_path / "all" / name)
+        dataset = write_taps(tmp_path / "all" / name)
         with pytest.raises(UserError, match="a split cannot be called"):
             write_split(dataset.folder, name, dataset.splits["mine"], dataset.samples)
         (dataset.folder / "splits" / f"{name}.json").write_text("{}")
-    free = make(tmp_path / "all" / "free")
+    free = write_taps(tmp_path / "all" / "free")
     for name in ("by-press", "published", "contest", "random.0", "Retrained"):
         write_split(free.folder, name, free.splits["mine"], free.samples)
     found = run("datasets", FOUND, tmp_path / "all")
