@@ -36,14 +36,6 @@ def unimported(refused, tmp_path):
     return check
 
 
-def edit(folder, row, old, new):
-    path = folder / "targets.csv"
-    lines = path.read_text().splitlines()
-    assert old in lines[row]
-    lines[row] = lines[row].replace(old, new)
-    path.write_text("\n".join(lines))
-
-
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
@@ -84,49 +76,91 @@ def test_names_that_are_no_files(first, unimported):
     unimported(first, "5 frames", options=ImportOptions(missing="skip"))
 
 
-@pytest.mark.parametrize("again", ["frame_0_0.png", "./frame_0_0.png", r".\frame_0_0.png"])
-def test_a_frame_that_is_named_twice(first, unimported, again):
-    edit(first, 4, "frame_3_0.png", again)
-    unimported(first, "targets.csv rows 1 and 4", "frame_0_0.png")
+def replace(old, new):
+    """Change the first place of the table in which a text stands."""
+
+    def change(folder):
+        path = folder / "targets.csv"
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return change
 
 
-@pytest.mark.parametrize("text", ["nan", "", "inf", "deep"])
-@pytest.mark.parametrize(("old", "column"), [("-0.75", "pose_2"), (",2", "move_1")])
-def test_labels_that_are_no_numbers(first, unimported, old, column, text):
-    lines = (first / "targets.csv").read_text().splitlines()
-    at = lines[3].rindex(old)
-    lines[3] = lines[3][:at] + ("," if old[0] == "," else "") + text + lines[3][at + len(old) :]
-    (first / "targets.csv").write_text("\n".join(lines))
-    unimported(first, "targets.csv row 3", column, repr(text))
+def write(data, name="targets.csv"):
+    return lambda folder: (folder / name).write_bytes(data)
 
 
-def test_a_decimal_comma_in_quotes_says_how_to_go_on(first, unimported):
-    edit(first, 3, "-0.75", '"-0,75"')
-    unimported(first, "row 3", "'-0,75'", "decimal commas", "';'")
-
-
-def test_unquoted_decimal_commas_say_how_to_go_on(first, unimported):
-    path = first / "targets.csv"
-    lines = path.read_text().splitlines()
+def unquoted_commas(folder):
+    lines = (folder / "targets.csv").read_text().splitlines()
     tail = [line.replace(".25", ",25").replace("png,", ".png,") for line in lines[1:]]
-    path.write_text("\n".join([lines[0], *(f"{line},0,0" for line in tail)]))
-    unimported(first, "more fields than its header", "decimal commas", "';'")
+    (folder / "targets.csv").write_text("\n".join([lines[0], *(f"{line},0,0" for line in tail)]))
 
 
-def test_mixed_decimal_commas(first, unimported):
-    path = first / "targets.csv"
+def mixed_commas(folder):
+    path = folder / "targets.csv"
     path.write_text(path.read_text().replace(",", ";").replace("-0.75", "-0,75"))
-    unimported(first, "row 3", "'-0,75'", "row 1", "'-0.25'", "one way")
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["../secret.png", r"..\secret.png", "a/../../b.png", "/etc/x.png", r"C:\x.png", r"\\srv\x"],
+    ("change", "words"),
+    [
+        *(
+            (replace("frame_3_0.png", again), ["rows 1 and 4", "frame_0_0.png"])
+            for again in ("frame_0_0.png", "./frame_0_0.png", r".\frame_0_0.png")
+        ),
+        *(
+            (replace("frame_1_0.png", name), ["row 2", repr(name), "inside the frames folder"])
+            for name in (
+                *("../secret.png", r"..\secret.png", "a/../../b.png"),
+                *("/etc/x.png", r"C:\x.png", r"\\srv\x"),
+            )
+        ),
+        *(
+            (replace(old, new), ["row 3", column, repr(text)])
+            for text in ("nan", "", "inf", "deep")
+            for old, new, column in (
+                ("-0.75", text, "pose_2"),
+                ("3.0,2\n", f"3.0,{text}\n", "move_1"),
+            )
+        ),
+        (replace("-0.75", '"-0,75"'), ["row 3", "'-0,75'", "decimal commas", "';'"]),
+        (unquoted_commas, ["more fields than its header", "decimal commas", "';'"]),
+        (mixed_commas, ["row 3", "'-0,75'", "row 1", "'-0.25'", "one way"]),
+        (replace(",10.0,4", ""), ["row 5", "pose_6", "''"]),
+        (replace("frame_1", "extra,extra,frame_1"), ["more fields than its header"]),
+        (write(b""), ["is empty"]),
+        (write(b"image_name,pose_2,pose_6\n"), ["no rows"]),
+        (write(b"image_name,pose_2,pose_2\nframe_0_0.png,1,2\n"), ["two columns 'pose_2'"]),
+        (write(b"name,pose_2\nframe_0_0.png,1\n"), ["image_name or sensor_image"]),
+        (write(b"image_name,pose_2\n ,1\n"), ["row 1 names no frame"]),
+        (write(b"\xff\xfe\x00junk,\xd8"), ["not a readable CSV"]),
+    ],
 )
-def test_names_never_lead_outside(first, unimported, name):
+def test_a_mistake_in_the_table_is_named(first, unimported, change, words):
     cv2.imwrite(str(first / "secret.png"), np.zeros((12, 10), np.uint8))
-    edit(first, 2, "frame_1_0.png", name)
-    unimported(first, "row 2", repr(name), "inside the frames folder")
+    change(first)
+    unimported(first, "targets.csv", *words)
+
+
+@pytest.mark.parametrize("data", [b"{", b'{"exposure": NaN}', b"\x00"])
+def test_a_damaged_description(first, unimported, data):
+    write(data, "meta.json")(first)
+    unimported(first, "meta.json", "JSON")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"indenter": "plate", "depth": "pose_9"}, ["pose_9", "its columns are"]),
+        ({"indenter": "plate", "depth": "pose_1"}, ["pose_1 has the same value", "pose_2 changes"]),
+        ({"press": "tap"}, ["no column tap"]),
+        ({"labels": "wrong"}, ["no column wrong"]),
+    ],
+)
+def test_columns_that_are_not_there(first, unimported, options, words):
+    unimported(first, *words, options=ImportOptions(**options))
 
 
 def test_links_are_followed_inside_only(first, unimported, tmp_path):
@@ -160,46 +194,6 @@ def test_tables_and_descriptions_are_no_links_to_elsewhere(first, unimported, tm
     unimported(first, name, "leads out of")
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "is empty"),
-        ("image_name,pose_2,pose_6\n", "no rows"),
-        ("image_name,pose_2,pose_2\nframe_0_0.png,1,2\n", "two columns 'pose_2'"),
-        ("name,pose_2\nframe_0_0.png,1\n", "image_name or sensor_image"),
-        ("image_name,pose_2\n ,1\n", "row 1 names no frame"),
-    ],
-)
-def test_tables_that_are_none(first, unimported, text, words):
-    (first / "targets.csv").write_text(text)
-    unimported(first, "targets.csv", words)
-
-
-def test_a_table_that_is_no_text(first, unimported):
-    (first / "targets.csv").write_bytes(b"\xff\xfe\x00junk,\xd8")
-    unimported(first, "targets.csv", "not a readable CSV")
-
-
-@pytest.mark.parametrize("text", ["{", '{"exposure": NaN}', "\x00"])
-def test_a_damaged_description(first, unimported, text):
-    (first / "meta.json").write_text(text)
-    unimported(first, "meta.json", "JSON")
-
-
-def test_columns_that_are_not_there(first, unimported):
-    unimported(
-        first, "pose_9", "its columns are", options=ImportOptions(indenter="plate", depth="pose_9")
-    )
-    unimported(first, "no column tap", options=ImportOptions(press="tap"))
-    unimported(first, "no column wrong", options=ImportOptions(labels="wrong"))
-    unimported(
-        first,
-        "pose_1 has the same value",
-        "pose_2 changes",
-        options=ImportOptions(indenter="plate", depth="pose_1"),
-    )
-
-
 def test_folders_that_are_none(tmp_path, refused, first):
     refused(lambda: find_format(tmp_path / "no"), "does not exist")
     refused(lambda: find_format(first / "targets.csv"), "is a file")
@@ -224,15 +218,6 @@ def test_a_folder_of_several_recordings_and_one_without_frames(first, second, th
     refused(lambda: open_recording(first.parent), "first, second, third")
     (first / "frames_bw").rename(first / "pictures")
     refused(lambda: open_recording(first), "frames_bw, images, sensor_images, processed_images")
-
-
-def test_rows_with_too_few_or_too_many_fields(first, unimported):
-    text = (first / "targets.csv").read_text()
-    edit(first, 5, ",10.0,4", "")
-    unimported(first, "row 5", "pose_6", "''")
-    (first / "targets.csv").write_text(text)
-    edit(first, 2, "frame_1", "extra,extra,frame_1")
-    unimported(first, "more fields than its header")
 
 
 def test_a_read_only_disk(first, tmp_path, unimported, monkeypatch):
