@@ -12,7 +12,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench_pins.components import Components
+from tactibench_pins.displacements import Components
 
 _LAST = 0.1
 """Share of the usual size of the last layer's first weights: answers start near the mean."""

@@ -1,9 +1,10 @@
-"""Frames as displacements of pins, and whether these say that anything presses at all."""
+"""Frames as displacements of pins, their principal components, and where a contact begins."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,8 @@ _FAINTEST = 0.01
 """Quantile of the training presses that stands for the faintest: one may be mislabelled."""
 _SHARE = 0.5
 """Share of the way from a sensor at rest to the faintest training press where a contact begins."""
+_LEAST = 1e-6
+"""Spreads below this share of the largest are rounding."""
 
 
 class OwnPins:
@@ -114,6 +117,44 @@ def displacements(pins: OwnPins | None, frames: Sequence[Frame], model: str) -> 
     if pins is None:
         raise UserError(f"model {model!r} knows no pins yet; train it or load weights first.")
     return pins.displacements(frames)
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Principal components of displacements: few numbers, each a pattern of all pins."""
+
+    mean: Array
+    """(2 P,) displacement, px."""
+    basis: Array
+    """(2 P, K) orthonormal."""
+    spread: Array
+    """(K,) standard deviations over the frames of the fit, px, descending."""
+
+    @classmethod
+    def fit(cls, moved: Array, count: int) -> Self:
+        """Return the first ``count`` components with any spread of displacements (N, 2 P)."""
+        mean = moved.mean(axis=0)
+        centred = moved - mean
+        variance, basis = np.linalg.eigh(centred.T @ centred / len(moved))
+        spread = np.sqrt(np.maximum(variance[::-1], 0.0))
+        there = max(1, int(np.count_nonzero(spread[:count] > _LEAST * spread[0])))
+        return cls(mean, np.ascontiguousarray(basis[:, ::-1][:, :there]), spread[:there])
+
+    def __len__(self) -> int:
+        return len(self.spread)
+
+    def first(self, count: int) -> Self:
+        """Return the first ``count`` components."""
+        return type(self)(self.mean, self.basis[:, :count], self.spread[:count])
+
+    def weights(self, whitening: float) -> Array:
+        """Return (K,) 1 / spread^whitening: 0 keeps pixels, 1 makes all spread alike."""
+        least = np.maximum(self.spread, 1e-9)
+        return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
+
+    def of(self, moved: Array, whitening: float) -> Array:
+        """Return (N, K) of displacements (N, 2 P), the first with unit spread."""
+        return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))
 
 
 def rms_displacement(moved: Array) -> Array:

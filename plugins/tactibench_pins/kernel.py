@@ -24,10 +24,9 @@ from tactibench.training import (
     save_weights,
     unpack_image,
 )
-from tactibench_pins.components import Components
-from tactibench_pins.correction import Correction
 from tactibench_pins.displacements import (
     LATTICE,
+    Components,
     OwnPins,
     contact_threshold,
     displacements,
@@ -44,7 +43,10 @@ from tactibench_pins.regression import (
     kernel,
     kernel_weights,
 )
-from tactibench_pins.views import draw_views
+from tactibench_pins.transfer import (
+    Correction,
+    draw_views,
+)
 
 Array = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
-from tactibench_pins.components import Components
+from tactibench_pins.displacements import Components
 
 Array = npt.NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench_pins.components import Components
+from tactibench_pins.displacements import Components
 from tactibench_pins.regression import (
     Features,
     Setting,

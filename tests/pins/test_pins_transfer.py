@@ -9,10 +9,14 @@ from drawn_pins import SIZE, draw, hexagon
 from tactibench import Frame, Grid, ModelContext, PlatePose, Pose, UserError
 from tactibench.markers import common_lattice
 from tactibench.run.reporter import NullProgress
-from tactibench_pins.correction import RIDGES, Correction
 from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins
-from tactibench_pins.views import Spread, draw_views
+from tactibench_pins.transfer import (
+    RIDGES,
+    Correction,
+    Spread,
+    draw_views,
+)
 
 TRAINED, OTHER = hexagon(3, 8.0), hexagon(4, 6.0)
 """37 and 61 pins, one outline."""
