@@ -19,7 +19,7 @@ _LAST = 0.1
 
 
 class Members(nn.Module):
-    """(B, 2 P) displacements, px -> (B, M, T + 1) targets of every member, rms displacement.
+    """Networks from (B, 2 P) displacements, px, to (B, M, T + 1) targets and rms displacement.
 
     The displacements are first turned into K whitened components. While it trains, every member
     sees them with noise of its own, as if every pin had been found that much elsewhere. Hidden
@@ -33,7 +33,13 @@ class Members(nn.Module):
     through: torch.Tensor
 
     def __init__(self, pins: int, sizes: Sequence[int], members: int) -> None:
-        """sizes: K, units of the hidden layers, T."""
+        """Make ``members`` networks.
+
+        Args:
+            pins: P.
+            sizes: K, units of the hidden layers, T.
+            members: M.
+        """
         super().__init__()
         self.members = members
         self.register_buffer("mean", torch.zeros(2 * pins))
@@ -83,7 +89,7 @@ class Members(nn.Module):
         return hidden
 
     def _components(self, moved: torch.Tensor) -> torch.Tensor:
-        """(B, K), each frame through a view of its own where there are some and it trains."""
+        """Return (B, K) components; in training each frame is seen through one of the views."""
         if not (self.training and len(self.through)):
             return (moved - self.mean) @ self.basis
         chosen = torch.randint(len(self.through), (len(moved),), device=moved.device)

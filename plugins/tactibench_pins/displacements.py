@@ -33,12 +33,12 @@ class OwnPins:
 
     @property
     def rest_image(self) -> Image:
-        """(side, side) gray, the sensor that the model was trained on."""
+        """Gray rest image (side, side) of the sensor that the model was trained on."""
         return self.pins.rest_image
 
     @property
     def places(self) -> int:
-        """P, the number of displacements."""
+        """Number P of displacements."""
         return len(self.pins.rest)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
@@ -58,7 +58,7 @@ class LatticePins(OwnPins):
 
     @property
     def places(self) -> int:
-        """P, the points of the lattice."""
+        """Number P of points of the lattice."""
         return len(LATTICE)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
@@ -121,14 +121,17 @@ def displacements(pins: OwnPins | None, frames: Sequence[Frame], model: str) -> 
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Principal components of displacements: few numbers, each a pattern of all pins."""
+    """Principal components of displacements: few numbers, each a pattern of all pins.
+
+    Attributes:
+        mean: (2 P,) displacement, px.
+        basis: (2 P, K) orthonormal patterns.
+        spread: (K,) standard deviations over the frames of the fit, px, descending.
+    """
 
     mean: Array
-    """(2 P,) displacement, px."""
     basis: Array
-    """(2 P, K) orthonormal."""
     spread: Array
-    """(K,) standard deviations over the frames of the fit, px, descending."""
 
     @classmethod
     def fit(cls, moved: Array, count: int) -> Self:

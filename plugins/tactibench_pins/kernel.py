@@ -211,7 +211,7 @@ class Kernel(Model):
         return 2 * self._components.basis.size + 3 * self._places.size + 2 * self._alpha.size
 
     def _regress(self, moved: Array) -> Array:
-        """(N, T) in mm and deg of displacements (N, 2 P)."""
+        """Return (N, T) in mm and deg of displacements (N, 2 P)."""
         similarities = self._similarities(moved)
         values = similarities @ self._alpha
         if self._correction is not None:
@@ -219,7 +219,7 @@ class Kernel(Model):
         return self._scale.invert(values)
 
     def _similarities(self, moved: Array) -> Array:
-        """(N, M) kernel of frames with each of the M training frames."""
+        """Return (N, M) kernel of frames with each of the M training frames."""
         places = self._components.of(moved, self._setting.whitening)
         return kernel(places, self._places, self._length)
 
@@ -232,7 +232,7 @@ class Kernel(Model):
 
 
 def _show_through(views: Sequence[Array], moved: Array, rng: np.random.Generator) -> Array:
-    """(N, 2 L) each frame as some sensor like the trained one would have seen it."""
+    """Return (N, 2 L) each frame as some sensor like the trained one would have seen it."""
     out = moved + _UNLIKE * rng.standard_normal(moved.shape)
     for number, chosen in enumerate(np.array_split(rng.permutation(len(moved)), len(views))):
         out[chosen] = out[chosen] @ views[number].T

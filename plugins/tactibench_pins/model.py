@@ -165,7 +165,7 @@ class Pins(LearnedModel):
 
     @torch.inference_mode()
     def _features(self, frames: Sequence[Frame]) -> tuple[Array, Array, Array]:
-        """(N, M U) last hidden layers, (N, T) normalised, uncorrected answers, (N,) rms."""
+        """Return (N, M U) last hidden layers, (N, T) normalised raw answers, and (N,) rms."""
         network = cast("Members", self.network)
         features, raw = [], []
         for start in range(0, len(frames), _BATCH):

@@ -39,12 +39,15 @@ NUGGET = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The unit by which a layout of pins is measured."""
+    """The unit by which a layout of pins is measured.
+
+    Attributes:
+        centre: (2,) px.
+        scale: (2,) px along x and y that are one unit.
+    """
 
     centre: Array
-    """(2,) px."""
     scale: Array
-    """(2,) px along x and y that are one unit."""
 
     @classmethod
     def of(cls, rest: Array) -> Self:

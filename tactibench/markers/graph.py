@@ -102,7 +102,7 @@ def _triangulate(xy: Array) -> tuple[Edges, Edges]:
 
 
 def _nearest_corner(xy: Array, corners: Edges) -> Edges:
-    """(P,) every pin itself; the nearest pin of a triangle for one that coincides with another."""
+    """Return (P,) every pin itself, or its double in a triangle where two pins coincide."""
     nearest = np.arange(len(xy))
     left_out = np.flatnonzero(np.bincount(corners.ravel(), minlength=len(xy)) == 0)
     if len(left_out):
@@ -113,7 +113,7 @@ def _nearest_corner(xy: Array, corners: Edges) -> Edges:
 
 
 def _join_line(xy: Array) -> tuple[Edges, Edges]:
-    """(E, 2) pairs of successive pins on a line, and (P,) the first pin at the place of each."""
+    """Return (E, 2) pairs of successive pins on a line, and (P,) the first pin at each place."""
     wide, high = np.ptp(xy, axis=0) if len(xy) else (0.0, 0.0)
     along = xy if wide >= high else xy[:, ::-1]
     _, first, place = np.unique(along, axis=0, return_index=True, return_inverse=True)
@@ -122,7 +122,7 @@ def _join_line(xy: Array) -> tuple[Edges, Edges]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cells(xy, corners, hull, first, neighbour, border):  # type: ignore[no-untyped-def]
-    """(P,) areas of the Voronoi cells; border (P,) is set.
+    """Return (P,) areas of the Voronoi cells; border (P,) is set.
 
     neighbour[first[p] : first[p + 1]] are those of p. A cell at the border, open or reaching beyond
     the hull of the pins, is bounded by a circle as far as its three nearest neighbours on the mean.

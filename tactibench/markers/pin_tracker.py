@@ -58,7 +58,7 @@ class PinTracker:
 
     @property
     def rest(self) -> Array:
-        """(P, 2) px, the pins at rest."""
+        """Pins at rest, (P, 2) px."""
         return self.tracker.rest
 
     def images(self, frames: Sequence[Frame]) -> Images:
@@ -100,7 +100,7 @@ class PinTracker:
 
     @cached_property
     def _distances(self) -> Array:
-        """(P, P) between pins at rest, px."""
+        """Return (P, P) distances between pins at rest, px."""
         return np.asarray(np.hypot(*(self.rest[:, None] - self.rest).transpose(2, 0, 1)))
 
     @cached_property

@@ -41,26 +41,29 @@ _AROUND = 2.5
 
 @dataclass(frozen=True, eq=False)
 class PinProfile:
-    """The look of pins at rest."""
+    """The look of pins at rest.
+
+    Attributes:
+        dark: (H, W) grey levels without light.
+        contrast: (H, W) grey levels of full light over dark ones.
+        edge: Half-width of a disc's edge, px.
+        disc: (P, 3) x, y and radius, px.
+        residual: Rms grey levels that the discs leave of the rest frame.
+    """
 
     dark: Array
-    """(H, W) grey levels without light."""
     contrast: Array
-    """(H, W) grey levels of full light over dark ones."""
     edge: float
-    """Half-width of a disc's edge, px."""
     disc: Array
-    """(P, 3) x, y and radius, px."""
     residual: float
-    """Rms grey levels that the discs leave of the rest frame."""
 
 
 def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
-    """The look of pins at xy (P, 2) px of these areas in the rest frame (H, W).
+    """Return the look of pins at xy (P, 2) px of these areas in the rest frame (H, W).
 
-    None for a frame that is black and white, or in which pins are no soft discs: there is nothing
-    to fit. Dark level and contrast are polynomials, of degree 4 with 60 pins and more: light falls
-    off towards the rim.
+    It is None for a frame that is black and white, or in which pins are no soft discs: there is
+    nothing to fit. Dark level and contrast are polynomials, of degree 4 with 60 pins and more:
+    light falls off towards the rim.
     """
     from scipy.optimize import minimize_scalar
 
@@ -80,7 +83,7 @@ def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
 
 
 def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:
-    """The best look with this edge."""
+    """Return the best look with this edge."""
     disc = disc.copy()
     level = image.astype(np.float64)
     terms = _terms(image.shape, 4 if len(disc) >= 60 else 2 if len(disc) >= 20 else 0)
@@ -101,14 +104,14 @@ def _profile_with(image: Images, disc: Array, edge: float) -> PinProfile:
 
 
 def _terms(shape: tuple[int, ...], degree: int) -> Array:
-    """(H, W, T) products of powers of x and y, scaled to -1..1."""
+    """Return (H, W, T) products of powers of x and y, scaled to -1..1."""
     y, x = (np.linspace(-1, 1, side) for side in shape)
     powers = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
     return np.stack([y[:, None] ** a * x[None] ** b for a, b in powers], axis=-1)
 
 
 def _near(shape: tuple[int, ...], disc: Array) -> npt.NDArray[np.bool_]:
-    """(H, W) pixels around pins: what lies beyond, reflections say, is none of theirs."""
+    """Return (H, W) True around pins; light beyond, such as reflections, is not theirs."""
     out = np.zeros(shape, dtype=np.bool_)
     for x, y, radius in disc:
         wide = radius + _AROUND

@@ -64,18 +64,21 @@ class Tracks:
 
 
 class _Layout(NamedTuple):
-    """Neighbours of pins at rest."""
+    """Neighbours of pins at rest.
+
+    Attributes:
+        rest: (P, 2) px.
+        near: (P, K) the nearest pins.
+        back: (P, R) the pins among whose nearest a pin is, filled up with -1.
+        pitch: (P,) mean distance of the four nearest, px.
+        border: (B,) pins at the border.
+    """
 
     rest: Array
-    """(P, 2) px."""
     near: Index
-    """(P, K) the nearest pins."""
     back: Index
-    """(P, R) the pins among whose nearest a pin is, filled up with -1."""
     pitch: Array
-    """(P,) mean distance of the four nearest, px."""
     border: Index
-    """(B,) pins at the border."""
 
 
 class Tracker:
@@ -85,12 +88,13 @@ class Tracker:
     ``matching``). With refinement "profile" soft discs are then fitted to the grey levels, all pins
     of a frame together (``profile_fit``), as they looked at rest; with "centroid" positions are
     those of the blobs.
-    """
 
-    rest: Array
-    """(P, 2) px, read-only."""
-    refine: str
-    """The refinement in use: "profile" or "centroid"."""
+    Attributes:
+        rest: (P, 2) px, read-only.
+        refine: The refinement in use, "profile" or "centroid".
+        shape: Height and width of the frames.
+        profile: The look of pins at rest; None where the refinement is "centroid".
+    """
 
     def __init__(self, rest_image: Images, *, refine: str = "auto") -> None:
         """Find the pins at rest.
@@ -116,7 +120,7 @@ class Tracker:
                 "centroid or auto."
             )
         rest = xy if self.profile is None else self.profile.disc[:, :2]
-        self.rest = np.array(rest, dtype=np.float64, order="C")
+        self.rest: Array = np.array(rest, dtype=np.float64, order="C")
         self.rest.setflags(write=False)
         self.shape = (int(rest_image.shape[0]), int(rest_image.shape[1]))
         self.refine = "centroid" if self.profile is None else "profile"
@@ -178,7 +182,7 @@ class Tracker:
 
 
 def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
-    """(P, 2) centroids px and (P,) areas of the pins of a rest frame."""
+    """Return (P, 2) centroids, px, and (P,) areas of the pins of a rest frame."""
     if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype != np.uint8:
         kind = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
         raise UserError(

@@ -1,7 +1,8 @@
-"""Images that are not what they were are named with file and line, and nothing is made of them."""
+"""Images that changed are named and refused; the array of all is derived from the files alone."""
 
 from __future__ import annotations
 
+import hashlib
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 from png_bytes import png
-from small_data_sets import header, image
+from small_data_sets import draft, header, image
 
-from tactibench import UserError
+from tactibench import Frame, Pose, UserError, gray_frames
 from tactibench.datasets import Writer, open_dataset, verify
 
 NAME = "images/000000/000002.png"
@@ -57,28 +58,16 @@ def test_a_changed_file_is_named_wherever_it_is_read(
 
 
 def test_a_bomb_that_was_written_with_its_own_checksum_is_never_decoded(
-    closed_set: Path, monkeypatch: pytest.MonkeyPatch
+    open_set: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Size and pixels are those of the header before a byte is decompressed."""
-    import hashlib
-
     monkeypatch.setattr(cv2, "imdecode", None)
+    journal = open_set / "metadata.jsonl"
+    before, sha256 = journal.read_text("utf-8"), open_dataset(open_set).samples[2].sha256
     for data in (png(90_000, 90_000, zlib.compress(b"")), png(8, 9, zlib.compress(b"x" * 81))):
-        (closed_set / NAME).write_bytes(data)
-        journal = closed_set / "metadata.jsonl"
-        lines = journal.read_bytes().splitlines(keepends=True)
-        before = open_dataset(closed_set, repair=False) if data[16:20] == b"\0\1\x5f\x90" else None
-        if before is not None:
-            old = before.samples[2].sha256
-        lines[2] = lines[2].replace(old.encode(), hashlib.sha256(data).hexdigest().encode())
-        old = hashlib.sha256(data).hexdigest()
-        journal.write_bytes(b"".join(lines))
-        header = closed_set / "dataset.json"
-        text = header.read_text()
-        sealed = text.partition('"journal_sha256": "')[2][:64]
-        now = hashlib.sha256(journal.read_bytes()).hexdigest()
-        header.write_text(text.replace(sealed, now))
-        dataset = open_dataset(closed_set)
+        (open_set / NAME).write_bytes(data)
+        journal.write_text(before.replace(sha256, hashlib.sha256(data).hexdigest()), "utf-8")
+        dataset = open_dataset(open_set)
         with pytest.raises(UserError, match=r"changed its size to .*it was 9x7"):
             dataset.image(dataset.samples[2])
 
@@ -99,3 +88,97 @@ def test_a_kept_png_must_be_plain(tmp_path: Path) -> None:
         ):
             with pytest.raises(UserError, match=f"the image of sample 0 .*{says}"):
                 writer.add(data, id=0)
+
+
+def test_it_holds_what_the_files_hold(closed_set: Path) -> None:
+    dataset = open_dataset(closed_set)
+    several = [dataset.samples[row] for row in (2, 0, 2, 3)]
+    images = dataset.images(several)
+    assert images.dtype == np.uint8
+    assert np.array_equal(images, np.stack([dataset.image(sample) for sample in several]))
+    images[:] = 0  # a copy: nobody writes into the file
+    assert dataset.images(several).any()
+    assert dataset.images([]).shape == (0, 9, 7)
+
+
+def test_it_is_shrunk_as_models_shrink(closed_set: Path) -> None:
+    dataset = open_dataset(closed_set)
+    frames = [Frame(dataset.image(sample), 0.0, Pose()) for sample in dataset.samples]
+    for size in (4, 16):
+        assert np.array_equal(dataset.images(dataset.samples, size), gray_frames(frames, size))
+    assert len(list((closed_set / ".cache").glob("*.npy"))) == 2
+
+
+def test_colours_become_grey(tmp_path: Path) -> None:
+    with Writer(tmp_path / "set", header(channels=3)) as writer:
+        writer.add(image(0, (9, 7, 3)), id=0)
+    dataset = open_dataset(tmp_path / "set")
+    expected = cv2.cvtColor(image(0, (9, 7, 3)), cv2.COLOR_RGB2GRAY)
+    assert np.array_equal(dataset.images(dataset.samples)[0], expected)
+
+
+def test_files_are_decoded_once(closed_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = open_dataset(closed_set)
+    expected = dataset.images(dataset.samples)
+    monkeypatch.setattr("tactibench.datasets.dataset.read_image", None)
+    assert np.array_equal(dataset.images(dataset.samples), expected)
+    again = open_dataset(closed_set)
+    assert np.array_equal(again.images(again.samples), expected)
+
+
+def test_more_samples_more_images_and_no_old_arrays(open_set: Path) -> None:
+    dataset = open_dataset(open_set)
+    dataset.images(dataset.samples)
+    with Writer(open_set, header()) as writer:
+        writer.add_many([draft(4), draft(5)])
+    dataset = open_dataset(open_set)
+    assert len(dataset.images(dataset.samples)) == 6
+    assert len(list((open_set / ".cache").glob("*.npy"))) == 1
+
+
+@pytest.mark.parametrize("name", ["npy", "json"])
+def test_a_part_of_it_that_is_missing_is_made_again(closed_set: Path, name: str) -> None:
+    dataset = open_dataset(closed_set)
+    expected = dataset.images(dataset.samples)
+    (path,) = (closed_set / ".cache").glob(f"*.{name}")
+    if name == "npy":
+        path.unlink()
+    else:
+        path.write_text("{")
+    again = open_dataset(closed_set)
+    assert np.array_equal(again.images(again.samples), expected)
+
+
+def test_a_damaged_array_is_found(closed_set: Path) -> None:
+    dataset = open_dataset(closed_set)
+    dataset.images(dataset.samples)
+    assert verify(closed_set) == []
+    (path,) = (closed_set / ".cache").glob("*.npy")
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    (finding,) = verify(closed_set)
+    assert f"{path.name} is damaged; delete it" in finding
+
+
+def test_no_samples(tmp_path: Path) -> None:
+    Writer(tmp_path / "set", header()).close()
+    dataset = open_dataset(tmp_path / "set")
+    assert dataset.images(dataset.samples).shape == (0, 9, 7)
+    assert dataset.images(dataset.samples, 5).shape == (0, 5, 5)
+    assert verify(tmp_path / "set") == []
+
+
+def test_a_read_only_data_set_is_cached_elsewhere(
+    closed_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (closed_set / ".cache").write_text("a file where the folder should be")
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    dataset = open_dataset(closed_set)
+    assert len(dataset.images(dataset.samples)) == 4
+    assert len(list((tmp_path / "cache/datasets").glob("*.npy"))) == 1
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "file"))
+    dataset = open_dataset(closed_set)
+    with pytest.raises(UserError, match="TACTIBENCH_CACHE"):
+        dataset.images(dataset.samples)

@@ -1,4 +1,4 @@
-"""What was written comes back, to the last bit."""
+"""Samples come back as they were written, to the last bit."""
 
 from __future__ import annotations
 

@@ -50,9 +50,9 @@ def sketch():
     return made
 
 
-def nearest(found, true):
-    apart = np.linalg.norm(found[:, None] - true, axis=-1)
-    assert len(set(apart.argmin(axis=1))) == len(true) == len(found)
+def nearest(places, true):
+    apart = np.linalg.norm(places[:, None] - true, axis=-1)
+    assert len(set(apart.argmin(axis=1))) == len(true) == len(places)
     return apart.min(axis=1)
 
 
@@ -86,9 +86,9 @@ def test_pins_are_followed_through_a_press(tracker, sketch, seed, height, grey) 
     rng = np.random.default_rng(seed)
     rest = tracker.rest
     true = rest + dimple(rest, 100 + rng.uniform(-15, 15, 2), height, 45.0)
-    found = tracker.track(sketch(true, grey=grey)[None])
-    assert found.seen.all()
-    assert np.abs(found.xy[0] - true).max() < 0.4
+    tracks = tracker.track(sketch(true, grey=grey)[None])
+    assert tracks.seen.all()
+    assert np.abs(tracks.xy[0] - true).max() < 0.4
 
 
 @settings(max_examples=25)
@@ -102,15 +102,15 @@ def test_lost_pins_are_predicted_and_stray_blobs_ignored(
     gone = rng.choice(len(rest), lost, replace=False)
     stray = rng.uniform(5, 195, (4, 2))
     stray = stray[np.linalg.norm(stray[:, None] - true, axis=-1).min(axis=1) > 8.5]
-    found = tracker.track(sketch(np.concatenate([np.delete(true, gone, axis=0), stray]))[None])
+    tracks = tracker.track(sketch(np.concatenate([np.delete(true, gone, axis=0), stray]))[None])
     kept = np.setdiff1d(np.arange(len(rest)), gone)
-    off = np.linalg.norm(found.xy[0] - true, axis=1)
-    assert found.seen[0, kept].all()
+    off = np.linalg.norm(tracks.xy[0] - true, axis=1)
+    assert tracks.seen[0, kept].all()
     assert off[kept].max() < 0.5
     inside = np.hypot(*(rest[gone] - 100).T) < 60
-    unseen = gone[inside & ~found.seen[0, gone]]
+    unseen = gone[inside & ~tracks.seen[0, gone]]
     assert (off[unseen] < 3.0).all()
-    assert found.seen[0, gone].sum() <= len(stray)
+    assert tracks.seen[0, gone].sum() <= len(stray)
 
 
 def test_merged_pins_are_split(tracker, sketch) -> None:
@@ -121,9 +121,9 @@ def test_merged_pins_are_split(tracker, sketch) -> None:
     b = middle[1]
     true[a] += 0.24 * (rest[b] - rest[a])  # 6.8 px apart, discs of 7 px
     true[b] -= 0.24 * (rest[b] - rest[a])
-    found = tracker.track(sketch(true)[None])
-    assert found.seen.all()
-    assert np.abs(found.xy[0] - true).max() < 0.7
+    tracks = tracker.track(sketch(true)[None])
+    assert tracks.seen.all()
+    assert np.abs(tracks.xy[0] - true).max() < 0.7
 
 
 def test_reflections_at_the_rim_are_no_pins(tracker, sketch) -> None:
@@ -131,9 +131,9 @@ def test_reflections_at_the_rim_are_no_pins(tracker, sketch) -> None:
     row, column = np.indices(image.shape)
     away, turn = np.hypot(row - 100, column - 100), np.arctan2(row - 100, column - 100)
     image[(away > 92) & (away < 96) & (np.sin(3 * turn) > 0)] = 255
-    found = tracker.track(image[None])
-    assert found.seen.all()
-    assert np.abs(found.xy[0] - tracker.rest).max() < 0.4
+    tracks = tracker.track(image[None])
+    assert tracks.seen.all()
+    assert np.abs(tracks.xy[0] - tracker.rest).max() < 0.4
 
 
 def test_frames_do_not_depend_on_each_other(tracker, sketch) -> None:
@@ -150,18 +150,18 @@ def test_frames_do_not_depend_on_each_other(tracker, sketch) -> None:
 
 @pytest.mark.parametrize("level", [0, 90, 255])
 def test_an_even_frame_leaves_pins_at_rest_unseen(tracker, level) -> None:
-    found = tracker.track(np.full((1, 200, 200), level, dtype=np.uint8))
-    assert not found.seen.any()
-    assert np.array_equal(found.xy[0], tracker.rest)
+    tracks = tracker.track(np.full((1, 200, 200), level, dtype=np.uint8))
+    assert not tracks.seen.any()
+    assert np.array_equal(tracks.xy[0], tracker.rest)
 
 
 @pytest.mark.parametrize("count", [3, 4, 5, 7])
 def test_few_pins_are_followed(sketch, hexagon, count) -> None:
     middle = np.argsort(np.hypot(*(hexagon - 100).T))[:count]
     few = Tracker(sketch(hexagon[middle]))
-    found = few.track(sketch(hexagon[middle] + [2.0, -1.0])[None])
-    assert found.seen.all()
-    assert np.abs(found.xy[0] - few.rest - [2.0, -1.0]).max() < 0.4
+    tracks = few.track(sketch(hexagon[middle] + [2.0, -1.0])[None])
+    assert tracks.seen.all()
+    assert np.abs(tracks.xy[0] - few.rest - [2.0, -1.0]).max() < 0.4
 
 
 def test_random_pixels_do_no_harm(tracker) -> None:
@@ -170,9 +170,9 @@ def test_random_pixels_do_no_harm(tracker) -> None:
 
 
 def test_no_frame_no_track(tracker) -> None:
-    found = tracker.track(np.zeros((0, 200, 200), dtype=np.uint8))
-    assert found.xy.shape == (0, len(tracker.rest), 2)
-    assert found.seen.shape == (0, len(tracker.rest))
+    tracks = tracker.track(np.zeros((0, 200, 200), dtype=np.uint8))
+    assert tracks.xy.shape == (0, len(tracker.rest), 2)
+    assert tracks.seen.shape == (0, len(tracker.rest))
 
 
 @pytest.mark.parametrize(
@@ -223,12 +223,12 @@ def test_simulated_pins_are_found_to_a_hundredth_of_a_pixel() -> None:
     assert sorted(which) == list(range(127))
     assert np.abs(tracker.rest[which] - true[2]).max() < 0.01
     assert np.array_equal(tracker.rest, rest_layout(sensor.rest().image))
-    found = tracker.track(images)
-    error = found.xy[:, which] - true
-    assert found.seen.all()
+    tracks = tracker.track(images)
+    error = tracks.xy[:, which] - true
+    assert tracks.seen.all()
     assert np.sqrt(np.mean(error**2)) < 0.012
     assert np.abs(error).max() < 0.06
-    assert np.corrcoef(found.radius[:, which].ravel(), radius.ravel())[0, 1] > 0.6
+    assert np.corrcoef(tracks.radius[:, which].ravel(), radius.ravel())[0, 1] > 0.6
     plain = Tracker(sensor.rest().image, refine="centroid").track(images)
     assert np.isnan(plain.radius).all()
 
@@ -248,11 +248,11 @@ def test_every_pin_of_real_presses_is_followed(pins) -> None:
     images = np.stack([cv2.imread(str(folder / "frames_bw" / n), 0) for n in names])
     tracker = Tracker(images[0])
     assert len(tracker.rest) == pins
-    found = tracker.track(images)
-    assert np.isfinite(found.xy).all()
-    assert found.seen[: 1 + len(little)].all()
-    assert found.seen.mean() > 0.999
-    assert np.abs(found.xy[0] - tracker.rest).max() < 0.2
+    tracks = tracker.track(images)
+    assert np.isfinite(tracks.xy).all()
+    assert tracks.seen[: 1 + len(little)].all()
+    assert tracks.seen.mean() > 0.999
+    assert np.abs(tracks.xy[0] - tracker.rest).max() < 0.2
 
 
 def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexagon) -> None:
@@ -264,22 +264,22 @@ def test_overlapping_pins_are_told_apart_from_where_they_should_be(drawn, hexago
     true[middle] = true[middle].mean(axis=0) + 0.35 * (true[middle] - true[middle].mean(axis=0))
     image = drawn(true, 3.5, 200, soft=True)
     off = np.random.default_rng(4).normal(0, 1.2, true.shape)
-    found = whole.refit(image[None], (true + off)[None])
-    assert found.seen.all()
-    np.testing.assert_allclose(found.xy[0], true, atol=0.1)
+    tracks = whole.refit(image[None], (true + off)[None])
+    assert tracks.seen.all()
+    np.testing.assert_allclose(tracks.xy[0], true, atol=0.1)
 
 
 def test_a_pin_without_light_is_not_seen_again(drawn, hexagon) -> None:
     whole = Tracker(drawn(hexagon, 3.5, 200, soft=True))
     lost = np.arange(len(whole.rest)) % 9 == 0
     image = drawn(whole.rest[~lost], 3.5, 200, soft=True)
-    found = whole.refit(image[None], whole.rest[None])
-    np.testing.assert_array_equal(found.seen[0], ~lost)
+    tracks = whole.refit(image[None], whole.rest[None])
+    np.testing.assert_array_equal(tracks.seen[0], ~lost)
 
 
 def test_centroids_cannot_be_fitted_again(tracker, sketch) -> None:
     places = (tracker.rest + 1.0)[None]
-    found = tracker.refit(sketch(tracker.rest)[None], places)
-    np.testing.assert_array_equal(found.xy, places)
-    assert not found.seen.any()
-    assert np.isnan(found.radius).all()
+    tracks = tracker.refit(sketch(tracker.rest)[None], places)
+    np.testing.assert_array_equal(tracks.xy, places)
+    assert not tracks.seen.any()
+    assert np.isnan(tracks.radius).all()

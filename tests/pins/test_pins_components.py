@@ -22,11 +22,11 @@ def moved(count=60, pins=5, seed=0):
 
 def test_components_are_those_of_the_singular_values():
     frames = moved()
-    found = Components.fit(frames, 3)
+    components = Components.fit(frames, 3)
     _, values, rows = np.linalg.svd(frames - frames.mean(axis=0), full_matrices=False)
-    np.testing.assert_allclose(found.spread, values[:3] / np.sqrt(len(frames)))
-    np.testing.assert_allclose(np.abs(rows[:3] @ found.basis), np.eye(3), atol=1e-9)
-    assert len(found.first(2)) == 2
+    np.testing.assert_allclose(components.spread, values[:3] / np.sqrt(len(frames)))
+    np.testing.assert_allclose(np.abs(rows[:3] @ components.basis), np.eye(3), atol=1e-9)
+    assert len(components.first(2)) == 2
 
 
 def test_no_more_components_than_there_are():
@@ -37,9 +37,9 @@ def test_no_more_components_than_there_are():
 @given(st.floats(0, 1))
 def test_whitening_is_a_power_of_the_spread(whitening):
     frames = moved()
-    found = Components.fit(frames, 3)
-    spread = found.of(frames, whitening).std(axis=0)
-    relative = (found.spread / found.spread[0]) ** (1 - whitening)
+    components = Components.fit(frames, 3)
+    spread = components.of(frames, whitening).std(axis=0)
+    relative = (components.spread / components.spread[0]) ** (1 - whitening)
     np.testing.assert_allclose(spread, relative, rtol=1e-6)
 
 
@@ -54,7 +54,7 @@ def test_least_squares_is_the_closed_form():
 
 
 def test_reweighting_forgives_a_third_of_wrong_targets():
-    """Of values that are 0 or, for three in ten, 1, the median is 0 and the mean 0.3."""
+    """When values are 0 and three in ten are 1, the median is 0 and the mean 0.3."""
     x = np.linspace(-1, 1, 200)[:, None]
     wrong = (np.random.default_rng(2).random(200) < 0.3).astype(float)[:, None]
     gram = kernel(x, x, 2.0)

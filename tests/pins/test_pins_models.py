@@ -21,8 +21,8 @@ def poses(answers):
 @both
 def test_plates_are_read_far_better_than_by_their_mean(taught, make_presses, name):
     frames, truth = make_presses(60, 7)
-    found = poses(taught[name][0].predict(frames))
-    error = np.abs(found - poses(truth)).mean(axis=0)
+    answers = poses(taught[name][0].predict(frames))
+    error = np.abs(answers - poses(truth)).mean(axis=0)
     alone = np.abs(poses(truth) - poses(truth).mean(axis=0)).mean(axis=0)
     assert (error < FAR[name] * alone).all(), error / alone
 
@@ -32,9 +32,9 @@ def test_single_contacts_are_read_too(make_model, fit, make_presses, name):
     model = make_model(name, answer="contacts")
     fit(model, plate=False, count=200)
     frames, truth = make_presses(40, 8, plate=False)
-    found = model.predict(frames)
-    assert all(len(contacts) == 1 for contacts in found)
-    apart = [np.linalg.norm(f.xy[0] - t.xy[0]) for f, t in zip(found, truth, strict=True)]
+    answers = model.predict(frames)
+    assert all(len(contacts) == 1 for contacts in answers)
+    apart = [np.linalg.norm(f.xy[0] - t.xy[0]) for f, t in zip(answers, truth, strict=True)]
     assert np.mean(apart) < 1.0
 
 
@@ -52,9 +52,9 @@ def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp
     model.save(tmp_path)
     again = make_model(name, answer="contacts", **({"epochs": 20} if name == "pins" else {}))
     again.load(tmp_path)
-    for one in (model, again):
-        assert [len(found) for found in one.predict(still)] == [0] * 20
-        assert [len(found) for found in one.predict(frames)] == [1] * 20
+    for learned in (model, again):
+        assert [len(contacts) for contacts in learned.predict(still)] == [0] * 20
+        assert [len(contacts) for contacts in learned.predict(frames)] == [1] * 20
 
 
 def test_a_plate_is_always_there(taught, make_presses):
@@ -66,7 +66,7 @@ def test_a_plate_is_always_there(taught, make_presses):
 
 def test_how_far_pins_went_decides():
     values = np.array([[1.0, 2.0, 3.0, far] for far in (0.0, 0.49, 0.5, 2.0)])
-    assert [len(one) for one in read_answers(values, "contacts", 0.5)] == [0, 0, 1, 1]
+    assert [len(contacts) for contacts in read_answers(values, "contacts", 0.5)] == [0, 0, 1, 1]
     assert [pose.tilt for pose in read_answers(values[:, 1:], "plate", 0.0)] == [3.0] * 4
     moved = np.repeat([[1.0], [2.0], [4.0]], 6, axis=1)
     np.testing.assert_allclose(rms_displacement(moved), [1.0, 2.0, 4.0])
@@ -79,8 +79,8 @@ def test_no_frame_is_dropped_and_missing_pins_are_predicted(taught, make_presses
     (frame,), (true,) = make_presses(1, 11)
     image = frame.image.copy()
     image[28:38, 28:38] = 10  # a pin or two are gone
-    (found,) = taught[name][0].predict([replace(frame, image=image)])
-    assert abs(found.depth - true.depth) < 1.0
+    (pose,) = taught[name][0].predict([replace(frame, image=image)])
+    assert abs(pose.depth - true.depth) < 1.0
     (blank,) = taught[name][0].predict([replace(frame, image=np.zeros_like(image))])
     assert np.isfinite([blank.depth, blank.tilt]).all()
 

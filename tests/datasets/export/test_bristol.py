@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
-from small_data_sets import good, smalls, write_taps
+from small_data_sets import Small, good, smalls, write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import (
@@ -60,11 +59,8 @@ def read_bristol(folder: Path) -> list[dict[str, Any]]:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.data())
-def test_the_export_holds_the_samples_and_the_import_makes_the_data_set_again(
-    data: st.DataObject,
-) -> None:
-    small = data.draw(smalls())
+@given(smalls())
+def test_the_export_holds_the_samples_and_the_import_makes_the_data_set_again(small: Small) -> None:
     with tempfile.TemporaryDirectory() as place:
         dataset = small.write(Path(place) / "v1")
         folder = export_dataset(dataset, Path(place) / "bristol", "bristol").path

@@ -38,45 +38,45 @@ def test_indentation_is_the_written_formula():
 def test_the_law_itself_gives_offset_and_pivot_back(offset, pivot):
     depth, tilt, _ = presses()
     spread = 0.7 * depth**EXPONENT * np.exp(0.1 * tilt / 20 - 0.2 * (tilt / 20) ** 2)
-    found = fit_pivot(spread, label(depth, tilt, offset, pivot), tilt)
-    assert found.offset_mm == pytest.approx(offset, abs=1e-4)
-    assert found.pivot_mm == pytest.approx(pivot, abs=1e-2)
-    assert found.residual < 1e-5
+    fit = fit_pivot(spread, label(depth, tilt, offset, pivot), tilt)
+    assert fit.offset_mm == pytest.approx(offset, abs=1e-4)
+    assert fit.pivot_mm == pytest.approx(pivot, abs=1e-2)
+    assert fit.residual < 1e-5
 
 
 def test_shear_is_taken_out():
     depth, tilt, rng = presses()
     shear = rng.uniform(-5, 5, (len(depth), 1))
     spread = depth**EXPONENT * np.exp(0.2 * (shear[:, 0] / 5) ** 2 + 0.1 * shear[:, 0] / 5)
-    found = fit_pivot(spread, label(depth, tilt, 5, 20), tilt, shear)
-    assert (found.offset_mm, found.pivot_mm) == pytest.approx((5, 20), abs=1e-2)
+    fit = fit_pivot(spread, label(depth, tilt, 5, 20), tilt, shear)
+    assert (fit.offset_mm, fit.pivot_mm) == pytest.approx((5, 20), abs=1e-2)
 
 
 def test_the_stated_scatter_is_the_scatter():
-    found = []
+    fits = []
     for seed in range(25):
         depth, tilt, rng = presses(250, seed)
         spread = depth**EXPONENT * np.exp(rng.normal(0, 0.02, len(depth)))
-        found.append(fit_pivot(spread, label(depth, tilt, 5, 20), tilt))
+        fits.append(fit_pivot(spread, label(depth, tilt, 5, 20), tilt))
     for value, stated in (("offset_mm", "offset_scatter"), ("pivot_mm", "pivot_scatter")):
-        scatter = np.std([getattr(one, value) for one in found])
-        mean = np.mean([getattr(one, stated) for one in found])
+        scatter = np.std([getattr(fit, value) for fit in fits])
+        mean = np.mean([getattr(fit, stated) for fit in fits])
         assert 0.7 < scatter / mean < 1.4
 
 
 def test_a_wrong_exponent_moves_the_offset_by_its_stated_error():
     depth, tilt, _ = presses()
-    found = fit_pivot(depth ** (EXPONENT + 0.05), label(depth, tilt, 5, 20), tilt)
-    assert abs(found.offset_mm - 5) == pytest.approx(found.offset_std, rel=0.2)
+    fit = fit_pivot(depth ** (EXPONENT + 0.05), label(depth, tilt, 5, 20), tilt)
+    assert abs(fit.offset_mm - 5) == pytest.approx(fit.offset_std, rel=0.2)
 
 
 def test_outliers_hardly_matter():
     depth, tilt, rng = presses()
     spread = depth**EXPONENT
     spread[rng.permutation(len(spread))[:30]] *= 2
-    found = fit_pivot(spread, label(depth, tilt, 5, 20), tilt)
-    assert found.offset_mm == pytest.approx(5, abs=0.05)
-    assert found.pivot_mm == pytest.approx(20, abs=0.5)
+    fit = fit_pivot(spread, label(depth, tilt, 5, 20), tilt)
+    assert fit.offset_mm == pytest.approx(5, abs=0.05)
+    assert fit.pivot_mm == pytest.approx(20, abs=0.5)
 
 
 def test_what_cannot_be_fitted_is_refused():
@@ -118,9 +118,9 @@ def simulated():
 @pytest.mark.parametrize("pivot", [0.0, 20.0])
 def test_simulated_plates(simulated, pivot):
     spread, depth, tilt = simulated
-    found = fit_pivot(spread, label(depth, tilt, 5, pivot), tilt)
-    assert abs(found.offset_mm - 5) < 2 * found.offset_std < 0.25
-    assert abs(found.pivot_mm - pivot) < 2 * found.pivot_std < 5
+    fit = fit_pivot(spread, label(depth, tilt, 5, pivot), tilt)
+    assert abs(fit.offset_mm - 5) < 2 * fit.offset_std < 0.25
+    assert abs(fit.pivot_mm - pivot) < 2 * fit.pivot_std < 5
 
 
 @pytest.mark.parametrize(("name", "pivot"), [("331", 20.0), ("127", 0.0)])
@@ -128,11 +128,11 @@ def test_public_recordings(tac_vgnn, name, pivot, monkeypatch):
     monkeypatch.setattr(pivot_module, "MOST", 150)
     recording = open_recording(tac_vgnn / name)
     assert presses_to_fit(recording) == 150
-    found = fit_recording(recording, ImportOptions())
-    assert found.pivot.offset_mm == pytest.approx(5.0, abs=0.2)
-    assert found.pivot.pivot_mm == pytest.approx(pivot, abs=3)
-    assert (found.shear, found.pins) == (("move_1", "move_6"), int(name))
-    assert found.options()["depth"] == "pose_2"
+    fit = fit_recording(recording, ImportOptions())
+    assert fit.pivot.offset_mm == pytest.approx(5.0, abs=0.2)
+    assert fit.pivot.pivot_mm == pytest.approx(pivot, abs=3)
+    assert (fit.shear, fit.pins) == (("move_1", "move_6"), int(name))
+    assert fit.options()["depth"] == "pose_2"
 
 
 def test_a_recording_without_a_rest_frame_cannot_be_fitted(second):
