@@ -227,7 +227,7 @@ def _rows_named(rows: Sequence[Row], labels: tuple[str, ...]) -> list[Row]:
 def _case_frames(protocol: str, runs: Path | None, axes: Sequence[Axis]) -> Figure:
     """Draw the frames that the newest complete run has stored."""
     from tactibench.records.store import stored_runs
-    from tactibench.report.plots.case_frames import case_frames_figure
+    from tactibench.report.plots.stability import case_frames_figure
 
     complete = [
         run

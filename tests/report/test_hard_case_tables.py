@@ -19,8 +19,7 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.record import Cause, Failures, Metric, Record
 from tactibench.report.board_page import board_page
 from tactibench.report.hard_cases import doubling_number, doubling_table, hard_case_blocks
-from tactibench.report.plots.case_frames import case_frames_figure
-from tactibench.report.plots.stability import stability_figure
+from tactibench.report.plots.stability import case_frames_figure, stability_figure
 from tactibench.report.plots.style import image_bytes
 from tactibench.report.run_report import print_run
 

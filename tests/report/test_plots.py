@@ -30,6 +30,9 @@ from tactibench.report.plots.distance import (
     by_distance,
     distance_figure,
     distance_series,
+    fitted_series,
+    logistic_fit,
+    threshold_figure,
 )
 from tactibench.report.plots.frames import (
     features_figure,
@@ -41,7 +44,6 @@ from tactibench.report.plots.marks import FrameExample, extent
 from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.single import histogram_edge, single_figure
 from tactibench.report.plots.style import MODELS, image_bytes, model_look, row_looks, save_png
-from tactibench.report.plots.threshold import fitted_series, logistic_fit, threshold_figure
 from tactibench.report.plots.triple import Prediction, triple_figure
 
 TABLES = load_published(["tactiverse"], Path(__file__).parents[2] / "leaderboards" / "published")

@@ -27,6 +27,8 @@ from tactibench.report.plots.curve import curve_figure
 from tactibench.report.plots.distance import (
     Series,
     distance_figure,
+    fitted_series,
+    threshold_figure,
 )
 from tactibench.report.plots.frames import worst_frames_figure
 from tactibench.report.plots.frontier import frontier_figure
@@ -34,7 +36,6 @@ from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.run_pictures import RunArrays
 from tactibench.report.plots.stability import stability_figure
 from tactibench.report.plots.style import image_bytes
-from tactibench.report.plots.threshold import fitted_series, threshold_figure
 from tactibench.report.table import Cell, Column, Number, Table, metric_number, table
 
 CURVES = 6

@@ -12,6 +12,7 @@ from tactibench.protocols.board_spec import Ranking
 from tactibench.report.plots.style import (
     error_bars,
     headline,
+    legend_below,
     log_ticks,
     new_figure,
     plain,
@@ -61,6 +62,6 @@ def curve_figure(
     log_ticks(axes.yaxis, subs=(1, 2, 3, 5))
     plain(axes)
     if curves:
-        figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+        legend_below(figure, 2)
     headline(figure, title, measured_on)
     return figure

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.special import expit
 
-from tactibench.board.rows import Row
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.contacts import FloatArray
+from tactibench.metrics.threshold import Profile
 from tactibench.protocols.published import PublishedTable, published_means
+from tactibench.records.record import Record
 from tactibench.report.plots.style import (
     GREY,
     Look,
     error_bars,
     headline,
+    legend_below,
     new_figure,
     plain,
     row_looks,
@@ -30,6 +34,9 @@ DODGE_MM = 0.05
 """Between the series, so that interval bars stand beside each other."""
 FEW = 0.5
 """Share of resolved pairs below which an error is one of few: a hollow mark."""
+CURVE_POINTS = 56
+"""Distances at which a fitted curve is drawn."""
+THRESHOLD_TITLE = "Pairs seen as two; large mark: the threshold, at which 75 % are resolved"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +49,8 @@ class Series:
         error: mm, over resolved pairs.
         penalised: mm, an unresolved pair counts its true distance.
         resolved: Share of pairs resolved.
+        fit: (2, M) distance and share of the logistic fit; None where a seed has none.
+        threshold: Distance at which 75 % are resolved, mm.
     """
 
     label: str
@@ -49,15 +58,14 @@ class Series:
     error: FloatArray
     penalised: FloatArray
     resolved: FloatArray
+    fit: FloatArray | None = None
+    threshold: PooledMetric | None = None
 
     @property
     def few(self) -> npt.NDArray[np.bool_]:
         """(K,) whether less than half of the pairs behind each error were resolved."""
         few = set(self.resolved[self.resolved[:, 1] < FEW, 0])
         return np.array([distance in few for distance in self.error[:, 0]], dtype=bool)
-
-
-SeriesT = TypeVar("SeriesT", bound=Series)
 
 
 def distance_series(row: Row) -> Series:
@@ -117,7 +125,63 @@ def distance_figure(
     return figure
 
 
-def dodged(series: Sequence[SeriesT]) -> list[tuple[SeriesT, Look, float]]:
+def fitted_series(row: Row) -> Series:
+    """Return what a row measured by distance, with the mean of the logistic fits of its seeds."""
+    series = distance_series(row)
+    fit = None
+    if len(series.resolved) > 1:
+        distance = np.linspace(series.resolved[0, 0], series.resolved[-1, 0], CURVE_POINTS)
+        fits = [logistic_fit(record, distance) for record in row.records]
+        known = [one for one in fits if one is not None]
+        fit = np.stack([distance, np.mean(known, axis=0)]) if len(known) == len(fits) else None
+    return replace(series, fit=fit, threshold=row.metric("threshold_mm", "all"))
+
+
+def logistic_fit(record: Record, distance: FloatArray) -> FloatArray | None:
+    """Return (N,) the logistic fit of a run at distances, mm, from its counts and threshold.
+
+    The slope is the most likely one at the threshold, as in ``tactibench.metrics.threshold``.
+
+    Returns:
+        None where the run has no threshold, or a bound: no fit of these counts crosses 75 % there.
+    """
+    shares = [m for m in record.metrics if m.metric == "resolved" and m.group[:1].isdigit()]
+    known = sorted((float(m.group), m.value, m.n) for m in shares if m.value is not None)
+    threshold = next((m for m in record.metrics if m.metric == "threshold_mm"), None)
+    if len(known) < 2 or threshold is None or threshold.value is None or threshold.censored:
+        return None
+    tested, share, trials = np.array(known, dtype=np.float64).T
+    middle = np.array([threshold.value])
+    slope = Profile(tested, np.rint(share * trials), trials).slope(middle)
+    return np.asarray(expit(Profile(distance, distance, distance).logit(middle, slope))[0])
+
+
+def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figure:
+    """Draw the penalised error, and the share seen as two with its fit and threshold.
+
+    The fit is the mean of the seeds' fits; where a seed has none, the points are joined.
+    """
+    figure = new_figure(8.0, 7.2)
+    errors, shares = figure.subplots(2, 1, sharex=True)
+    for one, look, shift in dodged(series):
+        show_line(errors, one.penalised, shift, look, short_label(one.label))
+        points = one.resolved * [1, 100, 100, 100]
+        if one.fit is None:
+            show_line(shares, points, shift, look)
+        else:
+            show_line(shares, points, shift, Look(look.color, look.marker, "none"))
+            shares.plot(one.fit[0], 100 * one.fit[1], color=look.color, linestyle=look.line)
+        if one.threshold is not None and not one.threshold.censored:
+            shares.plot(one.threshold.value, 75, markersize=11, **look.points)
+    shares.axhline(75, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
+    errors.set_ylim(bottom=0)
+    errors.set_ylabel("penalised error\nof the distance, mm")
+    share_axis(shares)
+    finish(figure, (errors, shares), THRESHOLD_TITLE, series, measured_on)
+    return figure
+
+
+def dodged(series: Sequence[Series]) -> list[tuple[Series, Look, float]]:
     """Return every series with its look, and how far it is moved aside, mm."""
     middle = (len(series) - 1) / 2
     looks = row_looks([one.model for one in series])
@@ -173,13 +237,11 @@ def finish(
     if series:
         handles, labels = panels[0].get_legend_handles_labels()
         columns = min(3, len(series))
-        figure.legend(
-            handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
-        )
+        legend_below(figure, columns, handles, labels)
     details = [where, "bars: 95 % interval over presses"]
     if title.startswith("Two-point") and any(one.few.any() for one in series):
         details.append("hollow: less than half resolved")
-    headline(figure, title, "; ".join(filter(None, details)))
+    headline(figure, title, *details)
 
 
 def _show_published(axes: Axes, means: Sequence[tuple[str, float]], ceiling: float) -> None:

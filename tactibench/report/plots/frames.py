@@ -12,7 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tactibench.report.plots.marks import FrameExample, marks, outline, show_field, show_image
-from tactibench.report.plots.style import BLACK, HEAT, ORANGE, headline, new_figure
+from tactibench.report.plots.style import (
+    BLACK,
+    HEAT,
+    ORANGE,
+    headline,
+    legend_below,
+    legend_mark,
+    new_figure,
+)
 
 Layer = tuple[str, int, npt.NDArray[Any]]
 """Name, number of channels, (<= K, H, W) of them."""
@@ -31,7 +39,7 @@ def frame_figure(example: FrameExample, *, title: str = "", measured_on: str = "
     depths = ", ".join(f"{depth:.1f}" for depth in example.predicted.depth)
     text = f"predicted ({len(example.predicted)})" + (f", depth {depths} mm" if depths else "")
     handles.append(_cross(text))
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    legend_below(figure, 2, handles)
     headline(figure, title, measured_on)
     return figure
 
@@ -47,7 +55,7 @@ def worst_frames_figure(
         panels[0, k].set_title(caption, fontsize=9)
         _show_prediction(figure, panels[1, k], example)
     handles = [_ring("truth, number: depth in mm"), _cross("predicted")]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    legend_below(figure, 2, handles)
     headline(figure, title, measured_on)
     return figure
 
@@ -90,15 +98,12 @@ def _show_prediction(figure: Figure, axes: Axes, example: FrameExample) -> None:
 
 
 def _ring(label: str) -> Line2D:
-    look: dict[str, Any] = {"marker": "o", "markersize": 11, "markerfacecolor": "none"}
-    return Line2D([], [], linestyle="none", color=BLACK, label=label, **look)
+    return legend_mark(label, color=BLACK, marker="o", markersize=11, markerfacecolor="none")
 
 
 def _cross(label: str) -> Line2D:
-    look: dict[str, Any] = {"marker": "x", "markersize": 8, "markeredgewidth": 1.8}
-    return Line2D(
-        [], [], linestyle="none", color=ORANGE, path_effects=outline(), label=label, **look
-    )
+    look = {"color": ORANGE, "marker": "x", "markersize": 8, "markeredgewidth": 1.8}
+    return legend_mark(label, path_effects=outline(), **look)
 
 
 def _show_layer(tiles: Sequence[Axes], layer: Layer) -> None:

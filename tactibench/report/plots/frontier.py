@@ -16,6 +16,8 @@ from tactibench.report.plots.style import (
     GREY,
     Look,
     headline,
+    legend_below,
+    legend_mark,
     log_ticks,
     model_look,
     new_figure,
@@ -63,13 +65,7 @@ def frontier_figure(
     panels[-1].set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
         models = sorted({_model(point) for point in points})
-        figure.legend(
-            handles=_legend(models),
-            loc="outside lower center",
-            ncols=min(5, 2 + len(models)),
-            frameon=False,
-            fontsize=9,
-        )
+        legend_below(figure, min(5, 2 + len(models)), _legend(models))
     headline(figure, title, measured_on)
     return figure
 
@@ -199,4 +195,4 @@ def _legend(models: Sequence[str]) -> list[Line2D]:
 
 
 def _mark(label: str, look: Look, **more: Any) -> Line2D:
-    return Line2D([], [], linestyle="none", markersize=7, label=label, **look.points, **more)
+    return legend_mark(label, markersize=7, **look.points, **more)

@@ -48,7 +48,7 @@ def single_figure(
         for axes in (scatter, histogram):
             plain(axes)
     panels[1, 0].set_ylabel("presses")
-    headline(figure, title, "; ".join(filter(None, (measured_on, f"{len(true):,} presses"))))
+    headline(figure, title, measured_on, f"{len(true):,} presses")
     return figure
 
 

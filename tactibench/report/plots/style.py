@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from tactibench.records.files import atomic
@@ -108,11 +109,24 @@ def log_ticks(axis: Any, subs: Sequence[float] = (1, 2, 5)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def headline(figure: Figure, title: str, detail: str) -> None:
+def headline(figure: Figure, title: str, *details: str) -> None:
     """Put a title and, below it, the line that says what was measured on what."""
+    detail = "; ".join(filter(None, details))
     if title or detail:
         text = "\n".join(filter(None, (title, detail))).replace("$", r"\$")
         figure.suptitle(text, fontsize=10, x=0.01, ha="left")
+
+
+def legend_below(figure: Figure, columns: int, handles: Any = None, labels: Any = None) -> None:
+    """Put a legend below all panels. handles, labels: None for those of the panels."""
+    given = {"handles": handles, "labels": labels}
+    given = {name: value for name, value in given.items() if value is not None}
+    figure.legend(**given, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+
+
+def legend_mark(label: str, **look: Any) -> Line2D:
+    """Return a mark for a legend."""
+    return Line2D([], [], linestyle="none", label=label, **look)
 
 
 def short_label(text: str) -> str:

@@ -9,11 +9,18 @@ from typing import Any
 
 import numpy.typing as npt
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from tactibench.contacts import Contacts, Grid
 from tactibench.report.plots.marks import depths, field_inks, marks, millimetres, rings, show_field
-from tactibench.report.plots.style import BLACK, headline, new_figure, row_looks, short_label
+from tactibench.report.plots.style import (
+    BLACK,
+    headline,
+    legend_below,
+    legend_mark,
+    new_figure,
+    row_looks,
+    short_label,
+)
 
 LETTERS = 30
 """Of a label in one line above its panel."""
@@ -63,20 +70,10 @@ def triple_figure(
         axes.label_outer()
     if shown is not None:
         figure.colorbar(shown, ax=panels, label="heatmap, mm", shrink=0.8)
-    ring: dict[str, Any] = {
-        "marker": "o",
-        "markersize": 11,
-        "markerfacecolor": "none",
-        "color": BLACK,
-    }
-    handles = [Line2D([], [], linestyle="none", label="truth", **ring)]
+    ring = {"marker": "o", "markersize": 11, "markerfacecolor": "none", "color": BLACK}
+    handles = [legend_mark("truth", **ring)]
     for one, look in zip(predictions, looks, strict=True):
-        line = Line2D(
-            [], [], linestyle="none", markersize=8, label=short_label(one.label), **look.points
-        )
-        handles.append(line)
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=min(3, count), frameon=False, fontsize=9
-    )
-    headline(figure, title, "; ".join(filter(None, (measured_on, "numbers are depths in mm"))))
+        handles.append(legend_mark(short_label(one.label), markersize=8, **look.points))
+    legend_below(figure, min(3, count), handles)
+    headline(figure, title, measured_on, "numbers are depths in mm")
     return figure
