@@ -41,19 +41,15 @@ def answered(path: Path, **changes: Any) -> Path:
     packed = {name: array for name, array in arrays.items() if not name.startswith("ranked.")}
     hashed = arrays_hash(packed)
 
-    def change(record: dict[str, Any]) -> None:
-        record["identity"] |= {"predictions_hash": hashed, "stored": {"predictions": hashed}}
-
-    return edited(path, change)
+    identity = {"predictions_hash": hashed, "stored": {"predictions": hashed}}
+    return edited(path, lambda record: record["identity"].update(identity))
 
 
 @pytest.mark.parametrize("sign", [">", "<"])
 def test_a_row_that_states_more_than_its_answers_give_is_refused(submitted, source, sign) -> None:
-    def claim(record: dict[str, Any]) -> None:
-        record["metrics"][0]["censored"] = sign
-
+    path = edited(submitted(), lambda record: record["metrics"][0].update(censored=sign))
     with pytest.raises(UserError, match="states censored"):
-        verify(edited(submitted(), claim), source)
+        verify(path, source)
 
 
 @pytest.mark.parametrize(("name", "frames"), [("exp1", 20), ("exp2", 28), ("exp3", 40)])
@@ -87,26 +83,6 @@ def test_no_model_and_no_stranger_is_imported(submitted, source, monkeypatch) ->
     assert {origin.distribution for origin in trusted_host().plugins} == {"tactibench"}
 
 
-def markup(record: dict[str, Any]) -> None:
-    record["model"]["name"] = "<b>best</b>"
-
-
-def escape(record: dict[str, Any]) -> None:
-    record["environment"]["cpu"] = "\x1b[2Jgone"
-
-
-def outside(record: dict[str, Any]) -> None:
-    record["sensor"]["parameters"] = {"table": "../../secret.npz"}
-
-
-def partial(record: dict[str, Any]) -> None:
-    record["partial"] = True
-
-
-def version(record: dict[str, Any]) -> None:
-    record["protocol"] |= {"version": 2}
-
-
 def impossible(record: dict[str, Any]) -> None:
     next(m for m in record["metrics"] if m["metric"] == "missed")["value"] = 1.5
 
@@ -114,30 +90,6 @@ def impossible(record: dict[str, Any]) -> None:
 def better(record: dict[str, Any]) -> None:
     row = next(m for m in record["metrics"] if (m["metric"], m["group"]) == ("mae_mm", "mean"))
     row |= {"value": row["value"] / 2, "low": row["value"] / 4}
-
-
-def fewer(record: dict[str, Any]) -> None:
-    record["metrics"] = record["metrics"][:-1]
-
-
-def more(record: dict[str, Any]) -> None:
-    record["metrics"].append({**record["metrics"][-1], "group": "mine"})
-
-
-def twice(record: dict[str, Any]) -> None:
-    record["metrics"].append(record["metrics"][0])
-
-
-def signed(record: dict[str, Any]) -> None:
-    record["signature"] = record["signature"].replace("seed:0", "seed:1")
-
-
-def hashed(record: dict[str, Any]) -> None:
-    record["identity"] |= {"predictions_hash": "ab", "stored": {"predictions": "ab"}}
-
-
-def frames(record: dict[str, Any]) -> None:
-    record["data"]["test"] = 19
 
 
 def stranger(record: dict[str, Any]) -> None:
@@ -148,19 +100,40 @@ def stranger(record: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (markup, "model.name is '<b>best</b>'; a name may hold letters"),
-        (escape, "environment.cpu holds a text of 8 characters"),
-        (outside, "must not depend on a path"),
-        (partial, "is a partial run"),
-        (version, "answers exp1@2 .* but the present one is exp1@1 .* run the protocol again"),
+        (
+            lambda r: r["model"].update(name="<b>best</b>"),
+            "model.name is '<b>best</b>'; a name may hold letters",
+        ),
+        (
+            lambda r: r["environment"].update(cpu="\x1b[2Jgone"),
+            "environment.cpu holds a text of 8 characters",
+        ),
+        (
+            lambda r: r["sensor"].update(parameters={"table": "../../secret.npz"}),
+            "must not depend on a path",
+        ),
+        (lambda r: r.update(partial=True), "is a partial run"),
+        (
+            lambda r: r["protocol"].update(version=2),
+            "answers exp1@2 .* but the present one is exp1@1 .* run the protocol again",
+        ),
         (impossible, "a share lies in 0..1"),
         (better, "for mae_mm of mean, but its predictions give 0.03"),
-        (fewer, "lacks .* which the protocol asks for"),
-        (more, "states .* of mine, which the protocol does not ask for"),
-        (twice, "states a metric of a group twice"),
-        (signed, "the signature says 'seed:1', but the record says 'seed:0'"),
-        (hashed, "are not those of .* submit the run again"),
-        (frames, "was tested on 19 frames, but the protocol tests 20"),
+        (lambda r: r["metrics"].pop(), "lacks .* which the protocol asks for"),
+        (
+            lambda r: r["metrics"].append({**r["metrics"][-1], "group": "mine"}),
+            "states .* of mine, which the protocol does not ask for",
+        ),
+        (lambda r: r["metrics"].append(r["metrics"][0]), "states a metric of a group twice"),
+        (
+            lambda r: r.update(signature=r["signature"].replace("seed:0", "seed:1")),
+            "the signature says 'seed:1', but the record says 'seed:0'",
+        ),
+        (
+            lambda r: r["identity"].update(predictions_hash="ab", stored={"predictions": "ab"}),
+            "are not those of .* submit the run again",
+        ),
+        (lambda r: r["data"].update(test=19), "was tested on 19 frames, but the protocol tests 20"),
         (stranger, "sensor 'mine' does not ship with tactibench"),
     ],
 )
