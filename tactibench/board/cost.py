@@ -16,35 +16,10 @@ def by_machine(row: Row) -> list[Row]:
     return [Row(tuple(groups[name]), row.mark) for name in sorted(groups)]
 
 
-def parameters(record: Record) -> float | None:
-    """Return the number of trained weights."""
-    return record.efficiency.parameters
-
-
-def operations(record: Record) -> float | None:
-    """Return the floating-point operations of one frame."""
-    return record.efficiency.flops_per_frame
-
-
-def memory(record: Record) -> float | None:
-    """Return the peak memory, MB."""
-    return record.efficiency.peak_memory_mb
-
-
-def training_seconds(record: Record) -> float | None:
-    """Return the seconds that ``fit`` took, in this run or when the weights were made."""
-    return record.training.seconds
-
-
 def frames_per_second(record: Record) -> float | None:
     """Return the frames per second of the fastest batch size and thread count."""
     rates = [row.per_s for row in record.speed if row.phase == "total"]
     return max(rates, default=None)
-
-
-def difference(record: Record) -> float | None:
-    """Median distance of the timed answers from the float32 ones, mm."""
-    return record.timed.difference_mm
 
 
 def latency(

@@ -163,12 +163,17 @@ def _files(folder: Path) -> Iterable[Path]:
 def _read(path: Path) -> Record:
     record = parse_record(read_json(path), str(path))
     refuse_partial(record, str(path))
-    if record.name != path.stem or record.protocol.id != path.parent.name:
+    refuse_misplaced(record, path)
+    return record
+
+
+def refuse_misplaced(record: Record, path: Path) -> None:
+    """Raise UserError unless file and folder are called after the record and its protocol."""
+    if record.name != path.stem or record.protocol.id != path.resolve().parent.name:
         raise UserError(
             f"{path} holds the record {record.name!r} of protocol "
             f"{record.protocol.id!r}; file and folder must be called so."
         )
-    return record
 
 
 def committed_protocols(board: Path) -> Iterator[str]:

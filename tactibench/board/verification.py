@@ -20,7 +20,12 @@ from tactibench.board.predictions import (
     split_ranked,
 )
 from tactibench.board.rows import label_of, measured_on
-from tactibench.board.submissions import read_untrusted, refuse_names, refuse_partial
+from tactibench.board.submissions import (
+    read_untrusted,
+    refuse_misplaced,
+    refuse_names,
+    refuse_partial,
+)
 from tactibench.board.truth import Source, labelled_counts, truth_of
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
@@ -77,7 +82,7 @@ def verify(
     """
     record = parse_record(read_untrusted(path), str(path))
     refuse_names(record, str(path))
-    _named(record, path)
+    refuse_misplaced(record, path)
     refuse_partial(record, str(path))
     protocol = _protocol(record, path)
     refuse_signature(record, str(path))
@@ -113,14 +118,6 @@ def verify(
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     kept = tuple(row for row in again if row.metric not in FROM_MAPS)
     return Verdict(path, record, frames, kept, stated)
-
-
-def _named(record: Record, path: Path) -> None:
-    if record.name != path.stem or record.protocol.id != path.resolve().parent.name:
-        raise UserError(
-            f"{path} holds the record {record.name!r} of protocol "
-            f"{record.protocol.id!r}; file and folder must be called so."
-        )
 
 
 def _protocol(record: Record, path: Path) -> LoadedProtocol:

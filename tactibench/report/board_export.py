@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tactibench.board.cost import (
-    by_machine,
-    frames_per_second,
-    latency,
-    machine,
-    memory,
-    operations,
-    parameters,
-    training_seconds,
-)
+from tactibench.board.cost import by_machine, frames_per_second, latency, machine
 from tactibench.board.grouping import whole
 from tactibench.board.ranking import Errors, Ranks, ordered, ranks
 from tactibench.board.rows import Row
@@ -24,18 +15,19 @@ from tactibench.board.submissions import all_press_errors, read_submissions
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.loader import protocol_files
+from tactibench.records.record import Record
 from tactibench.report.numbers import fixed
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
 from tactibench.report.writers.csv import csv_text
 from tactibench.report.writers.latex import latex_text
 
-COSTS = (
+COSTS: tuple[tuple[str, str, Callable[[Record], float | None]], ...] = (
     ("p90_ms", "ms", lambda record: latency(record, threads=1)),
     ("frames_per_s", "1/s", frames_per_second),
-    ("parameters", "", parameters),
-    ("flops", "", operations),
-    ("peak_memory_mb", "MB", memory),
-    ("training_s", "s", training_seconds),
+    ("parameters", "", lambda record: record.efficiency.parameters),
+    ("flops", "", lambda record: record.efficiency.flops_per_frame),
+    ("peak_memory_mb", "MB", lambda record: record.efficiency.peak_memory_mb),
+    ("training_s", "s", lambda record: record.training.seconds),
 )
 
 

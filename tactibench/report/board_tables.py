@@ -5,17 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
-from tactibench.board.cost import (
-    by_machine,
-    difference,
-    frames_per_second,
-    latency,
-    machine,
-    memory,
-    operations,
-    parameters,
-    training_seconds,
-)
+from tactibench.board.cost import by_machine, frames_per_second, latency, machine
 from tactibench.board.curve import Curve, Step, counts
 from tactibench.board.ranking import Ranks
 from tactibench.board.rows import PooledMetric, Row
@@ -163,17 +153,18 @@ def _latency_cells(row: Row) -> Iterator[Cell]:
     yield _mean(row, lambda r: latency(r, threads=1, statistic="p50_ms"), significant)
     yield _mean(row, lambda r: latency(r, threads=None), significant)
     yield _mean(row, frames_per_second, fixed(0))
-    yield _mean(row, difference, fixed(4))
+    yield _mean(row, lambda record: record.timed.difference_mm, fixed(4))
     yield _each_once(row, lambda record: record.timed.configuration)
     yield Text(machine(row.first), "code")
 
 
 def _cost_cells(row: Row) -> Iterator[Cell]:
-    yield _mean(row, parameters, scaled)
-    yield _mean(row, operations, scaled)
-    yield _mean(row, memory, "{:,.0f}".format)
-    yield _mean(row, training_seconds, duration)
-    yield _deviation(row.over(training_seconds), "{:,.0f}".format)
+    yield _mean(row, lambda record: record.efficiency.parameters, scaled)
+    yield _mean(row, lambda record: record.efficiency.flops_per_frame, scaled)
+    yield _mean(row, lambda record: record.efficiency.peak_memory_mb, "{:,.0f}".format)
+    training = row.over(lambda record: record.training.seconds)
+    yield Number(statistics.fmean(training), duration) if training else None
+    yield _deviation(training, "{:,.0f}".format)
     yield _each_once(row, lambda record: record.training.device)
     yield Text(machine(row.first), "code")
 
