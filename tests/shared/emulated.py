@@ -9,7 +9,6 @@ import numpy as np
 
 from tactibench import Frame, Pose, Scene, Sensor, UserError
 from tactibench_tactip.emulators import Clock, Fault, Rig, World
-from tactibench_tactip.emulators.gcode import Settings as GrblSettings
 from tactibench_tactip.emulators.grbl_firmware import Controller as GrblController
 from tactibench_tactip.emulators.motion import matrix, to_ur
 from tactibench_tactip.emulators.ur import dashboard_answer
@@ -66,7 +65,7 @@ class Stage:
     def __init__(self, settings: Mapping[str, float] | None = None, *faults: Fault) -> None:
         self.clock = HandClock()
         self.world = World(GraySensor(), STAGE_RIG, clock=self.clock, faults=faults)
-        self.grbl = GrblController(self.world, GrblSettings(settings))
+        self.grbl = GrblController(self.world, settings)
 
     def power_up(self) -> list[str]:
         self.grbl.power_up(self.world.advance())

@@ -8,7 +8,6 @@ import socket
 from collections.abc import Mapping
 
 from tactibench_tactip.emulators.device import Device, Fault
-from tactibench_tactip.emulators.gcode import Settings
 from tactibench_tactip.emulators.grbl_firmware import Controller
 from tactibench_tactip.emulators.world import World
 
@@ -29,7 +28,7 @@ class GrblEmulator(Device):
     def __init__(self, world: World, settings: Mapping[str, float] | None = None) -> None:
         super().__init__()
         self.world = world
-        self.controller = Controller(world, Settings(settings))
+        self.controller = Controller(world, settings)
         self._number, self._plugged = 0, False
         world.on_fault(KINDS, self._on_fault)
 

@@ -1,46 +1,54 @@
 """The firmware GRBL 1.1h of a three-axis stage, as far as the driver uses it.
 
 Jogs, probing, homing, status reports, settings and alarms, word for word as the firmware answers.
-G-code moves, offsets, inches, overrides and look-ahead are not emulated: error 20.
+G-code moves, offsets, inches, overrides and look-ahead are not emulated: error 20, as for every
+line that cannot be read.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from tactibench_tactip.emulators.gcode import (
-    HOMING_OFF,
-    JOG_TRAVEL,
-    JOG_WORDS,
-    NO_AXES,
-    NO_FEED,
-    NO_G_CODE,
-    NOT_IDLE,
-    OVERFLOW,
-    STATEMENT,
-    TARGET,
-    UNSUPPORTED,
-    GcodeError,
-    Settings,
-    parse_words,
-)
+from tactibench import UserError
 from tactibench_tactip.emulators.motion import Array, Move, inverse, matrix
 from tactibench_tactip.emulators.world import Watch, World
 
-BUFFER = 128
-"""Bytes that the receive buffer holds; what comes when it is full is lost."""
-LONGEST_LINE = 79
+STATEMENT, HOMING_OFF, NOT_IDLE, NO_G_CODE, JOG_TRAVEL, UNSUPPORTED = 3, 5, 8, 9, 15, 20
+"""Numbers of errors."""
+SETTINGS = {
+    "$13": 0.0,
+    "$20": 1.0,
+    "$21": 1.0,
+    "$22": 1.0,
+    "$25": 500.0,
+    "$27": 1.0,
+    **dict.fromkeys(("$100", "$101", "$102"), 250.0),
+    **dict.fromkeys(("$110", "$111", "$112"), 3000.0),
+    **dict.fromkeys(("$120", "$121", "$122"), 500.0),
+    **dict.fromkeys(("$130", "$131", "$132"), 200.0),
+}
+"""Settings of a small stage, in the units of GRBL's documentation (mm, s, mm/min): reports in mm,
+soft and hard limits, homing; 50 mm/s, 500 mm/s2, travel 200 mm."""
 CRITICAL_ALARMS = (1, 2)
 """After these only a reset is answered."""
 OFFSET_EVERY = 10
 """Status reports between two that tell the work offset."""
 LOCKED = "[MSG:'$H'|'$X' to unlock]"
 BANNER = "Grbl 1.1h ['$' for help]"
-VERSION = ("[VER:1.1h.20190830:]", "[OPT:V,15,128]")
+VERSION = ["[VER:1.1h.20190830:]", "[OPT:V,15,128]"]
+_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
+
+
+class GcodeError(Exception):
+    """A line that is answered with ``error:number``."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"error:{number}")
+        self.number = number
 
 
 class Controller:
@@ -53,8 +61,14 @@ class Controller:
     it is homed again.
     """
 
-    def __init__(self, world: World, settings: Settings) -> None:
-        self.world, self.settings = world, settings
+    def __init__(self, world: World, settings: Mapping[str, float] | None = None) -> None:
+        """Raise UserError for a setting that is none; settings: changes of SETTINGS."""
+        changes = dict(settings or {})
+        for name in changes.keys() - SETTINGS.keys():
+            raise UserError(
+                f"the emulated GRBL has no setting {name!r}; it has {', '.join(SETTINGS)}."
+            )
+        self.world, self.settings = world, SETTINGS | changes
         self.state, self.t = "Idle", 0.0
         self.mute, self.garble, self.blind = 0, False, 0
         self._base = matrix(world.rig.work_frame)
@@ -63,8 +77,7 @@ class Controller:
         self._clear()
 
     def _clear(self) -> None:
-        self._received: deque[int] = deque()
-        self._line = ""
+        self._received = ""
         self._task: Iterator[None] | None = None
         self._halted = False
         self._reports = 0
@@ -105,7 +118,7 @@ class Controller:
         move = self.world.move_at(self.t)
         if move is not None:
             forward = self._base[:3, :3] @ (move.end - move.start)[:3, 3] / move.length
-            slipped = move.speed(self.t) ** 2 / (2 * self.settings.axes(120).min())
+            slipped = move.speed(self.t) ** 2 / (2 * self._axes(120).min())
             self._lost = self._lost - forward * slipped
         self.alarm(number)
 
@@ -126,8 +139,8 @@ class Controller:
         for byte in data:
             if byte in b"?!~\x18" or byte >= 0x80:
                 self._realtime(byte)
-            elif len(self._received) < BUFFER:
-                self._received.append(byte)
+            else:
+                self._received += chr(byte)
         self.step(t)
 
     def _realtime(self, byte: int) -> None:
@@ -181,7 +194,7 @@ class Controller:
         state = self.state + (held if self.state == "Hold" else "")
         move = self.world.move_at(self.t)
         speed = 0.0 if move is None else move.speed(self.t)
-        fields = [state, f"MPos:{_axes(self.place)}", f"FS:{math.floor(60 * speed + 0.5)},0"]
+        fields = [state, f"MPos:{_format_axes(self.place)}", f"FS:{math.floor(60 * speed + 0.5)},0"]
         if self._touching():
             fields.append("Pn:P")
         if self._reports % OFFSET_EVERY == 0:
@@ -211,7 +224,7 @@ class Controller:
     def _go(self, target: Array, rate: float, state: str) -> Iterator[None]:
         """Move to (3,) machine coordinates, mm/s; yields while an earlier move goes on."""
         yield from self._standstill()
-        steps = self.settings.axes(100)
+        steps = self._axes(100)
         way = np.round(target * steps) / steps - self.place
         length = float(np.linalg.norm(way))
         if length == 0:
@@ -219,8 +232,8 @@ class Controller:
         start = self.world.pose_at(self.t)
         end = start.copy()
         end[:3, 3] += inverse(self._base)[:3, :3] @ way
-        speed = min(rate, _along(self.settings.axes(110) / 60, way / length))
-        acceleration = _along(self.settings.axes(120), way / length)
+        speed = min(rate, _along(self._axes(110) / 60, way / length))
+        acceleration = _along(self._axes(120), way / length)
         self.world.follow(self.t, Move.travel(self.t, start, end, speed, acceleration))
         self.state = state
 
@@ -228,7 +241,7 @@ class Controller:
         move = self.world.move_at(self.t)
         if move is not None:
             unit = (self._base[:3, :3] @ (move.end - move.start)[:3, 3]) / move.length
-            self.world.brake(self.t, _along(self.settings.axes(120), unit))
+            self.world.brake(self.t, _along(self._axes(120), unit))
 
     def _standstill(self) -> Iterator[None]:
         while self.t < self.world.still_s:
@@ -255,22 +268,17 @@ class Controller:
 
     def _next_line(self) -> bool:
         """Begin with the next line of the buffer, if all of it is there."""
-        while self._received:
-            character = chr(self._received.popleft())
-            if character not in "\r\n":
-                self._line += character
-                continue
-            line, self._line = self._line, ""
-            self._task = self._carry_out(line)
-            return True
-        return False
+        line, end, rest = self._received.partition("\n")
+        if not end:
+            return False
+        self._received = rest
+        self._task = self._carry_out(line)
+        return True
 
     def _carry_out(self, line: str) -> Iterator[None]:
         """One line to its answer; yields while it waits."""
         text = "".join(character for character in line if character > " ").upper()
         try:
-            if len(text) > LONGEST_LINE:
-                raise GcodeError(OVERFLOW)
             if text.startswith("$J="):
                 yield from self._jog(text[3:])
             elif text.startswith("$"):
@@ -295,9 +303,8 @@ class Controller:
                 self._push("[MSG:Caution: Unlocked]")
                 self.state = "Idle"
         else:
-            self._out += [
-                f"{line}\r\n" for line in (VERSION if text == "$I" else self.settings.lines())
-            ]
+            for line in VERSION if text == "$I" else self._setting_lines():
+                self._push(line)
 
     def _home(self) -> Iterator[None]:
         """Z first, then X and Y, to the switches at 0 and back by the pull-off."""
@@ -315,12 +322,10 @@ class Controller:
     def _jog(self, text: str) -> Iterator[None]:
         if self.state not in {"Idle", "Jog"}:
             raise GcodeError(NOT_IDLE)
-        codes, values = parse_words(text)
-        if not codes <= {"G21", "G53", "G90", "G91"}:
-            raise GcodeError(JOG_WORDS)
+        codes, values = _parse_words(text)
+        if not codes <= {"G21", "G53", "G90", "G91"} or not values.get("F"):
+            raise GcodeError(UNSUPPORTED)
         target = self._target(codes, values)
-        if not values.get("F"):
-            raise GcodeError(NO_FEED)
         if not self._within(target):
             raise GcodeError(JOG_TRAVEL)
         yield from self._go(target, values["F"] / 60, "Jog")
@@ -328,19 +333,15 @@ class Controller:
     def _gcode(self, text: str) -> Iterator[None]:
         if self.state in {"Alarm", "Jog"}:
             raise GcodeError(NO_G_CODE)
-        codes, values = parse_words(text)
-        if not codes <= {"G21", "G90", "G91", "G38.3"} or (values and "G38.3" not in codes):
+        codes, values = _parse_words(text)
+        probes = "G38.3" in codes
+        if not codes <= {"G21", "G90", "G91", "G38.3"} or probes != bool(values.get("F")):
             raise GcodeError(UNSUPPORTED)
-        if "G38.3" in codes:
-            target = self._target(codes, values)
-            if not values.get("F"):
-                raise GcodeError(NO_FEED)
-            yield from self._probe(target, values["F"] / 60)
+        if probes:
+            yield from self._probe(self._target(codes, values), values["F"] / 60)
 
     def _probe(self, target: Array, rate: float) -> Iterator[None]:
         """Move until the tool touches; ``[PRB:...]`` holds where that was."""
-        if np.allclose(target, self.place):
-            raise GcodeError(TARGET)
         if not self._within(target) or self._touching():
             self.alarm(4 if self._within(target) else 2)
             return
@@ -352,7 +353,7 @@ class Controller:
             self.blind -= 1
         else:
             self.world.forget(watch)
-        self._push(f"[PRB:{_axes(self._probed)}:{int(self._touched)}]")
+        self._push(f"[PRB:{_format_axes(self._probed)}:{int(self._touched)}]")
 
     def _on_touch(self, t: float) -> None:
         self.t = max(self.t, t)
@@ -363,17 +364,39 @@ class Controller:
         """(3,) machine coordinates of a line's axis words."""
         axes = {k: values[axis] for k, axis in enumerate("XYZ") if axis in values}
         if not axes:
-            raise GcodeError(NO_AXES)
+            raise GcodeError(UNSUPPORTED)
         planned = self._base @ self.world.pose_at(max(self.t, self.world.still_s))
         target = np.asarray(planned[:3, 3] - self._lost)
         for axis, value in axes.items():
             target[axis] = value + (target[axis] if "G91" in codes else 0.0)
         return target
 
+    def _setting_lines(self) -> list[str]:
+        whole = {"$13", "$20", "$21", "$22"}
+        return [
+            f"{name}={value:.0f}" if name in whole else f"{name}={value:.3f}"
+            for name, value in self.settings.items()
+        ]
+
+    def _axes(self, first: int) -> Array:
+        """(3,) settings of x, y, z of a group such as 110."""
+        return np.array([self.settings[f"${first + k}"] for k in range(3)])
+
     def _within(self, target: Array) -> bool:
         """True where a target keeps to the soft limits, or they are off."""
-        inside = bool(((target <= 1e-9) & (target >= -self.settings.axes(130) - 1e-9)).all())
+        inside = bool(((target <= 1e-9) & (target >= -self._axes(130) - 1e-9)).all())
         return inside or not self.settings["$20"]
+
+
+def _parse_words(text: str) -> tuple[set[str], dict[str, float]]:
+    """The G codes of a line, and its other numbers by letter. Raises GcodeError."""
+    words = _WORD.findall(text)
+    codes = {f"G{float(number):g}" for letter, number in words if letter == "G"}
+    values = {letter: float(number) for letter, number in words if letter in "FXYZ"}
+    read = "".join(letter + number for letter, number in words)
+    if read != text or len(codes) + len(values) != len(words):
+        raise GcodeError(UNSUPPORTED)
+    return codes, values
 
 
 def _along(limits: Array, unit: Array) -> float:
@@ -382,6 +405,6 @@ def _along(limits: Array, unit: Array) -> float:
     return float((limits[used] / np.abs(unit[used])).min())
 
 
-def _axes(values: Array) -> str:
+def _format_axes(values: Array) -> str:
     """``x,y,z`` with three decimals; no minus zero."""
     return ",".join(f"{round(float(value), 3) + 0.0:.3f}" for value in values)
