@@ -106,7 +106,7 @@ class Arm:
         self.clock, self.host = HandClock(), 0.0
         self.world = World(GraySensor(), clock=self.clock, faults=faults)
         self.ur = UrController(self.world, TOOL, host=lambda: self.host, **given)
-        self.world.on_fault(["protective-stop"], lambda _, t: self.ur.protective_stop(t))
+        self.world.on_fault({"protective-stop": lambda _, t: self.ur.protective_stop(t)})
 
     def load(self) -> None:
         self.ur.load(SCRIPT, self.clock.t)

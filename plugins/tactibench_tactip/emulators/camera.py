@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import select
 import socket
 import time
 from fractions import Fraction
@@ -19,14 +17,6 @@ from tactibench import UserError
 from tactibench_tactip.emulators.device import Device, Fault
 from tactibench_tactip.emulators.world import Image, World
 
-KINDS = (
-    "camera-stall",
-    "camera-drop",
-    "stale-frames",
-    "black-frames",
-    "brightness-jump",
-    "pin-loss",
-)
 REQUEST_S = 2.0
 """Host seconds within which a client has sent its request."""
 NOISE_FIELDS = 8
@@ -97,12 +87,19 @@ class CameraEmulator(Device):
         self.world, self.fps = world, fps
         self.picture = Picture(world.rest, noise, seed)
         self._port = 0
-        self._server: socket.socket | None = None
-        self._clients: set[socket.socket] = set()
         self._lock = Lock()
         self._until: dict[str, float] = {}
         self._stale: Image | None = None
-        world.on_fault(KINDS, self._on_fault)
+        world.on_fault(
+            {
+                "camera-stall": self._begin_fault,
+                "stale-frames": self._repeat_frame,
+                "black-frames": self._begin_fault,
+                "camera-drop": lambda _, __: self.hang_up(),
+                "brightness-jump": self._brighten,
+                "pin-loss": self._lose_pins,
+            }
+        )
 
     @property
     def url(self) -> str:
@@ -111,23 +108,7 @@ class CameraEmulator(Device):
 
     def start(self) -> None:
         """Listen."""
-        self._server = socket.create_server(("127.0.0.1", self._port))
-        self._port = self._server.getsockname()[1]
-        self.run("camera", self._accept, self._server)
-
-    def close(self) -> None:
-        """Close the server and every connection."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        self.drop()
-
-    def drop(self) -> None:
-        """Close every connection; new ones are served."""
-        with self._lock:
-            for client in self._clients:
-                with contextlib.suppress(OSError):
-                    client.shutdown(socket.SHUT_RDWR)
+        self._port = self.listen("127.0.0.1", self._port, self._talk)
 
     def frame(self) -> Image:
         """Return the frame of this moment, (H, W) uint8."""
@@ -140,36 +121,20 @@ class CameraEmulator(Device):
         with self._lock:
             return self.picture.frame(image, "black-frames" in active)
 
-    def _accept(self, server: socket.socket) -> None:
-        while not self.stopping.is_set():
-            with contextlib.suppress(OSError, ValueError):
-                if select.select([server], [], [], 0.1)[0]:
-                    client, _ = server.accept()
-                    with self._lock:
-                        self._clients.add(client)
-                    self.run("camera client", self._serve, client)
-
-    def _serve(self, client: socket.socket) -> None:
-        try:
-            with contextlib.suppress(OSError):
-                if self._read_request(client):
-                    self._send_frames(client)
-        finally:
-            with self._lock:
-                self._clients.discard(client)
-            client.close()
+    def _talk(self, client: socket.socket) -> None:
+        if self._read_request(client):
+            self._send_frames(client)
 
     def _read_request(self, client: socket.socket) -> bool:
         """True for a whole GET request."""
         client.settimeout(REQUEST_S)
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         data = b""
         while b"\r\n\r\n" not in data and len(data) < 65536:
             more = client.recv(4096)
             if not more:
                 return False
             data += more
-        client.settimeout(None)  # ``drop`` ends a send that nobody takes
+        client.settimeout(None)  # ``hang_up`` ends a send that nobody takes
         return data.startswith(b"GET ")
 
     def _send_frames(self, client: socket.socket) -> None:
@@ -191,21 +156,21 @@ class CameraEmulator(Device):
         with self.world.lock:
             return self.world.advance() < self._until.get("camera-stall", -math.inf)
 
-    def _on_fault(self, fault: Fault, t: float) -> None:
-        if fault.kind == "camera-drop":
-            self.drop()
-        elif fault.kind == "brightness-jump":
-            self.picture.brighter += 40.0 if fault.value is None else fault.value
-        elif fault.kind == "pin-loss":
-            with self._lock:
-                self.picture.lose(int(5 if fault.value is None else fault.value))
-        else:
-            default = math.inf if fault.kind == "camera-stall" else 2.0
-            self._until[fault.kind] = t + (default if fault.value is None else fault.value)
-            if fault.kind == "stale-frames":
-                image = self.world.image_at(t)
-                with self._lock:
-                    self._stale = self.picture.frame(image)
+    def _begin_fault(self, fault: Fault, t: float) -> None:
+        self._until[fault.kind] = t + fault.amount
+
+    def _repeat_frame(self, fault: Fault, t: float) -> None:
+        self._begin_fault(fault, t)
+        image = self.world.image_at(t)
+        with self._lock:
+            self._stale = self.picture.frame(image)
+
+    def _brighten(self, fault: Fault, _: float) -> None:
+        self.picture.brighter += fault.amount
+
+    def _lose_pins(self, fault: Fault, _: float) -> None:
+        with self._lock:
+            self.picture.lose(int(fault.amount))
 
 
 def _as_grey(values: npt.NDArray[Any]) -> Image:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import select
+import socket
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Event, Thread
 from types import MappingProxyType
@@ -13,14 +17,20 @@ from tactibench import UserError
 
 DEADLINE_S = 5.0
 """Host seconds within which a device has stopped."""
+IDLE_S = 0.02
+"""Host seconds between two looks at whether to stop."""
+Talk = Callable[[socket.socket], None]
+"""Serves one connection until it ends; OSError and ValueError end it, too."""
 
 
 class Device(ABC):
-    """Something to ``start`` and ``stop``; both may be called again."""
+    """A device on sockets, to ``start`` and ``stop``; both may be called again."""
 
     def __init__(self) -> None:
         self.stopping = Event()
         self._threads: list[Thread] = []
+        self._servers: list[socket.socket] = []
+        self._clients: dict[socket.socket, int] = {}
 
     def __enter__(self) -> Self:
         self.start()
@@ -32,10 +42,6 @@ class Device(ABC):
     @abstractmethod
     def start(self) -> None:
         """Open the device."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Close what is open, so that every thread comes to an end."""
 
     def stop(self) -> None:
         """Close and join the threads. Raises RuntimeError where one does not end."""
@@ -49,12 +55,62 @@ class Device(ABC):
         if left:
             raise RuntimeError(f"threads did not end within {DEADLINE_S:g} s: {', '.join(left)}")
 
+    def close(self) -> None:
+        """Close every server and connection, so that their threads come to an end."""
+        for server in self._servers:
+            server.close()
+        self._servers.clear()
+        self.hang_up()
+
     def run(self, name: str, target: Callable[..., None], *arguments: object) -> None:
         """Run a callable on a thread of the device."""
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         thread = Thread(target=target, args=arguments, name=name, daemon=True)
         self._threads.append(thread)
         thread.start()
+
+    def listen(self, host: str, port: int, talk: Talk) -> int:
+        """Serve every connection to a port on a thread of its own; return the port's number.
+
+        Raises OSError for a port that is taken. port: 0 takes any that is free.
+        """
+        server = socket.create_server((host, port))
+        self._servers.append(server)
+        number: int = server.getsockname()[1]
+        self.run(f"port {number}", self._accept, server, number, talk)
+        return number
+
+    def hang_up(self, *ports: int) -> None:
+        """Shut the connections to these ports down, or all; their threads see the end."""
+        for client, port in list(self._clients.items()):
+            if not ports or port in ports:
+                with suppress(OSError):
+                    client.shutdown(socket.SHUT_RDWR)
+
+    def received(self, client: socket.socket) -> Iterator[bytes]:
+        """Yield what a client sends until it closes the connection."""
+        while not self.stopping.is_set():
+            if select.select([client], [], [], IDLE_S)[0]:
+                data = client.recv(65536)
+                if not data:
+                    return
+                yield data
+
+    def _accept(self, server: socket.socket, port: int, talk: Talk) -> None:
+        while server.fileno() >= 0 and not self.stopping.is_set():
+            with suppress(OSError, ValueError):  # it was closed meanwhile
+                if select.select([server], [], [], IDLE_S)[0]:
+                    client, _ = server.accept()
+                    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    self._clients[client] = port
+                    self.run(f"client of port {port}", self._serve, client, talk)
+
+    def _serve(self, client: socket.socket, talk: Talk) -> None:
+        try:
+            with client, suppress(OSError, ValueError):
+                talk(client)
+        finally:
+            self._clients.pop(client, None)
 
 
 FAULTS = MappingProxyType(
@@ -87,6 +143,21 @@ FAULTS = MappingProxyType(
 )
 """Name -> what happens; seconds are the world's. A full disk is no device's fault: the tests of a
 collection have it."""
+DEFAULTS = MappingProxyType(
+    {
+        "unlock-refused": 3.0,
+        "frozen-stream": math.inf,
+        "wrong-length": 7.0,
+        "alarm-5": 1.0,
+        "no-ok": 1.0,
+        "camera-stall": math.inf,
+        "stale-frames": 2.0,
+        "black-frames": 2.0,
+        "brightness-jump": 40.0,
+        "pin-loss": 5.0,
+    }
+)
+"""Values of faults that have one, where none is given."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +165,7 @@ class Fault:
     """A fault, at press ``press`` (from 1) as it passes ``depth_mm`` going down, else at once.
 
     A press that stays shallower does not trigger it. The default depth is reached by every press of
-    the protocols. value: as FAULTS says; None: the default there.
+    the protocols. value: as FAULTS says; None: that of DEFAULTS.
     """
 
     kind: str
@@ -111,15 +182,20 @@ class Fault:
                 "count from 1 and the depth must be above 0 mm."
             )
 
+    @property
+    def amount(self) -> float:
+        """The value, or its default."""
+        return DEFAULTS[self.kind] if self.value is None else self.value
+
 
 @dataclass(frozen=True)
 class FaultEvent:
     """A fault that happened at ``at_s`` of the world, at press number ``press``.
 
-    answered: whether a device of this world acts on it.
+    handled: whether a device of this world acts on it.
     """
 
     fault: Fault
     at_s: float
     press: int
-    answered: bool
+    handled: bool

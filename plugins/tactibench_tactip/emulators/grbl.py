@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import select
 import socket
 from collections.abc import Mapping
+from threading import Lock
 
-from tactibench_tactip.emulators.device import Device, Fault
+from tactibench_tactip.emulators.device import IDLE_S, Device, Fault
 from tactibench_tactip.emulators.grbl_firmware import Controller
 from tactibench_tactip.emulators.world import World
 
-KINDS = ("alarm-1", "alarm-2", "alarm-3", "alarm-5", "no-ok", "garbled-line", "unplug", "hold")
-BUSY_S, IDLE_S, BOOT_S = 0.004, 0.02, 0.1
-"""Host seconds: between looks at the clock while it moves and while it does not, and from opening
-the port to the banner (a real Arduino takes up to 2 s)."""
+BUSY_S, BOOT_S = 0.004, 0.1
+"""Host seconds: between looks at the clock while it moves, and from opening the port to the banner
+(a real Arduino takes up to 2 s)."""
 
 
 class GrblEmulator(Device):
@@ -29,8 +28,20 @@ class GrblEmulator(Device):
         super().__init__()
         self.world = world
         self.controller = Controller(world, settings)
-        self._number, self._plugged = 0, False
-        world.on_fault(KINDS, self._on_fault)
+        self._number = 0
+        self._port_lock = Lock()
+        world.on_fault(
+            {
+                "alarm-1": lambda _, t: self._stop_with(1, t),
+                "alarm-2": lambda _, t: self._stop_with(2, t),
+                "alarm-3": lambda _, t: self._stop_with(3, t),
+                "alarm-5": self._break_probe,
+                "no-ok": self._mute,
+                "garbled-line": self._garble,
+                "hold": self._hold,
+                "unplug": lambda _, __: self.close(),
+            }
+        )
 
     @property
     def port(self) -> str:
@@ -39,9 +50,7 @@ class GrblEmulator(Device):
 
     def start(self) -> None:
         """Serve the port."""
-        server = socket.create_server(("127.0.0.1", self._number))
-        self._number, self._plugged = server.getsockname()[1], True
-        self.run("grbl", self._serve, server)
+        self._number = self.listen("127.0.0.1", self._number, self._talk)
 
     def plug(self) -> None:
         """Plug it in again, under the same name."""
@@ -50,56 +59,48 @@ class GrblEmulator(Device):
 
     def close(self) -> None:
         """Stop the stage: its controller has no power."""
+        super().close()
         with self.world.lock:
             self.world.follow(self.world.advance())
 
-    def _serve(self, server: socket.socket) -> None:
-        with server:
-            while self._powered():
-                if select.select([server], [], [], IDLE_S)[0]:
-                    client, _ = server.accept()
-                    with client, contextlib.suppress(OSError):
-                        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                        self._talk(client)
-
-    def _powered(self) -> bool:
-        return self._plugged and not self.stopping.is_set()
-
     def _talk(self, client: socket.socket) -> None:
-        """Serve one client until it closes the port."""
-        self.stopping.wait(BOOT_S)
-        with self.world.lock:
-            self.controller.power_up(self.world.advance())
-        while self._powered():
-            wait = BUSY_S if self.controller.moving else IDLE_S
-            data = b""
-            if select.select([client], [], [], wait)[0]:
-                data = client.recv(4096)
-                if not data:
-                    return
+        """Serve one client until it closes the port; another waits for it."""
+        with self._port_lock:
+            self.stopping.wait(BOOT_S)
             with self.world.lock:
-                self.controller.receive(data, self.world.advance())
-                out = self.controller.take()
-            client.sendall(out)
+                self.controller.power_up(self.world.advance())
+            while not self.stopping.is_set():
+                wait = BUSY_S if self.controller.moving else IDLE_S
+                data = b""
+                if select.select([client], [], [], wait)[0]:
+                    data = client.recv(4096)
+                    if not data:
+                        return
+                with self.world.lock:
+                    self.controller.receive(data, self.world.advance())
+                    out = self.controller.take()
+                client.sendall(out)
 
-    def _on_fault(self, fault: Fault, t: float) -> None:
+    def _stop_with(self, alarm: int, t: float) -> None:
+        """Soft limits keep the position; a hard limit and a reset lose it."""
         controller = self.controller
         controller.t = max(controller.t, t)
-        if fault.kind == "alarm-1":
-            controller.lose(1)
-        elif fault.kind == "alarm-2":
-            controller.alarm(2)
-        elif fault.kind == "alarm-3":
-            controller.lose(3)
-            controller.reset()
-        elif fault.kind == "alarm-5":
-            controller.blind += int(fault.value or 1)
-        elif fault.kind == "no-ok":
-            controller.mute += int(fault.value or 1)
-        elif fault.kind == "garbled-line":
-            controller.garble = True
-        elif fault.kind == "hold":
-            controller.hold()
+        if alarm == 2:
+            controller.alarm(alarm)
         else:
-            self.world.follow(t)
-            self._plugged = False
+            controller.lose(alarm)
+        if alarm == 3:
+            controller.reset()
+
+    def _break_probe(self, fault: Fault, _: float) -> None:
+        self.controller.blind += int(fault.amount)
+
+    def _mute(self, fault: Fault, _: float) -> None:
+        self.controller.mute += int(fault.amount)
+
+    def _garble(self, _: Fault, __: float) -> None:
+        self.controller.garble = True
+
+    def _hold(self, _: Fault, t: float) -> None:
+        self.controller.t = max(self.controller.t, t)
+        self.controller.hold()

@@ -6,36 +6,25 @@ dashboard as in "Dashboard Server e-Series".
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from tactibench import UserError
-from tactibench_tactip.emulators.device import Device, Fault
+from tactibench_tactip.emulators.device import IDLE_S, Device, Fault
 from tactibench_tactip.emulators.motion import Pose6
 from tactibench_tactip.emulators.ur_controller import RUNNING, Controller
 from tactibench_tactip.emulators.world import World
 
 RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
-KINDS = (
-    "protective-stop",
-    "unlock-refused",
-    "emergency-stop",
-    "socket-drop",
-    "frozen-stream",
-    "wrong-length",
-    "program-stop",
-)
-TICK_S, IDLE_S = 0.005, 0.02
+TICK_S = 0.005
+"""Host seconds between two turns of the program where no client looks at it."""
 MOST_HZ = 500.0
-LONGEST = 1 << 20
-"""Bytes that a client may send without an end of its package, line or script."""
 SCRIPT_END = re.compile(r"(?m)^end[ \t]*\r?\n")
 CONTROL_VERSION = (5, 12, 2, 1101534)
 POLYSCOPE = "URSoftware 5.12.2.1101534 (Mar 24 2022)"
@@ -217,54 +206,37 @@ class UrEmulator(Device):
         self.world, self.host = world, host
         self.controller = Controller(world, tool, **controller)
         self._in_use = in_use
-        self._servers: list[socket.socket] = []
-        self._clients: dict[socket.socket, int] = {}
         self._frozen_until, self._wrong_by = -math.inf, 0
-        world.on_fault(KINDS, self._on_fault)
+        world.on_fault(
+            {
+                "protective-stop": lambda _, t: self.controller.protective_stop(t),
+                "emergency-stop": lambda _, t: self.controller.emergency_stop(t),
+                "program-stop": lambda _, t: self.controller.end_program(t),
+                "socket-drop": lambda _, __: self.hang_up(RTDE, SCRIPT),
+                "unlock-refused": lambda fault, _: self.controller.refuse_unlocks(fault.amount),
+                "frozen-stream": self._freeze,
+                "wrong-length": self._spoil_length,
+            }
+        )
 
     def start(self) -> None:
         """Listen. Raises UserError where a port is taken."""
+        talks = {RTDE: self._talk_rtde, SCRIPT: self._take_scripts, DASHBOARD: self._talk_dashboard}
         try:
-            for port in (RTDE, SCRIPT, DASHBOARD):
-                self._servers.append(socket.create_server((self.host, port)))
+            for port, talk in talks.items():
+                self.listen(self.host, port, talk)
         except OSError as error:
-            self.close()
+            self.stop()
             raise UserError(
                 f"port {port} of {self.host} cannot be opened ({error.strerror}); another emulator "
                 "may be on it: take another address, such as 127.0.0.3."
             ) from None
-        self.run("ur", self._accept, list(self._servers))
+        self.run("ur", self._run_program)
 
-    def close(self) -> None:
-        """Close servers and connections."""
-        for server in self._servers:
-            server.close()
-        self._servers.clear()
-        self._hang_up((RTDE, SCRIPT, DASHBOARD))
-
-    def _accept(self, servers: list[socket.socket]) -> None:
-        """Take connections, and let the program run where no client looks at it."""
-        while not self.stopping.is_set():
-            with contextlib.suppress(OSError, ValueError):
-                for server in select.select(servers, [], [], TICK_S)[0]:
-                    client, _ = server.accept()
-                    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                    port = server.getsockname()[1]
-                    self._clients[client] = port
-                    self.run(f"ur {port}", self._serve, client, port)
+    def _run_program(self) -> None:
+        while not self.stopping.wait(TICK_S):
             with self.world.lock:
                 self.controller.step(self.world.advance())
-
-    def _serve(self, client: socket.socket, port: int) -> None:
-        talk = {RTDE: self._talk_rtde, SCRIPT: self._take_scripts, DASHBOARD: self._talk_dashboard}
-        try:
-            with contextlib.suppress(OSError):
-                talk[port](client)
-        except ValueError as error:
-            self.controller.messages.append(f"a connection was closed: {error}")
-        finally:
-            self._clients.pop(client, None)
-            client.close()
 
     def _talk_rtde(self, client: socket.socket) -> None:
         session = RtdeSession(self.controller, self._in_use)
@@ -289,63 +261,30 @@ class UrEmulator(Device):
 
     def _take_scripts(self, client: socket.socket) -> None:
         text = ""
-        for data in self._received(client):
+        for data in self.received(client):
             text += data.decode("latin-1")
             while (end := SCRIPT_END.search(text)) is not None:
                 with self.world.lock:
                     self.controller.load(text[: end.end()], self.world.advance())
                 text = text[end.end() :]
-            _check_length(text)
 
     def _talk_dashboard(self, client: socket.socket) -> None:
         client.sendall(b"Connected: Universal Robots Dashboard Server\n")
         text = ""
-        for data in self._received(client):
+        for data in self.received(client):
             *lines, text = (text + data.decode("latin-1")).split("\n")
-            _check_length(text)
             for line in lines:
                 with self.world.lock:
                     answer = dashboard_answer(self.controller, line, self.world.advance())
                 client.sendall(answer.encode() + b"\n")
 
-    def _received(self, client: socket.socket) -> Iterator[bytes]:
-        while not self.stopping.is_set():
-            if select.select([client], [], [], IDLE_S)[0]:
-                data = client.recv(65536)
-                if not data:
-                    return
-                yield data
+    def _freeze(self, fault: Fault, t: float) -> None:
+        self._frozen_until = t + fault.amount
 
-    def _hang_up(self, ports: tuple[int, ...]) -> None:
-        """Shut connections down; their threads see the end."""
-        for client, port in list(self._clients.items()):
-            if port in ports:
-                with contextlib.suppress(OSError):
-                    client.shutdown(socket.SHUT_RDWR)
-
-    def _on_fault(self, fault: Fault, t: float) -> None:
-        value = fault.value
-        if fault.kind == "protective-stop":
-            self.controller.protective_stop(t)
-        elif fault.kind == "emergency-stop":
-            self.controller.emergency_stop(t)
-        elif fault.kind == "program-stop":
-            self.controller.end_program(t)
-        elif fault.kind == "socket-drop":
-            self._hang_up((RTDE, SCRIPT))
-        elif fault.kind == "unlock-refused":
-            self.controller.refusals += int(3 if value is None else value)
-        elif fault.kind == "frozen-stream":
-            self._frozen_until = t + (math.inf if value is None else value)
-        else:
-            self._wrong_by = int(7 if value is None else value)
+    def _spoil_length(self, fault: Fault, _: float) -> None:
+        self._wrong_by = int(fault.amount)
 
 
 def _names(payload: bytes) -> tuple[str, ...]:
     """Comma-separated; a comma at the end is allowed, as ur_rtde sends one."""
     return tuple(name.strip() for name in payload.decode().split(",") if name.strip())
-
-
-def _check_length(text: str) -> None:
-    if len(text) > LONGEST:
-        raise ValueError("a line or script has no end")

@@ -226,6 +226,10 @@ class Controller:
         self.end_program(t)
         self.safety, self.robot_mode = "ROBOT_EMERGENCY_STOP", POWER_OFF
 
+    def refuse_unlocks(self, count: float) -> None:
+        """Refuse so many more unlocks, whatever the delay."""
+        self.refusals += int(count)
+
     def repair(self) -> None:
         """Release whatever button was pressed and switch the arm on again."""
         self.safety, self.robot_mode = "NORMAL", RUNNING

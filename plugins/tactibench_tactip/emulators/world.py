@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, takewhile
@@ -27,6 +27,7 @@ from tactibench_tactip.emulators.touch import Rig, Touch, Truth
 
 Image = npt.NDArray[np.uint8]
 FaultHandler = Callable[[Fault, float], None]
+"""Takes a fault and the second of the world at which it happens."""
 
 SAMPLE_S = 1e-3
 """Between two looks along a move. A curve of 500 mm/s2 leaves its chord by a t^2 / 8 = 0.06
@@ -230,10 +231,10 @@ class World:
                     if self._deepest is not None:
                         self._watch_faults()
 
-    def on_fault(self, kinds: Iterable[str], handler: FaultHandler) -> None:
-        """Have a device answer faults of these kinds."""
+    def on_fault(self, handlers: Mapping[str, FaultHandler]) -> None:
+        """Have a device act on faults, by their kind."""
         with self.lock:
-            for kind in kinds:
+            for kind, handler in handlers.items():
                 self._handlers.setdefault(kind, []).append(handler)
 
     # Motion, for the devices; all of it under ``lock``

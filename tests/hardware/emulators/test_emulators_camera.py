@@ -69,7 +69,7 @@ class TestStream:
         world.arm(Fault("camera-stall"))
         while capture.read()[0]:
             pass
-        assert [event.answered for event in world.fired] == [True] * 4
+        assert [event.handled for event in world.fired] == [True] * 4
         capture.release()
 
     def test_dropped_it_can_be_opened_again(self, world: World, camera: CameraEmulator) -> None:

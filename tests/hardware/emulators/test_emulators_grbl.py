@@ -310,7 +310,7 @@ class TestSocket:
         else:
             world.arm(Fault(kind))
         assert check(client, world)
-        assert [(f.fault.kind, f.answered) for f in world.fired] == [(kind, True)]
+        assert [(f.fault.kind, f.handled) for f in world.fired] == [(kind, True)]
 
 
 def _alarm(client: Client, world: World, number: int) -> bool:

@@ -45,7 +45,7 @@ def test_the_truth_is_told(rehearsal: Rehearsal) -> None:
     emulation.keep_to(rehearsal.settings.envelope)
     assert (emulation.presses(), emulation.outside()) == (0, [])
     emulation.arm(Fault("pin-loss"))
-    assert [event.answered for event in emulation.fired()] == [True]
+    assert [event.handled for event in emulation.fired()] == [True]
     emulation.repair()
     emulation.mount(Indenter.dual(8.0))
 

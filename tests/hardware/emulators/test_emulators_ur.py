@@ -322,7 +322,7 @@ class TestPorts:
         again = Client()
         assert again.sample()[0] > before
         again.socket.close()
-        assert all(event.answered for event in world.fired)
+        assert all(event.handled for event in world.fired)
 
     def test_a_script_is_run_when_all_of_it_came(self, world: World) -> None:
         client = Client()
