@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -152,3 +153,16 @@ class Arm:
 
     def z(self) -> float:
         return self.world.tool()[2]
+
+
+def finish(robot: Any) -> None:
+    """Wait until a robot has ended its move."""
+    while robot.moving():
+        robot.tick()
+
+
+def stands(world: World) -> bool:
+    """Return whether the tool stands still."""
+    before = world.tool()
+    time.sleep(0.05)
+    return world.tool() == before
