@@ -232,7 +232,7 @@ def _one_fault(driver: str, kind: str, folder: Path) -> str:
                 emulation.keep_to(None)
         outside = len(emulation.outside())
         happened = emulation.fired()
-        fired = disk.full or (happened and all(event.answered for event in happened))
+        fired = disk.full or (happened and all(event.handled for event in happened))
     samples = open_dataset(folder).samples
     ok = sum(sample.status == "ok" for sample in samples)
     whole = sorted(sample.id for sample in samples) == sorted(press.id for press in plan.presses)
