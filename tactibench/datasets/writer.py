@@ -17,7 +17,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from tactibench.contacts import Scene
 from tactibench.datasets.images import (
     Image,
     discard_images,
@@ -44,7 +43,6 @@ from tactibench.datasets.schema import (
     Draft,
     Header,
     Sample,
-    Status,
     image_name,
     is_dataset,
     resume_header,
@@ -161,30 +159,14 @@ class Writer:
         """Events in the order they were noted."""
         return tuple(self._events)
 
-    def add(
-        self,
-        image: Image | bytes,
-        *,
-        id: int,  # noqa: A002 - the name of the key in the journal
-        scene: Scene | None = None,
-        labels: Mapping[str, float] | None = None,
-        press: str = "",
-        session: str = "",
-        t_frame_ns: int | None = None,
-        extra: Mapping[str, Any] | None = None,
-        status: Status = "ok",
-        attempt: int = 1,
-    ) -> Sample:
-        """Write one sample; when this returns, the disk has it. The arguments are those of Draft.
+    def add(self, draft: Draft) -> Sample:
+        """Write one sample; when this returns, the disk has it.
 
         Raises:
             UserError: The id is there already, or the sample is not like the others; nothing was
                 written.
             OSError: The disk refused.
         """
-        draft = Draft(
-            image, id, scene, labels or {}, press, session, t_frame_ns, extra or {}, status, attempt
-        )
         return self.add_many([draft])[0]
 
     def add_many(self, drafts: Sequence[Draft]) -> tuple[Sample, ...]:

@@ -11,7 +11,7 @@ import pytest
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.cli.data import FORMATS
-from tactibench.datasets import EXPORT_FORMATS, Header, Writer
+from tactibench.datasets import EXPORT_FORMATS, Draft, Header, Writer
 
 
 @pytest.fixture
@@ -22,10 +22,12 @@ def taps(tmp_path: Path) -> Path:
     with Writer(folder, header, fsync=False) as writer:
         for number in range(5):
             writer.add(
-                np.full((6, 5), number, np.uint8),
-                id=number,
-                scene=Scene(Indenter.single(), Pose(depth=0.5 * number)),
-                status="bad" if number == 4 else "ok",
+                Draft(
+                    np.full((6, 5), number, np.uint8),
+                    id=number,
+                    scene=Scene(Indenter.single(), Pose(depth=0.5 * number)),
+                    status="bad" if number == 4 else "ok",
+                )
             )
         writer.split("mine", train=[0, 1], validation=[], test=[2, 3])
     return folder

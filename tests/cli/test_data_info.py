@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene
-from tactibench.datasets import Header, Writer
+from tactibench.datasets import Draft, Header, Writer
 
 
 def frame(shift):
@@ -41,7 +41,7 @@ def singles(tmp_path):
         for i in range(20):
             x, y = rng.uniform(-6, 6, 2)
             scene = Scene(Indenter.single(), Pose(float(x), float(y), depth=0.25 * (i + 1)))
-            writer.add(frame(i % 4), id=i, scene=scene, press=f"p{i // 2}")
+            writer.add(Draft(frame(i % 4), id=i, scene=scene, press=f"p{i // 2}"))
     return folder
 
 

@@ -14,7 +14,7 @@ from png_bytes import png
 from small_data_sets import draft, header, image
 
 from tactibench import Frame, Pose, UserError, gray_frames
-from tactibench.datasets import Writer, open_dataset, verify
+from tactibench.datasets import Draft, Writer, open_dataset, verify
 
 NAME = "images/000000/000002.png"
 
@@ -87,7 +87,7 @@ def test_a_kept_png_must_be_plain(tmp_path: Path) -> None:
             (junk, "cannot be decoded"),
         ):
             with pytest.raises(UserError, match=f"the image of sample 0 .*{says}"):
-                writer.add(data, id=0)
+                writer.add(Draft(data, id=0))
 
 
 def test_it_holds_what_the_files_hold(closed_set: Path) -> None:
@@ -111,7 +111,7 @@ def test_it_is_shrunk_as_models_shrink(closed_set: Path) -> None:
 
 def test_colours_become_grey(tmp_path: Path) -> None:
     with Writer(tmp_path / "set", header(channels=3)) as writer:
-        writer.add(image(0, (9, 7, 3)), id=0)
+        writer.add(Draft(image(0, (9, 7, 3)), id=0))
     dataset = open_dataset(tmp_path / "set")
     expected = cv2.cvtColor(image(0, (9, 7, 3)), cv2.COLOR_RGB2GRAY)
     assert np.array_equal(dataset.images(dataset.samples)[0], expected)

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from small_data_sets import Small, draft, header, image, smalls
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Writer, open_dataset, verify
+from tactibench.datasets import Draft, Writer, open_dataset, verify
 from tactibench.geometry import true_contacts
 
 
@@ -46,7 +46,7 @@ def test_the_journal_says_what_a_reader_of_it_alone_needs(closed_set: Path) -> N
 
 def test_a_thousand_images_in_a_folder(tmp_path: Path) -> None:
     with Writer(tmp_path / "set", header()) as writer:
-        names = [writer.add(image(n), id=n).file_name for n in (999, 1000, 1_234_567)]
+        names = [writer.add(Draft(image(n), id=n)).file_name for n in (999, 1000, 1_234_567)]
     assert names == [
         "images/000000/000999.png",
         "images/000001/001000.png",
@@ -89,7 +89,7 @@ def test_closing_seals_counts_and_journal(closed_set: Path) -> None:
 def test_a_png_file_is_kept_byte_for_byte(tmp_path: Path) -> None:
     _, data = cv2.imencode(".png", image(5), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     with Writer(tmp_path / "set", header()) as writer:
-        sample = writer.add(data.tobytes(), id=0)
+        sample = writer.add(Draft(data.tobytes(), id=0))
     assert (tmp_path / "set" / sample.file_name).read_bytes() == data.tobytes()
 
 
@@ -121,9 +121,9 @@ def test_what_cannot_come_back_is_refused_and_leaves_nothing(
 ) -> None:
     folder = tmp_path / "set"
     with Writer(folder, header()) as writer:
-        writer.add(image(0), id=0, extra={"a": 0.5, "b": {"c": [1]}})
+        writer.add(Draft(image(0), id=0, extra={"a": 0.5, "b": {"c": [1]}}))
         with pytest.raises(UserError, match=says):
-            writer.add(image(1), id=1, **keys)
+            writer.add(Draft(image(1), id=1, **keys))
         assert writer.done == {0}
-        writer.add(image(1), id=1, extra={"a": None})
+        writer.add(Draft(image(1), id=1, extra={"a": None}))
     assert verify(folder) == []

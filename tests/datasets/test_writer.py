@@ -33,7 +33,7 @@ def test_writing_goes_on_where_it_was(open_set: Path) -> None:
 
 def test_a_type_stays_the_same_after_an_interruption(open_set: Path) -> None:
     with Writer(open_set, header()) as writer, pytest.raises(UserError, match=r"extra\.n holds"):
-        writer.add(image(9), id=9, extra={"n": 1.5})
+        writer.add(Draft(image(9), id=9, extra={"n": 1.5}))
 
 
 def test_an_exception_leaves_the_data_set_open(tmp_path: Path) -> None:
@@ -129,10 +129,10 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
 def test_an_id_is_a_whole_number_from_0(tmp_path: Path, number: Any) -> None:
     with Writer(tmp_path / "set", header()) as writer:
         if isinstance(number, np.integer):
-            assert type(writer.add(image(0), id=number).id) is int
+            assert type(writer.add(Draft(image(0), id=number)).id) is int
         else:
             with pytest.raises(UserError, match="id is"):
-                writer.add(image(0), id=number)
+                writer.add(Draft(image(0), id=number))
 
 
 def test_a_closed_writer_takes_nothing(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_a_closed_writer_takes_nothing(tmp_path: Path) -> None:
     writer.close()
     writer.close()
     for work in (
-        lambda: writer.add(image(0), id=0),
+        lambda: writer.add(Draft(image(0), id=0)),
         lambda: writer.event("stop"),
         lambda: writer.reference(image(0)),
         lambda: writer.split("a"),

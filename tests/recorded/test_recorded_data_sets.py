@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Header, ImportOptions, Writer, import_folder, open_dataset
+from tactibench.datasets import Draft, Header, ImportOptions, Writer, import_folder, open_dataset
 from tactibench.datasets.splits import Split, write_split
 
 
@@ -27,7 +27,7 @@ def data_set(tmp_path):
             if rest:
                 writer.reference(image(99))
             for i, scene in enumerate(scenes):
-                writer.add(image(i), id=i, scene=scene, press=f"p{i // 2}")
+                writer.add(Draft(image(i), id=i, scene=scene, press=f"p{i // 2}"))
         return folder
 
     return made

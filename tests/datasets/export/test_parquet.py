@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from small_data_sets import Small, good, scene_of, smalls, write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
-from tactibench.datasets import Dataset, Header, Writer, export_dataset, open_dataset
+from tactibench.datasets import Dataset, Draft, Header, Writer, export_dataset, open_dataset
 from tactibench.datasets.export.exporter import select_samples
 from tactibench.datasets.export.parquet import write_parquet
 from tactibench.datasets.splits import write_split
@@ -179,11 +179,13 @@ def mixed(folder: Path) -> Dataset:
     with Writer(folder, Header("mixed", {"name": "s"}, (4, 4), dome_radius_mm=20.0)) as writer:
         for number in range(8):
             writer.add(
-                np.full((4, 4), 10 * number, np.uint8),
-                id=number,
-                scene=scenes[number % 4],
-                labels={"Kraft µN": 1.0 * number} if number % 3 else {},
-                extra={"force": [0.5, 1.5]} if number % 2 else {},
+                Draft(
+                    np.full((4, 4), 10 * number, np.uint8),
+                    id=number,
+                    scene=scenes[number % 4],
+                    labels={"Kraft µN": 1.0 * number} if number % 3 else {},
+                    extra={"force": [0.5, 1.5]} if number % 2 else {},
+                )
             )
     return open_dataset(folder)
 
