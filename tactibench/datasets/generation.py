@@ -148,9 +148,6 @@ def sensor_parameters(
 ) -> tuple[tuple[str, str], ...]:
     """Return names and values of the sensor's parameters.
 
-    Args:
-        parameters: Kind of plugin -> parameter -> value.
-
     Raises:
         UserError: Another kind than the sensor has parameters.
     """

@@ -57,11 +57,6 @@ def is_plain_png(data: bytes) -> bool:
 def png_bytes(image: Image | bytes, header: Header, what: str) -> bytes:
     """Return the PNG file of an image; the bytes of a PNG are taken as they are.
 
-    Args:
-        image: (H, W) or (H, W, 3) uint8, or a PNG file.
-        header: Header of the data set.
-        what: Name of the image, the beginning of an error's sentence.
-
     Raises:
         UserError: The image is not like the data set's others.
     """
@@ -115,12 +110,6 @@ def write_images(
     """Write images under temporary names, and wait until the disk has them.
 
     One thread writes: several would wait for each other rather than for the disk.
-
-    Args:
-        folder: The data set's folder.
-        names: Names of the images, relative to the folder.
-        files: Bytes of the PNG files.
-        fsync: Whether to wait for the disk.
     """
     for place in _folders(folder, names):
         make_folder(place)

@@ -108,12 +108,6 @@ def role_columns(
 
     pose_x ... pose_Rz are the same columns as pose_1 ... pose_6.
 
-    Args:
-        options: Columns that were named.
-        indenter: "plate", "single" or "none".
-        labels: Column -> (N,) values.
-        table: The file, for errors.
-
     Raises:
         UserError: A column is missing, or the depth never changes while other lengths do: it is
             the wrong column.

@@ -142,10 +142,6 @@ def write_row(sample: Sample, dome_radius_mm: float | None) -> bytes:
 def read_row(line: bytes, where: str) -> Sample:
     """Return the sample of a line.
 
-    Args:
-        line: One line of metadata.jsonl.
-        where: File and line number, the beginning of an error's sentence.
-
     Raises:
         UserError: The line is damaged.
     """
@@ -201,10 +197,6 @@ def _parse(line: bytes, where: str) -> Row:
 
 def json_line(value: dict[str, Any], what: str) -> bytes:
     """Return a line of JSON, its line break included.
-
-    Args:
-        value: The object to write.
-        what: Name of the object, the beginning of an error's sentence.
 
     Raises:
         UserError: A value is no JSON or not finite.
@@ -290,11 +282,6 @@ JsonTypes = dict[tuple[str, ...], str]
 
 def json_types(before: JsonTypes, value: Any, where: tuple[str, ...]) -> JsonTypes:
     """Return the types that were known before and those of a value, which may be null.
-
-    Args:
-        before: Types of the values so far, which is not changed.
-        value: A JSON value.
-        where: Place of the value.
 
     Raises:
         UserError: A place changes its type, which would break readers of the journal, or the value

@@ -108,14 +108,7 @@ def columns_of(samples: Sequence[Sample]) -> Columns:
 def write_bristol(
     dataset: Dataset, folder: Path, samples: Sequence[Sample], advance: Callable[[int], None]
 ) -> None:
-    """Write frames, targets, params and splits.
-
-    Args:
-        dataset: The data set.
-        folder: A new, empty folder.
-        samples: The samples that are written.
-        advance: Called with the number of samples that were written.
-    """
+    """Write frames, targets, params and splits."""
     images = folder / IMAGES
     images.mkdir()
     rest_name = IMAGE_NAME.format(0)

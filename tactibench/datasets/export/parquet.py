@@ -38,13 +38,6 @@ def write_parquet(
 
     Columns that no sample has are left out; ``extra`` is JSON text.
 
-    Args:
-        dataset: The data set.
-        folder: A new, empty folder.
-        subsets: Subset -> its samples; every subset becomes files of its own.
-        advance: Called with the number of samples that were written.
-        shard_bytes: Most bytes of images in one file.
-
     Raises:
         UserError: pyarrow is not installed.
     """

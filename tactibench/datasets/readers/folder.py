@@ -169,10 +169,6 @@ def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str,
 def frame_names(path: Path, cells: Sequence[str]) -> tuple[str, ...]:
     """Return the names of frames with '/' as separator, in the order of the table.
 
-    Args:
-        path: The table, for errors; rows are counted from 1 below its header.
-        cells: Names as the table writes them.
-
     Raises:
         UserError: A name is empty, leads out of its folder, or is listed twice.
     """
