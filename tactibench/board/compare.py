@@ -69,7 +69,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, eq=False)
-class _Measured:
+class _PressMeans:
     """means: of every press, (P,) by metric and group; nan where a press has no value.
 
     misses: one of MISSES by group, as recorded.
@@ -91,11 +91,11 @@ def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[
     seed = np.random.SeedSequence(protocol.spec.data_seed, spawn_key=(COMPARISON_STREAM,))
     pairs = list(combinations(range(len(runs)), 2))
     streams = map(np.random.default_rng, seed.spawn(len(pairs)))
-    found = [
+    comparisons = [
         Comparison(i, j, tuple(_rows(measured[i], measured[j], rng)))
         for (i, j), rng in zip(pairs, streams, strict=True)
     ]
-    return _adjusted(found)
+    return _adjust_for_all(comparisons)
 
 
 def refuse_unlike(runs: Sequence[StoredRun]) -> None:
@@ -123,7 +123,7 @@ def refuse_unlike(runs: Sequence[StoredRun]) -> None:
             )
 
 
-def _measure(run: StoredRun, distances: bool) -> _Measured:
+def _measure(run: StoredRun, distances: bool) -> _PressMeans:
     spec = protocol_of(run).spec
     trials = trials_of(spec, run.arrays("truth"), run.arrays("predictions"))
     means: dict[Cell, FloatArray] = {}
@@ -132,7 +132,7 @@ def _measure(run: StoredRun, distances: bool) -> _Measured:
         table = press_means(metric, trials, groups)
         means |= {(metric, group): table[:, k] for k, group in enumerate(groups)}
     misses = {m.group: m.value for m in run.record.metrics if m.metric in MISSES}
-    return _Measured(means, misses, trials.level)
+    return _PressMeans(means, misses, trials.level)
 
 
 def _groups(trials: Trials | PlateTrials, metric: str, distances: bool) -> tuple[str, ...]:
@@ -154,7 +154,7 @@ DISTANCE_METRICS = frozenset(
 
 
 def _rows(
-    first: _Measured, second: _Measured, rng: np.random.Generator
+    first: _PressMeans, second: _PressMeans, rng: np.random.Generator
 ) -> Iterator[MetricComparison]:
     cells = list(first.means)
     a, b = (np.stack([one.means[cell] for cell in cells], axis=1) for one in (first, second))
@@ -175,15 +175,15 @@ def _rows(
         )
 
 
-def _misses(first: _Measured, second: _Measured, group: str) -> tuple[float, float] | None:
+def _misses(first: _PressMeans, second: _PressMeans, group: str) -> tuple[float, float] | None:
     """Return those of the group, or of all where a record has none for it (a distance)."""
     a, b = (one.misses.get(group, one.misses.get("all")) for one in (first, second))
     return None if a is None or b is None else (a, b)
 
 
-def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
+def _adjust_for_all(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """Adjust every p that is shown by Holm's method."""
-    adjusted = iter(holm([row.p for one in found for row in one.rows if row.p is not None]))
+    adjusted = iter(holm([row.p for pair in comparisons for row in pair.rows if row.p is not None]))
     return [
         replace(
             one,
@@ -191,12 +191,12 @@ def _adjusted(found: Sequence[Comparison]) -> list[Comparison]:
                 row if row.p is None else replace(row, p_holm=next(adjusted)) for row in one.rows
             ),
         )
-        for one in found
+        for one in comparisons
     ]
 
 
 def names_of(runs: Sequence[StoredRun]) -> list[str]:
-    """Names of runs: model and regime, with the seed or the run's name where equal."""
+    """Return names of runs: model and regime, with the seed or the run's name where equal."""
     labels = [label_of(run.record) for run in runs]
     if len(set(labels)) < len(labels):
         labels = [
@@ -215,10 +215,10 @@ def left_out(runs: Sequence[StoredRun]) -> list[str]:
     return [metric.name for metric in metrics if metric.root or getattr(metric, field) is None]
 
 
-def rows_of(runs: Sequence[StoredRun], found: Sequence[Comparison]) -> list[dict[str, Any]]:
+def rows_of(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
     """Return tidy rows: ``value`` is first minus second."""
     rows = []
-    for one in found:
+    for one in comparisons:
         who = {"first": runs[one.first].record.name, "second": runs[one.second].record.name}
         for row in one.rows:
             spec, d = find_metric(row.metric), row.difference

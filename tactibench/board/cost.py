@@ -28,9 +28,9 @@ def latency(
     threads: int | None,
     statistic: Literal["p50_ms", "p90_ms"] = "p90_ms",
 ) -> float | None:
-    """Milliseconds from one frame to its contacts; threads None: as many as the machine has.
+    """Return the milliseconds from one frame to its contacts; None where a run was not timed so.
 
-    None where a run was not timed so.
+    threads: None for as many as the machine has.
     """
     totals = [
         row

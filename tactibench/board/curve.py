@@ -28,7 +28,10 @@ class Curve:
 
 
 def curves(rows: Iterable[Row], error: Ranking) -> list[Curve]:
-    """Curves of at least two steps, by label. rows: of one sensor, with and without ``presses``."""
+    """Return curves of at least two steps, by label.
+
+    rows: of one sensor, with and without ``presses``.
+    """
     by_label: dict[str, list[Row]] = {}
     for row in rows:
         by_label.setdefault(row.label, []).append(row)
@@ -47,6 +50,6 @@ def _steps(rows: Iterable[Row], error: Ranking) -> tuple[Step, ...]:
     return tuple(sorted(steps, key=lambda step: step.presses))
 
 
-def counts(found: Sequence[Curve]) -> list[int]:
-    """All numbers of presses, ascending."""
-    return sorted({step.presses for curve in found for step in curve.steps})
+def counts(curves: Sequence[Curve]) -> list[int]:
+    """Return all numbers of presses, ascending."""
+    return sorted({step.presses for curve in curves for step in curve.steps})

@@ -78,19 +78,23 @@ class Frontier:
 
 
 def frontiers(rows: Iterable[Row], error: Ranking, wanted: str | None = None) -> list[Frontier]:
-    """Frontier of every regime among rows timed on one machine: the wanted, or the busiest."""
-    able = [row for row in rows if not row.trivial]
-    chosen = wanted or busiest(able)
-    regimes = sorted({row.regime for row in able}, reverse=True)  # "single" before "multiple"
+    """Return the frontier of every regime among rows timed on one machine.
+
+    wanted: the machine; None: that of most runs.
+    """
+    candidates = [row for row in rows if not row.trivial]
+    timed_on = wanted or busiest(candidates)
+    regimes = sorted({row.regime for row in candidates}, reverse=True)  # "single" before "multiple"
     return [
-        _of_regime(name, [r for r in able if r.regime == name], error, chosen) for name in regimes
+        _of_regime(name, [r for r in candidates if r.regime == name], error, timed_on)
+        for name in regimes
     ]
 
 
-def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, chosen: str) -> Frontier:
+def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) -> Frontier:
     points, untimed, elsewhere = [], [], 0
     for row in rows:
-        here = _timed_on(row, chosen)
+        here = _timed_on(row, timed_on)
         elsewhere += len(row.records) - len(here.records)
         if not here.records:
             continue
@@ -102,7 +106,13 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, chosen: str) ->
     points.sort(key=lambda point: (point.latency.value, point.error.value, point.label))
     dominated = {point.label: by for point in points if (by := _dominators(point, points))}
     return Frontier(
-        regime, tuple(points), tuple(line(points)), dominated, chosen, elsewhere, tuple(untimed)
+        regime,
+        tuple(points),
+        tuple(line(points)),
+        dominated,
+        timed_on,
+        elsewhere,
+        tuple(untimed),
     )
 
 
@@ -121,8 +131,8 @@ def line(points: Sequence[Point]) -> list[Point]:
     return best
 
 
-def _timed_on(row: Row, chosen: str) -> Row:
-    return Row(tuple(r for r in row.records if machine(r) == chosen), row.mark)
+def _timed_on(row: Row, timed_on: str) -> Row:
+    return Row(tuple(r for r in row.records if machine(r) == timed_on), row.mark)
 
 
 def _dominators(point: Point, points: Iterable[Point]) -> tuple[str, ...]:
@@ -142,7 +152,7 @@ def _latency(row: Row) -> Range | None:
 
 
 def _error(row: Row, error: Ranking) -> Range | None:
-    """Mean over seeds, in the envelope of their intervals; None where a seed has no value."""
+    """Return the mean over seeds in the envelope of their intervals, None where one is n/a."""
     pooled = row.metric(error.metric, error.group)
     if pooled is None or pooled.censored:
         return None

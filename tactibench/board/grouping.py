@@ -60,7 +60,7 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(row_key(record)), []).append(record)
-    seeds = [tuple(sorted(found, key=lambda r: r.seed)) for found in groups.values()]
+    seeds = [tuple(sorted(group, key=lambda r: r.seed)) for group in groups.values()]
     labels = Counter(_shown(records[0]) for records in seeds)
     rows = [Row(records, _mark(records[0], labels)) for records in seeds]
     return sorted(rows, key=lambda row: (row.label, row.presses or 0))

@@ -40,7 +40,7 @@ class FamilyErrors:
 
 
 def family_errors(row: Row, axes: Iterable[Axis]) -> list[FamilyErrors]:
-    """All families of a row, in the order of the protocol."""
+    """Return all families of a row, in the order of the protocol."""
     return [_family_errors(row, axis) for axis in axes]
 
 

@@ -73,7 +73,7 @@ def map_limits(sensor: Sensor, request: LimitRequest, advance: Callable[[int], N
 
 
 def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[float]:
-    """x, y, depth of the worst contact, mm, and the separation's where the indenter has two tips.
+    """Return the bounds of x, y, depth of the worst contact, mm, and of the separation of two tips.
 
     All inf when a tip does not touch: nothing in the frame is about it.
     """
@@ -91,7 +91,7 @@ def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[fl
 
 
 def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
-    """Standard deviation of |p1 - p2|, mm, from the (6, 6) covariance of two contacts.
+    """Return the standard deviation of |p1 - p2|, mm, from the (6, 6) covariance of two contacts.
 
     apart: (2,) p1 - p2, mm. With u its direction, var |p1 - p2| = g C g for g = (u, 0, -u, 0);
     inf where a coordinate along u has no bound.
@@ -106,7 +106,7 @@ def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
 
 
 def summary(maps: LimitMaps) -> list[dict[str, Any]]:
-    """One line per depth and quantity: middle of the workspace, median, 90 %, worst, counts.
+    """Return a line a depth and quantity: middle of the workspace, median, 90 %, worst, counts.
 
     Quantiles are over the n presses that have a bound; unbounded and refused count the others.
     worst_at: (x, y) mm of the largest bound.
@@ -142,7 +142,7 @@ def summary(maps: LimitMaps) -> list[dict[str, Any]]:
 
 
 def rows_of(maps: LimitMaps) -> list[dict[str, Any]]:
-    """Tidy rows for JSON: metric, group, value (None: no bound), unit, n; shares of the presses."""
+    """Return tidy rows: metric, group, value (None: no bound), unit, n; shares of the presses."""
     rows: list[dict[str, Any]] = []
     for line in summary(maps):
         group = f"depth {line['depth']:g} mm"

@@ -55,12 +55,12 @@ def ranked_errors(
     """Return arrays of the error that orders the board; empty where none does."""
     if board_spec(spec.id).ranking is None:
         return {}
-    found = press_errors_of(spec, trials_of(spec, truth, predicted))
-    return {f"{RANKED}press": found.press, f"{RANKED}error": found.error}
+    errors = press_errors_of(spec, trials_of(spec, truth, predicted))
+    return {f"{RANKED}press": errors.press, f"{RANKED}error": errors.error}
 
 
 def press_errors_of(spec: Protocol, trials: Trials | PlateTrials) -> PressErrors:
-    """The error that orders the board of a protocol, which has one."""
+    """Return the error that orders the board of a protocol, which has one."""
     by = board_spec(spec.id).ranking
     if by is None:
         raise UserError(f"no error orders the board of {spec.id}, so it ranks nothing.")
@@ -83,7 +83,7 @@ def read_answers_file(path: Path) -> Arrays:
 
 
 def read_press_errors(path: Path) -> PressErrors | None:
-    """Errors that a board ranks by; None where there are no answers beside the record, or no order.
+    """Return the errors that a board ranks by; None without answers beside the record, or an order.
 
     Raises UserError for a damaged file.
     """
@@ -118,7 +118,7 @@ def _refuse_large(path: Path) -> None:
             claimed = 0
             for member in archive.infolist():
                 if total <= LARGEST:
-                    claimed += _claimed(archive, member)
+                    claimed += _claimed_bytes(archive, member)
     except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         # RuntimeError: encrypted, or compressed in a way that zipfile does not know.
         raise UserError(f"{path} is no archive of arrays ({type(error).__name__}).") from None
@@ -129,8 +129,8 @@ def _refuse_large(path: Path) -> None:
         )
 
 
-def _claimed(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Bytes that an array's header asks for. Raises ValueError for one that is no array."""
+def _claimed_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Return the bytes that an array's header asks for. Raises ValueError for one that is no array."""
     with archive.open(member) as stream:
         version = np.lib.format.read_magic(stream)
         read = {
@@ -194,29 +194,29 @@ def check_answers(
             f"{where} answers {rows:,} frames, but the protocol tests {frames:,}; every test "
             "frame needs one answer."
         )
-    _lengths(answers, columns, kind, where)
+    _check_lengths(answers, columns, kind, where)
     for name, (letter, _) in columns.items():
         if letter == "f":
-            _finite(answers[name], name, where)
+            _check_finite(answers[name], name, where)
     if kind != "plate" and len(answers["score"]):
         low, high = float(answers["score"].min()), float(answers["score"].max())
         if low < 0 or high > 1:
             raise UserError(f"{where}: scores go from {low:g} to {high:g}; a score lies in 0..1.")
     if guarded:
-        _failures(given, frames, where)
+        _check_failures(given, frames, where)
 
 
-def _failures(answers: Arrays, frames: int, where: str) -> None:
-    """Rising rows of frames without contacts, each with its cause."""
-    found = {name: answers.get(name, np.empty(0)) for name in FAILURES}
+def _check_failures(answers: Arrays, frames: int, where: str) -> None:
+    """Refuse all but rising rows of frames without contacts, each with its cause."""
+    failures = {name: answers.get(name, np.empty(0)) for name in FAILURES}
     for name, (letter, _) in FAILURES.items():
-        array = found[name]
-        if array.dtype.kind != letter or array.ndim != 1 or len(array) != len(found["failed"]):
+        array = failures[name]
+        if array.dtype.kind != letter or array.ndim != 1 or len(array) != len(failures["failed"]):
             raise UserError(
                 f"{where}: array {name!r} is missing or not how failures are stored; submit the "
                 "run with `tactibench board submit`."
             )
-    rows = found["failed"]
+    rows = failures["failed"]
     good = (
         bool((np.diff(rows, prepend=-1) > 0).all())
         and bool((rows < frames).all())
@@ -228,14 +228,15 @@ def _failures(answers: Arrays, frames: int, where: str) -> None:
             f"{frames:,} of frames without contacts; submit the run again."
         )
     if any(
-        len(cause) > LONGEST_CAUSE or not cause.isprintable() for cause in found["cause"].tolist()
+        len(cause) > LONGEST_CAUSE or not cause.isprintable()
+        for cause in failures["cause"].tolist()
     ):
         raise UserError(
             f"{where}: a cause is longer than {LONGEST_CAUSE} characters or not printable."
         )
 
 
-def _lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where: str) -> None:
+def _check_lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where: str) -> None:
     total = len(answers["given"]) if kind == "plate" else 0
     if kind != "plate":
         count = answers["count"]
@@ -253,8 +254,8 @@ def _lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where: str)
         )
 
 
-def _finite(array: npt.NDArray[Any], name: str, where: str) -> None:
-    """NaN stands for "not stated" in whole rows of standard deviations, and for nothing else."""
+def _check_finite(array: npt.NDArray[Any], name: str, where: str) -> None:
+    """Refuse NaN, but in whole rows of standard deviations, where it stands for "not stated"."""
     bad = ~np.isfinite(array)
     if name.endswith("std"):
         bad &= ~np.isnan(array).all(axis=1, keepdims=True)

@@ -93,16 +93,16 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
     by = board_spec(protocol).ranking
     if by is None:
         return None
-    found = [row.metric(by.metric, by.group) for row in rows]
-    tables = [_pooled(row, errors) for row in rows]
-    values = {k: f.value for k, f in enumerate(found) if f is not None and not f.censored}
+    metrics = [row.metric(by.metric, by.group) for row in rows]
+    tables = [_pool_seeds(row, errors) for row in rows]
+    values = {k: f.value for k, f in enumerate(metrics) if f is not None and not f.censored}
     order = sorted(values, key=lambda k: (values[k], rows[k].label))
 
     def worse(k: int, best: int) -> bool:
         one, other = tables[k], tables[best]
         if one is not None and other is not None:
-            return _paired(one, other)
-        high, low = (getattr(found[i], end) for i, end in ((best, "high"), (k, "low")))
+            return _is_worse_when_paired(one, other)
+        high, low = (getattr(metrics[i], end) for i, end in ((best, "high"), (k, "low")))
         return high is not None and low is not None and low > high
 
     by_row = grouped(order, worse)
@@ -110,7 +110,7 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
     return Ranks(tuple(by_row.get(k) for k in range(len(rows))), paired)
 
 
-def _paired(one: PressErrors, other: PressErrors) -> bool:
+def _is_worse_when_paired(one: PressErrors, other: PressErrors) -> bool:
     """Return whether the first is worse on the presses that both have."""
     _, i, j = np.intersect1d(one.press, other.press, return_indices=True)
     difference = one.error[i] - other.error[j]
@@ -118,8 +118,8 @@ def _paired(one: PressErrors, other: PressErrors) -> bool:
     return low is not None and low > 0
 
 
-def _pooled(row: Row, errors: Errors) -> PressErrors | None:
-    """Mean over seeds of every press that all seeds have; None where a seed has no answers."""
+def _pool_seeds(row: Row, errors: Errors) -> PressErrors | None:
+    """Return the mean over seeds of presses that all have; None where a seed has no answers."""
     known = [errors.get(record.name) for record in row.records]
     seeds = [one for one in known if one is not None]
     if not seeds or len(seeds) < len(known):

@@ -78,7 +78,7 @@ class Section:
 
 
 def sections_of(records: Iterable[Record]) -> list[Section]:
-    """Records by protocol version, sensor and test frames; simulated, then real, nominal first."""
+    """Return records by version, sensor and test frames; simulated, then real, nominal first."""
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(section_key(record)), []).append(record)
@@ -93,18 +93,18 @@ def _mark(section: Section) -> str:
 
 
 def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
-    """Committed records of the present version of a protocol, and complete runs of a store.
+    """Return committed records of the present version of a protocol, and complete runs of a store.
 
     Of one row and seed the newest run is taken. Runs that were tested on something else than they
     were trained for belong to tables of their own and are left out. Raises UserError.
     """
-    found: dict[str, Record] = {slot(record): record for record in records_of(board, protocol)}
+    records: dict[str, Record] = {slot(record): record for record in records_of(board, protocol)}
     stored = [run.record for run in stored_runs(runs)] if runs is not None else []
     for record in sorted(stored, key=lambda record: (record.created, record.name)):
         if record.protocol.id == protocol and not record.partial:
-            found[slot(record)] = record
-    asked = read_protocol(protocol_files()[protocol]).hash
-    return trained_for(r for r in found.values() if r.protocol.hash == asked)
+            records[slot(record)] = record
+    present = read_protocol(protocol_files()[protocol]).hash
+    return trained_for(r for r in records.values() if r.protocol.hash == present)
 
 
 def select_section(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:

@@ -99,8 +99,8 @@ def press_errors(board: Path, record: Record) -> PressErrors | None:
 
 def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
     """Read the errors of all records that have predictions, by name. Raises UserError."""
-    found = ((record.name, press_errors(board, record)) for record in records)
-    return {name: errors for name, errors in found if errors is not None}
+    pairs = ((record.name, press_errors(board, record)) for record in records)
+    return {name: errors for name, errors in pairs if errors is not None}
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:
@@ -192,7 +192,7 @@ LARGEST = 2**20
 
 
 def read_untrusted(path: Path) -> dict[str, Any]:
-    """JSON object in a file of at most LARGEST bytes, every number finite. Raises UserError."""
+    """Return the JSON object in a file of at most LARGEST bytes, every number finite. Raises UserError."""
     try:
         size = path.stat().st_size
         if path.is_symlink() or not path.is_file():
@@ -270,7 +270,7 @@ def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
 
 
 def records_of(board: Path, protocol: str) -> list[Record]:
-    """Committed records of a protocol. Raises UserError for an unknown one, or no board."""
+    """Return the committed records of a protocol. Raises UserError for an unknown one, or no board."""
     files = protocol_files()
     if protocol not in files:
         raise UserError(f"unknown protocol {protocol!r}; {did_you_mean(protocol, files)}")

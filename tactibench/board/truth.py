@@ -52,7 +52,9 @@ class Source:
 
 def trusted_host() -> PluginHost:
     """Return the plugins that ship with tactibench, and no others, whatever is installed."""
-    return PluginHost([found for found in installed() if found[1].distribution == OURS])
+    return PluginHost(
+        [(point, origin) for point, origin in installed() if origin.distribution == OURS]
+    )
 
 
 def truth_of(
@@ -84,8 +86,8 @@ def truth_of(
     )
     frames = frame_source(request)
     if isinstance(frames, TransferFrames):
-        return _transferred(record, frames)
-    return _drawn(frames) if isinstance(frames, DrawnFrames) else _recorded(frames)
+        return _transfer_truth(record, frames)
+    return _drawn_truth(frames) if isinstance(frames, DrawnFrames) else _recorded_truth(frames)
 
 
 def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:
@@ -108,7 +110,7 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
     )
 
 
-def _transferred(record: Record, frames: TransferFrames) -> Arrays:
+def _transfer_truth(record: Record, frames: TransferFrames) -> Arrays:
     """Return the truth of the recording that was tested, which --data names."""
     counts = labelled_counts(record, frames.request.protocol)
     _check_same_recording(record, frames.target, frames.request.test_data)
@@ -144,7 +146,7 @@ def _test_options(record: Record, source: Source) -> TestOptions:
 
 
 def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:
-    """The sensor that pressed the training scenes, as the record says that it was set."""
+    """Return the sensor that pressed the training scenes, as the record says that it was set."""
     stated, sensors = record.sensor, source.host.sensors
     if stated.name not in sensors.specs:
         raise UserError(
@@ -160,11 +162,11 @@ def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:
     return sensor
 
 
-def _recorded(frames: FrameSource) -> Arrays:
+def _recorded_truth(frames: FrameSource) -> Arrays:
     sets = frames.test_frames()
     opened = [frame_set.open(lambda _: None) for frame_set in sets]
     truth = true_answers(frames.spec, opened)
-    arrays = _arrays(frames.spec, sets, truth)
+    arrays = _pack_truth(frames.spec, sets, truth)
     if frames.published:
         protocol = frames.request.protocol
         published = find_published(protocol, frames.request.data, None)
@@ -173,12 +175,12 @@ def _recorded(frames: FrameSource) -> Arrays:
     return arrays
 
 
-def _drawn(frames: DrawnFrames) -> Arrays:
-    """The truth of drawn scenes: a simulated sensor reaches the poses that it is asked for."""
+def _drawn_truth(frames: DrawnFrames) -> Arrays:
+    """Return the truth of drawn scenes: a simulated sensor reaches the poses that it is asked for."""
     sets = frames.test_frames()
     scenes = [scene for frame_set in sets for scene in frame_set.scenes]
     radius = frames.testing.pressed.workspace.dome_radius_mm
-    arrays = _arrays(frames.spec, sets, [true_contacts(scene, radius) for scene in scenes])
+    arrays = _pack_truth(frames.spec, sets, [true_contacts(scene, radius) for scene in scenes])
     if "rmse_over_bound" not in frames.spec.metrics.names:
         return arrays
     bounds: list[FloatArray] = []
@@ -191,7 +193,7 @@ def _drawn(frames: DrawnFrames) -> Arrays:
     return {**arrays, "bound": np.concatenate(bounds)}
 
 
-def _arrays(protocol: Protocol, sets: Sequence[FrameSet], truth: Sequence[Answer]) -> Arrays:
+def _pack_truth(protocol: Protocol, sets: Sequence[FrameSet], truth: Sequence[Answer]) -> Arrays:
     clusters = [press for frame_set in sets for press in frame_set.clusters]
     groups = [group for frame_set in sets for group in frame_set.groups]
     return truth_arrays(protocol.answer, truth, clusters, groups)

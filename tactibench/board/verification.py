@@ -84,9 +84,9 @@ def verify(
     refuse_names(record, str(path))
     refuse_misplaced(record, path)
     refuse_partial(record, str(path))
-    protocol = _protocol(record, path)
+    protocol = _present_protocol(record, path)
     refuse_signature(record, str(path))
-    _hidden_asked(record, path, hidden)
+    _refuse_other_seed(record, path, hidden)
     place = answers_file(path)
     if not place.is_file():
         raise UserError(
@@ -120,7 +120,7 @@ def verify(
     return Verdict(path, record, frames, kept, stated)
 
 
-def _protocol(record: Record, path: Path) -> LoadedProtocol:
+def _present_protocol(record: Record, path: Path) -> LoadedProtocol:
     stated, files = record.protocol, protocol_files()
     if stated.id not in files:
         raise UserError(
@@ -136,7 +136,7 @@ def _protocol(record: Record, path: Path) -> LoadedProtocol:
     return protocol
 
 
-def _hidden_asked(record: Record, path: Path, hidden: bool) -> None:
+def _refuse_other_seed(record: Record, path: Path, hidden: bool) -> None:
     test = record.test_sensor
     on_hidden = test is not None and HIDDEN in test.options
     if on_hidden and not hidden:
@@ -179,7 +179,7 @@ def refuse_differences(
         if metric in FROM_MAPS:
             continue
         for field in Metric.model_fields:
-            if not _same(getattr(row, field), getattr(computed, field)):
+            if not _is_equal(getattr(row, field), getattr(computed, field)):
                 raise UserError(
                     f"{where} states {field} {getattr(row, field)} for {metric} of {group}, but "
                     f"its predictions give {getattr(computed, field)}."
@@ -189,7 +189,7 @@ def refuse_differences(
     )
 
 
-def _same(stated: Any, again: Any) -> bool:
+def _is_equal(stated: Any, again: Any) -> bool:
     if isinstance(stated, float | int) and isinstance(again, float):
         return math.isclose(stated, again, rel_tol=TOLERANCE, abs_tol=1e-9)
     return bool(stated == again)

@@ -33,6 +33,6 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     if len(names) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
     runs = [open_run(store, name) for name in names]
-    found = compare_runs(runs, distances=distances)
-    print_comparisons(Terminal().out, runs, found)
-    save_json(json_file, rows_of(runs, found))
+    comparisons = compare_runs(runs, distances=distances)
+    print_comparisons(Terminal().out, runs, comparisons)
+    save_json(json_file, rows_of(runs, comparisons))

@@ -96,7 +96,7 @@ def request_options(
 ) -> Callable[[Verb], Verb]:
     """Add what a request asks of frames, weights and machine; the arguments are help texts.
 
-    The verb takes the values as ``**asked`` and hands them to ``request_of``.
+    The verb takes the values as ``**options`` and hands them to ``request_of``.
     """
     return add_options(
         click.option("--regime", help=regime),
@@ -116,14 +116,14 @@ def request_options(
     )
 
 
-def request_of(protocol: str, model: str, asked: Mapping[str, Any], **more: Any) -> RunRequest:
-    """The request of a verb with ``request_options``; more: further fields of it.
+def request_of(protocol: str, model: str, options: Mapping[str, Any], **more: Any) -> RunRequest:
+    """Return the request of a verb with ``request_options``; more: further fields of it.
 
     Raises UserError for a ``--param`` that is not understood.
     """
     from tactibench.run.request import RunRequest, read_parameters
 
-    fields = dict(asked)
+    fields = dict(options)
     return RunRequest(
         protocol, model, parameters=read_parameters(fields.pop("params")), **fields, **more
     )

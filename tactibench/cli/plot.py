@@ -88,26 +88,26 @@ def frontier(
     records = whole(gather_records(protocol, board_folder, runs))
     section = _section(records, sensor, protocol)
     error = ranking_error(protocol)
-    found = frontiers(section.rows, error, _known_machine(machine, section.rows))
-    timed = [point for one in found for point in one.points]
+    regimes = frontiers(section.rows, error, _known_machine(machine, section.rows))
+    timed = [point for regime in regimes for point in regime.points]
     subject = f"{protocol}, {section.title.lower()}"
     if timed:
-        subject += f", timed on {timed[0].row.first.environment.cpu} ({found[0].machine})"
+        subject += f", timed on {timed[0].row.first.environment.cpu} ({regimes[0].machine})"
     terminal = Terminal()
     _say_subject(terminal, f"Speed against {error.name}", subject)
-    for one in found:
+    for regime in regimes:
         terminal.say("")
-        print_table(terminal.out, frontier_table(one, error))
+        print_table(terminal.out, frontier_table(regime, error))
     terminal.say("")
-    for remark in frontier_remarks(found):
+    for remark in frontier_remarks(regimes):
         terminal.say(remark)
     if hidden := left_out(records, section):
         terminal.say(f"Left out: {hidden:,} runs on other sensors.")
     if out is not None:
         from tactibench.report.plots.frontier import frontier_figure
 
-        _save(terminal, frontier_figure(found, error, measured_on=subject), out)
-    save_json(json_file, [line for one in found for line in frontier_rows(one, error)])
+        _save(terminal, frontier_figure(regimes, error, measured_on=subject), out)
+    save_json(json_file, [line for regime in regimes for line in frontier_rows(regime, error)])
 
 
 def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
@@ -149,8 +149,8 @@ def curve(
 
     error = ranking_error(protocol)
     section = _section(gather_records(protocol, board_folder, runs), sensor, protocol)
-    found = curves(section.rows, error)
-    if not found:
+    learning = curves(section.rows, error)
+    if not learning:
         raise UserError(
             f"no configuration of {protocol} was run with several numbers of presses; make some "
             f"with `tactibench run {protocol} --presses N`."
@@ -158,12 +158,12 @@ def curve(
     subject = f"{protocol}, {section.title.lower()}"
     terminal = Terminal()
     _say_subject(terminal, "", subject)
-    print_table(terminal.out, curve_steps_table(found, error))
+    print_table(terminal.out, curve_steps_table(learning, error))
     if out is not None:
         from tactibench.report.plots.curve import curve_figure
 
-        _save(terminal, curve_figure(found, error, measured_on=subject), out)
-    save_json(json_file, curve_rows(found, error))
+        _save(terminal, curve_figure(learning, error, measured_on=subject), out)
+    save_json(json_file, curve_rows(learning, error))
 
 
 @plot.command()

@@ -74,7 +74,7 @@ def run(
     train_only: bool,
     fresh: bool,
     dry_run: bool,
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Run PROTOCOL (exp1, exp2, exp3, surface, transfer or a .toml file) with a model; score it.
 
@@ -89,7 +89,7 @@ def run(
 
     test = read_test_options(tests, hidden=hidden)
     request = request_of(
-        protocol, model, asked, quick=quick, limit=limit, presses=presses, test=test
+        protocol, model, options, quick=quick, limit=limit, presses=presses, test=test
     )
     terminal = Terminal()
     plan = make_plan(request, PluginHost(), cache_folder())

@@ -50,7 +50,7 @@ def speed(
     frames: int,
     calls: int,
     json_file: Path | None,
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Time the ways in which MODEL can compute: float32, folded, frozen, bf16, ONNX Runtime.
 
@@ -70,7 +70,7 @@ def speed(
 
     if train and untrained:
         raise UserError("--train and --untrained exclude each other; leave one of them out.")
-    request = request_of(protocol, model, asked, limit=frames)
+    request = request_of(protocol, model, options, limit=frames)
     plan = make_plan(request, PluginHost(), cache_folder())
     terminal = Terminal()
     timed = _model(plan, terminal, train=train, untrained=untrained)
@@ -117,7 +117,7 @@ def speed(
 
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
-    """The model with the weights that were asked for. Raises UserError where there are none."""
+    """Return the model with the weights that were asked for. Raises UserError where there are none."""
     from tactibench.run.train import train_model
 
     name = plan.components.model.name

@@ -55,13 +55,13 @@ def _latency_table(race: Race) -> Table:
     first = race.configurations.usable[0].name
     phases = [phase for name, threads, phase in times if (name, threads) == (first, 1)][:-1]
     rows: list[list[Cell]] = []
-    for one in race.configurations.usable:
+    for way in race.configurations.usable:
         for threads in _threads(race):
-            parts = [times[one.name, threads, phase]["p50_ms"] for phase in phases]
-            total = times[one.name, threads, "total"]
+            parts = [times[way.name, threads, phase]["p50_ms"] for phase in phases]
+            total = times[way.name, threads, "total"]
             values = [*parts, *(total[key] for key in ("p50_ms", "p90_ms", "p99_ms"))]
             numbers = (Number(value, fixed(2)) for value in values)
-            rows.append([_marked(race, one.name), str(threads), *numbers])
+            rows.append([_marked(race, way.name), str(threads), *numbers])
     times_heads = ["threads", *(f"{phase} p50" for phase in phases), "p50", "p90", "p99"]
     heads: list[Head] = ["configuration", *map(Column, times_heads)]
     return table(heads, rows, title="one frame to contacts, ms")
@@ -73,10 +73,10 @@ def _rate_table(race: Race) -> Table | None:
         return None
     threads = max(_threads(race))
     rows: list[list[Cell]] = []
-    for one in race.configurations.usable:
-        totals = [race.total(one.name, threads, batch, "offline") for batch in batches]
+    for way in race.configurations.usable:
+        totals = [race.total(way.name, threads, batch, "offline") for batch in batches]
         numbers = (None if t is None else Number(t["per_s"], fixed(0)) for t in totals)
-        rows.append([_marked(race, one.name), *numbers])
+        rows.append([_marked(race, way.name), *numbers])
     counted = "1 thread" if threads == 1 else f"{threads} threads"
     heads: list[Head] = ["configuration", *(Column(str(batch)) for batch in batches)]
     return table(heads, rows, title=f"frames/s by batch, {counted}")
@@ -84,16 +84,16 @@ def _rate_table(race: Race) -> Table | None:
 
 def _prediction_table(race: Race) -> Table:
     rows: list[Sequence[Cell]] = []
-    for one in race.configurations.usable:
-        gap = one.difference
+    for way in race.configurations.usable:
+        gap = way.difference
         refused = "" if gap.allowed else "; NOT ALLOWED: answers differ too much"
         rows.append(
             [
-                _marked(race, one.name),
+                _marked(race, way.name),
                 None if gap.median_mm is None else Number(gap.median_mm, fixed(5)),
                 None if gap.error_change is None else Number(gap.error_change, change),
                 f"{gap.other_count} of {gap.frames}",
-                f"{one.description}{refused}",
+                f"{way.description}{refused}",
             ]
         )
     counts = map(Column, ("apart, mm", "mean error", "other count"))

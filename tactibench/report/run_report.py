@@ -40,7 +40,7 @@ COUNTS = (Column("n", optional=True), Column("presses", optional=True))
 TOTALS = {"false_per_1000": 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
-"""Of the list of further metrics, by unit; 3 for every other."""
+"""Decimals of the list of further metrics, by unit; 3 for every other."""
 Key = tuple[str, str]
 """Metric and group."""
 

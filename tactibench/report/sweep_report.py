@@ -28,44 +28,44 @@ def print_sweep(
     if not finished:
         return
     print_table(console, _cell_table(finished))
-    for one in finished:
-        if one.why:
-            console.print(Text(f"{one.cell.label}: {one.why}"), soft_wrap=True)
+    for result in finished:
+        if result.why:
+            console.print(Text(f"{result.cell.label}: {result.why}"), soft_wrap=True)
     console.print(Text(f"{_counts(finished)}; store {store}"), soft_wrap=True)
 
 
 def _set_table(sets: Sequence[DatasetTask]) -> Table:
     rows = [
         (
-            one.label,
-            f"{one.samples:,}",
-            one.source.identity["name"],
-            "complete" if one.is_complete else "to do",
+            task.label,
+            f"{task.samples:,}",
+            task.source.identity["name"],
+            "complete" if task.is_complete else "to do",
         )
-        for one in sets
+        for task in sets
     ]
     return table(("data set", Column("samples"), "sensor", "state"), rows)
 
 
 def _cell_table(finished: Sequence[CellResult]) -> Table:
-    axes = [axis for axis in AXES if any(one.cell.axes[axis] for one in finished)]
+    axes = [axis for axis in AXES if any(result.cell.axes[axis] for result in finished)]
     rows = []
-    for one in finished:
-        time = "" if one.outcome is None else duration(one.outcome.seconds)
-        settings = (one.cell.axes[axis] or "default" for axis in axes)
-        rows.append((*settings, _state(one), time, one.name))
+    for result in finished:
+        time = "" if result.outcome is None else duration(result.outcome.seconds)
+        settings = (result.cell.axes[axis] or "default" for axis in axes)
+        rows.append((*settings, _state(result), time, result.name))
     heads = [*axes, "state", "time", "run"]
     return table([Column(head, right=head in RIGHT) for head in heads], rows)
 
 
-def _state(one: CellResult) -> str:
-    if one.why:
+def _state(result: CellResult) -> str:
+    if result.why:
         return "failed"
-    return STATES[one.plan.state] if one.outcome is None else "run"
+    return STATES[result.plan.state] if result.outcome is None else "run"
 
 
 def _counts(finished: Sequence[CellResult]) -> str:
     """Return "6 cells: 4 run, 1 in the store, 1 failed"."""
-    states = [_state(one) for one in finished]
+    states = [_state(result) for result in finished]
     parts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
     return f"{len(finished)} cells: {', '.join(parts)}"

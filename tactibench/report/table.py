@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tactibench.records.record import Metric
 
 MISSING = "n/a"
-"""What a reader sees where there is no value."""
+"""Text that stands where there is no value."""
 PERCENT = 100.0
 
 

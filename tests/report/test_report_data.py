@@ -1,4 +1,4 @@
-"""What a report reads: stored runs, committed records, both; the newest, the whole, the present."""
+"""The data of a report: stored runs, committed records, both; the newest, the whole, the present."""
 
 from __future__ import annotations
 

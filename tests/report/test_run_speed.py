@@ -1,4 +1,4 @@
-"""What a run prints of its times and of what the model costs."""
+"""Times of a run and costs of its model, as they are printed."""
 
 from __future__ import annotations
 

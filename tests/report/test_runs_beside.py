@@ -1,4 +1,4 @@
-"""Which other runs a picture shows beside a run, and in what order while there is room."""
+"""Other runs that a picture shows beside a run, and in what order while there is room."""
 
 from __future__ import annotations
 

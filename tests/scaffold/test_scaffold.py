@@ -1,4 +1,4 @@
-"""What ``tactibench new`` writes, and what it refuses."""
+"""Packages that ``tactibench new`` writes, and names that it refuses."""
 
 from __future__ import annotations
 

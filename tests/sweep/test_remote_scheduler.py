@@ -59,7 +59,7 @@ def scheduler(toy: Path, tmp_path: Path) -> Iterator[str]:
 
 
 def anybody_in(group: int) -> bool:
-    """Whether a process group has a process."""
+    """Return whether a process group has a process."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:

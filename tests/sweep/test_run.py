@@ -1,4 +1,4 @@
-"""Which cell is begun when; the engine is a list of tasks that the test finishes one by one."""
+"""The order in which cells begin; the engine is a list of tasks that the test finishes one by one."""
 
 from __future__ import annotations
 

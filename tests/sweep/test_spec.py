@@ -1,4 +1,4 @@
-"""What a sweep's file asks for, and every mistake in it."""
+"""The cells that a sweep's file asks for, and every mistake in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is counted, what is expected to fail, and one test a property under pytest."""
+"""Counts, expected failures, and one test a property under pytest."""
 
 from __future__ import annotations
 

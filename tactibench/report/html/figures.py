@@ -50,7 +50,7 @@ WITHOUT_FRAMES = (
 )
 T = TypeVar("T")
 MISSES = (("missed", "missed"), ("resolved", "resolved as two"), ("coverage", "answered"))
-"""What an error is never shown without: the first of these that a row has."""
+"""Shares without which no error is shown: the first of these that a row has."""
 
 
 @dataclass(frozen=True)
@@ -124,13 +124,13 @@ def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
         return None
     options = []
     for name in sorted({machine(record) for row in rows for record in row.records}):
-        found = [one for one in frontiers(rows, error, name) if one.points]
-        if found:
-            words = machine_words(found[0].points[0].row.first)
-            untimed = ", ".join(label for one in found for label in one.untimed)
+        regimes = [regime for regime in frontiers(rows, error, name) if regime.points]
+        if regimes:
+            words = machine_words(regimes[0].points[0].row.first)
+            untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            image = _image(frontier_figure(found, error, title="", measured_on=words))
-            tables = tuple(frontier_table(one, error) for one in found)
+            image = _image(frontier_figure(regimes, error, title="", measured_on=words))
+            tables = tuple(frontier_table(regime, error) for regime in regimes)
             options.append(Option(words, image, tables, note))
     caption = (
         "p90 of one frame to contacts on one thread against the error that orders the board; bars: "

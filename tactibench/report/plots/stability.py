@@ -32,12 +32,12 @@ COLUMNS = 4
 DODGE = 0.07
 """Between the rows, in steps of the axis, so that bars stand beside each other."""
 TENTH = 0.1
-"""Of the contacts missed: a hollow marker."""
+"""Share of the contacts missed from which on a marker is hollow."""
 TITLE = "Hard cases: error from the easy case on"
 BLOCKS = 2
 """Families side by side: a page is wider than a row is long."""
 SHARE = 0.7
-"""Of a frame's sides, around the middle, that is shown: beyond are no pins."""
+"""Share of a frame's sides, around the middle, that is shown: beyond are no pins."""
 
 
 def stability_figure(

@@ -34,7 +34,7 @@ GREY = "#595959"
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
-"""Of the first row of a model in a picture, the second, and so on."""
+"""Lines of the first row of a model in a picture, the second, and so on."""
 MODELS = ("unet", "superpose", "vgnn", "mixture", "cnn", "pins", "kernel")
 """Models in the order of SERIES; any other takes a colour by its name."""
 TRIVIAL = {"nearest": (GREY, "<"), "mean": (GREY, ">")}

@@ -23,7 +23,7 @@ from tactibench.report.plots.style import (
 )
 
 LETTERS = 30
-"""Of a label in one line above its panel."""
+"""Longest line of a label above its panel."""
 
 
 @dataclass(frozen=True, eq=False)
