@@ -130,7 +130,7 @@ def _refuse_large(path: Path) -> None:
 
 
 def _claimed_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Return the bytes that an array's header asks for. Raises ValueError for one that is no array."""
+    """Return the bytes that an array's header asks for. Raises ValueError for anything else."""
     with archive.open(member) as stream:
         version = np.lib.format.read_magic(stream)
         read = {

@@ -192,7 +192,10 @@ LARGEST = 2**20
 
 
 def read_untrusted(path: Path) -> dict[str, Any]:
-    """Return the JSON object in a file of at most LARGEST bytes, every number finite. Raises UserError."""
+    """Return the JSON object in a file of at most LARGEST bytes.
+
+    Raises UserError for another file, and for a number that is not finite.
+    """
     try:
         size = path.stat().st_size
         if path.is_symlink() or not path.is_file():
@@ -270,7 +273,7 @@ def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
 
 
 def records_of(board: Path, protocol: str) -> list[Record]:
-    """Return the committed records of a protocol. Raises UserError for an unknown one, or no board."""
+    """Return the committed records of a protocol. Raises UserError for no such one, or no board."""
     files = protocol_files()
     if protocol not in files:
         raise UserError(f"unknown protocol {protocol!r}; {did_you_mean(protocol, files)}")

@@ -176,7 +176,7 @@ def _recorded_truth(frames: FrameSource) -> Arrays:
 
 
 def _drawn_truth(frames: DrawnFrames) -> Arrays:
-    """Return the truth of drawn scenes: a simulated sensor reaches the poses that it is asked for."""
+    """Return the truth of drawn scenes: a simulated sensor reaches any pose that is asked for."""
     sets = frames.test_frames()
     scenes = [scene for frame_set in sets for scene in frame_set.scenes]
     radius = frames.testing.pressed.workspace.dome_radius_mm

@@ -117,7 +117,7 @@ def speed(
 
 
 def _model(plan: RunPlan, reporter: Reporter, *, train: bool, untrained: bool) -> Any:
-    """Return the model with the weights that were asked for. Raises UserError where there are none."""
+    """Return the model with the weights that were asked for. Raises UserError without any."""
     from tactibench.run.train import train_model
 
     name = plan.components.model.name

@@ -1,4 +1,4 @@
-"""The data of a report: stored runs, committed records, both; the newest, the whole, the present."""
+"""The data of a report: stored runs, committed records, both; of each the newest and whole ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order in which cells begin; the engine is a list of tasks that the test finishes one by one."""
+"""The order in which cells begin; the engine is a list of tasks that a test finishes one by one."""
 
 from __future__ import annotations
 
