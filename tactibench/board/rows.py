@@ -133,7 +133,7 @@ class Row:
         return self.first.model.name in TRIVIAL
 
     def metric(self, metric: str, group: str) -> PooledMetric | None:
-        """Return the metric over all seeds; None where one has no value: the others would flatter."""
+        """Return the metric over all seeds; None where one has none: the others would flatter."""
         rows = [row for record in self.records if (row := record.metric(metric, group))]
         values = [row.value for row in rows if row.value is not None]
         if not values or len(values) < len(self.records):

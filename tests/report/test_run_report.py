@@ -1,4 +1,4 @@
-"""A run as it is printed: complete, readable at 80 columns, and honest about the origin of numbers."""
+"""A run as it is printed: complete, readable at 80 columns, honest about the origin of numbers."""
 
 from __future__ import annotations
 
