@@ -22,7 +22,7 @@ from tactibench_tactip.collector import Callbacks, Collector, SessionReport
 from tactibench_tactip.errors import RobotLostError, StopNowError
 from tactibench_tactip.frame_check import Reference
 from tactibench_tactip.plan import CollectionPlan, check_plan, with_smallest_turn
-from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
@@ -101,10 +101,7 @@ def collect(
         callbacks.advance(len(plan))
         return SessionReport()
     robot = make_robot(settings)
-    geometry = PressGeometry(
-        settings.frames, settings.sensor.dome_radius_mm, settings.contact.fixed_mm
-    )
-    check_plan(plan, settings, geometry, turns=robot.turns)
+    check_plan(plan, settings, geometry_of(settings), turns=robot.turns)
     report = SessionReport()
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(settings.camera))
@@ -165,8 +162,7 @@ def dry_run(
     count = 0
     station = Station(settings)
     station.geometry = station.geometry.with_z0(settings.contact.fixed_mm - height)
-    plan = CollectionPlan("dry run", tuple(presses), {})
-    check_plan(plan, settings, station.geometry, turns=station.robot.turns)
+    station.check_plan(CollectionPlan("dry run", tuple(presses), {}))
     signals = StopSignals(lambda _: None)
     signals.stop = station.stop_now
     with suppress(StopNowError), signals.installed(), station:

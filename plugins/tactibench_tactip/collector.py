@@ -14,20 +14,20 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from tactibench import Indenter, UserError
+from tactibench import Indenter, Scene, UserError
 from tactibench.datasets import Draft, Writer
 from tactibench.lab import Press
+from tactibench_tactip.camera import Image
 from tactibench_tactip.errors import GuardError, ProtectiveStopError, StopNowError
 from tactibench_tactip.plan import (
     CollectionPlan,
     by_indenter,
-    check_plan,
     indenter_settings,
     is_mounted,
     with_smallest_turn,
 )
 from tactibench_tactip.robots.base import RecoverableRobot
-from tactibench_tactip.settings import Pose6, Settings
+from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import PressResult, Station
 from tactibench_tactip.touch import FirstTouch, find_touch
 
@@ -202,7 +202,7 @@ class Collector:
         )
         if abs(drift) > DRIFT_MM:
             self._callbacks.notify(f"first touch drifted by {drift:+.3f} mm")
-        check_plan(self._plan, self._settings, station.geometry, turns=station.robot.turns)
+        station.check_plan(self._plan)
         self._report.touches.append(touch)
         self._since_touch, self._touched_at = 0, time.monotonic()
 
@@ -223,7 +223,7 @@ class Collector:
             if not reason or attempt == ATTEMPTS:
                 break
             self._event("bad-frame", press, reason)
-        self._write(press, self._draft(press, result, attempt, reason), reason)
+        self._write_result(press, result, attempt, reason)
 
     def _give_up(self, press: Press, reason: str, attempt: int) -> None:
         """Write a press that was aborted, with an image of the undeformed sensor."""
@@ -237,20 +237,11 @@ class Collector:
             brightness_mean=float(image.mean()),
             brightness_std=float(image.std()),
         )
-        draft = Draft(
-            image,
-            press.id,
-            press.scene,
-            press=press.name,
-            session=self._session,
-            extra=extra,
-            status="bad",
-            attempt=attempt,
-        )
+        draft = self._draft(press, press.scene, image, extra, attempt)
         self._write(press, draft, f"aborted, {reason}")
 
-    def _draft(self, press: Press, result: PressResult, attempt: int, reason: str) -> Draft:
-        """The sample of a press that came to its end; reason: why its frame is bad, "" if not."""
+    def _write_result(self, press: Press, result: PressResult, attempt: int, reason: str) -> None:
+        """Write a press that came to its end; reason: why its frame is bad, "" if not."""
         check, state = result.check, result.state
         extra = _extra(
             press,
@@ -262,7 +253,7 @@ class Collector:
             pose_cmd=_floats(result.commanded),
             pose_meas_before=_floats(result.before),
             pose_meas_after=_floats(result.after),
-            force_n=[] if state.force_n is None else [float(value) for value in state.force_n],
+            force_n=_floats(state.force_n or ()),
             t_settle_ns=result.settled_ns,
             robot_timestamp=[] if state.time_s is None else [state.time_s],
             frames_median=len(result.frames),
@@ -272,15 +263,27 @@ class Collector:
             saturated=check.saturated,
             n_pins=check.pins,
         )
+        draft = self._draft(press, result.scene, check.image, extra, attempt, check.t_ns)
+        self._write(press, draft, reason)
+
+    def _draft(
+        self,
+        press: Press,
+        scene: Scene,
+        image: Image,
+        extra: dict[str, Any],
+        attempt: int,
+        t_frame_ns: int | None = None,
+    ) -> Draft:
         return Draft(
-            check.image,
+            image,
             press.id,
-            result.scene,
+            scene,
             press=press.name,
             session=self._session,
-            t_frame_ns=check.t_ns,
+            t_frame_ns=t_frame_ns,
             extra=extra,
-            status="bad" if reason else "ok",
+            status="ok" if extra["outcome"] == "ok" else "bad",
             attempt=attempt,
         )
 
@@ -341,5 +344,5 @@ def _extra(press: Press, **values: Any) -> dict[str, Any]:
     return empty | known
 
 
-def _floats(pose: Pose6) -> list[float]:
-    return [float(value) for value in pose]
+def _floats(values: Iterable[float]) -> list[float]:
+    return [float(value) for value in values]

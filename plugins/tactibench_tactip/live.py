@@ -19,7 +19,7 @@ from tactibench import Contacts, Frame, Model, PlatePose, Pose, UserError
 from tactibench.markers import Tracker
 from tactibench_tactip.camera import Camera, CameraFrame, Image
 from tactibench_tactip.errors import StopNowError
-from tactibench_tactip.plan import check_plan, is_mounted, plan_of, with_smallest_turn
+from tactibench_tactip.plan import is_mounted, plan_of, with_smallest_turn
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
@@ -290,7 +290,7 @@ class PressLoop:
         """Find first touch and press from then on. Raises UserError."""
         station = self.station
         find_touch(station, first=True)
-        check_plan(self._plan, station.settings, station.geometry, turns=station.robot.turns)
+        station.check_plan(self._plan)
         self._thread = threading.Thread(target=self._run, name="tactip presses", daemon=True)
         self._thread.start()
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tactibench import Indenter, Scene, UserError
 from tactibench.lab import Press, plan_presses, press_rows
 from tactibench_tactip.poses import angle_between, envelope_violation
-from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.press_geometry import PressGeometry, geometry_of
 from tactibench_tactip.press_path import path_of, path_seconds
 from tactibench_tactip.settings import IndenterSettings, Settings
+
+T = TypeVar("T")
 
 SAME_MM = 1e-6
 CAPTURE_S = 0.3
@@ -51,14 +53,6 @@ class CollectionPlan:
         return list(by_indenter(self.presses).items())
 
 
-class _Dome:
-    """The surface that a protocol asks for."""
-
-    def __init__(self, settings: Settings) -> None:
-        self.dome_radius_mm = settings.sensor.dome_radius_mm
-        self.deepest_mm = settings.sensor.deepest_mm
-
-
 def plan_of(
     source: str,
     settings: Settings,
@@ -78,7 +72,7 @@ def plan_of(
 
     Raises UserError.
     """
-    press_plan = plan_presses(source, _Dome(settings), seed=seed)
+    press_plan = plan_presses(source, settings.sensor, seed=seed)
     presses = list(press_plan)
     known = list(dict.fromkeys(press.draw for press in presses))
     for name in draws:
@@ -88,7 +82,8 @@ def plan_of(
             )
     if draws:
         presses = [press for press in presses if press.draw in draws]
-    presses = _spread(presses, count)
+    if count is not None:
+        presses = _limit_presses(presses, count)
     ordered = [press for group in by_indenter(presses).values() for press in group]
     ids = {press.id for press in ordered}
     splits = {
@@ -98,17 +93,18 @@ def plan_of(
     return CollectionPlan(source, tuple(ordered), splits)
 
 
-def _spread(presses: list[Press], count: int | None) -> list[Press]:
-    """At most count of every indenter of every draw, evenly spread, in the same order."""
-    if count is None:
-        return presses
+def spread_evenly(items: Sequence[T], count: int) -> list[T]:
+    """Return at most ``count`` of the items, evenly spread, in their order."""
+    few = min(count, len(items))
+    return [items[(2 * k + 1) * len(items) // (2 * few)] for k in range(few)]
+
+
+def _limit_presses(presses: list[Press], count: int) -> list[Press]:
+    """At most count of every indenter of every draw, in the same order."""
     groups: dict[tuple[str, Indenter], list[Press]] = {}
     for press in presses:
         groups.setdefault((press.draw, press.scene.indenter), []).append(press)
-    ids: set[int] = set()
-    for group in groups.values():
-        few = min(count, len(group))
-        ids.update(group[(2 * k + 1) * len(group) // (2 * few)].id for k in range(few))
+    ids = {press.id for group in groups.values() for press in spread_evenly(group, count)}
     return [press for press in presses if press.id in ids]
 
 
@@ -156,19 +152,6 @@ def check_plan(
         )
 
 
-def check_scenes(
-    source: str,
-    scenes: Iterable[Scene],
-    settings: Settings,
-    geometry: PressGeometry,
-    *,
-    turns: bool,
-) -> None:
-    """Raise UserError as ``check_plan``, for presses of no protocol."""
-    presses = tuple(Press(k, f"press {k + 1}", scene) for k, scene in enumerate(scenes))
-    check_plan(CollectionPlan(source, presses, {}), settings, geometry, turns=turns)
-
-
 def _refusal(scene: Scene, settings: Settings, geometry: PressGeometry, turns: bool) -> str:
     deepest = settings.sensor.deepest_mm
     if scene.pose.depth > deepest:
@@ -189,7 +172,7 @@ def _refusal(scene: Scene, settings: Settings, geometry: PressGeometry, turns: b
 
 def estimate_seconds(presses: Iterable[Press], settings: Settings) -> float:
     """Return device seconds of presses, searches for first touch included."""
-    geometry = PressGeometry(settings.frames, settings.sensor.dome_radius_mm)
+    geometry = geometry_of(settings)
     paths = [path_of(with_smallest_turn(press.scene), geometry, settings) for press in presses]
     searches = 1 + len(paths) // settings.contact.every_presses
     return sum(path_seconds(path, settings) + CAPTURE_S for path in paths) + SEARCH_S * searches

@@ -36,7 +36,7 @@ import numpy as np
 from tactibench import Pose, Scene
 from tactibench.geometry import tip_positions
 from tactibench_tactip.poses import Array, about_z, inverse, matrix, pose_of
-from tactibench_tactip.settings import FrameSettings, Pose6
+from tactibench_tactip.settings import FrameSettings, Pose6, Settings
 
 _FLIP = matrix((0.0, 0.0, 0.0, 180.0, 0.0, 0.0))
 
@@ -92,6 +92,11 @@ class PressGeometry:
     @cached_property
     def _indenter_in_work(self) -> Array:
         return matrix((0.0, 0.0, self.z0, 180.0, 0.0, 0.0))
+
+
+def geometry_of(settings: Settings) -> PressGeometry:
+    """Return the geometry of a setup before first touch was searched."""
+    return PressGeometry(settings.frames, settings.sensor.dome_radius_mm, settings.contact.fixed_mm)
 
 
 def touch_height(scene: Scene, dome_radius: float) -> float:

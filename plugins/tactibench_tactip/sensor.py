@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError, __version__
 from tactibench_tactip.errors import DeviceError
-from tactibench_tactip.plan import check_scenes, describe_indenter, is_mounted, with_smallest_turn
+from tactibench_tactip.plan import describe_indenter, is_mounted, with_smallest_turn
 from tactibench_tactip.settings import Settings, read_settings
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
@@ -100,5 +100,4 @@ class TacTip(Sensor):
                 f"{describe_indenter(mounted.indenter())}; change the indenter and [indenter], "
                 "or collect with `tactibench hw collect`."
             )
-        turns = station.robot.turns
-        check_scenes("the scene", [scene], self.settings, station.geometry, turns=turns)
+        station.check_scenes("the scene", [scene])

@@ -243,11 +243,17 @@ class Settings(_Table):
     timing: TimingSettings = TimingSettings()
     safety: SafetySettings = SafetySettings()
 
+    def with_changes(self, **tables: dict[str, Any]) -> Settings:
+        """Return the same with other values of keys, table by table, which are not checked."""
+        changes = {
+            name: getattr(self, name).model_copy(update=values) for name, values in tables.items()
+        }
+        return self.model_copy(update=changes)
+
     def with_speed_scale(self, scale: float) -> Settings:
         """Return the same with all speeds times scale."""
         names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
-        speeds = {name: scale * getattr(self.robot, name) for name in names}
-        return self.model_copy(update={"robot": self.robot.model_copy(update=speeds)})
+        return self.with_changes(robot={name: scale * getattr(self.robot, name) for name in names})
 
     def identity(self) -> dict[str, Any]:
         """Return all that decides on frames and labels: it stays the same when a data set goes on.

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Self, TypeVar
 
 from tactibench import Scene, UserError
+from tactibench.lab import Press
 from tactibench_tactip import press_path
 from tactibench_tactip.camera import Camera, CameraFrame, Image
 from tactibench_tactip.errors import CameraError, RobotError, StopNowError
 from tactibench_tactip.frame_check import FrameCheck, Reference, check_frames, count_pins
 from tactibench_tactip.motion import Mover, RobotThread, patience
+from tactibench_tactip.plan import CollectionPlan, check_plan
 from tactibench_tactip.poses import envelope_violation
-from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.press_path import PressPath, path_of, path_seconds
 from tactibench_tactip.robots.base import HomingRobot, Robot, RobotState, make_robot
 from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
@@ -77,9 +79,7 @@ class Station:
         self._opens_camera = camera is None
         self.camera = camera or Camera(settings.camera)
         self.robot_thread = RobotThread(robot or make_robot(settings), settings)
-        self.geometry = PressGeometry(
-            settings.frames, settings.sensor.dome_radius_mm, settings.contact.fixed_mm
-        )
+        self.geometry = geometry_of(settings)
         self.rest: Reference | None = None
         self._pressed: Scene | None = None
         self._still_seen: Image | None = None
@@ -175,6 +175,17 @@ class Station:
         """Take note that another indenter was mounted: first touch has to be found again."""
         self.settings = self.settings.model_copy(update={"indenter": indenter})
         self.geometry = self.geometry.with_z0(self.settings.contact.fixed_mm)
+
+    # Checks
+
+    def check_plan(self, plan: CollectionPlan) -> None:
+        """Raise UserError for a press of a plan that may not be made here."""
+        check_plan(plan, self.settings, self.geometry, turns=self.robot.turns)
+
+    def check_scenes(self, source: str, scenes: Iterable[Scene]) -> None:
+        """Raise UserError as ``check_plan``, for presses of no protocol; source: names them."""
+        presses = tuple(Press(k, f"press {k + 1}", scene) for k, scene in enumerate(scenes))
+        self.check_plan(CollectionPlan(source, presses, {}))
 
     # Rest frames
 

@@ -34,7 +34,6 @@ from tactibench_tactip.commands.output import (
     write_figures,
 )
 from tactibench_tactip.emulators import HiddenOffset
-from tactibench_tactip.plan import check_scenes
 from tactibench_tactip.poses import Array
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
@@ -122,8 +121,7 @@ def calibrate(
     angles = [2.0 * math.pi * k / points for k in range(points)]
     spots = [(0.0, 0.0), *((radius * math.cos(t), radius * math.sin(t)) for t in angles)]
     deep = [Scene(indenter, Pose(x, y, depth=depth)) for x, y in spots]
-    settings, turns = station.settings, station.robot.turns
-    check_scenes("the calibration", deep, settings, station.geometry, turns=turns)
+    station.check_scenes("the calibration", deep)
     rest = station.look_at_rest()
     places, heights, seen = [], [], []
     for number, scene in enumerate(deep):

@@ -32,10 +32,8 @@ def command(**device: Any) -> int:
     (A stage with robot.home = true is not homed for it.)
     """
     with open_devices(**device) as (settings, emulation):
-        robot = settings.robot.model_copy(
-            update={"home": emulation is not None and settings.robot.home}
-        )
-        settings = settings.model_copy(update={"robot": robot})
+        home = emulation is not None and settings.robot.home
+        settings = settings.with_changes(robot={"home": home})
         rows = [*_check("camera", _camera, settings), *_check("robot", _robot, settings)]
     print_rows(("", "", "found"), rows)
     wrong = sum(mark == "WRONG" for mark, _, _ in rows)

@@ -78,8 +78,7 @@ def command(
     with rehearse(settings, time_scale=time_scale, sensor=sensor, fps=fps) as rehearsal:
         # The rehearsal's own watchdog is slower than a configuration may ask for.
         watchdog = {"watchdog_hz": settings.robot.watchdog_hz}
-        robot = rehearsal.settings.robot.model_copy(update=watchdog)
-        click.echo(_toml(rehearsal.settings.model_copy(update={"robot": robot})))
+        click.echo(_toml(rehearsal.settings.with_changes(robot=watchdog)))
         click.echo(HELP, err=True)
         _converse(rehearsal.emulation)
 

@@ -45,8 +45,7 @@ def command(
         raise UserError("give --by or --to, not both.")
     with open_devices(**device) as (settings, emulation):
         if home:
-            robot_settings = settings.robot.model_copy(update={"home": True})
-            settings = settings.model_copy(update={"robot": robot_settings})
+            settings = settings.with_changes(robot={"home": True})
         robot = make_robot(settings)
         if home and not isinstance(robot, HomingRobot):
             raise UserError("--home is for a stage; a UR knows where it is.")

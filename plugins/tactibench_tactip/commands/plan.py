@@ -24,7 +24,7 @@ from tactibench_tactip.plan import (
     is_mounted,
     plan_of,
 )
-from tactibench_tactip.press_geometry import PressGeometry
+from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import read_settings
 
@@ -73,7 +73,7 @@ def command(
         )
     settings = read_settings(config)
     plan = plan_of(presses, settings, draws=draws, count=count, seed=seed)
-    geometry = PressGeometry(settings.frames, settings.sensor.dome_radius_mm)
+    geometry = geometry_of(settings)
     check_plan(plan, settings, geometry, turns=make_robot(settings).turns)
     rows: list[tuple[str, str, str, str]] = []
     figures: list[tuple[str, str, float, str]] = []

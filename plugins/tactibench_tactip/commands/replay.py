@@ -19,7 +19,7 @@ from tactibench_tactip.commands.output import (
     progress_bar,
     write_figures,
 )
-from tactibench_tactip.plan import check_scenes, is_mounted, with_smallest_turn
+from tactibench_tactip.plan import is_mounted, spread_evenly, with_smallest_turn
 from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
 
@@ -47,13 +47,10 @@ def command(folder: Path, count: int, json_file: Path | None, **device: Any) -> 
         ]
         if not usable:
             raise UserError(f"{folder} has no good sample of the indenter that is mounted.")
-        few = min(count, len(usable))
-        picked = [usable[(2 * k + 1) * len(usable) // (2 * few)] for k in range(few)]
+        picked = spread_evenly(usable, count)
         station = Station(settings)
-        scenes = [scene for _, scene in picked]
-        turns = station.robot.turns
-        check_scenes(f"{folder}", scenes, settings, station.geometry, turns=turns)
-        with station, progress_bar("press", few) as advance:
+        station.check_scenes(f"{folder}", [scene for _, scene in picked])
+        with station, progress_bar("press", len(picked)) as advance:
             noise = station.look_at_rest().between
             find_touch(station, first=True)
             for sample, scene in picked:

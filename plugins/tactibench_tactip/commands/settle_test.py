@@ -19,7 +19,6 @@ from tactibench_tactip.commands.output import (
     print_rows,
     write_figures,
 )
-from tactibench_tactip.plan import check_scenes
 from tactibench_tactip.poses import Array
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
@@ -47,9 +46,7 @@ def command(
     """
     with open_devices(**device) as (settings, emulation):
         station = Station(settings)
-        scenes = [held_press(settings, depth)]
-        turns = station.robot.turns
-        check_scenes("the test", scenes, settings, station.geometry, turns=turns)
+        station.check_scenes("the test", [held_press(settings, depth)])
         with station:
             station.look_at_rest()
             find_touch(station, first=True)

@@ -220,12 +220,7 @@ def _settings_for(plan: EmulationPlan, robot: str, camera: str) -> Settings:
     }
     unset = dict.fromkeys(("size", "exposure", "gain", "fourcc", "crop"))
     stream = {"source": camera, "fps": plan.fps, **unset}
-    return settings.model_copy(
-        update={
-            "robot": settings.robot.model_copy(update=changes),
-            "camera": settings.camera.model_copy(update=stream),
-        }
-    )
+    return settings.with_changes(robot=changes, camera=stream)
 
 
 def _free_host() -> str:
