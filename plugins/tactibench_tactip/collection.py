@@ -29,9 +29,9 @@ from tactibench_tactip.station import Station
 
 RECONNECTS = 2
 """Times that a UR is connected again without a press between; its watchdog has stopped it."""
-SILENT = Callbacks()
+NO_CALLBACKS = Callbacks()
 FLAT = 0.02
-"""Share by which the brightness may change from one second to the next."""
+"""Greatest relative change of the brightness from one moment to the next."""
 ALIKE_LEVELS = 6.0
 """Grey levels by which the undeformed sensor may differ on average when a collection goes on."""
 
@@ -40,22 +40,22 @@ class StopSignals:
     """The first Ctrl-C ends after the press, the second and SIGTERM at once.
 
     Attributes:
-        asked: whether to end after this press.
-        stop: stops the robot, once there is one.
+        end_requested: Set once the session shall end after this press.
+        stop: Stops the robot, once there is one.
     """
 
     def __init__(self, notify: Callable[[str], None]) -> None:
-        self.asked = threading.Event()
+        self.end_requested = threading.Event()
         self.stop: Callable[[], None] = lambda: None
         self._notify = notify
 
     def interrupt(self, number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
         """Handle a signal."""
-        if number == signal.SIGINT and not self.asked.is_set():
-            self.asked.set()
+        if number == signal.SIGINT and not self.end_requested.is_set():
+            self.end_requested.set()
             self._notify("ending after this press; Ctrl-C again stops the robot now")
             return
-        self.asked.set()
+        self.end_requested.set()
         self._notify("stopping the robot")
         self.stop()
 
@@ -78,7 +78,7 @@ def collect(
     plan: CollectionPlan,
     folder: Path,
     *,
-    callbacks: Callbacks = SILENT,
+    callbacks: Callbacks = NO_CALLBACKS,
     on_station: Callable[[Station], None] = lambda _: None,
     speed_scale: float = 1.0,
 ) -> SessionReport:
@@ -88,14 +88,18 @@ def collect(
     the data set, the robot connected; only then something moves.
 
     Args:
-        settings: of the setup.
-        plan: the presses.
-        folder: of the data set.
-        callbacks: the people around it.
-        on_station: takes every station that is entered.
-        speed_scale: of this session's motion; the data set's configuration stays what it is.
+        settings: Configuration of the setup.
+        plan: The presses.
+        folder: Folder of the data set.
+        callbacks: Functions that tell and ask a person.
+        on_station: Takes every station that is entered.
+        speed_scale: Factor of this session's speeds; the data set's configuration stays as it is.
 
-    Raises UserError.
+    Returns:
+        The outcome of this session.
+
+    Raises:
+        UserError: Nothing can be collected so, or a device failed.
     """
     if _is_complete(folder, plan):
         callbacks.advance(len(plan))
@@ -115,7 +119,7 @@ def collect(
             return report
         signals = StopSignals(callbacks.notify)
         stack.enter_context(signals.installed())
-        callbacks = replace(callbacks, asked_to_end=signals.asked.is_set)
+        callbacks = replace(callbacks, should_end=signals.end_requested.is_set)
         losses = 0
         while True:
             before = len(writer.done)
@@ -134,7 +138,11 @@ def collect(
             except RobotLostError as error:
                 writer.event("lost", reason=str(error))
                 losses = losses + 1 if len(writer.done) == before else 1
-                if settings.robot.driver != "ur" or losses > RECONNECTS or signals.asked.is_set():
+                if (
+                    settings.robot.driver != "ur"
+                    or losses > RECONNECTS
+                    or signals.end_requested.is_set()
+                ):
                     raise
                 callbacks.notify(f"{error} Connecting again.")
                 robot = make_robot(settings)
@@ -167,7 +175,7 @@ def dry_run(
     signals.stop = station.stop_now
     with suppress(StopNowError), signals.installed(), station:
         for press in presses:
-            if signals.asked.is_set():
+            if signals.end_requested.is_set():
                 break
             scene = with_smallest_turn(press.scene)
             path = station.path(scene)

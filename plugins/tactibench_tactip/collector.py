@@ -32,15 +32,16 @@ from tactibench_tactip.station import PressResult, Station
 from tactibench_tactip.touch import FirstTouch, find_touch
 
 MountRequest = Callable[[Indenter, int], bool]
-"""Asks somebody to mount an indenter for so many presses; whether it was done."""
+"""Asks a person to mount an indenter for so many presses; returns whether it was done."""
 
 ATTEMPTS = 2
-"""Of one press in a session, before it is written as bad."""
+"""Attempts at a press in a session before it is written as bad."""
 STOPS_OF_PRESS = 2
 """Protective stops at one press, over all sessions, before it is given up."""
 RECOVER_PRESSES = 500
+"""Presses between two protective stops that are released without asking."""
 DRIFT_MM = 0.05
-"""Of first touch between two searches, from which on the drift is a warning."""
+"""Drift of first touch between two searches from which on it is a warning."""
 
 EXTRA = MappingProxyType(
     {
@@ -71,7 +72,16 @@ key with the same type."""
 
 @dataclass
 class SessionReport:
-    """The outcome of a session; left: presses that are still missing."""
+    """The outcome of a session.
+
+    Attributes:
+        ok: Samples that may be used.
+        bad: Samples that were written as bad.
+        touches: First touches, in order.
+        stops: Protective stops.
+        left: Presses that are still missing.
+        interrupted: Whether a person ended it.
+    """
 
     ok: int = 0
     bad: int = 0
@@ -83,23 +93,23 @@ class SessionReport:
 
 @dataclass(frozen=True)
 class Callbacks:
-    """The people around a session.
+    """Functions by which a session tells and asks a person.
 
     Attributes:
-        notify: takes sentences for a person.
-        advance: takes numbers of samples written.
-        asked_to_end: whether to end after this press.
-        mount: asks for another indenter.
+        notify: Takes a sentence for a person.
+        advance: Takes the number of samples just written.
+        should_end: Returns whether to end after this press.
+        mount: Asks for another indenter.
     """
 
     notify: Callable[[str], None] = lambda _: None
     advance: Callable[[int], None] = lambda _: None
-    asked_to_end: Callable[[], bool] = lambda: False
+    should_end: Callable[[], bool] = lambda: False
     mount: MountRequest = lambda _indenter, _count: False
 
 
 class Collector:
-    """One session at an open station; report: of earlier ones, to be gone on with."""
+    """One session at an open station; it continues the report of earlier ones."""
 
     def __init__(
         self,
@@ -168,7 +178,7 @@ class Collector:
         """With one indenter; its length is not known before it first touches."""
         first = True
         for press in presses:
-            if self._callbacks.asked_to_end():
+            if self._callbacks.should_end():
                 self._report.interrupted = True
                 return
             if first or self._touch_is_due():
@@ -338,10 +348,10 @@ class Collector:
 
 def _extra(press: Press, **values: Any) -> dict[str, Any]:
     """The values of a press, and those of EXTRA for the rest."""
-    known = {"draw": press.draw, "depth_cmd_mm": float(press.scene.pose.depth), **values}
-    assert known.keys() <= EXTRA.keys(), "keys of extra"  # noqa: S101
+    given = {"draw": press.draw, "depth_cmd_mm": float(press.scene.pose.depth), **values}
+    assert given.keys() <= EXTRA.keys(), "keys of extra"  # noqa: S101
     empty = {key: [] if value == () else value for key, value in EXTRA.items()}
-    return empty | known
+    return empty | given
 
 
 def _floats(values: Iterable[float]) -> list[float]:

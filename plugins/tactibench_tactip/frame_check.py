@@ -31,10 +31,11 @@ class Reference:
     """The undeformed sensor.
 
     Attributes:
-        mean: (H, W) grey levels.
-        between: mean absolute difference of two frames in a row.
-        change: of one frame from the mean, and its standard deviation over frames.
-        pins: that are seen.
+        mean: (H, W) mean of the frames, grey levels.
+        between: Mean absolute difference of two frames in a row.
+        change: Mean absolute difference of one frame from the mean.
+        change_std: Standard deviation of the change over frames.
+        pins: Number of pins in the mean.
     """
 
     mean: Array
@@ -91,12 +92,13 @@ class FrameCheck:
     """The frames of one press, joined and checked.
 
     Attributes:
-        reason: why they cannot be kept, "" when they can.
+        reason: Reason for which they cannot be used, "" when they can.
         image: (H, W) median.
-        t_ns: of the middle frame.
-        brightness, contrast: mean and standard deviation of the image, grey levels.
-        saturated: share of pixels.
-        pins: that are seen; -1 where they are not counted.
+        t_ns: Time of the middle frame.
+        brightness: Mean of the image, grey levels.
+        contrast: Standard deviation of the image, grey levels.
+        saturated: Share of saturated pixels.
+        pins: Number of pins; -1 where they are not counted.
     """
 
     reason: str

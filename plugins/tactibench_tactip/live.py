@@ -93,14 +93,14 @@ def watch(
     """
     raw: list[float] = []
     start = 0
-    asked_ns = time.monotonic_ns()
+    since_ns = time.monotonic_ns()
     for turn in range(WARM_UP + turns):
         if turn == WARM_UP:
             start = camera.frames
-        taken = camera.fresh(asked_ns, 1)[0]
+        taken = camera.fresh(since_ns, 1)[0]
         prediction, maps = _predict(model, Frame(taken.image, taken.t_ns * 1e-9, Pose(), rest))
-        asked_ns = time.monotonic_ns()
-        latency = (asked_ns - taken.t_ns) * 1e-6
+        since_ns = time.monotonic_ns()
+        latency = (since_ns - taken.t_ns) * 1e-6
         if turn >= WARM_UP:
             raw.append(latency)
         if not show(LiveReading(taken, prediction, maps, latency)):

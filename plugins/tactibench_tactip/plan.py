@@ -20,11 +20,11 @@ T = TypeVar("T")
 
 SAME_MM = 1e-6
 CAPTURE_S = 0.3
-"""Of the frames of a press and of the look after it."""
+"""Time of the frames of a press and of the frame after it."""
 SEARCH_S = 60.0
-"""Of a search for first touch."""
+"""Time of a search for first touch."""
 TURN_DEG = 0.05
-"""Turn that a stage, which has none, may be asked for."""
+"""Turn up to which a stage, which cannot turn the tool, is taken to reach a pose."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class CollectionPlan:
     """The presses of a collection.
 
     Attributes:
-        source: the protocol or file that they come from.
-        presses: in the order in which they are made.
-        splits: as of the protocol, name -> part -> ids.
+        source: Protocol or file of the presses.
+        presses: The presses in the order in which they are made.
+        splits: Splits of the protocol: name -> subset -> ids.
     """
 
     source: str
@@ -64,21 +64,22 @@ def plan_of(
     """Return the presses of a protocol or of a plan.jsonl, those of one indenter together.
 
     Args:
-        source: name of a protocol or path of a plan.jsonl.
-        settings: of the setup, whose sensor limits the depth.
-        draws: of the protocol, all by default.
-        count: at most, of every indenter of every draw, evenly spread.
-        seed: for other presses than the protocol's.
+        source: Name of a protocol, or path of a plan.jsonl.
+        settings: Configuration of the setup, whose sensor limits the depth.
+        draws: Draws of the protocol to take; all by default.
+        count: Most presses of every indenter of every draw, evenly spread.
+        seed: Seed of other presses than the protocol's.
 
-    Raises UserError.
+    Raises:
+        UserError: There is no such protocol, file or draw.
     """
     press_plan = plan_presses(source, settings.sensor, seed=seed)
     presses = list(press_plan)
-    known = list(dict.fromkeys(press.draw for press in presses))
+    names = list(dict.fromkeys(press.draw for press in presses))
     for name in draws:
-        if name not in known:
+        if name not in names:
             raise UserError(
-                f"{source} has no draw {name!r}; it has {', '.join(filter(None, known)) or 'none'}."
+                f"{source} has no draw {name!r}; it has {', '.join(filter(None, names)) or 'none'}."
             )
     if draws:
         presses = [press for press in presses if press.draw in draws]

@@ -1,4 +1,4 @@
-"""The configuration of a setup: validated tables of a TOML file, millimetres and degrees.
+"""The configuration of a setup: the checked tables of a TOML file, in millimetres and degrees.
 
 Names and conventions are those of the Bristol robot stack: poses are (x, y, z, alpha, beta, gamma)
 in mm and deg, extrinsic ``sxyz``; +z of the work frame and of the tool points into the object.
@@ -38,14 +38,14 @@ class RobotSettings(_Table):
     """The robot, and how fast it moves.
 
     Attributes:
-        driver: that speaks to the robot.
-        address: a host (ur), a serial port or socket:// (grbl), ``package.module:callable`` that
-            makes the robot (cri).
-        connect_s: within which it has answered.
-        time_scale: how many times faster than real an emulator runs; 1 on a robot.
-        watchdog_hz: a UR stops when it hears nothing of us for one period.
-        home: drive a stage to its switches when it is not homed.
-        allow_unhomed: use a stage that has no switches.
+        driver: Driver of the robot.
+        address: A host (ur), a serial port or socket:// (grbl), or ``package.module:callable``
+            that makes the robot (cri).
+        connect_s: Time within which the robot must answer.
+        time_scale: Times by which an emulator runs faster than real; 1 on a robot.
+        watchdog_hz: Rate of the watchdog: a UR stops when it receives nothing for one period.
+        home: Whether to drive a stage to its switches when it is not homed.
+        allow_unhomed: Whether to use a stage that has no switches.
     """
 
     driver: Literal["ur", "grbl", "cri"]
@@ -75,10 +75,10 @@ class FrameSettings(_Table):
     """The places of robot, tool and sensor.
 
     Attributes:
-        moves: what the robot carries.
-        work_frame: in the robot's base. Its origin is the sensor's undeformed apex, or the
-            indenter's foremost point where the sensor moves.
-        tcp_pose: of the tool in the flange.
+        moves: The part that the robot carries.
+        work_frame: Pose of the work frame in the robot's base. Its origin is the sensor's
+            undeformed apex, or the indenter's foremost point where the sensor moves.
+        tcp_pose: Pose of the tool in the flange.
         sensor: x, y mm of the apex and yaw deg of the image's x axis in the work frame (in the
             tool, where the sensor moves); ``hw calibrate`` measures it.
     """
@@ -93,9 +93,9 @@ class SensorSettings(_Table):
     """The sensor.
 
     Attributes:
-        deepest_mm: that it may be pressed past first touch.
-        pins: that a frame of the undeformed sensor shows; None: they are not counted.
-        pins_tolerance: pins that a frame may lack or have more.
+        deepest_mm: Greatest depth past first touch.
+        pins: Pins in a frame of the undeformed sensor; None: they are not counted.
+        pins_tolerance: Pins that a frame may have fewer or more.
     """
 
     name: str = "tactip-127"
@@ -109,13 +109,13 @@ class CameraSettings(_Table):
     """The camera.
 
     Attributes:
-        source: a number, a path such as /dev/v4l/by-id/..., or an address.
-        size: width, height px; None: as the camera sends it.
-        crop: x, y, width, height px of the frame that is kept.
-        exposure: in the backend's own unit; None: the camera stays as it is and must hold its
-            brightness.
-        burst: frames of one sample, of which the median is kept.
-        stall_s: without a frame after which the camera counts as stalled.
+        source: A number, a path such as /dev/v4l/by-id/..., or an address.
+        size: Width and height px; None: as the camera sends them.
+        crop: x, y, width and height px of the part of the frame that is stored.
+        exposure: Exposure in the backend's own unit; None: the camera stays as it is and must hold
+            its brightness.
+        burst: Frames of one sample; their median is stored.
+        stall_s: Time without a frame after which the camera counts as stalled.
     """
 
     source: str | int
@@ -139,9 +139,10 @@ class IndenterSettings(_Table):
     """The mounted indenter.
 
     Attributes:
-        distance_mm: between the tips of a dual.
-        side_mm, heights_mm: of a triple and its inserts, seen facing the tips, x right and y down:
-            the tip below, upper left, upper right.
+        distance_mm: Distance between the tips of a dual.
+        side_mm: Side of a triple.
+        heights_mm: Heights of a triple's inserts, seen facing the tips, x right and y down: the tip
+            below, upper left, upper right.
     """
 
     kind: Literal["single", "dual", "triple", "plate"] = "single"
@@ -176,8 +177,8 @@ class EnvelopeSettings(_Table):
     against the work frame's z, and yaw_deg about it.
 
     Attributes:
-        clearance_mm: before first touch, where all sideways motion is.
-        max_force_n: change of the measured force in a descent, where the robot measures it.
+        clearance_mm: Distance before first touch at which all sideways motion is made.
+        max_force_n: Greatest change of the force in a descent, where the robot measures it.
     """
 
     half_width_mm: PositiveFloat = 12.0
@@ -193,12 +194,13 @@ class ContactSettings(_Table):
     """The search for first touch.
 
     Attributes:
-        every_presses, every_minutes: after which it is searched again.
-        travel_mm: beyond and before the expected place, at most.
-        at_mm: where on the sensor.
-        fixed_mm: of method fixed, past the work frame's zero.
-        spread_mm: by which two searches may differ.
-        force_n: of method force.
+        every_presses: Presses after which first touch is searched again.
+        every_minutes: Minutes after which it is searched again.
+        travel_mm: Greatest travel before and beyond the expected place.
+        at_mm: Place of the search on the sensor, x and y.
+        fixed_mm: First touch of method fixed, past the work frame's zero.
+        spread_mm: Greatest difference of two searches.
+        force_n: Force that counts as touch, for method force.
     """
 
     method: Literal["visual", "force", "probe", "fixed"] = "visual"
@@ -212,7 +214,11 @@ class ContactSettings(_Table):
 
 
 class TimingSettings(_Table):
-    """Times. settle_s: from the end of the descent to the first frame that counts."""
+    """The times of a press.
+
+    Attributes:
+        settle_s: Time from the end of the descent to the first frame that counts.
+    """
 
     settle_s: Annotated[float, Field(ge=0, le=10)] = 0.2
 
@@ -221,8 +227,9 @@ class SafetySettings(_Table):
     """Reactions to what goes wrong.
 
     Attributes:
-        auto_recover: protective stops that are released without asking, at most one in 500 presses.
-        give_up: presses without contact, or bad frames, in a row, that end a session.
+        auto_recover: Protective stops that are released without asking, at most one in 500
+            presses.
+        give_up: Bad presses in a row that end a session.
     """
 
     auto_recover: NonNegativeInt = 0
@@ -256,9 +263,9 @@ class Settings(_Table):
         return self.with_changes(robot={name: scale * getattr(self.robot, name) for name in names})
 
     def identity(self) -> dict[str, Any]:
-        """Return all that decides on frames and labels: it stays the same when a data set goes on.
+        """Return the tables that decide on frames and labels; they stay the same in a data set.
 
-        Neither the mounted indenter, which changes in a collection, nor where the devices are.
+        Left out are the mounted indenter, which changes in a collection, and the addresses.
         """
         tables = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
         for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):

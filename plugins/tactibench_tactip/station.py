@@ -28,28 +28,33 @@ T = TypeVar("T")
 
 REST_FRAMES = 20
 LOOKS = 3
-"""At the frames of one press, before it counts as bad."""
+"""Times that frames of a press are taken before it counts as bad."""
 SAME_MM = 0.05
-"""By which the tool may move while frames are taken."""
+"""Distance that the tool may move while frames are taken."""
 RELAXED = 0.3
 """Share of a press's change that a frame after it may still show."""
 RELAXED_LEVELS = 0.3
-"""Grey levels that it may show at least, where the press itself changed little."""
+"""Least limit of that change, grey levels, where the press itself changed little."""
 RELAXING_S = 5.0
-"""Host seconds for a skin to come back, and for a camera to show it."""
+"""Host seconds within which a skin comes back and a camera shows it."""
 LONG_S = 60.0
 
 
 @dataclass(frozen=True, eq=False)
 class PressResult:
-    """One press as it came out.
+    """The outcome of one press.
 
     Attributes:
-        scene: with the pose that was reached.
-        check: of its frames.
-        settled_ns: end of settling, on the clock of the frames.
-        before, after: the tool in the work frame, around the frames.
-        looks: how often frames were taken.
+        scene: Scene with the pose that was reached.
+        check: Check of its frames.
+        settled_ns: End of settling, on the clock of the frames.
+        commanded: Pose of the tool in the work frame that was commanded.
+        before: Pose of the tool before the frames were taken.
+        after: Pose of the tool after them.
+        state: State of the robot before them.
+        z0: First touch on which the depth is counted, mm.
+        looks: Times that frames were taken.
+        frames: Frames of the last look.
     """
 
     scene: Scene
@@ -65,11 +70,13 @@ class PressResult:
 
 
 class Station:
-    """Opens the camera, then the robot; the tool is drawn back before the robot is let go.
+    """The camera and the robot of a setup, opened in this order.
+
+    On exit the tool is withdrawn before the robot is released.
 
     Attributes:
-        geometry: where presses are, with the z0 of the latest first touch.
-        rest: the undeformed sensor; None until somebody looked.
+        geometry: Geometry of presses, with the z0 of the latest first touch.
+        rest: The undeformed sensor; None until ``look_at_rest``.
     """
 
     def __init__(
@@ -82,7 +89,7 @@ class Station:
         self.geometry = geometry_of(settings)
         self.rest: Reference | None = None
         self._pressed: Scene | None = None
-        self._still_seen: Image | None = None
+        self._afterimage: Image | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -313,10 +320,10 @@ class Station:
         rest = self.rest_reference()
         share = RELAXED * (rest.change_of(press) - rest.change)
         most = rest.change + max(RELAXED_LEVELS, share)
-        self._still_seen = press
+        self._afterimage = press
         for _ in range(LOOKS):
             if rest.change_of(self.camera.after(time.monotonic_ns(), 1)[0].image) <= most:
-                self._still_seen = None
+                self._afterimage = None
                 return True
         return False
 
@@ -327,7 +334,7 @@ class Station:
         after RELAXING_S.
         """
         end = time.monotonic() + RELAXING_S
-        while self._still_seen is not None and not self._looks_undeformed(self._still_seen):
+        while self._afterimage is not None and not self._looks_undeformed(self._afterimage):
             if time.monotonic() > end:
                 raise CameraError(
                     f"frames still show a contact {RELAXING_S:g} s after it: the camera lags, or "

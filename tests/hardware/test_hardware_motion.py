@@ -201,7 +201,7 @@ class TestStops:
         stops = StopSignals(told.append)
         stops.stop = lambda: stopped.append(1)
         stops.interrupt()
-        assert (stops.asked.is_set(), stopped) == (True, [])
+        assert (stops.end_requested.is_set(), stopped) == (True, [])
         stops.interrupt()
         assert stopped == [1]
         assert "Ctrl-C again" in told[0]
@@ -218,5 +218,5 @@ class TestStops:
         stops = StopSignals(lambda _: None)
         with stops.installed():
             signal.raise_signal(signal.SIGINT)
-        assert stops.asked.is_set()
+        assert stops.end_requested.is_set()
         assert signal.getsignal(signal.SIGINT) is before

@@ -104,7 +104,7 @@ class Emulation:
         return self._world.tool()
 
     def truth(self, at_ns: int | None = None) -> Truth:
-        """Return what is so now, or was at a ``time.monotonic_ns`` of the latest moves."""
+        """Return the state of the world now, or at a ``time.monotonic_ns`` of the latest moves."""
         return self._world.truth(at_ns)
 
     def image(self, at_ns: int | None = None) -> Image:
@@ -162,16 +162,16 @@ class Rehearsal:
 
 
 @contextmanager
-def rehearse(settings: Settings, **plan: Any) -> Iterator[Rehearsal]:
+def rehearse(settings: Settings, **options: Any) -> Iterator[Rehearsal]:
     """Emulate all that a configuration names while the block runs.
 
-    plan: further arguments of ``EmulationPlan``. Raises UserError.
+    options: Further arguments of ``EmulationPlan``. Raises UserError.
     """
-    wanted = EmulationPlan(settings, **plan)
+    plan = EmulationPlan(settings, **options)
     with _Process(ctx=multiprocessing.get_context("spawn")) as process:
-        emulation = cast("Emulation", process.emulation(wanted))  # type: ignore[attr-defined]
+        emulation = cast("Emulation", process.emulation(plan))  # type: ignore[attr-defined]
         try:
-            yield Rehearsal(emulation, _settings_for(wanted, *emulation.start()))
+            yield Rehearsal(emulation, _settings_for(plan, *emulation.start()))
         finally:
             emulation.close()
 

@@ -91,7 +91,7 @@ class Touch:
         return force
 
     def truth(self, tool: Array) -> Truth:
-        """Return all that is so with the tool at one (4, 4) pose in the work frame."""
+        """Return the state of the world with the tool at a (4, 4) pose in the work frame."""
         depths = self.depths(tool[None])
         depth = float(depths.max())
         scene = self._scene(self._to_sensor @ tool, depth) if depth > 0 else None

@@ -149,7 +149,7 @@ class World:
         self._envelope, self._inside = envelope, True
         self._moves: deque[Move] = deque(maxlen=MOVES)
         self._moves.append(Move.rest(-math.inf, matrix(self.rig.start)))
-        self._known_s = 0.0
+        self._computed_s = 0.0
         self._numbers = count()
         self._watches: dict[int, Watch] = {}
         self._handlers: dict[str, list[FaultHandler]] = {}
@@ -174,7 +174,7 @@ class World:
         return pose6(self._pose_now())
 
     def truth(self, at_ns: int | None = None) -> Truth:
-        """Return what is so now, or was at a ``time.monotonic_ns``.
+        """Return the state of the world now, or at a ``time.monotonic_ns``.
 
         Raises ValueError for a moment that is no longer kept.
         """
@@ -293,8 +293,8 @@ class World:
         """Work out all that happened up to now, in order; returns now, s."""
         with self.lock:
             now = self.clock.now()
-            while self._known_s < now:
-                self._advance_along(self._known_s, now)
+            while self._computed_s < now:
+                self._advance_along(self._computed_s, now)
             return now
 
     def _advance_along(self, start: float, now: float) -> None:
@@ -302,7 +302,7 @@ class World:
         ahead = [m.start_s for m in takewhile(lambda m: m.start_s > start, reversed(self._moves))]
         move = self.move_at(start)
         end = min(now, *ahead, now if move is None else move.end_s)
-        self._known_s = end
+        self._computed_s = end
         if move is None:
             return
         times = np.linspace(start, end, math.ceil((end - start) / SAMPLE_S) + 1)
@@ -315,16 +315,16 @@ class World:
             if t is not None and (event is None or t < event[0]):
                 event = t, number
         if event is not None:
-            self._known_s = event[0]
+            self._computed_s = event[0]
         self._record(times, poses, values["depth"])
         if event is not None:
             self._watches.pop(event[1]).notify(event[0])
 
     def _record(self, times: Array, poses: Array, depth: Array) -> None:
         """Put what was travelled until what is known into the records."""
-        seen = times <= self._known_s
+        seen = times <= self._computed_s
         if self._deepest is not None:
-            at_end = float(np.interp(self._known_s, times, depth))
+            at_end = float(np.interp(self._computed_s, times, depth))
             self._deepest = max(self._deepest, at_end, float(depth[seen].max()))
         if self._envelope is None:
             return

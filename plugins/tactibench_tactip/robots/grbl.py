@@ -43,7 +43,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         self._settings: dict[str, float] = {}
         self._version = ""
         self._last = Status("", (0.0, 0.0, 0.0))
-        self._asked_at = 0.0
+        self._polled_at = 0.0
         self._moving = self._homing = False
         self.at_switches = False
 
@@ -76,7 +76,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         """Drive to the switches, where GRBL answers nothing but a reset. Raises RobotError."""
         self._link.alarm, self._homing = 0, True
         self._link.command("$H", HOMING_S)
-        self._homing, self._asked_at, self.at_switches = False, 0.0, True
+        self._homing, self._polled_at, self.at_switches = False, 0.0, True
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:  # noqa: ARG002
         """Begin a jog; the acceleration is the stage's own."""
@@ -88,7 +88,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
             self._link.command(f"$J=G53G90G21X{x:.4f}Y{y:.4f}Z{z:.4f}F{60 * speed:.1f}")
         except NoAnswerError:  # lost on its way: whoever moves sees whether it was done
             self._link.status()
-        self._moving, self._asked_at, self.at_switches = True, 0.0, False
+        self._moving, self._polled_at, self.at_switches = True, 0.0, False
 
     def moving(self) -> bool:
         """Return whether the jog goes on."""
@@ -99,13 +99,13 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
     def pose(self) -> Pose6:
         """Return where the tool is; at rest by a report of this moment."""
         if not self._moving:
-            self._asked_at = 0.0
+            self._polled_at = 0.0
         return self._with_turn(*self._status().position)
 
     def stop(self) -> None:
         """Cancel the jog."""
         self._link.realtime(_CANCEL)
-        self._moving, self._asked_at = True, 0.0
+        self._moving, self._polled_at = True, 0.0
 
     def state(self) -> RobotState:
         """Return whether GRBL would move."""
@@ -135,7 +135,7 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         if self._link.alarm:
             raise RobotError(f"the probe failed: GRBL {describe_alarm(self._link.alarm)}.")
         self._link.command("G90")
-        self._asked_at = 0.0
+        self._polled_at = 0.0
         report = next((line for line in lines if line.startswith("[PRB:")), "")
         place, _, closed = report.strip("[]").removeprefix("PRB:").partition(":")
         if closed != "1":
@@ -179,9 +179,9 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
 
     def _status(self) -> Status:
         """The last report, a new one when it is older than POLL_S of the device's time."""
-        if time.monotonic() - self._asked_at > POLL_S / self._robot.time_scale:
+        if time.monotonic() - self._polled_at > POLL_S / self._robot.time_scale:
             self._last = self._link.status()
-            self._asked_at = time.monotonic()
+            self._polled_at = time.monotonic()
         return self._last
 
     def _check_settings(self) -> None:

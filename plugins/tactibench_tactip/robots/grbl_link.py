@@ -14,7 +14,7 @@ from tactibench_tactip.robots.base import missing_package
 
 ANSWER_S = 2.0
 STATUS_S = 0.25
-"""After which a status report is asked for again: GRBL drops the question while it is busy."""
+"""Time after which a status report is requested again: a busy GRBL drops the request."""
 PAUSE_S = 0.0005
 CRITICAL = (1, 2)
 """Alarms after which nothing is answered before a reset."""
@@ -119,8 +119,8 @@ class GrblLink:
         end = time.monotonic() + wait_s
         while time.monotonic() < end:
             self._write(b"?")
-            asked = time.monotonic()
-            while time.monotonic() < min(end, asked + STATUS_S):
+            sent = time.monotonic()
+            while time.monotonic() < min(end, sent + STATUS_S):
                 for line in self._read_lines():
                     status = self.parse_status(line)
                     if status is not None:
@@ -144,7 +144,7 @@ class GrblLink:
             time.sleep(0.002)
 
     def drain(self) -> None:
-        """Take in what was pushed unasked."""
+        """Read what GRBL sent unrequested, such as an alarm."""
         for line in self._read_lines():
             self._note(line)
 

@@ -40,7 +40,7 @@ class UrLink:
         self._news = threading.Condition()
         self._facts: dict[str, Any] = {}
         self._answers: dict[int, dict[str, Any]] = {}
-        self._asked = 0
+        self._orders = 0
         self._stale_s = min(MOST_STALE_S, max(STALE_S, 1.0 / watchdog_hz))
         self._after = 0
         self._changed_at, self._stamp = 0.0, -1.0
@@ -71,8 +71,8 @@ class UrLink:
     def ask(self, what: str, *given: Any, wait_s: float = 8.0) -> str:
         """Have something done; return what went wrong, "" for nothing. Raises RobotLostError."""
         with self._news:
-            self._asked += 1
-            number = self._asked
+            self._orders += 1
+            number = self._orders
         try:
             message = {"do": what, "with": given, "number": number}
             self._link.send_bytes(json.dumps(message).encode())
