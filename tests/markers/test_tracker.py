@@ -1,12 +1,11 @@
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
+import drawn_pins
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.markers import Tracker, Tracks, rest_layout
@@ -23,9 +22,7 @@ def dimple(rest, centre, height, width):
 
 @pytest.fixture(scope="module")
 def hexagon():
-    cells = [(q, r) for q in range(-6, 7) for r in range(-6, 7) if abs(q + r) <= 6]
-    q, r = np.array(cells, dtype=float).T
-    return 13.0 * np.stack([q + r / 2, np.sqrt(3) / 2 * r], axis=1) + 100.0
+    return drawn_pins.hexagon(6, 13.0, 100.0)
 
 
 @pytest.fixture(scope="module")
@@ -238,10 +235,7 @@ def test_every_pin_of_real_presses_is_followed(pins) -> None:
     import cv2
     import pandas as pd
 
-    default = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
-    folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default)) / str(pins) / "model_surface2d"
-    if not folder.is_dir():
-        pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
+    folder = tac_vgnn_folder(f"{pins}/model_surface2d")
     table = pd.read_csv(folder / "targets.csv")
     little = table.image_name[table.move_1.abs() < 1].iloc[::40]  # sheared by less than 1 mm
     names = ["init_0.png", *little, *table.image_name.iloc[::100]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from tac_vgnn import tac_vgnn_folder
 
 from tactibench import SensorContext
 from tactibench_recorded.sensor import RecordedSensor
@@ -58,8 +58,4 @@ def open_recording() -> Callable[..., RecordedSensor]:
 @pytest.fixture
 def tac_vgnn() -> Path:
     """The public Tac-VGNN recordings, which live outside the project."""
-    default = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "tac-vgnn"
-    folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default))
-    if not folder.is_dir():
-        pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
-    return folder
+    return tac_vgnn_folder()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,29 +15,28 @@ NUMBERED = "pose_1,pose_2,pose_3,pose_4,pose_5,pose_6"
 LETTERED = "pose_x,pose_y,pose_z,pose_Rx,pose_Ry,pose_Rz"
 
 
-def picture(index: int, height: int = 12, width: int = 10) -> np.ndarray:
-    return np.random.default_rng(index).integers(0, 256, (height, width), dtype=np.uint8)
+def write_frames(folder: Path, names: str, count: int, rest: str = "") -> None:
+    """Write frames whose names hold the place of a number, and the sensor at rest."""
+    folder.mkdir(parents=True)
+    files = [(names.format(i), i) for i in range(count)] + ([(rest, 99)] if rest else [])
+    for name, seed in files:
+        image = np.random.default_rng(seed).integers(0, 256, (12, 10), dtype=np.uint8)
+        assert cv2.imwrite(str(folder / name), image)
 
 
-def put(path: Path, index: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), picture(index))
-
-
-def rows(count: int) -> list[tuple[float, float]]:
-    """(depth label mm, tilt deg) of each row."""
-    return [(-0.25 * (i + 1), 3.5 * i - 4.0) for i in range(count)]
+def write_targets(folder: Path, header: str, line: str) -> None:
+    """Write five rows: number i of the row, n = i + 1, depth label d mm, tilt t deg."""
+    rows = [line.format(i=i, n=i + 1, d=-0.25 * (i + 1), t=3.5 * i - 4.0) for i in range(5)]
+    (folder / "targets.csv").write_text("\n".join([header, *rows]))
 
 
 @pytest.fixture
 def first(tmp_path: Path) -> Path:
     """First generation: image_name, pose_1.., frames_bw, meta.json."""
     folder = tmp_path / "first"
-    for i in range(5):
-        put(folder / "frames_bw" / f"frame_{i}_0.png", i)
-    put(folder / "frames_bw" / "init_0.png", 99)
-    lines = [f"frame_{i}_0.png,obj,0,{d},0,0,0,{t},{i}" for i, (d, t) in enumerate(rows(5))]
-    (folder / "targets.csv").write_text(f"image_name,kind,{NUMBERED},move_1\n" + "\n".join(lines))
+    write_frames(folder / "frames_bw", "frame_{}_0.png", 5, rest="init_0.png")
+    header, line = f"image_name,kind,{NUMBERED},move_1", "frame_{i}_0.png,obj,0,{d},0,0,0,{t},{i}"
+    write_targets(folder, header, line)
     (folder / "meta.json").write_text('{"exposure": -7, "image_dir": "a\\\\frames_bw"}')
     return folder
 
@@ -47,10 +45,9 @@ def first(tmp_path: Path) -> Path:
 def second(tmp_path: Path) -> Path:
     """Second generation: sensor_image with backslashes from the folder above, images, no rest."""
     folder = tmp_path / "second"
-    for i in range(5):
-        put(folder / "images" / f"image_{i + 1}.png", i)
-    lines = [f"images\\image_{i + 1}.png,0,{d},0,0,0,{t}" for i, (d, t) in enumerate(rows(5))]
-    (folder / "targets.csv").write_text(f"sensor_image,{LETTERED}\n" + "\n".join(lines))
+    write_frames(folder / "images", "image_{}.png", 6)
+    (folder / "images" / "image_0.png").unlink()
+    write_targets(folder, f"sensor_image,{LETTERED}", r"images\image_{n}.png,0,{d},0,0,0,{t}")
     return folder
 
 
@@ -58,12 +55,9 @@ def second(tmp_path: Path) -> Path:
 def third(tmp_path: Path) -> Path:
     """Third generation: sensor_images, shear and object labels, image_0 at rest, *_params.json."""
     folder = tmp_path / "third"
-    for i in range(5):
-        put(folder / "sensor_images" / f"image_{i + 1}.png", i)
-    put(folder / "sensor_images" / "image_0.png", 99)
-    lines = [f"image_{i + 1}.png,edge,0,{d},0,0,0,{t},{i},7" for i, (d, t) in enumerate(rows(5))]
-    header = f"sensor_image,object_label,{LETTERED},shear_x,object_x\n"
-    (folder / "targets.csv").write_text(header + "\n".join(lines))
+    write_frames(folder / "sensor_images", "image_{}.png", 6)
+    header = f"sensor_image,object_label,{LETTERED},shear_x,object_x"
+    write_targets(folder, header, "image_{n}.png,edge,0,{d},0,0,0,{t},{i},7")
     (folder / "collect_params.json").write_text('{"sort": true}')
     (folder / "sensor_image_params.json").write_text('{"bbox": [1, 2, 3, 4]}')
     return folder
@@ -71,7 +65,7 @@ def third(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def refused() -> Callable[..., str]:
-    """Call, words -> the sentence of the UserError, which holds all words."""
+    """Check that a call is refused in one sentence with these words, and return it."""
 
     def check(call: Callable[[], object], *words: str) -> str:
         with pytest.raises(UserError) as caught:
@@ -84,13 +78,3 @@ def refused() -> Callable[..., str]:
         return text
 
     return check
-
-
-@pytest.fixture
-def tac_vgnn() -> Path:
-    """The public Tac-VGNN recordings, which live outside the project."""
-    default = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "tac-vgnn"
-    folder = Path(os.environ.get("TACTIBENCH_TACVGNN", default))
-    if not folder.is_dir():
-        pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
-    return folder

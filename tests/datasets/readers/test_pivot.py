@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.datasets import (
@@ -13,9 +14,7 @@ from tactibench.datasets import (
     open_recording,
     presses_to_fit,
 )
-from tactibench.datasets import (
-    pivot as pivot_module,
-)
+from tactibench.datasets import pivot as pivot_module
 from tactibench.datasets.pivot import EXPONENT, fit_pivot, spread_of
 
 
@@ -124,9 +123,9 @@ def test_simulated_plates(simulated, pivot):
 
 
 @pytest.mark.parametrize(("name", "pivot"), [("331", 20.0), ("127", 0.0)])
-def test_public_recordings(tac_vgnn, name, pivot, monkeypatch):
+def test_public_recordings(name, pivot, monkeypatch):
     monkeypatch.setattr(pivot_module, "MOST", 150)
-    recording = open_recording(tac_vgnn / name)
+    recording = open_recording(tac_vgnn_folder(name))
     assert presses_to_fit(recording) == 150
     fit = fit_recording(recording, ImportOptions())
     assert fit.pivot.offset_mm == pytest.approx(5.0, abs=0.2)
