@@ -181,7 +181,8 @@ class Model(ABC):
 
     def read_maps(self, maps: Maps) -> Sequence[Answer | None]:
         """Return the answers that (N, C, H, W) maps stand for. Default: not needed without maps."""
-        raise NotImplementedError(f"{type(self).__name__} gives maps, but cannot read them")
+        name = type(self).__name__
+        raise UserError(f"model {name} gives maps, but has no read_maps; write it beside maps.")
 
     def adapt(
         self,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stubs import StubModel
 
-from tactibench.contacts import Contacts, PlatePose
+from tactibench import UserError
+from tactibench.contacts import Contacts, Frame, PlatePose, Pose
 from tactibench.records.answers import pack
 from tactibench.records.files import arrays_hash
-from tactibench.run.predict import Predictions, cached_predictions
+from tactibench.run.predict import AnswerRules, Predictions, cached_predictions, predict_frames
 
 CONTACTS = [
     Contacts(np.array([[1.0, 2.0], [3.0, -4.0]]), np.array([1.0, 0.1]), np.array([0.9, 0.3])),
@@ -67,3 +69,14 @@ def test_the_model_is_asked_again(tmp_path, change):
         predictions = cached_predictions(path, weights, ask, fresh=fresh)
         assert ask.count == 2
         assert np.array_equal(predictions.maps, HEAT)
+
+
+def test_a_model_with_maps_and_no_reader_is_told_to_write_one():
+    class Maps(StubModel):
+        def maps(self, frames):
+            return np.zeros((len(frames), 1, 4, 4), np.float32)
+
+    frame = Frame(np.zeros((8, 8), np.uint8), 0.0, Pose(), np.zeros((8, 8), np.uint8))
+    rules = AnswerRules("contacts", None, (4, 4))
+    with pytest.raises(UserError, match="model Maps gives maps, but has no read_maps"):
+        predict_frames(Maps(), [frame], rules, lambda _: None)
