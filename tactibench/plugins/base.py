@@ -179,7 +179,7 @@ class Model(ABC):
         """
         return None
 
-    def read_maps(self, maps: Maps) -> Sequence[Answer | None]:
+    def read_maps(self, maps: Maps) -> Sequence[Answer | None]:  # noqa: ARG002
         """Return the answers that (N, C, H, W) maps stand for. Default: not needed without maps."""
         name = type(self).__name__
         raise UserError(f"model {name} gives maps, but has no read_maps; write it beside maps.")
