@@ -13,6 +13,7 @@ from tactibench.cli.main import call
 from tactibench.records.store import with_checksum
 
 pytestmark = pytest.mark.long
+QUICK = ("run", "exp1", "--model", "mean", "--quick", "--device", "cpu")
 
 
 @pytest.fixture(scope="module")
@@ -22,23 +23,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv("TACTIBENCH_CACHE", str(folder / "cache"))
-        code = call(
-            [
-                "run",
-                "exp1",
-                "--model",
-                "mean",
-                "--quick",
-                "--presses",
-                "40",
-                "--limit",
-                "12",
-                "--param",
-                "sensor.size=64",
-                "--device",
-                "cpu",
-            ]
-        )
+        code = call([*QUICK, "--presses", "40", "--limit", "12", "--param", "sensor.size=64"])
     assert code == 0
     (run,) = (path.parent for path in (folder / "runs").glob("*/record.json"))
     return run

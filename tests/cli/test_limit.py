@@ -9,22 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-SMALL = ("--range", "1.6", "--step", "1.6", "--depth", "2")
-
 
 def test_the_table_the_map_and_the_file(cli: Any, tmp_path: Path) -> None:
     code, out, err = cli(
-        "plot",
-        "limit",
-        *SMALL,
-        "--scene",
-        "dual",
-        "--spacing",
-        "6.5",
-        "--out",
-        "map.png",
-        "--json",
-        "limit.json",
+        "plot limit --range 1.6 --step 1.6 --depth 2 --scene dual --spacing 6.5 --out map.png "
+        "--json limit.json"
     )
     assert (code, err) == (0, "")
     assert "simulated sensor tactip-127, dual 6.5 mm apart" in out
@@ -72,20 +61,7 @@ def test_nuisances_and_parameters_change_the_bound(cli: Any, tmp_path: Path) -> 
 
 
 def test_presses_outside_are_empty_cells_and_a_sentence(cli: Any, tmp_path: Path) -> None:
-    code, out, err = cli(
-        "plot",
-        "limit",
-        "--range",
-        "20",
-        "--step",
-        "20",
-        "--depth",
-        "1",
-        "--out",
-        "m.png",
-        "--json",
-        "m.json",
-    )
+    code, out, err = cli("plot limit --range 20 --step 20 --depth 1 --out m.png --json m.json")
     assert (code, err) == (0, "")
     assert "are refused: a tip touches" in out
     cells = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["maps_mm"]["x"][0]
@@ -121,9 +97,7 @@ def test_a_mistake_gets_one_sentence(refused: Any, options: tuple[str, ...], nam
 
 @pytest.mark.slow
 def test_a_run_prints_the_ratio_of_every_axis(cli: Any, tmp_path: Path) -> None:
-    code, out, _ = cli(
-        "run", "exp1", "--model", "mean", "--quick", "--device", "cpu", "--json", "run.json"
-    )
+    code, out, _ = cli("run exp1 --model mean --quick --device cpu --json run.json")
     assert code == 0
     start = out.index("RMSE / Cramer-Rao bound")
     lines = out[start:].splitlines()[:3]

@@ -23,17 +23,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_random_weights_are_timed_and_said_to_be(short: Any, cli: Any, tmp_path: Path) -> None:
     code, out, err = cli(
-        "speed",
-        "cnn",
-        "--untrained",
-        "--frames",
-        "3",
-        "--calls",
-        "10",
-        "--device",
-        "cpu",
-        "--json",
-        "speed.json",
+        "speed cnn --untrained --frames 3 --calls 10 --device cpu --json speed.json"
     )
     assert (code, err) == (0, "")
     assert out.startswith("cnn on cpu, 3 test frames of exp1; ")

@@ -44,17 +44,7 @@ def test_a_run_on_reference_scenes_is_printed_and_may_stand_on_a_board(
     cli: Any, tmp_path: Any
 ) -> None:
     code, out, err = cli(
-        "run",
-        "exp3",
-        "--model",
-        "mean",
-        "--quick",
-        "--device",
-        "cpu",
-        "--test",
-        "reference",
-        "--param",
-        "sensor.size=64",
+        "run exp3 --model mean --quick --device cpu --test reference --param sensor.size=64"
     )
     assert (code, err) == (0, "")
     assert "test:  on finite-element scenes: generate" in out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,13 +17,14 @@ Result = tuple[int, str, str]
 def cli(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., Result]:
-    """Arguments -> exit code, stdout, stderr."""
+    """Arguments, or a whole command line -> exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
 
     def called(*arguments: str | Path) -> Result:
         capsys.readouterr()
-        code = call([str(argument) for argument in arguments])
+        words = shlex.split(str(arguments[0])) if len(arguments) == 1 else map(str, arguments)
+        code = call(list(words))
         printed = capsys.readouterr()
         return code, printed.out, printed.err
 
