@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from tactibench.frames.services import Service
 
 SHEET_ROWS, SHEET_COLUMNS = 6, 8
-_TILE, _GAP, _ABOVE = 180, 12, 40
-"""Pixels: side of a frame, between frames, for the caption above."""
-_HEAD_INCHES = 0.6
+SHEET_INCHES = (10.2, 9.4)
 _LONGEST_NAME = 20
 
 
@@ -174,63 +172,35 @@ def draw_sheet(path: Path, recording: Recording) -> None:
 
     From top to bottom the first label grows, along a row the second.
     """
-    import numpy as np
-
     from tactibench.datasets.description import (
         changing_labels,
         label_values,
         spread_rows,
         unit_of,
     )
-    from tactibench.report.plots.style import DPI, headline, new_figure, save_png
+    from tactibench.report.plots.style import headline, new_figure, save_png
 
     labels = changing_labels(label_values(recording))
     rows = spread_rows(
         list(labels.values()), len(recording), SHEET_ROWS * SHEET_COLUMNS, SHEET_COLUMNS
     )
-    width, height = SHEET_COLUMNS * (_TILE + _GAP), SHEET_ROWS * (_TILE + _ABOVE)
-    paper = np.full((height, width, 3), 255, dtype=np.uint8)
-    picture = new_figure(width / DPI, height / DPI + _HEAD_INCHES)
-    picture.set_layout_engine("none")
-    axes = picture.add_axes((0, 0, 1, height / (height + _HEAD_INCHES * DPI)))
-    axes.set_axis_off()
-    for place, row in enumerate(rows):
-        top = (place // SHEET_COLUMNS) * (_TILE + _ABOVE)
-        left = (place % SHEET_COLUMNS) * (_TILE + _GAP)
-        tile = _tile(recording.image(row))
-        y, x = top + _ABOVE, left + _GAP // 2
-        paper[y : y + tile.shape[0], x : x + tile.shape[1]] = tile
-        axes.text(
-            left + (_TILE + _GAP) / 2,
-            y - 4,
-            _caption(recording, labels, row),
-            fontsize=6,
-            ha="center",
-            va="bottom",
-        )
-    axes.imshow(paper, interpolation="nearest", aspect="auto")
+    sheet = new_figure(*SHEET_INCHES)
+    panels = sheet.subplots(SHEET_ROWS, SHEET_COLUMNS, squeeze=False).ravel()
+    for panel in panels:
+        panel.set_axis_off()
+    for panel, row in zip(panels, rows, strict=False):
+        panel.imshow(recording.image(row), cmap="gray", vmin=0, vmax=255)
+        panel.set_title(_caption(recording, labels, row), fontsize=6, pad=3)
     title = recording.folder.resolve().name
     if recording.dataset is not None:
         title = recording.dataset.header.name
     above = ", ".join(f"{name} {unit_of(name)}".strip() for name in labels) or "no labels"
     headline(
-        picture,
+        sheet,
         f"{title}: {len(recording):,} frames of {recording.kind}",
         f"{len(rows)} of them, spread over the labels; above each: {above}",
     )
-    save_png(picture, path)
-
-
-def _tile(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Return a frame shrunk to a tile, (h, w, 3), its sides in proportion."""
-    import cv2
-    import numpy as np
-
-    scale = _TILE / max(image.shape[:2])
-    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
-    tile = cv2.resize(image, size, interpolation=how)
-    return np.asarray(tile if tile.ndim == 3 else np.repeat(tile[..., None], 3, axis=2), np.uint8)
+    save_png(sheet, path)
 
 
 def _caption(recording: Recording, labels: Mapping[str, npt.NDArray[np.float64]], row: int) -> str:
