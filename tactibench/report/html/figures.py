@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -145,20 +145,15 @@ def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Ite
     series = [one for one in series if len(one.resolved) > 1]
     if not series:
         return
-    batches = _batches(series)
-    published = board.published
     yield Panel(
         "Error against distance",
         "Means over seeds; bars: 95 % over presses. Hollow: less than half of the pairs were "
         "resolved, so that the error is one of few. Dashed lines: published means over all "
         "distances, of another sensor and other presses.",
-        tuple(
-            Option(
-                label,
-                _image(distance_figure(part, published=published, measured_on=where)),
-                (_distance_table(part),),
-            )
-            for label, part in batches
+        _batch_options(
+            series,
+            lambda part: distance_figure(part, published=board.published, measured_on=where),
+            _distance_table,
         ),
         "rows",
     )
@@ -168,25 +163,28 @@ def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Ite
         "(exactly two contacts predicted, both matched), and the logistic fit behind the "
         "threshold. Fits are means over seeds; where one does not cross 75 % at any tested "
         "distance, the points are joined instead.",
-        tuple(
-            Option(
-                label,
-                _image(threshold_figure(part, measured_on=where)),
-                (_threshold_table([row for row in rows if row.label in labels]),),
-            )
-            for label, part in batches
-            for labels in [{one.label for one in part}]
+        _batch_options(
+            series,
+            lambda part: threshold_figure(part, measured_on=where),
+            lambda part: _threshold_table(rows, {one.label for one in part}),
         ),
         "rows",
     )
 
 
-def _batches(rows: Sequence[T]) -> list[tuple[str, Sequence[T]]]:
-    """Return the rows by sixes, the best first, each with the places of its rows."""
-    parts = [rows[k : k + CURVES] for k in range(0, len(rows), CURVES)]
-    if len(parts) == 1:
-        return [("", parts[0])]
-    return [(f"{k * CURVES + 1} to {k * CURVES + len(part)}", part) for k, part in enumerate(parts)]
+def _batch_options(
+    rows: Sequence[T],
+    draw: Callable[[Sequence[T]], Figure],
+    tabulate: Callable[[Sequence[T]], Table],
+    kind: Literal["png", "svg"] = "svg",
+) -> tuple[Option, ...]:
+    """Return a picture and a table of the rows by sixes, the best first, named by their places."""
+    options = []
+    for start in range(0, len(rows), CURVES):
+        part = rows[start : start + CURVES]
+        label = "" if len(rows) <= CURVES else f"{start + 1} to {start + len(part)}"
+        options.append(Option(label, _image(draw(part), kind), (tabulate(part),)))
+    return tuple(options)
 
 
 def _distance_table(series: Sequence[Series]) -> Table:
@@ -211,11 +209,12 @@ def _distance_table(series: Sequence[Series]) -> Table:
     return table((Column("model", right=False, who=True), *map(Column, names)), rows)
 
 
-def _threshold_table(rows: Sequence[Row]) -> Table:
+def _threshold_table(rows: Sequence[Row], labels: Collection[str]) -> Table:
     shown = (("threshold_mm", 2), ("resolved", 1), ("catch_resolved", 1))
     body = [
         [row.label, *(metric_number(row.metric(name, "all"), digits) for name, digits in shown)]
         for row in rows
+        if row.label in labels
     ]
     names = ["threshold, mm", "resolved, %", "single seen as two, %"]
     return table((Column("model", right=False, who=True), *map(Column, names)), body)
@@ -225,29 +224,24 @@ def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
     error = board_spec(protocol).ranking
     if error is None or not section.curves:
         return None
-    options = tuple(
-        Option(
-            label,
-            _image(curve_figure(part, error, title="", measured_on=section.title)),
-            (curve_steps_table(part, error),),
-        )
-        for label, part in _batches(section.curves)
+    options = _batch_options(
+        section.curves,
+        lambda part: curve_figure(part, error, title="", measured_on=section.title),
+        lambda part: curve_steps_table(part, error),
     )
     caption = "Error against the presses that a model learned from; bars: 95 % over presses."
-    return Panel("Learning curve", caption, tuple(options), "rows")
+    return Panel("Learning curve", caption, options, "rows")
 
 
 def _stability_panel(rows: Sequence[Row], board: ReportBoard, where: str) -> Panel | None:
     axes = board.protocol.spec.axes
     if not axes or not rows:
         return None
-    options = tuple(
-        Option(
-            label,
-            _image(stability_figure(part, axes, measured_on=where), "png"),
-            (doubling_table(part, axes),),
-        )
-        for label, part in _batches(rows)
+    options = _batch_options(
+        rows,
+        lambda part: stability_figure(part, axes, measured_on=where),
+        lambda part: doubling_table(part, axes),
+        "png",
     )
     caption = (
         "Every panel is a family, from the easy case on the left to the hardest on the right. A "
