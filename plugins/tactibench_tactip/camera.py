@@ -33,7 +33,7 @@ a thread still reads a stream when Python ends. A driver that hangs for longer i
 KEPT = 64
 """Frames kept while somebody waits, where nobody waits for more."""
 MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
-"""Of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
+"""Values of CAP_PROP_AUTO_EXPOSURE: V4L2 of OpenCV 4 and later takes the kernel's menu (1 manual,
 3 aperture priority); other backends keep the normalised values of OpenCV 3."""
 
 

@@ -25,7 +25,7 @@ from tactibench_tactip.station import Station
 from tactibench_tactip.touch import find_touch
 
 WARM_UP = 20
-"""Turns of the loop that are not counted."""
+"""First turns of the loop, which are not counted."""
 SIDE = 480
 HALF_MM = 12.8
 """Half the width of the heatmap's grid."""
@@ -45,9 +45,10 @@ class LiveReading:
     """One turn of the loop.
 
     Attributes:
-        prediction: of the model.
-        maps: (C, H, W) behind it, or None.
-        latency_ms: from the frame's arrival to the prediction.
+        frame: The camera's frame.
+        prediction: Prediction of the model.
+        maps: (C, H, W) maps behind it, or None.
+        latency_ms: Time from the frame's arrival to the prediction.
     """
 
     frame: CameraFrame
@@ -65,7 +66,7 @@ class LiveReading:
 class Latency:
     """Latency of a loop, ms, without the wait for the frame.
 
-    dropped: frames that came while the model was at work, for each that it read.
+    dropped: Frames that came while the model was at work, for each that it read.
     """
 
     p50: float
@@ -129,7 +130,7 @@ def describe_prediction(prediction: Contacts | PlatePose | None) -> str:
 class Painter:
     """Draws a turn: the frame with its pins, the heatmap with the contacts, the figures.
 
-    rest: of the undeformed sensor; pins are followed from there where there are any.
+    rest: Frame of the undeformed sensor, from which pins are followed where there are any.
     """
 
     def __init__(self, rest: Image) -> None:

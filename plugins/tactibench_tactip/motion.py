@@ -35,7 +35,7 @@ from tactibench_tactip.settings import Pose6, Settings
 T = TypeVar("T")
 
 TICK_S = 0.008
-"""Of the control loop: 125 Hz."""
+"""Period of the control loop: 125 Hz."""
 LOOK_S = 0.1
 """Longest wait for a job: a signal that comes just before it is handled when it ends."""
 TURN_DEG_S = 50.0
@@ -45,7 +45,7 @@ OFF_LINE_MM = 2.0
 """Distance beside its line at which a move is stopped."""
 STOP_S = 3.0
 PROBE_MM = 0.5
-"""Between two looks at whether to stop, while it probes."""
+"""Length of a step of a probe; between two steps it looks whether to stop."""
 
 Guard = Callable[[Pose6], str]
 """Looks at the pose in the work frame during a move; a reason stops it, "" lets it go on."""

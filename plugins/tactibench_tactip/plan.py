@@ -138,7 +138,7 @@ def check_plan(
 ) -> None:
     """Raise UserError for the first press that may not be made, with the number of them.
 
-    turns: whether the robot can turn the tool.
+    turns: Whether the robot can turn the tool.
     """
     refused: list[tuple[Press, str]] = []
     for press in plan.presses:

@@ -27,11 +27,11 @@ from tactibench_tactip.station import Station
 
 STEP_MM = 0.1
 BEFORE_MM, BEYOND_MM = 0.25, 0.6
-"""Of the ramp, around the place at which the change was noticed."""
+"""Begin and end of the ramp, around the place at which the change was noticed."""
 FRAMES, NOTICE_FRAMES = 3, 2
-"""Taken at a step of the ramp, and at a step on the way down."""
+"""Frames taken at a step of the ramp, and at a step on the way down."""
 AGAIN_MM = 1.0
-"""Before the last first touch, where a later search begins."""
+"""Distance before the last first touch at which a later search begins."""
 POWERS = np.arange(1.0, 2.01, 0.1)
 """Between the displacement of a pin under the tip (1) and a Hertzian force (1.5) and beyond."""
 GRID_MM = 0.002
@@ -39,7 +39,7 @@ ASIDE_MM = 0.2
 """Beside the approach of a place from which on the tool goes up before it goes there."""
 
 Touched = Callable[[float, list[Image]], bool]
-"""Whether a depth that was reached, and the frames there, show a contact."""
+"""Takes a depth that was reached and the frames there; returns whether they show a contact."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,10 @@ class FirstTouch:
     """The place of first touch.
 
     Attributes:
-        z0_mm: along the work frame's z.
-        spread_mm: between two searches.
-        power: with which the change grew; 0 where none was measured.
+        z0_mm: First touch along the work frame's z.
+        spread_mm: Difference of two searches.
+        method: Method of the search.
+        power: Power with which the change grew; 0 where none was measured.
     """
 
     z0_mm: float
@@ -60,10 +61,10 @@ class FirstTouch:
 
 @dataclass(frozen=True)
 class Approach:
-    """A search's way down at one place.
+    """The way down of a search at one place.
 
-    guard: against the force before the search, when nothing was touched. One that were made at
-    every step would not see a force that grows with the steps.
+    The guard compares with the force before the search, when nothing was touched: a guard made
+    anew at every step would not see a force that grows with the steps.
     """
 
     station: Station
@@ -84,13 +85,14 @@ def find_touch(station: Station, *, first: bool, scene: Scene | None = None) -> 
     """Find first touch and take it over into the station's geometry.
 
     Args:
-        station: open.
-        first: search all of ``contact.travel_mm``; otherwise from a little before the last one.
-        scene: at this place, else at ``contact.at_mm``.
+        station: An open station.
+        first: Whether to search all of ``contact.travel_mm``; otherwise the search begins a little
+            before the last first touch.
+        scene: Place of the search; None: ``contact.at_mm``.
 
     Raises:
-        NoTouchError: nothing was touched.
-        UserError: two searches differ by more than ``contact.spread_mm``.
+        NoTouchError: Nothing was touched.
+        UserError: Two searches differ by more than ``contact.spread_mm``.
     """
     contact = station.settings.contact
     if contact.method == "fixed":

@@ -14,7 +14,7 @@ from tactibench_tactip.settings import Settings
 
 @pytest.fixture
 def settings() -> Settings:
-    """Of a UR, the camera as it is; pins are not counted."""
+    """Settings of a UR, with the camera as it is; pins are not counted."""
     return make_settings()
 
 

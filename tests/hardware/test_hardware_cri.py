@@ -18,7 +18,7 @@ Make = Callable[..., Settings]
 
 
 class Dobot:
-    """What a robot of the cri convention has."""
+    """A robot of the cri convention."""
 
     def __init__(self) -> None:
         self.pose = (0.0,) * 6

@@ -91,9 +91,10 @@ class Calibration:
 
     Attributes:
         sensor: x, y mm and yaw deg for [frames].
-        z0_mm: of first touch over the apex.
-        centre_std_mm, yaw_std_deg: one sigma.
-        height_rms_mm: of first touches from the dome.
+        z0_mm: First touch over the apex.
+        centre_std_mm: One sigma of the centre.
+        yaw_std_deg: One sigma of the yaw.
+        height_rms_mm: Distance of first touches from the dome, rms.
     """
 
     sensor: tuple[float, float, float]
@@ -109,13 +110,14 @@ def calibrate(
     """Search and press at the middle and on a circle.
 
     Args:
-        station: open, with one tip mounted.
-        radius: of the circle, mm.
-        depth: of the presses, mm.
-        points: on the circle.
-        advance: called with 1 after every press.
+        station: An open station with one tip mounted.
+        radius: Radius of the circle, mm.
+        depth: Depth of the presses, mm.
+        points: Number of presses on the circle.
+        advance: Called with 1 after every press.
 
-    Raises UserError as searches and presses.
+    Raises:
+        UserError: A search or a press failed, or may not be made.
     """
     indenter = station.settings.indenter.indenter()
     angles = [2.0 * math.pi * k / points for k in range(points)]

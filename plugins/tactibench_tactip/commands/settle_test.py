@@ -77,7 +77,7 @@ class Settling:
     Attributes:
         times: (N,) device seconds after the end of the move.
         change: (N,) mean absolute difference of running means to the last one, grey levels.
-        noise: of such a difference at rest.
+        noise: Such a difference at rest.
     """
 
     times: Array

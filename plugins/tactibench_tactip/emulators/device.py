@@ -192,7 +192,7 @@ class Fault:
 class FaultEvent:
     """A fault that happened at ``at_s`` of the world, at press number ``press``.
 
-    handled: whether a device of this world acts on it.
+    handled: Whether a device of this world acts on it.
     """
 
     fault: Fault

@@ -26,7 +26,7 @@ from tactibench_tactip.settings import EnvelopeSettings, Settings
 HOSTS = tuple(f"127.0.0.{k}" for k in range(2, 60))
 """Loopback addresses on which a UR may be emulated; a UR's ports are fixed."""
 WATCHDOG_HZ = 0.2
-"""Of a rehearsal: emulators and a simulated sensor share the processor with what is rehearsed."""
+"""Rate of the watchdog in a rehearsal: emulators and a simulated sensor share the processor with what is rehearsed."""
 STAGE = {"$110": 6000.0, "$111": 6000.0, "$112": 6000.0}
 """Rates of an emulated stage, mm/min, enough for the speeds of a default configuration."""
 
@@ -49,11 +49,14 @@ class EmulationPlan:
     """The emulators to run.
 
     Args:
-        settings: of the setup. A robot of driver cri is emulated as a UR.
-        time_scale: how many times faster than real everything moves.
-        sensor: name of a simulated sensor, or one that can be pickled.
-        fps, noise: of the camera.
-        robot: further arguments of the robot's emulator.
+        settings: Configuration of the setup. A robot of driver cri is emulated as a UR.
+        time_scale: Times by which everything is faster than real.
+        sensor: Name of a simulated sensor, or one that can be pickled.
+        hidden: Distance of the sensor from its place in the configuration.
+        faults: Faults to arm.
+        fps: Frames a second of the camera.
+        noise: Noise of the camera, in times a small camera's own.
+        robot: Further arguments of the robot's emulator.
     """
 
     settings: Settings

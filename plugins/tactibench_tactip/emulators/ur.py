@@ -185,9 +185,9 @@ class UrEmulator(Device):
     """A UR controller on a loopback address of its own (ports 30004, 30003, 29999).
 
     Args:
-        tool: where the world's tool point truly is on the flange, mm and deg.
-        in_use: input fields that a fieldbus holds, such as "input_int_register_0".
-        controller: further arguments of ``Controller``.
+        tool: True place of the world's tool point on the flange, mm and deg.
+        in_use: Input fields that a fieldbus holds, such as "input_int_register_0".
+        controller: Further arguments of ``Controller``.
 
     ``start`` raises UserError where a port is taken. ur_rtde keeps Python's lock while it waits, so
     the client must live in another process.

@@ -27,9 +27,9 @@ from tactibench_tactip.emulators.motion import (
 from tactibench_tactip.emulators.world import Watch, World
 
 STOPPED, PLAYING = 1, 2
-"""Of ``runtime_state``."""
+"""Values of ``runtime_state``."""
 POWER_OFF, RUNNING = 3, 7
-"""Of ``robot_mode``."""
+"""Values of ``robot_mode``."""
 NORMAL_BIT, PROTECTIVE_BITS, EMERGENCY_BITS = 1, 1 << 2 | 1 << 10, 1 << 6 | 1 << 7 | 1 << 10
 SAFETY = {
     "NORMAL": (1, NORMAL_BIT),
@@ -38,27 +38,27 @@ SAFETY = {
 }
 """Name on the dashboard -> safety_mode, safety_status_bits."""
 REACH_MM = 850.0
-"""Of a UR5e, to the middle of its flange."""
+"""Reach of a UR5e, to the middle of its flange."""
 HALT_MM_S2 = 5000.0
 """Deceleration of a stop that the controller makes itself (assumed)."""
 REBOUND_N = 1.0
-"""What too great a force may grow after an unlock before it stops again (assumed)."""
+"""Growth of too great a force after an unlock that stops the arm again (assumed)."""
 READY, DONE = 1, 2
 MOVE_L, SET_TCP, STOP_L, WATCHDOG, SAFE_POSE, STOP_SCRIPT = 3, 29, 33, 35, 36, 255
 RUNNING_BIT, COUNTS = 1 << 15, 128
-"""Of the word of an asynchronous operation: bit 15 running, 16-22 writes, 24-30 operation."""
+"""Fields of the word of an asynchronous operation: bit 15 running, 16-22 writes, 24-30 operation."""
 
 
 class Controller:
     """All that the servers of a UR share. Under the world's lock.
 
     Args:
-        tool: where the world's tool point truly is on the flange, mm and deg. The controller
+        tool: True place of the world's tool point on the flange, mm and deg. The controller
             believes the same until a client sets another TCP.
         remote: False: the pendant is in local mode.
-        stop_force_n: at which it stops protectively.
-        unlock_delay_s: of the world, during which an unlock is refused.
-        host: the host's clock, s, by which the watchdog goes.
+        stop_force_n: Force at which it stops protectively.
+        unlock_delay_s: Seconds of the world during which an unlock is refused.
+        host: Clock of the host, s, by which the watchdog goes.
     """
 
     def __init__(

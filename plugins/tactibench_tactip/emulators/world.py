@@ -35,7 +35,7 @@ micrometres between them."""
 PRESS_DEPTH_MM = 0.4
 """Deeper than this from touch to release is a press; a search for first touch stays above it."""
 MOVES, PRESSES, EXCURSIONS, IMAGES = 4096, 16384, 1000, 64
-"""What is remembered of the past, so that long collections do not grow."""
+"""Limits of what is remembered, so that long collections do not grow."""
 
 
 class Clock:

@@ -31,7 +31,7 @@ LOOK_S = 0.05
 """Longest wait between two looks at whether to stop."""
 
 HOMING_S = 90.0
-"""Within which a stage has reached its switches, s."""
+"""Time within which a stage reaches its switches, s."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class RobotState:
     """The state of a robot.
 
     Attributes:
-        normal: whether it may be moved.
-        description: that its controller gives.
-        stopped: by its controller, to protect something.
+        normal: Whether it may be moved.
+        description: State in the words of its controller.
+        stopped: Whether its controller stopped it to protect something.
         force_n: (x, y, z) N in the base frame; None where the robot does not measure it.
-        time_s: of the robot's own clock.
+        time_s: Time of the robot's own clock.
     """
 
     normal: bool
@@ -60,7 +60,7 @@ class Robot(Protocol):
     RobotError.
 
     Attributes:
-        turns: whether the tool can be turned.
+        turns: Whether the tool can be turned.
     """
 
     turns: bool
@@ -116,7 +116,7 @@ class HomingRobot(Protocol):
     """A stage that finds its position at its switches.
 
     Attributes:
-        at_switches: whether it stands there.
+        at_switches: Whether it stands there.
     """
 
     at_switches: bool

@@ -49,7 +49,7 @@ class Status:
 
     Attributes:
         state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep.
-        position: of the machine, mm.
+        position: Position of the machine, mm.
     """
 
     state: str
@@ -60,8 +60,8 @@ class GrblLink:
     """One port. Raises RobotLostError when it goes away.
 
     Attributes:
-        alarm: number of the latest alarm, 0: none.
-        banner: that the controller sends when it starts.
+        alarm: Number of the latest alarm, 0: none.
+        banner: Line that the controller sends when it starts.
     """
 
     def __init__(self, address: str) -> None:

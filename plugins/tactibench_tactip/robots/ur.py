@@ -26,7 +26,7 @@ UNLOCK_AFTER_S = 5.0
 PORT = 29999
 ANSWER_S = 2.5
 RUNNING = 7
-"""Of the robot mode: switched on, brakes released."""
+"""Robot mode: switched on, brakes released."""
 NORMAL, REDUCED, PROTECTIVE = 0, 1, 2
 STOP_BITS = {
     2: "protective stop",

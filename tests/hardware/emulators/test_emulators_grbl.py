@@ -210,7 +210,7 @@ class Client:
         return self.until(*(ends or ("ok", "error")))
 
     def reply(self, line: str) -> bytes:
-        """What comes within a moment."""
+        """Return the bytes that come within a moment."""
         self.port.write(line.encode() + b"\n")
         time.sleep(0.2)
         return bytes(self.port.read(4096))

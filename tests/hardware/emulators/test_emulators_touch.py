@@ -1,4 +1,4 @@
-"""What a tool does to the dome, against tactibench's geometry and against plain search."""
+"""Contact of a tool with the dome, against tactibench's geometry and against plain search."""
 
 from __future__ import annotations
 
