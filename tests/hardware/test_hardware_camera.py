@@ -18,7 +18,7 @@ from tactibench_tactip.errors import CameraError
 from tactibench_tactip.frame_check import Reference, check_frames
 from tactibench_tactip.settings import CameraSettings, SensorSettings, Settings
 
-KEYS = CameraSettings(source="fake", fps=500.0, stall_s=0.1)
+SETTINGS = CameraSettings(source="fake", fps=500.0, stall_s=0.1)
 
 
 def test_no_frame_is_older_than_a_period_after_the_moment(
@@ -29,15 +29,15 @@ def test_no_frame_is_older_than_a_period_after_the_moment(
     with camera:
         for _ in range(3):
             moment = time.monotonic_ns()
-            times = [shot.t_ns for shot in camera.after(moment, 3)]
+            times = [frame.t_ns for frame in camera.after(moment, 3)]
             assert times == sorted(set(times))
             assert times[0] >= moment + 20_000_000
 
 
 def test_the_period_is_measured(camera: Camera) -> None:
     with camera:
-        shots = camera.fresh(0, 60)
-        gaps = np.diff([shot.t_ns for shot in shots]) * 1e-9
+        frames = camera.fresh(0, 60)
+        gaps = np.diff([frame.t_ns for frame in frames]) * 1e-9
         assert camera.period_s == pytest.approx(float(np.median(gaps)), rel=0.2)
 
 
@@ -48,7 +48,7 @@ def test_a_stalled_camera_is_opened_once_more(capture: FakeCapture) -> None:
         opened.append(capture if not opened else FakeCapture())
         return opened[-1]
 
-    with Camera(KEYS, fresh_one) as camera:
+    with Camera(SETTINGS, fresh_one) as camera:
         camera.now()
         capture.stalled.set()
         assert camera.now().image.shape == (48, 48)
@@ -57,7 +57,7 @@ def test_a_stalled_camera_is_opened_once_more(capture: FakeCapture) -> None:
 
 
 def test_a_camera_that_stays_stalled_is_an_error(capture: FakeCapture) -> None:
-    with Camera(KEYS, lambda _: capture) as camera:
+    with Camera(SETTINGS, lambda _: capture) as camera:
         camera.now()
         capture.stalled.set()
         with pytest.raises(CameraError, match=r"no frame for 0\.1 s"):
@@ -67,7 +67,7 @@ def test_a_camera_that_stays_stalled_is_an_error(capture: FakeCapture) -> None:
 
 
 def test_a_stream_that_ends_is_opened_again_then_given_up(capture: FakeCapture) -> None:
-    with Camera(KEYS, lambda _: capture) as camera:
+    with Camera(SETTINGS, lambda _: capture) as camera:
         camera.now()
         capture.gone = True
         with pytest.raises(CameraError, match="no more frames"):
@@ -91,19 +91,19 @@ def test_nothing_reads_the_camera_when_it_is_closed(camera: Camera) -> None:
 
 
 def test_crop(capture: FakeCapture) -> None:
-    keys = KEYS.model_copy(update={"crop": (4, 2, 20, 10)})
+    keys = SETTINGS.model_copy(update={"crop": (4, 2, 20, 10)})
     with Camera(keys, lambda _: capture) as camera:
         assert camera.now().image.shape == (10, 20)
 
 
 def test_exposure_is_manual_and_read_back(capture: FakeCapture) -> None:
-    keys = KEYS.model_copy(update={"exposure": 120.0, "gain": 3.0})
-    found = configure(capture, keys)
-    assert (found.auto_exposure, found.exposure, found.gain) == (1.0, 120.0, 3.0)
+    keys = SETTINGS.model_copy(update={"exposure": 120.0, "gain": 3.0})
+    actual = configure(capture, keys)
+    assert (actual.auto_exposure, actual.exposure, actual.gain) == (1.0, 120.0, 3.0)
 
 
 @pytest.mark.parametrize(
-    ("refused", "keys", "words"),
+    ("refused", "keys", "message"),
     [
         (cv2.CAP_PROP_AUTO_EXPOSURE, {"exposure": 50.0}, "does not switch its automatic exposure"),
         (cv2.CAP_PROP_EXPOSURE, {"exposure": 50.0}, r"camera.exposure is 50.*stays at 0"),
@@ -113,11 +113,11 @@ def test_exposure_is_manual_and_read_back(capture: FakeCapture) -> None:
     ],
 )
 def test_a_setting_that_is_not_taken_is_refused(
-    capture: FakeCapture, refused: int, keys: dict[str, Any], words: str
+    capture: FakeCapture, refused: int, keys: dict[str, Any], message: str
 ) -> None:
     capture.refused.add(refused)
-    with pytest.raises(UserError, match=words):
-        configure(capture, KEYS.model_copy(update=keys))
+    with pytest.raises(UserError, match=message):
+        configure(capture, SETTINGS.model_copy(update=keys))
 
 
 def test_a_camera_that_is_not_there(make: Callable[..., Settings]) -> None:
@@ -129,7 +129,7 @@ def test_a_camera_that_is_not_there(make: Callable[..., Settings]) -> None:
 class TestGate:
     keys = SensorSettings()
 
-    def shots(self, change: float = 0.0, noise: float = 1.0, count: int = 3) -> list[CameraFrame]:
+    def frames(self, change: float = 0.0, noise: float = 1.0, count: int = 3) -> list[CameraFrame]:
         capture = FakeCapture()
         rng = np.random.default_rng(1)
         image = capture.rest + change * capture.pattern
@@ -145,17 +145,17 @@ class TestGate:
 
     @pytest.fixture
     def rest(self) -> Reference:
-        return Reference.of(self.shots(count=20))
+        return Reference.of(self.frames(count=20))
 
     def test_a_press_is_kept_as_the_median(self, rest: Reference) -> None:
-        shots = self.shots(0.3)
-        judged = check_frames(shots, rest, self.keys, 2.0)
-        assert judged.reason == ""
-        assert judged.t_ns == 1
-        assert np.array_equal(judged.image, np.median([s.image for s in shots], axis=0))
+        frames = self.frames(0.3)
+        check = check_frames(frames, rest, self.keys, 2.0)
+        assert check.reason == ""
+        assert check.t_ns == 1
+        assert np.array_equal(check.image, np.median([s.image for s in frames], axis=0))
 
     @pytest.mark.parametrize(
-        ("spoil", "words"),
+        ("spoil", "message"),
         [
             (lambda i, k: np.zeros_like(i), "brightness"),
             (lambda i, k: np.clip(i.astype(int) + 20, 0, 255), "brightness"),
@@ -164,28 +164,28 @@ class TestGate:
         ],
     )
     def test_what_cannot_be_kept(
-        self, rest: Reference, spoil: Callable[[Any, int], Any], words: str
+        self, rest: Reference, spoil: Callable[[Any, int], Any], message: str
     ) -> None:
-        shots = [
+        frames = [
             CameraFrame(spoil(s.image, k).astype(np.uint8), s.t_ns)
-            for k, s in enumerate(self.shots(0.1))
+            for k, s in enumerate(self.frames(0.1))
         ]
-        assert words in check_frames(shots, rest, self.keys, 2.0).reason
+        assert message in check_frames(frames, rest, self.keys, 2.0).reason
 
     def test_a_camera_that_repeats_itself(self, rest: Reference) -> None:
-        shots = [CameraFrame(self.shots(0.3)[0].image, k) for k in range(3)]
-        assert "repeats itself" in check_frames(shots, rest, self.keys, 2.0).reason
+        frames = [CameraFrame(self.frames(0.3)[0].image, k) for k in range(3)]
+        assert "repeats itself" in check_frames(frames, rest, self.keys, 2.0).reason
 
     def test_a_deep_press_that_nobody_sees(self, rest: Reference) -> None:
-        assert "no contact is seen" in check_frames(self.shots(0.0), rest, self.keys, 2.0).reason
-        assert check_frames(self.shots(0.0), rest, self.keys, 0.2).reason == ""
+        assert "no contact is seen" in check_frames(self.frames(0.0), rest, self.keys, 2.0).reason
+        assert check_frames(self.frames(0.0), rest, self.keys, 0.2).reason == ""
 
     def test_pins_are_counted(self, rest: Reference) -> None:
         keys = SensorSettings(pins=rest.pins)
         assert rest.pins == 36
-        assert check_frames(self.shots(0.3), rest, keys, 2.0).reason == ""
-        assert "pins" in check_frames(self.shots(0.3), rest, SensorSettings(pins=30), 2.0).reason
+        assert check_frames(self.frames(0.3), rest, keys, 2.0).reason == ""
+        assert "pins" in check_frames(self.frames(0.3), rest, SensorSettings(pins=30), 2.0).reason
 
     def test_noise_is_not_a_touch_and_a_touch_is(self, rest: Reference) -> None:
-        assert all(rest.change_of(s.image) < rest.threshold for s in self.shots(count=20))
-        assert all(rest.change_of(s.image) > rest.threshold for s in self.shots(0.05))
+        assert all(rest.change_of(s.image) < rest.threshold for s in self.frames(count=20))
+        assert all(rest.change_of(s.image) > rest.threshold for s in self.frames(0.05))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_station import TRUE_Z0, FakeCapture, FakeRobot, make_settings
+from fake_station import FIXED_TOUCH, TRUE_Z0, FakeCapture, FakeRobot, make_settings
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import open_dataset, verify
@@ -43,7 +43,7 @@ class Lab:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder = folder
-        self.settings = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+        self.settings = make_settings(contact=FIXED_TOUCH)
         self.robot = FakeRobot(self.settings)
         self.capture = FakeCapture(self.robot)
         self.said: list[str] = []
@@ -60,6 +60,12 @@ class Lab:
     def collect(self, what: CollectionPlan | None = None, **more: Any) -> SessionReport:
         callbacks = Callbacks(notify=self.said.append, **more)
         return collect(self.settings, what or plan(), self.folder, callbacks=callbacks)
+
+    def collect_until_a_failure(self) -> None:
+        self.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), 6))
+        with pytest.raises(RuntimeError):
+            self.collect()
+        self.prepare = lambda _: None
 
     def ids(self) -> list[int]:
         return [sample.id for sample in open_dataset(self.folder).samples]
@@ -109,19 +115,16 @@ def test_a_complete_data_set_moves_nothing(lab: Lab) -> None:
 
 
 def test_an_interrupted_session_goes_on(lab: Lab) -> None:
-    def asked(robot: FakeRobot) -> None:
-        def fail(_: int) -> None:
-            if len(lab.ids_now()) == 2:
-                raise KeyboardInterrupt
+    journal = lab.folder / "metadata.jsonl"
 
+    def fail(_: int) -> None:
+        if journal.exists() and len(journal.read_bytes().splitlines()) == 2:
+            raise KeyboardInterrupt
+
+    def prepare(robot: FakeRobot) -> None:
         robot.fails = fail
 
-    lab.ids_now = lambda: (  # type: ignore[attr-defined]
-        (lab.folder / "metadata.jsonl").read_bytes().splitlines()
-        if (lab.folder / "metadata.jsonl").exists()
-        else []
-    )
-    lab.prepare = asked
+    lab.prepare = prepare
     with pytest.raises(KeyboardInterrupt):
         lab.collect()
     assert lab.ids() == [0, 1]
@@ -131,10 +134,7 @@ def test_an_interrupted_session_goes_on(lab: Lab) -> None:
 
 
 def test_other_settings_are_refused_before_the_robot_moves(lab: Lab) -> None:
-    lab.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), 6))
-    with pytest.raises(RuntimeError):
-        lab.collect()
-    lab.prepare = lambda _: None
+    lab.collect_until_a_failure()
     lab.settings = make_settings(contact={"method": "fixed", "fixed_mm": 0.5})
     with pytest.raises(UserError, match=r"fixed_mm 0\.35, now it is 0\.5"):
         lab.collect()
@@ -142,10 +142,7 @@ def test_other_settings_are_refused_before_the_robot_moves(lab: Lab) -> None:
 
 
 def test_a_sensor_that_looks_otherwise_is_refused(lab: Lab) -> None:
-    lab.prepare = lambda robot: setattr(robot, "fails", _raiser(RuntimeError("x"), 6))
-    with pytest.raises(RuntimeError):
-        lab.collect()
-    lab.prepare = lambda _: None
+    lab.collect_until_a_failure()
     lab.capture.rest = lab.capture.rest[:, ::-1] + 8.0
     with pytest.raises(UserError, match="grey levels from the one that"):
         lab.collect()
@@ -202,9 +199,7 @@ def test_an_arm_that_stays_lost_ends_the_session(lab: Lab) -> None:
 
 def test_bad_frames_are_tried_again_and_then_marked(lab: Lab) -> None:
     lab.capture.pattern = 0.0 * lab.capture.pattern  # no press can be seen
-    lab.settings = make_settings(
-        contact={"method": "fixed", "fixed_mm": TRUE_Z0}, safety={"give_up": 3}
-    )
+    lab.settings = make_settings(contact=FIXED_TOUCH, safety={"give_up": 3})
     with pytest.raises(UserError, match=r"3 presses in a row were bad.*no contact is seen"):
         lab.collect()
     dataset = open_dataset(lab.folder)
@@ -236,9 +231,7 @@ def test_a_press_waits_until_the_one_before_is_gone(lab: Lab) -> None:
         robot.fails = lambda _: begun.append(sticking.left) if robot.depth() == 0.0 else None
 
     lab.prepare = look
-    lab.settings = make_settings(
-        contact={"method": "fixed", "fixed_mm": TRUE_Z0}, safety={"give_up": 9}
-    )
+    lab.settings = make_settings(contact=FIXED_TOUCH, safety={"give_up": 9})
     assert lab.collect().bad == COUNT
     samples = open_dataset(lab.folder).samples
     assert all("still shows a contact" in sample.extra["reason"] for sample in samples)

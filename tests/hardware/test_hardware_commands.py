@@ -116,7 +116,7 @@ def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize(
-    ("change", "x", "words"),
+    ("change", "x", "message"),
     [
         (("", ""), 13.0, "envelope.half_width_mm allows 12 mm"),
         (('driver = "ur"', 'driver = "grbl"'), 1.0, "cannot make; choose draws of single presses"),
@@ -129,14 +129,14 @@ def test_a_plan_that_cannot_be_pressed_is_refused_before_any_device(
     capsys: pytest.CaptureFixture[str],
     change: tuple[str, str],
     x: float,
-    words: str,
+    message: str,
 ) -> None:
     lab.write_text(lab.read_text().replace(*change), encoding="utf-8")
     out = tmp_path / "data"
     for verb in (["plan"], ["collect", "--out", str(out)]):
         arguments = ["hw", verb[0], str(plan_file(tmp_path, x)), "--config", str(lab), *verb[1:]]
         assert call(arguments) == 2
-        assert words in capsys.readouterr().err
+        assert message in capsys.readouterr().err
     assert not out.exists()
 
 
@@ -185,7 +185,7 @@ def test_a_rehearsed_collection_feeds_a_run(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("driver", "verb", "words"),
+    ("driver", "verb", "message"),
     [
         ("ur", "doctor", "all as the configuration says"),
         ("ur", "jog --by 1 0 2", "tool at x 1.000"),
@@ -194,7 +194,7 @@ def test_a_rehearsed_collection_feeds_a_run(
     ],
 )
 def test_a_rehearsed_verb_ends_with_its_own_code(
-    driver: str, verb: str, words: str, tmp_path: Path
+    driver: str, verb: str, message: str, tmp_path: Path
 ) -> None:
     """In a process of its own, at 30 frames/s, so that what aborts at its end is seen."""
     if driver == "ur":
@@ -206,7 +206,7 @@ def test_a_rehearsed_verb_ends_with_its_own_code(
         [sys.executable, *command.split()], capture_output=True, text=True, check=False, timeout=300
     )
     assert (done.returncode, done.stderr.splitlines()[1:]) == (0, [])
-    assert words in done.stdout
+    assert message in done.stdout
 
 
 @pytest.mark.slow

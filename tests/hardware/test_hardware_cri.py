@@ -58,7 +58,7 @@ def test_any_object_with_three_names(make_robot: Callable[[str], CriRobot]) -> N
     robot.close()
 
 
-@pytest.mark.parametrize(("name", "words"), [("half", "without 'move_linear'"), ("no", "needs")])
-def test_what_is_no_robot(make_robot: Callable[[str], CriRobot], name: str, words: str) -> None:
-    with pytest.raises(UserError, match=words):
+@pytest.mark.parametrize(("name", "message"), [("half", "without 'move_linear'"), ("no", "needs")])
+def test_what_is_no_robot(make_robot: Callable[[str], CriRobot], name: str, message: str) -> None:
+    with pytest.raises(UserError, match=message):
         make_robot(name).connect()

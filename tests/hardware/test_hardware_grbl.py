@@ -79,7 +79,7 @@ def test_homed_it_goes_where_it_is_sent(stage: GrblEmulator, keys: Make) -> None
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "message"),
     [
         ({}, r"not homed.*robot.home = true"),
         ({"$22": 0.0, "$20": 0.0}, r"\$20=0; set \$20=1"),
@@ -88,11 +88,11 @@ def test_homed_it_goes_where_it_is_sent(stage: GrblEmulator, keys: Make) -> None
     ],
 )
 def test_a_stage_that_is_not_ready_is_refused(
-    world: World, keys: Make, settings: dict[str, float], words: str
+    world: World, keys: Make, settings: dict[str, float], message: str
 ) -> None:
     with GrblEmulator(world, settings={**RATES, **settings}) as stage:
         driver = GrblRobot(keys(stage.port))
-        with pytest.raises(UserError, match=words):
+        with pytest.raises(UserError, match=message):
             driver.connect()
         driver.close()
 
@@ -103,7 +103,7 @@ def test_what_is_no_grbl_is_refused(keys: Make) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"),
+    ("kind", "message"),
     [
         ("alarm-1", "a limit switch was hit"),
         ("alarm-2", "position is kept"),
@@ -112,7 +112,7 @@ def test_what_is_no_grbl_is_refused(keys: Make) -> None:
     ],
 )
 def test_what_stops_it_is_said(
-    world: World, stage: GrblEmulator, keys: Make, kind: str, words: str
+    world: World, stage: GrblEmulator, keys: Make, kind: str, message: str
 ) -> None:
     robot = GrblRobot(keys(stage.port, home=True))
     robot.connect()
@@ -120,7 +120,7 @@ def test_what_stops_it_is_said(
     time.sleep(0.05)
     state = robot.state()
     assert not state.normal
-    assert words in state.description
+    assert message in state.description
     robot.close()
 
 

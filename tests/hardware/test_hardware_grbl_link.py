@@ -57,14 +57,14 @@ def test_answers_refusals_and_silence(port: tuple[GrblLink, int]) -> None:
     os.write(master, b"Grbl 1.1h ['$' for help]\r\n")
     link.wait_banner(2.0)
     assert link.banner.startswith("Grbl 1.1h")
-    for answer, words in (
+    for answer, message in (
         (b"error:15\r\n", "beyond the stage's travel"),
         (b"error:\xff\r\n", "damaged"),
         (b"", "did not answer"),
     ):
         timer = threading.Timer(0.05, os.write, (master, answer))
         timer.start()
-        with pytest.raises(RobotError, match=words):
+        with pytest.raises(RobotError, match=message):
             link.command("$J=X1", 0.2)
         timer.join()
     timer = threading.Timer(0.05, os.write, (master, b"[VER:1.1h]\r\nok\r\n"))

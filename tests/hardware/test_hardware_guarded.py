@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
+from fake_station import FIXED_TOUCH, FakeRobot, make_settings, stand_in
 
 from tactibench import Indenter, Pose, Scene
 from tactibench.datasets import open_dataset
@@ -42,7 +42,7 @@ class Looking(FakeRobot):
 
 @pytest.fixture
 def settings() -> Settings:
-    return make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+    return make_settings(contact=FIXED_TOUCH)
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_station import TRUE_Z0, FakeRobot, make_settings, stand_in
+from fake_station import FIXED_TOUCH, TRUE_Z0, FakeRobot, make_settings, stand_in
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.cli.main import call
@@ -30,7 +30,7 @@ PLAN = CollectionPlan(
 
 @pytest.fixture
 def settings() -> Settings:
-    return make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0}, sensor=SHALLOW)
+    return make_settings(contact=FIXED_TOUCH, sensor=SHALLOW)
 
 
 def moves_of(robot: FakeRobot) -> int:
@@ -103,7 +103,7 @@ def test_a_settling_test_is_checked_before_anything_is_opened(
 def test_presses_of_a_data_set_are_checked_before_they_are_repeated(
     lab: FakeRobot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    deep = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+    deep = make_settings(contact=FIXED_TOUCH)
     collection.collect(deep, PLAN, tmp_path / "data")
     before = moves_of(lab)
     config = written(tmp_path)
@@ -117,7 +117,7 @@ def test_presses_are_repeated_as_they_were_made(
 ) -> None:
     """A protocol's yaw of a single tip is left out by both."""
     turned = Press(0, "p", Scene(Indenter.single(), Pose(depth=2.0, yaw=150.0)))
-    deep = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+    deep = make_settings(contact=FIXED_TOUCH)
     collection.collect(deep, CollectionPlan("test", (turned,), {}), tmp_path / "data")
     lowest = max(lab.moves, key=lambda pose: -pose[2])
     lab.moves.clear()
@@ -130,7 +130,7 @@ def test_presses_are_repeated_as_they_were_made(
 def test_the_speed_of_a_session_is_not_the_data_sets(
     lab: FakeRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings = make_settings(contact={"method": "fixed", "fixed_mm": TRUE_Z0})
+    settings = make_settings(contact=FIXED_TOUCH)
     speeds: list[float] = []
     begin = lab.start
 

@@ -42,7 +42,7 @@ def geometry(settings: Settings, z0: float = 0.0) -> PressGeometry:
 
 
 @pytest.mark.parametrize(
-    ("pose", "words"),
+    ("pose", "message"),
     [
         (HOME, ""),
         ((12.0, -12.0, 10.0, 0.0, 0.0, 180.0), ""),
@@ -55,9 +55,9 @@ def geometry(settings: Settings, z0: float = 0.0) -> PressGeometry:
         ((0.0, 0.0, 0.0, 0.0, -26.0, 0.0), "tilt_deg"),
     ],
 )
-def test_the_envelope(pose: Pose6, words: str) -> None:
-    assert words in envelope_violation(KEYS, pose)
-    assert bool(words) == bool(envelope_violation(KEYS, pose))
+def test_the_envelope(pose: Pose6, message: str) -> None:
+    assert message in envelope_violation(KEYS, pose)
+    assert bool(message) == bool(envelope_violation(KEYS, pose))
 
 
 def test_a_yaw_is_limited_where_cables_are_short() -> None:

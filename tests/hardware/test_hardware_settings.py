@@ -28,7 +28,7 @@ def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "words"),
+    ("before", "after", "message"),
     [
         ("press_mm_s", "pres_mm_s", r"unknown key 'robot.pres_mm_s'.*'press_mm_s'"),
         ("press_mm_s = 5.0", "press_mm_s = 50.0", r"'robot.press_mm_s' is 50.0.*equal to 20"),
@@ -44,10 +44,10 @@ def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path
     ],
 )
 def test_a_mistake_is_one_sentence_with_the_key(
-    tmp_path: Path, before: str, after: str, words: str
+    tmp_path: Path, before: str, after: str, message: str
 ) -> None:
     path = changed(tmp_path, before, after)
-    with pytest.raises(UserError, match=words) as caught:
+    with pytest.raises(UserError, match=message) as caught:
         read_settings(path)
     assert str(path) in str(caught.value)
 

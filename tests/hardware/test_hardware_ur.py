@@ -133,7 +133,7 @@ def test_a_stream_that_freezes_is_a_lost_arm(robot: UrRobot, world: World) -> No
 
 
 @pytest.mark.parametrize(
-    ("bits", "mode", "words", "normal", "protective"),
+    ("bits", "mode", "message", "normal", "protective"),
     [
         (0b1, 7, "normal", True, False),
         (0b10, 7, "reduced", True, False),
@@ -143,8 +143,8 @@ def test_a_stream_that_freezes_is_a_lost_arm(robot: UrRobot, world: World) -> No
         (0b1, 3, "power off", True, False),
     ],
 )
-def test_safety_bits(bits: int, mode: int, words: str, normal: bool, protective: bool) -> None:
-    assert describe_safety(bits, mode) == words
+def test_safety_bits(bits: int, mode: int, message: str, normal: bool, protective: bool) -> None:
+    assert describe_safety(bits, mode) == message
     assert is_normal(bits) == normal
     assert is_protective_stop(bits) == protective
 

@@ -18,6 +18,8 @@ from tactibench_tactip.robots.base import RobotState
 from tactibench_tactip.settings import Pose6, Settings, example_configuration
 
 TRUE_Z0 = 0.35
+FIXED_TOUCH = {"method": "fixed", "fixed_mm": TRUE_Z0}
+"""Table [contact] with which nothing is searched."""
 SIDE = 48
 
 
@@ -128,13 +130,14 @@ class FakeCapture:
 
 
 def make_settings(**tables: dict[str, Any]) -> Settings:
-    found = tomllib.loads(example_configuration("ur"))
-    found["camera"] = {"source": "fake", "fps": 500.0, "warmup_frames": 3}
-    del found["sensor"]["pins"]
-    found["timing"]["settle_s"] = 0.0
-    for name, keys in tables.items():
-        found[name] |= keys
-    return Settings.model_validate(found)
+    """Return settings of a UR with a fake camera; tables: changes."""
+    configuration = tomllib.loads(example_configuration("ur"))
+    configuration["camera"] = {"source": "fake", "fps": 500.0, "warmup_frames": 3}
+    del configuration["sensor"]["pins"]
+    configuration["timing"]["settle_s"] = 0.0
+    for name, values in tables.items():
+        configuration[name] |= values
+    return Settings.model_validate(configuration)
 
 
 def stand_in(robot: FakeRobot, put: Callable[[Any, str, Any], None]) -> None:

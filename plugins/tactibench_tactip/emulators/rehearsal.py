@@ -26,7 +26,8 @@ from tactibench_tactip.settings import EnvelopeSettings, Settings
 HOSTS = tuple(f"127.0.0.{k}" for k in range(2, 60))
 """Loopback addresses on which a UR may be emulated; a UR's ports are fixed."""
 WATCHDOG_HZ = 0.2
-"""Rate of the watchdog in a rehearsal: emulators and a simulated sensor share the processor with what is rehearsed."""
+"""Rate of the watchdog in a rehearsal, low because emulators and a simulated sensor share the
+processor with the program."""
 STAGE = {"$110": 6000.0, "$111": 6000.0, "$112": 6000.0}
 """Rates of an emulated stage, mm/min, enough for the speeds of a default configuration."""
 

@@ -20,14 +20,15 @@ class Rig:
     """The true geometry of a setup, which a collection has to measure.
 
     Args:
-        work_frame: Pose of the work frame in the robot's base frame (a stage: machine coordinates).
-        sensor_frame: Pose of the sensor in the work frame: origin at the undeformed apex, z out of the
-            dome, x right and y down in the image. A sensor 0.7 mm beside, 1.2 mm deeper and turned
-            by 12 deg has (0.7, 0, 1.2, 180, 0, 12).
-        indenter: The indenter. Its tips lie at (dx, -dy, dz) in the tool frame, dz towards the sensor. The tool
-            point is the foremost point of a tip with dz = 0, or a plate's centre.
+        work_frame: Pose of the work frame in the robot's base, or in machine coordinates of a
+            stage.
+        sensor_frame: Pose of the sensor in the work frame: origin at the undeformed apex, z out of
+            the dome, x right and y down in the image. A sensor 0.7 mm beside, 1.2 mm deeper and
+            turned by 12 deg has (0.7, 0, 1.2, 180, 0, 12).
+        indenter: The indenter. Its tips lie at (dx, -dy, dz) in the tool frame, dz towards the
+            sensor. The tool point is the foremost point of a tip with dz = 0, or a plate's centre.
         start: Pose of the tool at the beginning, in the work frame.
-        stiffness_n_per_mm: Stiffness of the sensor under each tip, for the force that a robot feels.
+        stiffness_n_per_mm: Stiffness of the sensor under each tip; it makes the force on a robot.
     """
 
     work_frame: Pose6 = (109.1, -487.0, 341.3, 180.0, 0.0, -90.0)

@@ -46,7 +46,7 @@ REBOUND_N = 1.0
 READY, DONE = 1, 2
 MOVE_L, SET_TCP, STOP_L, WATCHDOG, SAFE_POSE, STOP_SCRIPT = 3, 29, 33, 35, 36, 255
 RUNNING_BIT, COUNTS = 1 << 15, 128
-"""Fields of the word of an asynchronous operation: bit 15 running, 16-22 writes, 24-30 operation."""
+"""Word of an asynchronous operation: bit 15 running, bits 16-22 writes, 24-30 operation."""
 
 
 class Controller:

@@ -219,9 +219,9 @@ class Client:
         self.until(LOCKED)
         assert self.say("$H") == ["ok"]
 
-    def jog(self, words: str) -> None:
+    def jog(self, message: str) -> None:
         """And wait until it stands."""
-        assert self.say(f"$J={words} F3000") == ["ok"]
+        assert self.say(f"$J={message} F3000") == ["ok"]
         for _ in range(500):
             if self.status().startswith("<Idle"):
                 return
