@@ -1,8 +1,7 @@
 """The firmware GRBL 1.1h of a three-axis stage, as far as the driver uses it.
 
 Jogs, probing, homing, status reports, settings and alarms, word for word as the firmware answers.
-G-code moves, offsets, inches, overrides and look-ahead are not emulated: error 20, as for every
-line that cannot be read.
+Every other line is error 20.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ SETTINGS = {
     **dict.fromkeys(("$120", "$121", "$122"), 500.0),
     **dict.fromkeys(("$130", "$131", "$132"), 200.0),
 }
-"""Settings of a small stage, in the units of GRBL's documentation (mm, s, mm/min): reports in mm,
-soft and hard limits, homing; 50 mm/s, 500 mm/s2, travel 200 mm."""
+"""Settings of a small stage (mm, s, mm/min): limits on, 50 mm/s, 500 mm/s2, travel 200 mm."""
 CRITICAL_ALARMS = (1, 2)
 """After these only a reset is answered."""
 OFFSET_EVERY = 10
@@ -44,11 +42,7 @@ _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 
 
 class GcodeError(Exception):
-    """A line that is answered with ``error:number``."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(f"error:{number}")
-        self.number = number
+    """A line that is answered with ``error:N``; N is the only argument."""
 
 
 class Controller:
@@ -64,7 +58,7 @@ class Controller:
     def __init__(self, world: World, settings: Mapping[str, float] | None = None) -> None:
         """Raise UserError for a setting that is none; settings: changes of SETTINGS."""
         changes = dict(settings or {})
-        for name in changes.keys() - SETTINGS.keys():
+        for name in sorted(changes.keys() - SETTINGS.keys()):
             raise UserError(
                 f"the emulated GRBL has no setting {name!r}; it has {', '.join(SETTINGS)}."
             )
@@ -117,9 +111,8 @@ class Controller:
         """Stop at once with an alarm; the motors miss the steps of v^2 / 2a."""
         move = self.world.move_at(self.t)
         if move is not None:
-            forward = self._base[:3, :3] @ (move.end - move.start)[:3, 3] / move.length
             slipped = move.speed(self.t) ** 2 / (2 * self._axes(120).min())
-            self._lost = self._lost - forward * slipped
+            self._lost = self._lost - self._direction(move) * slipped
         self.alarm(number)
 
     def alarm(self, number: int) -> None:
@@ -240,8 +233,10 @@ class Controller:
     def _brake(self) -> None:
         move = self.world.move_at(self.t)
         if move is not None:
-            unit = (self._base[:3, :3] @ (move.end - move.start)[:3, 3]) / move.length
-            self.world.brake(self.t, _along(self._axes(120), unit))
+            self.world.brake(self.t, _along(self._axes(120), self._direction(move)))
+
+    def _direction(self, move: Move) -> Array:
+        return np.asarray(self._base[:3, :3] @ (move.end - move.start)[:3, 3] / move.length)
 
     def _standstill(self) -> Iterator[None]:
         while self.t < self.world.still_s:
@@ -253,18 +248,18 @@ class Controller:
         """Let time pass up to t, and carry out the lines that can be."""
         self.t = max(self.t, t)
         self._come_to_rest()
-        while self._free() and (self._task is not None or self._next_line()):
+        while not self._halted and self.state != "Hold":
+            if self._task is None and not self._next_line():
+                break
             if next(self._task or iter(()), "done") is None:
                 break
             self._task = None
         self._come_to_rest()
 
     def _come_to_rest(self) -> None:
-        if self.state in {"Run", "Jog"} and self.t >= self.world.still_s and self._task is None:
+        at_rest = self.t >= self.world.still_s and self._task is None
+        if at_rest and self.state in {"Run", "Jog"}:
             self.state = "Idle"
-
-    def _free(self) -> bool:
-        return not self._halted and self.state != "Hold"
 
     def _next_line(self) -> bool:
         """Begin with the next line of the buffer, if all of it is there."""
@@ -286,22 +281,18 @@ class Controller:
             elif text:
                 yield from self._gcode(text)
         except GcodeError as error:
-            self._answer(error.number)
+            self._answer(error.args[0])
         else:
             if not self._halted:
                 self._answer(0)
 
     def _system(self, text: str) -> Iterator[None]:
-        if text not in {"$I", "$$", "$H", "$X"}:
+        if text not in {"$I", "$$", "$H"}:
             raise GcodeError(STATEMENT)
         if self.state not in {"Idle", "Alarm"}:
             raise GcodeError(NOT_IDLE)
         if text == "$H":
             yield from self._home()
-        elif text == "$X":
-            if self.state == "Alarm":
-                self._push("[MSG:Caution: Unlocked]")
-                self.state = "Idle"
         else:
             for line in VERSION if text == "$I" else self._setting_lines():
                 self._push(line)

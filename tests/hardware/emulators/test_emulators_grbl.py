@@ -96,7 +96,6 @@ class TestTranscripts:
         assert true == pytest.approx(1.25)
         assert grbl.place()[0] == pytest.approx(true + 5.0**2 / 20, abs=2e-3)
         assert grbl.say("$H") == ["error:5"]
-        assert grbl.say("$X") == ["[MSG:Caution: Unlocked]", "ok"]
 
     def test_a_reset_at_rest_is_a_banner_only(self, grbl: Stage) -> None:
         assert grbl.send(b"\x18") == BANNER
