@@ -19,14 +19,11 @@ SLACK_MM = 0.05
 
 @dataclass(frozen=True)
 class PressPath:
-    """The poses of one press in the work frame, and its speeds, mm/s."""
+    """The poses of one press in the work frame."""
 
     above: Pose6
     near: Pose6
     down: Pose6
-    approach: float
-    press: float
-    retract: float
 
     @property
     def poses(self) -> tuple[Pose6, ...]:
@@ -36,14 +33,10 @@ class PressPath:
 
 def path_of(scene: Scene, geometry: PressGeometry, settings: Settings) -> PressPath:
     """Return the path of a press. Sideways it moves only above, at one height for all places."""
-    robot = settings.robot
     return PressPath(
         geometry.at_depth(scene, clear_depth(scene, geometry, settings)),
         geometry.at_depth(scene, min(-NEAR_MM, scene.pose.depth)),
         geometry.tool_pose(scene),
-        robot.approach_mm_s,
-        robot.press_mm_s,
-        robot.retract_mm_s,
     )
 
 
@@ -58,23 +51,25 @@ def clear_depth(scene: Scene, geometry: PressGeometry, settings: Settings) -> fl
 
 def path_seconds(path: PressPath, settings: Settings, sideways_mm: float = 7.0) -> float:
     """Return device seconds of a press without its frames; sideways_mm: from the one before."""
-    a = settings.robot.acceleration_mm_s2
+    robot = settings.robot
+    a = robot.acceleration_mm_s2
     x, y, z, *turn = path.above
     before: Pose6 = (x + sideways_mm, y, z, *turn)  # type: ignore[assignment]
     return (
-        move_seconds(before, path.above, path.approach, a)
-        + move_seconds(path.above, path.near, path.approach, a)
-        + move_seconds(path.near, path.down, path.press, a)
+        move_seconds(before, path.above, robot.approach_mm_s, a)
+        + move_seconds(path.above, path.near, robot.approach_mm_s, a)
+        + move_seconds(path.near, path.down, robot.press_mm_s, a)
         + settings.timing.settle_s
-        + move_seconds(path.down, path.above, path.retract, a)
+        + move_seconds(path.down, path.above, robot.retract_mm_s, a)
     )
 
 
-def descend(mover: Mover, path: PressPath, guard: Guard) -> None:
+def descend(mover: Mover, path: PressPath, settings: Settings, guard: Guard) -> None:
     """Move from wherever the tool is, at clearance: above, near, down."""
-    mover.go(path.above, path.approach)
-    mover.go(path.near, path.approach, guard)
-    mover.go(path.down, path.press, guard)
+    robot = settings.robot
+    mover.go(path.above, robot.approach_mm_s)
+    mover.go(path.near, robot.approach_mm_s, guard)
+    mover.go(path.down, robot.press_mm_s, guard)
 
 
 def force_guard(mover: Mover, most_n: float) -> Guard:

@@ -249,7 +249,7 @@ class Station:
         def guard(pose: Pose6) -> str:
             return force(pose) or ("" if self.camera.alive() else "the camera gives no frames")
 
-        press_path.descend(mover, path, guard)
+        press_path.descend(mover, path, self.settings, guard)
         return time.monotonic_ns()
 
     def press(self, scene: Scene) -> PressResult:

@@ -242,8 +242,6 @@ class Controller:
         while self.t < self.world.still_s:
             yield
 
-    # Time and lines
-
     def step(self, t: float) -> None:
         """Let time pass up to t, and carry out the lines that can be."""
         self.t = max(self.t, t)
