@@ -47,7 +47,6 @@ class LabelSummary:
         low: Smallest value.
         high: Largest value.
         mean: Mean value.
-        known: Number of frames that have the label.
         counts: (BINS,) numbers of frames between low and high.
     """
 
@@ -56,7 +55,6 @@ class LabelSummary:
     low: float
     high: float
     mean: float
-    known: int
     counts: tuple[int, ...]
 
     @property
@@ -115,7 +113,7 @@ def summarize_labels(values: Mapping[str, FloatArray]) -> list[LabelSummary]:
             counts, _ = np.histogram(known, BINS, range=(low, high if high > low else low + 1))
             bins = tuple(counts.tolist())
             summaries.append(
-                LabelSummary(name, unit_of(name), low, high, float(known.mean()), len(known), bins)
+                LabelSummary(name, unit_of(name), low, high, float(known.mean()), bins)
             )
     return summaries
 

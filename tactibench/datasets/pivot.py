@@ -68,7 +68,6 @@ class Pivot:
         pivot_std: Standard deviation of p, mm.
         offset_scatter: Share of ``offset_std`` that more presses make smaller, mm.
         pivot_scatter: Share of ``pivot_std`` that more presses make smaller, mm.
-        exponent: k.
         residual: Median relative misfit of the spread.
         presses: Number of presses that were fitted.
     """
@@ -79,7 +78,6 @@ class Pivot:
     pivot_std: float
     offset_scatter: float
     pivot_scatter: float
-    exponent: float
     residual: float
     presses: int
 
@@ -237,8 +235,6 @@ def fit_pivot(
     depth: FloatArray,
     tilt: FloatArray,
     shear: FloatArray | None = None,
-    exponent: float = EXPONENT,
-    exponent_std: float = EXPONENT_STD,
 ) -> Pivot:
     """Fit offset and pivot to the spreads of presses.
 
@@ -247,8 +243,6 @@ def fit_pivot(
         depth: (N,) labels, mm; larger is deeper.
         tilt: (N,) labels, deg.
         shear: (N, S) labels of how the plate was dragged along.
-        exponent: k.
-        exponent_std: Standard deviation of k.
 
     Raises:
         UserError: Too few presses touch, or depth or tilt never changes.
@@ -268,8 +262,8 @@ def fit_pivot(
                 "told apart; fit a recording in which it changes, or name another column."
             )
     best, low, high = (
-        _fit_exponent(spread, depth, tilt, columns, exponent + change)
-        for change in (0.0, -exponent_std, exponent_std)
+        _fit_exponent(spread, depth, tilt, columns, EXPONENT + change)
+        for change in (0.0, -EXPONENT_STD, EXPONENT_STD)
     )
     return replace(
         best,
@@ -316,7 +310,6 @@ def _fit_exponent(
         pivot_std=float(scatter[1]),
         offset_scatter=float(scatter[0]),
         pivot_scatter=float(scatter[1]),
-        exponent=exponent,
         residual=float(np.median(np.abs(misfit))),
         presses=len(spread),
     )

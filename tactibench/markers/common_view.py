@@ -72,28 +72,26 @@ class Outline:
         return np.asarray((xy - self.centre) / self.scale, dtype=np.float64)
 
 
-def common_lattice(rings: int = RINGS, reach: float = REACH) -> Array:
-    """Return (L, 2) rings of 6 k points around the centre, the last at ``reach`` units."""
+def common_lattice() -> Array:
+    """Return (L, 2) rings of 6 k points around the centre, the last at ``REACH`` units."""
     points = [(0.0, 0.0)]
-    for ring in range(1, rings + 1):
+    for ring in range(1, RINGS + 1):
         turns = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
-        radius = reach * ring / rings
+        radius = REACH * ring / RINGS
         points += list(zip(radius * np.cos(turns), radius * np.sin(turns), strict=True))
     return np.array(points)
 
 
-def kriging_weights(
-    places: Array, points: Array, length: float = LENGTH, nugget: float = NUGGET
-) -> Array:
+def kriging_weights(places: Array, points: Array) -> Array:
     """Return (L, P) weights that give a field at points (L, 2) from its values at places (P, 2)."""
     trend, target = _linear(places), _linear(points)
-    inverse = np.linalg.inv(_covariance(places, places, length) + nugget * np.eye(len(places)))
+    inverse = np.linalg.inv(_covariance(places, places) + NUGGET * np.eye(len(places)))
     slope = np.linalg.solve(trend.T @ inverse @ trend, trend.T @ inverse)
     residual = np.eye(len(places)) - trend @ slope
-    return np.asarray(target @ slope + _covariance(points, places, length) @ inverse @ residual)
+    return np.asarray(target @ slope + _covariance(points, places) @ inverse @ residual)
 
 
-def common_view(rest: Array, points: Array | None = None) -> Callable[[Array], Array]:
+def common_view(rest: Array, points: Array) -> Callable[[Array], Array]:
     """Return a function from displacements of pins to those on the common lattice.
 
     It turns displacements (N, 2 P) px, x of all before y of all, into (N, 2 L) in units of the
@@ -101,13 +99,13 @@ def common_view(rest: Array, points: Array | None = None) -> Callable[[Array], A
 
     Args:
         rest: (P, 2) px, the pins at rest.
-        points: (L, 2) of the lattice; None: the usual one.
+        points: (L, 2) of the lattice.
 
     Raises:
         UserError: as ``Outline.of``.
     """
     outline = Outline.of(rest)
-    weights = kriging_weights(outline.places(rest), common_lattice() if points is None else points)
+    weights = kriging_weights(outline.places(rest), points)
 
     def view(moved: Array) -> Array:
         x, y = np.split(moved, 2, axis=1)
@@ -121,6 +119,6 @@ def _linear(xy: Array) -> Array:
     return np.column_stack([np.ones(len(xy)), xy])
 
 
-def _covariance(a: Array, b: Array, length: float) -> Array:
+def _covariance(a: Array, b: Array) -> Array:
     square = np.square(a[:, None] - b).sum(axis=-1)
-    return np.asarray(np.exp(-0.5 * square / length**2), dtype=np.float64)
+    return np.asarray(np.exp(-0.5 * square / LENGTH**2), dtype=np.float64)

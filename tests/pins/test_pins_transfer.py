@@ -154,7 +154,7 @@ def test_one_labelled_frame_shifts_all_answers():
 
 
 def test_views_turn_shift_and_strengthen_linear_fields():
-    points = common_lattice(3)
+    points = common_lattice()
     same, *others = draw_views(points, 6, np.random.default_rng(0))
     np.testing.assert_array_equal(same, np.eye(2 * len(points)))
     gained = draw_views(points, 3, np.random.default_rng(0), Spread(0, 0, 0, 0, 0.05))[1]
