@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.completion import RUN
+from tactibench.cli.completion import PROTOCOL, RUN
 from tactibench.cli.options import (
     board_option,
     json_option,
@@ -31,6 +31,7 @@ def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
     """Make the leaderboards from submissions, and check submissions.
 
     \b
+    tactibench board show exp2               the rows of a board
     tactibench board add 'exp1-unet-*'       runs become rows
     tactibench board check                   the pages are what the records give
     tactibench board verify FILE.json        score a submission again
@@ -43,6 +44,31 @@ def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
         ctx.invoke(check_pages)
     else:
         click.echo(ctx.get_help())
+
+
+@board.command()
+@click.argument("protocol", type=PROTOCOL)
+@board_option
+def show(protocol: str, board_folder: Path) -> None:
+    """Print the ranked rows of PROTOCOL, a table a sensor; the pages hold the other tables."""
+    from tactibench.board.submissions import check_folder
+    from tactibench.cli.output import Terminal
+    from tactibench.protocols.loader import load_protocol
+    from tactibench.report.board_export import first_tables
+    from tactibench.report.writers.terminal import print_table
+
+    check_folder(board_folder)
+    name = load_protocol(protocol).spec.id
+    tables = [first for first, _ in first_tables(board_folder, name)]
+    if not tables:
+        raise UserError(
+            f"{board_folder} has no ranked rows of {name}; `tactibench board add RUN` adds one."
+        )
+    terminal = Terminal()
+    for number, first in enumerate(tables):
+        terminal.say("\n" if number else "")
+        print_table(terminal.out, first)
+    terminal.say(f"all tables: {board_folder / name}.md")
 
 
 @board.command()

@@ -1,8 +1,9 @@
-"""The boards as a tidy list, for other programs, and as LaTeX, for a paper."""
+"""The boards as a tidy list for other programs; their first tables for papers and terminals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,14 @@ COSTS: tuple[tuple[str, str, Callable[[Record], float | None]], ...] = (
     ("training_s", "s", lambda record: record.training.seconds),
 )
 
+LATEX_NOTE = r"mean over seeds [95\,\% interval over presses]"
+
 
 def tidy_rows(board: Path) -> list[dict[str, Any]]:
     """Return a line for every board, row and metric: rank, mean over seeds, interval, counts."""
     lines = []
-    for name, sections, errors in _boards(board):
+    for name in protocol_files():
+        sections, errors = _sections(board, name)
         for section in sections:
             ranked = ranks(name, section.rows, errors)
             for k, row in enumerate(section.rows):
@@ -52,28 +56,35 @@ def board_csv(lines: list[dict[str, Any]]) -> str:
 def board_latex(board: Path) -> str:
     """Return the first table of every section of every board."""
     texts = []
-    for name, sections, errors in _boards(board):
-        spec = board_spec(name)
-        for section in sections if spec.blocks else ():
-            rows = ordered(name, section.rows)
-            title = f"{name}, {section.title}"
-            signatures = [record.signature for row in rows for record in row.records]
-            first = _first_table(title, rows, spec.blocks[0], ranks(name, rows, errors))
-            texts.append(latex_text(first, signatures))
+    for name in protocol_files():
+        for first, signatures in first_tables(board, name):
+            texts.append(latex_text(replace(first, note=LATEX_NOTE), signatures))
     return "\n".join(texts)
 
 
-def _boards(board: Path) -> Iterator[tuple[str, list[Section], Errors]]:
-    for name in protocol_files():
-        records = read_submissions(board, name)
-        yield name, sections_of(whole(records)), all_press_errors(board, records)
+def first_tables(board: Path, protocol: str) -> Iterator[tuple[Table, list[str]]]:
+    """Yield the first table of every section of one board, and the signatures of its runs."""
+    spec = board_spec(protocol)
+    if not spec.blocks:
+        return
+    sections, errors = _sections(board, protocol)
+    for section in sections:
+        rows = ordered(protocol, section.rows)
+        title = f"{protocol}, {section.title}"
+        signatures = [record.signature for row in rows for record in row.records]
+        yield _first_table(title, rows, spec.blocks[0], ranks(protocol, rows, errors)), signatures
+
+
+def _sections(board: Path, protocol: str) -> tuple[list[Section], Errors]:
+    records = read_submissions(board, protocol)
+    return sections_of(whole(records)), all_press_errors(board, records)
 
 
 def _first_table(title: str, rows: list[Row], spec: BoardTable, ranked: Ranks | None) -> Table:
     numbers = (None,) * len(rows) if ranked is None else ranked.by_row
     heads: list[Head] = [
         Column(""),
-        *("model", "encoder", "regime"),
+        *("model", "encoder", "regime", "mixing"),
         Column("seeds"),
         *(Column(column.head) for column in spec.columns),
     ]
@@ -89,11 +100,12 @@ def _first_table(title: str, rows: list[Row], spec: BoardTable, ranked: Ranks | 
                 Text(row.model, "italic" if row.trivial else ""),
                 row.encoder or None,
                 row.regime,
+                row.mixing or "no",
                 str(len(row.records)),
                 *metrics,
             ]
         )
-    note = r"mean over seeds [95\,\% interval over presses]"
+    note = "mean over seeds [95 % interval over presses]"
     return table(heads, body, title=title, note=note)
 
 

@@ -97,9 +97,21 @@ def test_the_same_figures_as_csv_and_latex(cli, stored_run):
     (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
     assert (mae["value"], mae["unit"], mae["model"], mae["rank"]) == ("0.05", "mm", "a_b", "1")
     text = Path("table.tex").read_text()
-    assert r"1 & a\_b & hertz & single & 1 & 0.0500 {\scriptsize [0.0450, 0.0550]} & " in text
+    assert r"1 & a\_b & hertz & single & no & 1 & 0.0500 {\scriptsize [0.0450, 0.0550]} & " in text
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
     assert "% protocol:exp1@1|model:a_b" in text
+
+
+def test_the_ranked_rows_are_shown(cli, refused, stored_run):
+    assert "has no ranked rows of exp1; `tactibench board add RUN`" in refused(
+        "board", "show", "exp1"
+    )
+    cli("board", "add", stored_run(error=0.05), stored_run(model="cnn", error=0.07))
+    code, out, _ = cli("board", "show", "exp1")
+    assert code == 0
+    assert out.index("  unet ") < out.index("  cnn ")
+    assert "0.0500 [0.0450, 0.0550]" in out
+    assert out.endswith("all tables: leaderboards/exp1.md\n")
 
 
 def test_a_cell_that_a_spreadsheet_would_compute_is_text():
