@@ -56,8 +56,8 @@ EXPLAINED = {
     "nothing moved",
     ("tactibench_pins/regression.py", "Features.places"): "max(x, ...) with x first keeps a NaN; "
     "frames in which nothing moved",
-    ("tactibench_pins/components.py", "Components.weights"): KEEPS + "a component without spread",
-    ("tactibench_pins/correction.py", "Correction.fit"): "max(x, ...) with x first keeps a NaN; "
+    ("tactibench_pins/displacements.py", "Components.weights"): KEEPS + "a component without spread",
+    ("tactibench_pins/transfer.py", "Correction.fit"): "max(x, ...) with x first keeps a NaN; "
     "features that are all alike",
     ("tactibench_superpose/detect.py", "Detector.of"): ROUNDING + "the end of a range",
     ("tactibench_superpose/spread.py", "Spread.std"): KEEPS + "a stated std is no 0",
