@@ -2,8 +2,10 @@
 
 # Classes that a spec names by text, as "package.module:Class"
 CNN
+CriRobot
 Fitted127
 Fitted331
+GrblRobot
 HeatAndDepth
 HertzGaussian
 MeanModel
@@ -18,4 +20,27 @@ Reference331
 Superpose
 TacTip
 UNet
+UrRobot
 VGNN
+
+# Properties of `tactibench check`: every public function of a module of checks is one
+another_grid
+close_pair
+context_manager
+damaged_weights
+depth_range
+determinism
+every_answer
+finds_contacts
+float_frame
+frame_size
+input_unchanged
+nan_frame
+pure
+rest_frame
+round_trip
+save_load
+scores
+timestamps
+too_many
+truth_hidden

@@ -56,7 +56,8 @@ EXPLAINED = {
     "nothing moved",
     ("tactibench_pins/regression.py", "Features.places"): "max(x, ...) with x first keeps a NaN; "
     "frames in which nothing moved",
-    ("tactibench_pins/displacements.py", "Components.weights"): KEEPS + "a component without spread",
+    ("tactibench_pins/displacements.py", "Components.weights"): KEEPS
+    + "a component without spread",
     ("tactibench_pins/transfer.py", "Correction.fit"): "max(x, ...) with x first keeps a NaN; "
     "features that are all alike",
     ("tactibench_superpose/detect.py", "Detector.of"): ROUNDING + "the end of a range",
