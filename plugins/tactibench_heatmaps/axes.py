@@ -19,7 +19,9 @@ from tactibench_heatmaps.encoder import MapEncoder, MapStack, relative_depth
 from tactibench_heatmaps.peaks import FloatArray, split_contacts
 
 _STEPS = 3
+"""Gauss-Newton steps from the highest cell."""
 _RIDGE = 1e-12
+"""Keeps a flat profile, which has no peak, from dividing by zero."""
 
 
 class Axes(MapEncoder):

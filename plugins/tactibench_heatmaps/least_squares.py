@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 _STEPS = 2
+"""Gauss-Newton steps from the start; ``TOLERANCE`` of ``peaks`` holds after two."""
 _MARGIN = math.log(1.15)  # a cell near the seam of two peaks belongs to neither
 _HIGHEST = 4.0  # of a diverging prediction, so that it cannot overflow
 _CEILING = math.log(_HIGHEST)

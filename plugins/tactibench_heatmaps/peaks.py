@@ -49,6 +49,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 WIDE = 17
+"""Cells a side that the decoder `wide` fits: 4 sigma of the default heat to either side."""
 # round-trip error, mm on cells of 0.4 mm: half a cell; differences of a blurred map; two steps
 TOLERANCE = {"maximum": 0.201, "dark": 0.01, "least-squares": 0.002, "wide": 0.002}
 _STRAY = 0.6  # of the narrowest kernel's sigma: noise moves the highest cell this far at most

@@ -27,6 +27,7 @@ frame; least squares with offset, rotation and aspect free, rms residual 0.6 px 
 
 TIP_RADIUS_MM = 17.0
 _STEEPEST = np.radians(80.0)
+"""Polar angle up to which the place of a pin is sought."""
 
 
 def layout(pins: int) -> Array:

@@ -17,10 +17,13 @@ Image = npt.NDArray[np.uint8]
 Flags = npt.NDArray[np.bool_]
 
 _PITCH_MM = 0.8
+"""Pitch of the lattice on which contacts are first looked for, before refinement."""
 _DEPTHS_MM = (0.3, 0.6, 1.2, 2.4, 4.2)
+"""Depths of that lattice, each about twice the one before."""
 _STEPS = 8
 """Steps of refinement after each insertion; the last solution is then finished."""
 _FINISH = 12
+"""Steps of the last refinement."""
 _OWN = 0.35
 """A doubtful pin's place is the one that was seen within this share of the pins' spacing of where
 the contacts put it."""

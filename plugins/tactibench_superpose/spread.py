@@ -25,9 +25,14 @@ GROUPS = 3
 _LARGEST_MM = 3.0
 """Largest deviation that is stated."""
 _ROUNDS = 20
+"""Turns of reweighting."""
 _WINSOR = 9.0
+"""Squared errors are cut at so many variances (3 standard deviations), so that wrong contacts do
+not widen all."""
 _FEWEST = 30
+"""Contacts from which a spread is learned."""
 _NORMAL_95, _PLANE_95 = 1.959964, 2.447747
+"""95 % quantiles of a normal error along one axis, and of its length in the plane (Rayleigh)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,9 @@ from tactibench_tactip.poses import Array
 from tactibench_tactip.settings import SensorSettings
 
 SATURATED = 250
+"""Grey level from which a pixel counts as saturated: noise keeps full ones a little below 255."""
 MOST_SATURATED = 0.01
+"""Share of the frame that may become so under a press: more is glare, and pins in it are lost."""
 BRIGHTNESS = 0.10
 """Share by which the mean brightness may differ from that of the undeformed sensor."""
 MOTION = 1.5

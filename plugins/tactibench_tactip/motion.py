@@ -41,9 +41,11 @@ LOOK_S = 0.1
 TURN_DEG_S = 50.0
 """Speed at which a tool is taken to turn."""
 REACHED_MM, REACHED_DEG = 0.1, 0.2
+"""A place counts as reached within this."""
 OFF_LINE_MM = 2.0
 """Distance beside its line at which a move is stopped."""
 STOP_S = 3.0
+"""Host seconds for a stop to come to a stand."""
 PROBE_MM = 0.5
 """Length of a step of a probe; between two steps it looks whether to stop."""
 

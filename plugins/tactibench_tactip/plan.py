@@ -19,6 +19,8 @@ from tactibench_tactip.settings import IndenterSettings, Settings
 T = TypeVar("T")
 
 SAME_MM = 1e-6
+"""Radii and tips of two indenters are the same within this: numbers of a file, not of a
+measurement."""
 CAPTURE_S = 0.3
 """Time of the frames of a press and of the frame after it."""
 SEARCH_S = 60.0

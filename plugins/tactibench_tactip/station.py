@@ -27,6 +27,7 @@ from tactibench_tactip.settings import IndenterSettings, Pose6, Settings
 T = TypeVar("T")
 
 REST_FRAMES = 20
+"""Frames of a rest image: their mean has a fifth of the noise of one."""
 LOOKS = 3
 """Times that frames of a press are taken before it counts as bad."""
 SAME_MM = 0.05

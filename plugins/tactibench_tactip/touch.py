@@ -26,6 +26,7 @@ from tactibench_tactip.settings import Pose6
 from tactibench_tactip.station import Station
 
 STEP_MM = 0.1
+"""Step of a search by eye: smaller than a press that is seen (``SEEN_MM`` of frame_check)."""
 BEFORE_MM, BEYOND_MM = 0.25, 0.6
 """Begin and end of the ramp, around the place at which the change was noticed."""
 FRAMES, NOTICE_FRAMES = 3, 2
@@ -35,6 +36,7 @@ AGAIN_MM = 1.0
 POWERS = np.arange(1.0, 2.01, 0.1)
 """Between the displacement of a pin under the tip (1) and a Hertzian force (1.5) and beyond."""
 GRID_MM = 0.002
+"""Grid on which the beginning of the ramp is sought, far below what frames can tell."""
 ASIDE_MM = 0.2
 """Beside the approach of a place from which on the tool goes up before it goes there."""
 

@@ -48,6 +48,7 @@ RETIRED = {
 """Verbs of version 1 and what they are called now."""
 
 MISTAKE, INTERRUPTED = 2, 130
+"""Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
 STOPPED = "tactibench: stopped; the same command continues where it was."
 
 _HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later

@@ -49,6 +49,7 @@ FAINT = 0.05
 _BATCH = 64
 """Frames whose pins are followed at once."""
 _DEGREE = 4
+"""Degree in the tilt of the linear terms."""
 _NEAREST_MM = 1e-3
 """The smallest indentation in the logarithm, which has no value at 0."""
 _ROUNDS = 3

@@ -31,6 +31,8 @@ Array = npt.NDArray[np.float64]
 RINGS, REACH = 6, 0.8
 """The usual lattice: 127 points; beyond 0.8 a hexagonal layout has pins in its corners only."""
 OUTERMOST = 6
+"""Pins whose mean radius is the size of a layout: a hexagon has six corners, and one pin may be
+lost."""
 LENGTH = 0.35
 """Length over which displacements are alike, units of the layout; dimples of a dome are wider."""
 NUGGET = 1e-3

@@ -19,6 +19,7 @@ LEAST = 4
 ALONE = 0.6
 """A pin none of whose neighbours is matched waits as one that lies this many pitches off."""
 STRETCH_LOW, STRETCH_HIGH = 0.35, 2.5
+"""Limits of the local stretch: beyond them a few noisy neighbours speak, not the skin."""
 RIDGE = 0.02
 """Weight of "no slope" against one neighbour: holds the plane where neighbours are in a line."""
 

@@ -30,6 +30,7 @@ ENOUGH = 0.97
 AT_HOME = 0.5
 """A border that moved by less than this many pitches, on the mean, is not one pin off."""
 DOUBTS = 3
+"""Rounds in which doubtful matches are taken back and grown again; it ends earlier when none is."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

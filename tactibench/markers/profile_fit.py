@@ -31,6 +31,7 @@ LARGEST_STEP = 0.6
 STILL = 2e-4
 """Steps, px: the largest of one turn, and the one below which a frame is fitted."""
 _OFF = 0.25
+"""A pixel is summed at four points this far from its centre, px: the midpoints of its quarters."""
 SOFTEST, SHARPEST = 3.0, 0.35
 """Range in which the half-width of an edge is sought, px."""
 FAITHFUL = 0.06

@@ -16,6 +16,7 @@ from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
 from tactibench.stats.intervals import Estimate, positive_mean_interval, rate_interval
 
 THOUSAND = 1000
+"""False contacts are counted on so many frames: on one frame they are too rare to be read."""
 
 
 def ospa(trials: Trials) -> Sample:

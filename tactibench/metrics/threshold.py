@@ -29,6 +29,7 @@ from tactibench.stats.clusters import IntArray, Labels, cluster_codes, cluster_s
 from tactibench.stats.intervals import Estimate, t_quantile
 
 SHARE = 0.75
+"""Share of pairs resolved at the threshold, the usual choice of psychophysics."""
 STEEPEST = 50.0
 """Largest slope, 1/mm: from 5 % to 95 % in 0.12 mm, a step to any eye."""
 GRID = 221

@@ -14,6 +14,8 @@ from tactibench.records.bound_spec import BoundSpec
 from tactibench.run.request import RunRequest
 
 QUICK_EPOCHS = 2
+"""The second epoch shows that training goes on after the first validation; --quick proves nothing
+else."""
 
 
 @dataclass(frozen=True, kw_only=True)

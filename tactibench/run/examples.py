@@ -16,6 +16,7 @@ from tactibench.records.store import Arrays
 from tactibench.run.predict import blinded
 
 EXAMPLES = 24
+"""Test frames that stay with a run: enough for its pictures."""
 CHANNELS = 6
 """Channels of a layer that are kept: those that vary most over the frame."""
 FEATURE = "feature."

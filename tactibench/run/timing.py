@@ -26,6 +26,7 @@ BUDGET_S, QUICK_BUDGET_S = 12.0, 3.0
 """Seconds that timing may take for one thread count; a slower model gives fewer calls. Those of
 --quick are few: a neighbour on the other core must not eat its minute."""
 OFFLINE_CALLS, OFFLINE_BLOCKS = 30, 10
+"""Calls and blocks of a batch: fewer than of a frame, because each takes longer."""
 
 _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 _RESET_PEAK = "5"

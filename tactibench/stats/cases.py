@@ -13,6 +13,7 @@ from tactibench.stats.clusters import Labels, cluster_codes, cluster_sums, finit
 from tactibench.stats.intervals import Estimate, t_quantile
 
 DOUBLE = 2.0
+"""The error of a hard case counts as broken down when it is this many times the easy one."""
 
 
 def mean_ratio(

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from tactibench.stats.clusters import FloatArray, finite
 
 BLOCK = 2**21
+"""Random signs drawn at once, to bound the memory."""
 
 
 def sign_flip_p(

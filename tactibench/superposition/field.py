@@ -26,6 +26,7 @@ LENGTH_MM = 30.0
 RIDGES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Variances of noise against that of the field; the one that predicts held-out presses best."""
 FEWEST = 20
+"""Presses below which no field is fitted: fewer than two would be held out."""
 PITCH_MM = (0.7, 0.7, 0.35)
 """Pitch of the lattice in x, y, depth: over depth the field bends most, just after first touch."""
 MARGIN_MM = 1.0
@@ -33,6 +34,7 @@ MARGIN_MM = 1.0
 _RESTING = 7
 """Presses of depth 0 a side: there the field is known to be zero."""
 _HELD_OUT = 10
+"""One press of so many is held out to choose the ridge."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ MOST = 3
 CLOSEST_MM = 5.5
 """Least distance of two contacts: below it the tips of radius 3 mm would meet in the gel."""
 _BLOCK = 500
+"""Frames whose contacts are drawn at once, to bound the memory."""
 
 
 def mix(

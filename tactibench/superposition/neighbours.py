@@ -35,8 +35,11 @@ _SCALE = np.array([3.0, 1.6, 1.6, 4.0, 3.0])
 _REACH = 2.2
 """Features are cut here, in scales: a polynomial says nothing about what it has not seen."""
 PAIR_DEGREE, CROWD_DEGREE = 4, 2
+"""Degrees of the polynomials of a pair, and of how a third contact changes it."""
 _ROUNDS = 8
+"""Turns of reweighting for Huber's loss."""
 _KNEE_MM = 0.03
+"""Misfit from which a shift counts less than by its square."""
 _RIDGE = 1e-5
 
 

@@ -12,11 +12,16 @@ from tactibench.superposition.field import Field
 Array = npt.NDArray[np.float64]
 
 _STEPS = 12
+"""At most so many steps a frame; it ends earlier when a step is shorter than
+``_SMALLEST_STEP_MM``."""
 _LONGEST = (0.8, 0.8, 0.8)
 """mm that one step may move a contact in x, y and depth."""
 _SMALLEST_STEP_MM = 2e-4
 _DAMPING = 1e-4
+"""Levenberg-Marquardt damping at the start; it adapts from frame to frame."""
 _SHALLOWEST_MM = 0.02
+"""A contact may not become shallower: at depth 0 its place has no effect, and the step no
+direction."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ _SIZES = 12
 _WINDOW_PX = 1.5
 """Standard deviation of the window in which the size of a pin is measured."""
 _FRAMES = 200
+"""Frames from which the look is learned, spread evenly over all."""
 _CLEAR = 0.6
 """A pixel farther from every pin than this share of the pins' spacing shows the background."""
 _SMOOTH_PX = 4.0

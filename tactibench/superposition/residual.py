@@ -26,8 +26,10 @@ RIDGES = (3e-3, 1e-2, 3e-2, 1e-1)
 FEWEST = 100
 """Pairs from which something is learned; with fewer the residual is taken as nothing."""
 _MIRROR = np.array([1.0, 1.0, 1.0, 1.0, -1.0])
+"""Signs of the features when a pair is mirrored at the line through both contacts."""
 _ALONG, _ACROSS = [0, 2], [1]
 _HELD_OUT = 10
+"""One pair of so many is held out to choose length and ridge."""
 _OUTLIER = 6.0
 """Robust standard deviations; a pair that is left with more was seen wrongly."""
 

@@ -35,6 +35,7 @@ _STATISTICS = 512
 """Training frames over which the statistics of batch normalisation are measured. 256 that are
 spread evenly (``Examples.spread_rows``) move the U-Net's error by 1 %, 512 at random by 14 %."""
 _EVALUATION_BATCH = 50
+"""Frames of a validation batch, to bound the memory."""
 
 
 @dataclass(frozen=True)

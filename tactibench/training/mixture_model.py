@@ -30,6 +30,7 @@ _FEWEST = 20
 """Contacts from which a 95 % quantile is read; with fewer the stated std stays as it is."""
 _AXIS_95 = 1.959964
 _PLANE_95 = math.sqrt(-2 * math.log(0.05))
+"""95 % quantiles of a normal error along one axis, and of its length in the plane (Rayleigh)."""
 
 
 class MixtureModel(LearnedModel):

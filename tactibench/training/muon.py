@@ -13,9 +13,11 @@ from typing import Any
 import torch
 
 _MOMENTUM = 0.95
+"""As published with the method (Jordan, 2024)."""
 _SMALLEST = 10
 """A kernel of fewer rows or columns (the first and the last layer) has no directions to balance."""
 _STEPS = 5
+"""Newton-Schulz steps for which the coefficients below are made."""
 _A, _B, _C = 3.4445, -4.7750, 2.0315
 """x -> a x + b x^3 + c x^5 drives singular values of 0..1 to about 0.7..1.2 in five steps."""
 _RMS = 0.2

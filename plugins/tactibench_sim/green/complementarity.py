@@ -17,6 +17,7 @@ from tactibench_sim.green.lookup import Array
 
 Mask = npt.NDArray[np.bool_]
 ROUNDS = 500
+"""Changes of the active set after which a scene counts as not solved."""
 
 
 @jit

@@ -22,6 +22,7 @@ from tactibench_sim.green.single import reach
 CAP = 2.0
 """Radius of the caps in lattice spacings."""
 SETTLED = 1e-11
+"""Relative change of the loads below which a scene is solved."""
 REACH_MM = 0.4
 """Nodes farther above the skin are left out; no bulge is as high."""
 _SWEEPS = 60

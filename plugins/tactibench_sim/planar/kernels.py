@@ -17,6 +17,7 @@ _REGULAR = 1e-10  # splits the load of exactly coincident tips evenly
 _APART = 1.0  # mm between tips that are not one; nothing depends on it for protocols' indenters
 _ROUNDS = 60  # two or three do, unless a bulge lifts a tip
 _SWEEPS = (20, 80, 400, 2000)
+"""Sweeps of Gauss-Seidel, tried in turn until it has settled."""
 
 
 @jit

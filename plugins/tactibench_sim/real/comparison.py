@@ -20,6 +20,7 @@ Array = npt.NDArray[np.float64]
 LARGEST_MOVE_MM = 1.0
 """Presses that moved less along the plate: the rest are sheared by more than sticking explains."""
 FEWEST_HELD_OUT = 50
+"""Presses below which a median error on held-out ones says little."""
 DEPTHS = (0.0, 2.0, 3.0, 4.0, 5.0, 8.0)
 TILTS = (0.0, 5.0, 10.0, 15.0, 21.0)
 POLARS = (0.0, 15.0, 30.0, 45.0, 90.0)

@@ -36,9 +36,11 @@ STEP = {
 }
 """What counts as a comparable change of each unknown."""
 BOUNDS = {"air_mm": (0.05, 100.0), "gel_mm": (10.0, 60.0), "focal_px": (20.0, 2000.0)}
+"""Limits of lengths that are positive by nature; all other unknowns are free."""
 EVERY = 3
 """One pin in so many is fitted; all are reported."""
 _SOFT = 1e-3
+"""Rounds the norm at 0, where it has no slope."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,11 +29,15 @@ FILE = "plates.npz"
 FINE_DEG = 0.25
 """Step of the polar angle the tables are refined to, so that linear look-ups do."""
 INNER_MM = 19.0
+"""Radius of the inner skin, on which the pins stand."""
 ARRAYS = ("press", "patch", "drag")
 """Arrays of every dome in the file."""
 APEX_MM = 20.0
+"""Radius of the outer skin."""
 _STEEPEST = math.radians(88.0)
+"""Polar angle up to which pins are looked for, just short of the clamped rim."""
 _ABOVE_WINDOW_MM = 1e-3
+"""A tip that would lie below the window is seen on it, this far above."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,6 +36,7 @@ LAYOUTS = (331, 127)
 STEP_MM = 0.25e-3
 """Displacements are rounded to this, to fit 16 bits up to 8 mm."""
 STEP_NORMAL = 1e-4
+"""Normals are rounded to this, to fit 16 bits."""
 
 
 @dataclass(frozen=True, eq=False)

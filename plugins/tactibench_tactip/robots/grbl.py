@@ -20,9 +20,11 @@ from tactibench_tactip.settings import Pose6, Settings
 BANNER_S, BANNER_SOCKET_S = 2.5, 0.2
 """An Arduino is reset when its port is opened and takes 2 s to start; a socket resets nothing."""
 PROBE_S = 60.0
+"""Longest time of a probing move: GRBL answers only when it has ended."""
 POLL_S = 0.1
 """Between status reports, device seconds; GRBL wants no more than 5 to 10 a second."""
 TURN_DEG = 0.05
+"""Turns above this are refused: a stage of three axes cannot turn."""
 _RATES = {"x": "$110", "y": "$111", "z": "$112"}
 _CANCEL, _RESET, _HOLD = b"\x85", b"\x18", b"!"
 

@@ -13,9 +13,11 @@ from tactibench_tactip.errors import RobotError, RobotLostError
 from tactibench_tactip.robots.base import missing_package
 
 ANSWER_S = 2.0
+"""Longest wait for the answer to a line, which GRBL gives when it has parsed it."""
 STATUS_S = 0.25
 """Time after which a status report is requested again: a busy GRBL drops the request."""
 PAUSE_S = 0.0005
+"""Between two looks at a port without data: without a pause they would take a core."""
 CRITICAL = (1, 2)
 """Alarms after which nothing is answered before a reset."""
 _NUMBERS = re.compile(r"-?\d+(?:\.\d+)?")

@@ -20,9 +20,11 @@ from tactibench_tactip.settings import Pose6, Settings
 GRACE_S = 1.5
 """Host seconds of standing short of the target, with no word of a move, that end one."""
 NEAR_MM, NEAR_DEG = 0.05, 0.1
+"""Two targets are one within this."""
 RECOVERY_S = 15.0
 RELOAD_S = 2.0
 UNLOCK_AFTER_S = 5.0
+"""The controller refuses to unlock a protective stop within 5 s of it."""
 PORT = 29999
 ANSWER_S = 2.5
 RUNNING = 7

@@ -29,6 +29,7 @@ VARIABLES = (
 """A short list at 125 Hz: everything at 500 Hz takes a core."""
 HZ = 125.0
 STOP_M_S2 = 2.0
+"""Deceleration of a stop."""
 
 
 class Arm:
