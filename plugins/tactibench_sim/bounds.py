@@ -32,7 +32,7 @@ Variance = Callable[[Array], npt.NDArray[np.floating]]
 """A frame without noise -> the variance of every pixel."""
 
 STEP_MM = 0.004
-"""Of the central differences: bounds move by less than 0.1 % between 0.001 and 0.01 mm (tests)."""
+"""Step of the differences: bounds move by less than 0.1 % between 0.001 and 0.01 mm (tests)."""
 _NOTHING = 1e-10
 """Share of a parameter's information below which nothing is known of it; rounding leaves 1e-13."""
 

@@ -63,7 +63,7 @@ class Detector:
     """A search for the contacts of a frame."""
 
     field: Field
-    """Of one contact."""
+    """Field of one contact."""
     pins: PinTracker
     weight: Array
     """(Q,) 1 / variance of the displacements, 1 / px^2."""

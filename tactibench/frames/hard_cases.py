@@ -27,7 +27,7 @@ from tactibench.records.files import arrays_hash
 from tactibench.records.identity import combined, digest
 
 PART = 5
-"""Of a family, beside those of ``protocols.split`` and of reference frames."""
+"""Part of a family, beside those of ``protocols.split`` and of reference frames."""
 FAULT_STREAM = 1_000
 """Last word of the spawn key behind the faults of a press; the others stand behind its scene."""
 

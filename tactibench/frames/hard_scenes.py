@@ -170,4 +170,4 @@ CANDIDATES: Mapping[str, Candidate] = {
     "beside": _beside,
     "ring": _ring,
 }
-"""What a value changes of the scene, by the name that a protocol gives it."""
+"""The change that a value makes of the scene, by the name that a protocol gives it."""

@@ -12,7 +12,7 @@ from tactibench.protocols.draws import TIPS, fits
 from tactibench.protocols.schema import Draw
 
 PART = 4
-"""Of a draw, beside those of ``protocols.split``: reference frames have noise of their own."""
+"""Part of a draw, beside those of ``protocols.split``: reference frames have their own noise."""
 
 
 class ReferenceFrames(DrawnFrames):

@@ -19,7 +19,7 @@ from tactibench.stats.clusters import IntArray, Labels, finite
 CATCH = "catch"
 """Group of the single presses mixed into two-point trials."""
 NOT_FINITE, RAISED = 1, 2
-"""How a model can fail on a frame; 0: it answered."""
+"""Ways in which a model can fail on a frame; 0: it answered."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from tactibench.geometry import tip_depths, tip_positions
 from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 
 TIPS = {"single": 1, "dual": 2, "triple": 3}
-"""Of the indenters that a draw may name."""
+"""The indenters that a draw may name."""
 PATIENCE = 10_000
 """Candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""
 

@@ -28,7 +28,7 @@ Press = Literal[
     "beside",
     "ring",
 ]
-"""What a value changes of the scene, see `tactibench.frames.hard_scenes`."""
+"""The change that a value makes of the scene, see `tactibench.frames.hard_scenes`."""
 
 Fault = Literal[
     "blur",
@@ -43,7 +43,7 @@ Fault = Literal[
     "shift",
     "rotation",
 ]
-"""What a value does to a frame of the base family, see `tactibench.frames.faults`."""
+"""The change that a value makes to a frame of the base family, see `tactibench.frames.faults`."""
 
 NEEDS: dict[str, frozenset[str]] = {
     "nothing": frozenset({"radius_mm"}),

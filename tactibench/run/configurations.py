@@ -26,7 +26,7 @@ from tactibench.run.predict import blinded
 COMPILED = "compiled"
 """Takes tens of seconds to make, so it is left out unless asked for."""
 BRIEF_FRAMES, BRIEF_CALLS, BRIEF_ROUNDS = 50, 50, 5
-"""Of the race that chooses what a run times at length."""
+"""Size of the race that chooses what a run times at length."""
 ROUNDS, OFFLINE_ROUNDS = 10, 9
 WAIT_S = 15.0
 """Seconds that the warm-ups of one scenario may take together, and its rounds as many again."""

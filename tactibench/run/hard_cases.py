@@ -22,7 +22,7 @@ from tactibench.run.predict import AnswerRules, Answers, Predictions, predict_fr
 from tactibench.run.timing import Speed
 
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
-"""Of ``failure_arrays``: kind of type, and shape of a row."""
+"""Arrays of ``failure_arrays``: kind of type, and shape of a row."""
 LONGEST_CAUSE = 200
 """Characters of a cause that are kept: a message may hold a whole array."""
 MOST_CAUSES = 20

@@ -45,7 +45,7 @@ class Residual:
     across: Array
     """(N, 1) weights across the pair."""
     length: float
-    """Of the kernel."""
+    """Length of the kernel."""
 
     @classmethod
     def none(cls) -> Self:

@@ -58,7 +58,7 @@ class _Training:
 
     network: nn.Module
     mean: AveragedModel | None
-    """Of the weights over the steps; None where the last ones are taken."""
+    """Mean of the weights over the steps; None where the last ones are taken."""
     optimiser: torch.optim.Optimizer
     recipe: Recipe
     loss: Loss

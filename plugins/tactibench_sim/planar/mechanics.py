@@ -37,7 +37,7 @@ TIERS = ("coupled", "superpose")
 DEEPEST_MM = 100.0
 """A greater depth is a mistake in units; the tables refuse smaller ones that are too deep."""
 SLACK_MM = 0.01
-"""How far bounds may step beyond the deepest table to take differences."""
+"""Distance that bounds may step beyond the deepest table to take differences."""
 REACH_MM = 1.0
 """Tips this far above the surface may still be met by a bulge, which is never that high."""
 

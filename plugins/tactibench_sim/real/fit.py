@@ -34,7 +34,7 @@ STEP = {
     "drag_per_depth": 0.02,
     "drag_per_tilt": 0.1,
 }
-"""What counts as a comparable change of each unknown."""
+"""Steps that count as a comparable change of each unknown."""
 BOUNDS = {"air_mm": (0.05, 100.0), "gel_mm": (10.0, 60.0), "focal_px": (20.0, 2000.0)}
 """Limits of lengths that are positive by nature; all other unknowns are free."""
 EVERY = 3

@@ -25,7 +25,7 @@ from tactibench.png import ImageKind, check_png, read_file
 _MOSTLY_NUMBERS = 0.5
 """A column of which this share are numbers is meant as numbers; its other cells are mistakes."""
 _BITS_AT, _MOST_BITS = 24, 8
-"""Where a PNG says how many bits a channel has, and the most that a frame may have."""
+"""The place at which a PNG says how many bits a channel has, and the most that a frame may have."""
 
 
 @dataclass(frozen=True, eq=False)
