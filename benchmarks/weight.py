@@ -143,17 +143,15 @@ def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
 
 
 def question_docstrings() -> list[str]:
-    """Return the places of docstrings that begin with a question word."""
+    """Return the places of docstrings, also below attributes, that begin with a question word."""
     rows = []
     for path in sources("tactibench", "plugins"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
-            kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-            if isinstance(node, kinds):
-                words = (ast.get_docstring(node) or "").split()
-                if words and words[0].rstrip(",:") in QUESTIONS:
-                    line = getattr(node, "lineno", 1)
-                    rows.append(f"{path.relative_to(ROOT)}:{line} {' '.join(words[:6])}")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+                continue
+            words = str(node.value.value).split()
+            if words and words[0].rstrip(",:") in QUESTIONS:
+                rows.append(f"{path.relative_to(ROOT)}:{node.lineno} {' '.join(words[:6])}")
     return rows
 
 
