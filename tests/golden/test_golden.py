@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -44,7 +45,12 @@ def test_every_section_has_values_and_knows_its_machine(golden: ModuleType) -> N
         assert set(stored["machine"]) == set(golden.machine())
 
 
-BEFORE = {"exact": ["ab"], "numbers": [[1.0, 2.0, None], ["mae_mm", 3]], "grey": [17.0]}
+BEFORE: dict[str, list[Any]] = {
+    "exact": ["ab"],
+    "numbers": [[1.0, 2.0, None], ["mae_mm", 3]],
+    "grey": [17.0],
+    "metrics": [["mae_mm", "x", 0.3, 0.2, 0.4, 60], ["r2", "x", 0.9, None, None, 60]],
+}
 
 
 @pytest.mark.parametrize(
@@ -59,6 +65,10 @@ BEFORE = {"exact": ["ab"], "numbers": [[1.0, 2.0, None], ["mae_mm", 3]], "grey":
         ({"numbers": [[1.0, 2.0, None], ["rmse_mm", 3]]}, 1, 1),
         ({"numbers": [[1.0, float("nan"), None], ["mae_mm", 3]]}, 1, 1),
         ({"grey": [17.2]}, 1, 1),
+        ({"metrics": [["mae_mm", "x", 0.5, 0.35, 0.7, 59], BEFORE["metrics"][1]]}, 1, 0),
+        ({"metrics": [["mae_mm", "x", 0.5, 0.45, 0.7, 59], BEFORE["metrics"][1]]}, 1, 1),
+        ({"metrics": [BEFORE["metrics"][0], ["r2", "x", 0.8, None, None, 60]]}, 1, 1),
+        ({"metrics": BEFORE["metrics"][:1]}, 1, 1),
     ],
 )
 def test_a_difference_is_named(
