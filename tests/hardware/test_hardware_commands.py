@@ -179,7 +179,7 @@ def test_a_rehearsed_collection_feeds_a_run(
     assert call(["hw", "collect", "exp1", *rehearse.split(), "--out", data]) == 0
     assert "40 good and 0 bad samples" in capsys.readouterr().out
     assert call(["data", "verify", data]) == 0
-    run = f"--sensor recorded --data {data} --model nearest --out {tmp_path / 'runs'} --quick"
+    run = f"--sensor recorded --data {data} --model nearest --store {tmp_path / 'runs'} --quick"
     assert call(["run", "exp1", *run.split()]) == 0
 
 
