@@ -264,8 +264,9 @@ def _scene_counts(record: Record) -> list[Block]:
 
 
 def _simulator_error(rows: Iterable[Row]) -> list[Block]:
+    """Return how far the frames may be from finite elements; nothing of older records."""
     line = first_line(record for row in rows for record in row.records)
-    return [prose(f"{line[0].upper()}{line[1:]}.")] if line else []
+    return [Paragraph((f"{line[0].upper()}{line[1:]}.",))] if line else []
 
 
 def _commits(runs: Sequence[Record]) -> Block:
