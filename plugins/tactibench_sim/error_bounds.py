@@ -19,7 +19,7 @@ that were left out when the coefficients were found.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from itertools import combinations
@@ -210,12 +210,17 @@ def shipped() -> tuple[str, Bounds]:
 def from_json(text: str) -> tuple[str, Bounds]:
     """Read a file of bounds: the digest of the tables that they are for, and the bounds."""
     content = json.loads(text)
-    values = {f.name: content[f.name] for f in fields(Bounds)}
-    read = {
-        name: _envelope(value) if isinstance(value, dict) else _array(value)
-        for name, value in values.items()
-    }
-    return content["tables"], Bounds(**read)
+    bounds = Bounds(
+        depth=_array(content["depth"]),
+        polar=_array(content["polar"]),
+        single=_array(content["single"]),
+        pair=_envelope(content["pair"]),
+        many=_envelope(content["many"]),
+        angle=_array(content["angle"]),
+        added_depth=_array(content["added_depth"]),
+        added=_array(content["added"]),
+    )
+    return content["tables"], bounds
 
 
 def _envelope(values: dict[str, Any]) -> Envelope:

@@ -150,8 +150,9 @@ class SimulatedTacTip(RenderedSensor):
         if not isinstance(self.mechanics, TableMechanics):
             return None
         tips = tips_of([scene])
-        force: Array = self.mechanics.forces(self.mechanics.loads(tips))[0]
-        return force[tips.depth[0] > 0]
+        forces = self.mechanics.forces(self.mechanics.loads(tips))
+        touching: Array = forces[0, tips.depth[0] > 0]
+        return touching
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, but the seed."""
