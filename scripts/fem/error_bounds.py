@@ -147,12 +147,14 @@ def leave_out(scenes: Sequence[Measured]) -> dict[str, float]:
         names = sorted({one.name for one in scenes if one.spacing == spacing})
         if len(names) > 1 and len(groups) - len(names) >= FEWEST_FAMILIES:
             groups[f"all {spacing} mm apart"] = names
-    ratios = {}
-    for group, names in groups.items():
-        coefficients = _coefficients([one for one in scenes if one.name not in names])
-        left = [one for one in scenes if one.name in names]
-        ratios[group] = float((_errors(left) / (_terms(left) @ coefficients)).max())
-    return ratios
+    return {group: _without(scenes, names) for group, names in groups.items()}
+
+
+def _without(scenes: Sequence[Measured], names: Sequence[str]) -> float:
+    """Return the largest error of the named families over the envelope of the others."""
+    coefficients = _coefficients([one for one in scenes if one.name not in names])
+    left = [one for one in scenes if one.name in names]
+    return float((_errors(left) / (_terms(left) @ coefficients)).max())
 
 
 def _coefficients(scenes: Sequence[Measured]) -> Array:
@@ -244,6 +246,11 @@ def leave_out_lines(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[st
         numbers = ", ".join(f"{value:.5f}" for value in found.coefficients)
         lines.append(f"{title}: coefficients {numbers}; factor {found.factor:.2f}")
         lines += [f"  {group:24} {ratio:5.2f}" for group, ratio in leave_out(some).items()]
+        names = combinations(sorted({one.name for one in some}), 2)
+        two = np.array([_without(some, pair) for pair in names])
+        within = (two <= found.factor).sum()
+        lines.append(f"  two families at once: {within} of {len(two)} within the factor, ")
+        lines[-1] += f"at most {two.max():.2f}"
     return lines
 
 
