@@ -248,9 +248,8 @@ def leave_out_lines(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[st
         lines += [f"  {group:24} {ratio:5.2f}" for group, ratio in leave_out(some).items()]
         names = combinations(sorted({one.name for one in some}), 2)
         two = np.array([_without(some, pair) for pair in names])
-        within = (two <= found.factor).sum()
-        lines.append(f"  two families at once: {within} of {len(two)} within the factor, ")
-        lines[-1] += f"at most {two.max():.2f}"
+        within = f"{(two <= found.factor).sum()} of {len(two)} within the factor"
+        lines.append(f"  two families at once: {within}, at most {two.max():.2f}")
     return lines
 
 
