@@ -226,6 +226,13 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
             f"sensor {recipe.identity.get('name')!r} made {len(frames)} frames of {len(scenes)} "
             "scenes; fix the sensor."
         )
+    for frame in frames:
+        if frame.rest is not None and frame.rest.shape != frame.image.shape:
+            raise UserError(
+                f"sensor {recipe.identity.get('name')!r} made a frame of shape "
+                f"{frame.image.shape} with a rest frame of shape {frame.rest.shape}; "
+                "fix the sensor."
+            )
     return {
         "images": np.stack([frame.image for frame in frames]),
         "poses": np.array([astuple(frame.pose) for frame in frames], dtype=np.float64),
