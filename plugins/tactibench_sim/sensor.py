@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -115,13 +116,8 @@ class SimulatedTacTip(RenderedSensor):
             from tactibench_sim.training_instances import TrainingInstances
 
             parameters = {"tier": tier, "table": table, "pin_length": pin_length, **optical}
-            self.instances = TrainingInstances(
-                lambda number, version: type(self)(
-                    context, instance=number, ranges=version, threads=1, **parameters
-                ),
-                context.seed,
-                instances,
-            )
+            make = partial(type(self), context, threads=1, **parameters)
+            self.instances = TrainingInstances(make, context.seed, instances)
 
     def _mechanics(self, tier: str) -> Mechanics:
         if not self.instance:

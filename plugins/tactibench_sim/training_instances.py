@@ -29,21 +29,23 @@ class TrainingInstances:
 
     def __init__(
         self,
-        make: Callable[[int, int], RenderedSensor],
+        make: Callable[..., RenderedSensor],
         seed: np.random.SeedSequence,
         count: int,
     ) -> None:
         """Make none yet.
 
         Args:
-            make: Makes the sensor of an instance's number and a version of the ranges.
+            make: Makes the sensor of an ``instance`` with a version of its ``ranges``.
             seed: Of the sensor.
             count: Number of instances.
         """
         self.count = count
         self._seed = seed
         self._rests: dict[int, Images] = {}
-        self._sensor = lru_cache(maxsize=KEPT)(lambda number: make(number, TRAINING_RANGES))
+        self._sensor = lru_cache(maxsize=KEPT)(
+            lambda number: make(instance=number, ranges=TRAINING_RANGES)
+        )
 
     def number_of(self, press: int) -> int:
         """Return the number of the instance on which a press is made, 10 or more.
@@ -61,9 +63,7 @@ class TrainingInstances:
             self._rests[number] = self._sensor(number).rest().image
         return self._rests[number]
 
-    def images(
-        self, scenes: Sequence[Scene], first: int, states: npt.NDArray[np.uint64]
-    ) -> Images:
+    def images(self, scenes: Sequence[Scene], first: int, states: npt.NDArray[np.uint64]) -> Images:
         """Return the images of presses ``first`` and on, each with its state of the noise.
 
         Raises UserError for a scene that cannot be pressed.

@@ -319,7 +319,9 @@ def test_a_changed_rest_frame_is_another_content_and_damage_is_made_again(
     made = open_frames(request, tmp_path)
     folder = folder_of(tmp_path, request.key)
     plain = open_frames(replace(one, seed=(7, 1, 0), identity={"name": "plain"}), tmp_path)
-    assert all(np.array_equal(a.image, b.image) for a, b in zip(made.frames, plain.frames))
+    assert all(
+        np.array_equal(a.image, b.image) for a, b in zip(made.frames, plain.frames, strict=True)
+    )
     assert plain.hash != made.hash
     np.save(folder / "rest_of.npy", np.zeros(25, dtype=np.intp))
     counter.presses = 0

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
 from tactibench.plugins.host import PluginHost
-from tactibench_sim import instances, tolerances, training_instances
+from tactibench_sim import instances, training_instances
 from tactibench_sim.instances import RATIO_FACTOR, SKIN_FACTOR, dome_of, perturb
 from tactibench_sim.sensor import TACTIP_127, TacTip127, TacTip331
 from tactibench_sim.tolerances import TOLERANCES, Tolerances, dome_factors, modulus
@@ -30,7 +30,9 @@ def sensor(seed=3, kind=TacTip127, **parameters):
 
 
 def scenes(count):
-    return [Scene(Indenter.single(), Pose(k % 7 - 3, k % 5 - 2, depth=0.05 * k)) for k in range(count)]
+    return [
+        Scene(Indenter.single(), Pose(k % 7 - 3, k % 5 - 2, depth=0.05 * k)) for k in range(count)
+    ]
 
 
 def alike(one, two):
@@ -82,8 +84,7 @@ def test_a_scene_that_cannot_be_pressed_ends_the_presses_before_it_alone():
     wrong = Scene(Indenter.single(), Pose(depth=50.0))
     made = []
     with pytest.raises(UserError, match="depth is 50 mm"):
-        for frame in sensor(instances=4).press_many([*pressed, wrong, *pressed]):
-            made.append(frame)
+        made.extend(sensor(instances=4).press_many([*pressed, wrong, *pressed]))
     assert alike(made, sensor(instances=4).press_many(pressed))
 
 
@@ -110,7 +111,9 @@ def test_few_instances_in_memory_give_the_same_frames(monkeypatch):
 # -- the rest frame
 
 
-@pytest.mark.parametrize("parameters", [{}, {"output": "rgb"}, {"pin_loss": 0.1}, {"kind": TacTip331}])
+@pytest.mark.parametrize(
+    "parameters", [{}, {"output": "rgb"}, {"pin_loss": 0.1}, {"kind": TacTip331}]
+)
 def test_every_instance_has_its_own_rest_frame_and_it_is_that_of_no_contact(parameters):
     many = sensor(instances=5, noise=False, **parameters)
     untouched = [Scene(Indenter.single(), Pose(depth=0.0))] * 30
@@ -232,4 +235,4 @@ def test_nominal_stays_nominal_and_a_further_tolerance_disturbs_no_other(monkeyp
     fewer = [f for f in dataclasses.fields(Tolerances) if f.name != "seat_mm"]
     monkeypatch.setattr(instances, "fields", lambda _: fewer)
     assert instances._shares(12) == {k: v for k, v in before.items() if k != "seat_mm"}
-    assert tolerances.TOLERANCES == Tolerances()
+    assert Tolerances() == TOLERANCES
