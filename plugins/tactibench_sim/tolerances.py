@@ -22,11 +22,8 @@ from dataclasses import dataclass, fields, replace
 
 from tactibench_sim.optics.camera import Optics
 
-LIGHT = 0.126
-"""Half-width of the LEDs' light: neighbouring bins of intensity are a factor 1.26 apart
-(1.126 / 0.874 = 1.29), and one reel holds one bin."""
 SHORE_A = 30.0
-"""Hardness of a printed skin; a moulded one of 60 gives the same factors to 2 %."""
+"""Hardness of a printed skin (assumed); a moulded one of 60 gives the same factors to 2 %."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +37,17 @@ class Tolerances:
         principal_y: Likewise. The pins of the two real rest frames lie 0.004 to 0.014 sides off it
             in x and in y; a maker of board cameras allows far more (5 deg, 0.08 sides).
         roll_deg: Turn of the camera; 3 deg by the same maker, 2 deg in the real rest frames.
-        pin_length_mm: 0.1 mm, the middle of what printers of this kind state, at either end.
-        marker_radius_mm: 0.05 mm, half of it: the end of a pin has two sides.
+        pin_length_mm: 0.1 mm, the middle of what is stated for such printers, at either end.
+        marker_radius_mm: 0.1 mm on the diameter.
         focal: Share; the usual tolerance of a small lens.
-        edge_px: Focus (assumed).
+        edge_px: Focus, set by hand (assumed).
         vignetting: Share of the natural fall-off (assumed).
-        light: Share, of pins and gel alike.
+        light: Share, of pins and gel alike: a bin of LEDs spans a factor of 1.26.
         background: Share, of the gel beside that (assumed: clearness of gel and paint).
-        skin_mm: Thickness of the skin; both its surfaces are printed.
+        skin_mm: Thickness of the skin; the far end of what is stated for such printers.
         hardness: Shore A of the skin, by which its modulus follows (``modulus``).
-        gel: Factor of the gel's modulus either way (assumed: no maker states one for a gel).
+        gel: Factor of the gel's modulus either way (assumed; with the skin's it just stays within
+            the tables).
     """
 
     seat_mm: float = 0.5
@@ -62,7 +60,7 @@ class Tolerances:
     focal: float = 0.05
     edge_px: float = 0.2
     vignetting: float = 0.2
-    light: float = LIGHT
+    light: float = 0.12
     background: float = 0.2
     skin_mm: float = 0.15
     hardness: float = 5.0
