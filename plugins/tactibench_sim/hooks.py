@@ -90,7 +90,7 @@ DOME = (
     Parameter(
         "ranges",
         1,
-        "version of the ranges of instance, 1: assumed, 2: from tolerances, as instances has them",
+        "ranges that instance is drawn from, 1: assumed, 2: tolerances, as for instances",
         choices=(1, 2),
     ),
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),

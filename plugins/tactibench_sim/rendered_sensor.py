@@ -60,7 +60,7 @@ class RenderedSensor(Sensor):
         self.renderer = renderer
         self.threads = threads or thread_count()
         self._seed = context.seed
-        self._rest = renderer.frames(resting[None])[0]
+        self._rest: Images = renderer.frames(resting[None])[0]
         self._rest.setflags(write=False)
         self._count = 0
 

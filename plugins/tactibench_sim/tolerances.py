@@ -1,4 +1,4 @@
-"""Ranges of what differs between sensors of one make, version 2: every width has its source.
+"""Ranges of what differs between sensors of one make, version 2: with a source, or "assumed".
 
 A width is that of a uniform distribution around the nominal value: a tolerance says how far off a
 part may be and not how often. Where one cause moves two numbers they move together:
@@ -91,10 +91,12 @@ def apply_optics(
     """
     step = {f.name: shares[f.name] * getattr(TOLERANCES, f.name) for f in fields(Tolerances)}
     light, gel = 1 + step["light"], 1 + step["background"]
+    seat = shares["seat_mm"] * TOLERANCES.seat_mm
+    fill = shares["fill_mm"] * TOLERANCES.fill_mm
     shown = replace(
         optics,
-        camera_distance_mm=optics.camera_distance_mm + step["seat_mm"] + step["fill_mm"],
-        gel_mm=max(optics.gel_mm + step["fill_mm"], 0.0),
+        camera_distance_mm=optics.camera_distance_mm + seat + fill,
+        gel_mm=max(optics.gel_mm + fill, 0.0),
         principal_x=optics.principal_x + step["principal_x"],
         principal_y=optics.principal_y + step["principal_y"],
         roll_deg=optics.roll_deg + step["roll_deg"],

@@ -71,7 +71,7 @@ class TrainingInstances:
         numbers = np.array([self.number_of(first + k) for k in range(len(scenes))])
         out: Images | None = None
         for number in np.unique(numbers).tolist():
-            rows, sensor = np.flatnonzero(numbers == number), self._sensor(number)
+            rows, sensor = np.flatnonzero(numbers == number).tolist(), self._sensor(number)
             points = sensor.points([scenes[row] for row in rows])
             images = sensor.renderer.frames(points, states[rows])
             if out is None:
