@@ -51,9 +51,9 @@ class PinTracker:
         rests = rest_images(frames)
         if len(rests) > 1:
             raise UserError(
-                f"the frames are of {len(rests)} sensor instances, and this model follows the pins "
-                "of one; train it on one (sensor.instances=0), or take a model that learns from "
-                "many (unet, nearest, kernel, pins)."
+                f"the frames are of {len(rests)} sensor instances, but here pins are followed from "
+                "one rest frame; train on one (sensor.instances=0), or train kernel, pins, nearest "
+                "or unet without mixing."
             )
         rest = rests[0] if rests else None
         if rest is None and otherwise is not None:
