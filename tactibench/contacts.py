@@ -201,7 +201,8 @@ class Frame:
         image: (H, W) or (H, W, 3) uint8.
         timestamp: Monotonic time, s.
         pose: Pose that the indenter actually reached.
-        rest: Image of the undeformed sensor, of the same shape, if there is one.
+        rest: Image of the undeformed sensor, of the same shape, if there is one. Where presses are
+            spread over several sensor instances it is that of the press's own.
     """
 
     image: npt.NDArray[np.uint8]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Answer, Contacts, Frame, UserError
-from tactibench.markers import PinTracker, common_lattice, common_view
-from tactibench.training import answers_from_vectors
+from tactibench.markers import PinTracker, common_lattice, common_view, rest_images
+from tactibench.training import answers_from_vectors, pack_image, unpack_image
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
@@ -94,18 +94,40 @@ class LatticePins(OwnPins):
 def find_pins(frames: Sequence[Frame], targets: Array, transfers: bool) -> OwnPins:
     """Return the pins of the first rest image, or else of the frame that is pressed least.
 
+    Frames of several sensor instances are seen on the common lattice, each from its own rest image.
+
     Args:
-        frames: of one sensor.
+        frames: of one sensor, or of several instances of it.
         targets: (N, T), the depth of a plate first, that of a contact last.
         transfers: whether other sensors' frames will be shown, too.
     """
     depth = targets[:, 0] if targets.shape[1] == 2 else targets[:, -1]
+    if len(rest_images(frames)) > 1:
+        first = next(frame for frame in frames if frame.rest is not None)
+        return LatticePins(PinTracker.of([first]))
     return read_pins(PinTracker.of(frames, otherwise=frames[int(np.argmin(depth))]), transfers)
 
 
-def read_pins(pins: PinTracker, transfers: bool) -> OwnPins:
-    """Return the displacements of pins; transfers: whether other sensors' will be shown, too."""
-    return LatticePins(pins) if transfers else OwnPins(pins)
+def read_pins(pins: PinTracker, lattice: bool) -> OwnPins:
+    """Return the displacements of pins; lattice: whether those of other sensors are read, too."""
+    return LatticePins(pins) if lattice else OwnPins(pins)
+
+
+def saved_pins(pins: OwnPins | None, transfers: bool) -> dict[str, Any]:
+    """Return what a model saves of its pins, as JSON values.
+
+    With ``transfers`` the lattice goes without saying.
+    """
+    rest = None if pins is None else pack_image(pins.rest_image)
+    lattice = isinstance(pins, LatticePins) and not transfers
+    return {"rest": rest, **({"lattice": True} if lattice else {})}
+
+
+def restored_pins(extra: Mapping[str, Any], transfers: bool) -> OwnPins | None:
+    """Return the pins of ``saved_pins``; None where there were none."""
+    if extra["rest"] is None:
+        return None
+    return read_pins(PinTracker(unpack_image(extra["rest"])), transfers or "lattice" in extra)
 
 
 def displacements(pins: OwnPins | None, frames: Sequence[Frame], model: str) -> Array:

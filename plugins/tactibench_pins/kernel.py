@@ -13,16 +13,13 @@ import numpy.typing as npt
 import torch
 
 from tactibench import Answer, FitReport, Frame, Model, ModelContext, Progress, UserError
-from tactibench.markers import PinTracker
 from tactibench.training import (
     ANSWER_WIDTH,
     Normalisation,
     answer_vectors,
     load_weights,
-    pack_image,
     regression_rows,
     save_weights,
-    unpack_image,
 )
 from tactibench_pins.displacements import (
     LATTICE,
@@ -32,8 +29,9 @@ from tactibench_pins.displacements import (
     displacements,
     find_pins,
     read_answers,
-    read_pins,
+    restored_pins,
     rms_displacement,
+    saved_pins,
 )
 from tactibench_pins.regression import (
     MOST,
@@ -174,7 +172,7 @@ class Kernel(Model):
             model=self.name,
             architecture=self._architecture,
             extra={
-                "rest": pack_image(self._pins.rest_image),
+                **saved_pins(self._pins, self.context.transfers),
                 "setting": asdict(self._setting),
                 "scale": self._scale.to_json(),
                 "length": self._length,
@@ -186,8 +184,7 @@ class Kernel(Model):
         """Read weights. Raises UserError for those of another model or answer."""
         tensors, extra = load_weights(directory, model=self.name, architecture=self._architecture)
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
-        pins = PinTracker(unpack_image(extra["rest"]))
-        self._pins = read_pins(pins, self.context.transfers)
+        self._pins = restored_pins(extra, self.context.transfers)
         self._setting = Setting(**extra["setting"])
         self._scale = Normalisation.from_json(extra["scale"])
         self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])

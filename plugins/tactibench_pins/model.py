@@ -11,7 +11,6 @@ import numpy.typing as npt
 import torch
 
 from tactibench import Answer, Frame, ModelContext
-from tactibench.markers import PinTracker
 from tactibench.training import (
     ANSWER_WIDTH,
     Examples,
@@ -19,20 +18,20 @@ from tactibench.training import (
     Normalisation,
     Recipe,
     answer_vectors,
-    pack_image,
     regression_rows,
-    unpack_image,
 )
 from tactibench_pins.architecture import Members
 from tactibench_pins.displacements import (
     LATTICE,
     Components,
+    LatticePins,
     OwnPins,
     contact_threshold,
     displacements,
     find_pins,
     read_answers,
-    read_pins,
+    restored_pins,
+    saved_pins,
 )
 from tactibench_pins.transfer import (
     Correction,
@@ -118,9 +117,9 @@ class Pins(LearnedModel):
         moved = training.images.double().numpy()
         self._threshold = contact_threshold(moved, self.context.answer)
         components = Components.fit(moved, self._components)
-        transfers = self.context.transfers
-        network.initialise(components, _WHITENING, _UNLIKE if transfers else _NOISE_PX)
-        if transfers:  # the same views for every training seed
+        noise = _UNLIKE if isinstance(self._pins, LatticePins) else _NOISE_PX
+        network.initialise(components, _WHITENING, noise)
+        if self.context.transfers:  # the same views for every training seed
             network.show_through(draw_views(LATTICE, _VIEWS, np.random.default_rng(0)))
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
@@ -178,18 +177,15 @@ class Pins(LearnedModel):
 
     def extra(self) -> dict[str, Any]:
         return {
-            "rest": None if self._pins is None else pack_image(self._pins.rest_image),
+            **saved_pins(self._pins, self.context.transfers),
             "components": self._components,
             "scale": self._scale.to_json(),
             "least": self._threshold,
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
-        self._pins, self._places = None, 1
-        if extra["rest"] is not None:
-            pins = PinTracker(unpack_image(extra["rest"]))
-            self._pins = read_pins(pins, self.context.transfers)
-            self._places = self._pins.places
+        self._pins = restored_pins(extra, self.context.transfers)
+        self._places = 1 if self._pins is None else self._pins.places
         self._components = extra["components"]
         self._scale = Normalisation.from_json(extra["scale"])
         self._threshold = extra["least"]

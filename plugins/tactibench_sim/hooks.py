@@ -80,6 +80,19 @@ DOME = (
         low=0,
         high=10**9,
     ),
+    Parameter(
+        "instances",
+        0,
+        "train on so many sensor instances (10 and on), 0 or 1: on one; tests stay nominal",
+        low=0,
+        high=1000,
+    ),
+    Parameter(
+        "ranges",
+        1,
+        "ranges that instance is drawn from, 1: assumed, 2: tolerances, as for instances",
+        choices=(1, 2),
+    ),
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
 )
 RETIRED: dict[str, dict[str, str]] = {

@@ -1,8 +1,12 @@
 """Other sensors of the same kind: a nominal sensor with small errors of manufacture.
 
 The random draw is of the sensor instance, not of the press: instance N is the same in every run,
-whatever seed the run's noise has. Instance 0 is the nominal sensor. The ranges are assumed: wide
-enough for a model to feel them, narrow enough for sensors of one make.
+whatever seed the run's noise has. Instance 0 is the nominal sensor, 0 to 9 are there to be tested
+on, and a training on several instances takes 10 and on (``training_instance``).
+
+There are two versions of the ranges. Those of version 1, ``Spread``, are assumed; instances of
+stored runs were drawn from them. Those of version 2 have their sources in ``tolerances``; training
+instances are always drawn from them.
 
 Axisymmetric fields were computed for nine domes, three stiffness ratios times three skins, the
 middle one being nominal. The file that ships holds what the other eight differ by. A dome between
@@ -16,9 +20,10 @@ with x, y in -1..1 of ``dome_of`` and Lagrange's L. So the nominal table is met 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +32,8 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from tactibench import UserError
-from tactibench_sim import data_file
+from tactibench_sim import data_file, tolerances
+from tactibench_sim.mechanics.dome import Mechanics, mechanics_for
 from tactibench_sim.mechanics.tables import QUANTITIES, Table, Tables, shape_name
 from tactibench_sim.optics.camera import Optics
 
@@ -37,6 +43,12 @@ SCRIPT = "scripts/fem/tabulate_instances.py"
 """The file's maker, which stands in the repository and not in the package."""
 QUANTUM = 1e-4
 """mm and rad; the fields' differences are stored as whole numbers of it."""
+RESERVED = 10
+"""Instances 0 to 9 are tested on and never trained on."""
+FIRST_RANGES, TRAINING_RANGES = 1, 2
+"""Versions of the ranges: the assumed ones, and those with sources."""
+KEPT = 64
+"""Domes of instances that stay in memory, 4 MB each; more than that are made again when needed."""
 
 
 @dataclass(frozen=True)
@@ -77,15 +89,33 @@ def stream(instance: int, purpose: str) -> np.random.Generator:
     return np.random.default_rng([instance, *purpose.encode()])
 
 
+def training_instance(number: int) -> int:
+    """Return the instance that stands at place 0, 1, ... of a training: no reserved one."""
+    return RESERVED + number
+
+
 def perturb(
-    optics: Optics, pin_length_mm: float, instance: int, spread: Spread = SPREAD
+    optics: Optics,
+    pin_length_mm: float,
+    instance: int,
+    spread: Spread = SPREAD,
+    ranges: int = FIRST_RANGES,
 ) -> tuple[Optics, float]:
     """Return optics and pin length of instance N of a nominal sensor.
 
     Shares stay within 0..1, lengths above a tenth of the nominal ones.
+
+    Args:
+        optics: Of the nominal sensor.
+        pin_length_mm: Likewise.
+        instance: Number N.
+        spread: Ranges of version 1.
+        ranges: Version of the ranges.
     """
     if instance == 0:
         return optics, pin_length_mm
+    if ranges != FIRST_RANGES:
+        return tolerances.apply_optics(optics, pin_length_mm, _shares(instance))
     drawn = stream(instance, "optics").uniform(-1.0, 1.0, len(fields(spread)))
     steps = {
         field.name: float(share) * getattr(spread, field.name)
@@ -101,15 +131,30 @@ def perturb(
     return replace(optics, **values), length
 
 
-def dome_of(instance: int) -> tuple[float, float]:
+def dome_of(instance: int, ranges: int = FIRST_RANGES) -> tuple[float, float]:
     """Return logarithms (x, y) of the dome of instance N, each in -1..1; (0, 0): nominal.
 
     Its stiffness ratio is RATIO_FACTOR**x times the nominal one, its skin SKIN_FACTOR**y times.
+    ranges: their version.
     """
     if instance == 0:
         return 0.0, 0.0
+    if ranges != FIRST_RANGES:
+        ratio, skin = tolerances.dome_factors(_shares(instance))
+        return math.log(ratio, RATIO_FACTOR), math.log(skin, SKIN_FACTOR)
     x, y = stream(instance, "dome").uniform(-1.0, 1.0, 2)
     return float(x), float(y)
+
+
+def _shares(instance: int) -> dict[str, float]:
+    """Return where in its range of version 2 instance N is, by field of ``Tolerances``, -1..1.
+
+    Every field has random numbers of its own, so that a further one would not disturb the others.
+    """
+    return {
+        field.name: float(stream(instance, f"tolerance {field.name}").uniform(-1.0, 1.0))
+        for field in fields(tolerances.Tolerances)
+    }
 
 
 def lost_pins(pins: int, share: float, instance: int) -> npt.NDArray[np.bool_]:
@@ -183,11 +228,22 @@ class DomeDifferences:
         return Table(nominal.radius, nominal.delta, nominal.polar, fields)
 
 
-def instance_tables(nominal: Tables, instance: int) -> Tables:
+@lru_cache(maxsize=KEPT)
+def instance_tables(nominal: Tables, instance: int, ranges: int = FIRST_RANGES) -> Tables:
     """Return the tables of instance N of the nominal dome; of 0 ``nominal`` itself."""
     if instance == 0:
         return nominal
-    return shipped().tables(nominal, *dome_of(instance), instance=instance)
+    return shipped().tables(nominal, *dome_of(instance, ranges), instance=instance)
+
+
+@lru_cache(maxsize=KEPT)
+def instance_mechanics(tier: str, tables: Tables) -> Mechanics:
+    """Return the mechanics of an instance's tables, the same object to all sensors that need it.
+
+    A run opens a sensor for every 250 presses, and most of the time of making an instance is spent
+    here. Raises UserError for a name that is no tier.
+    """
+    return mechanics_for(tier, tables)
 
 
 def _lagrange(x: float) -> Array:

@@ -9,6 +9,8 @@ offset and aspect of the real frames are left out.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,13 +32,16 @@ _STEEPEST = np.radians(80.0)
 """Polar angle up to which the place of a pin is sought."""
 
 
+@cache
 def layout(pins: int) -> Array:
-    """Return (P, 3) unit vectors, centre pin first, rings outwards. pins: 127 or 331."""
+    """Return (P, 3) unit vectors, centre pin first, rings outwards, read-only. pins: 127, 331."""
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     seen, place = np.unique(radius, return_inverse=True)
     polar = polar_angles(seen)[place]
     sine = np.sin(polar)
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=1)
+    out = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=1)
+    out.setflags(write=False)
+    return out
 
 
 def places_at_rest(pins: int) -> Array:

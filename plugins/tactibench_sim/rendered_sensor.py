@@ -60,7 +60,7 @@ class RenderedSensor(Sensor):
         self.renderer = renderer
         self.threads = threads or thread_count()
         self._seed = context.seed
-        self._rest = renderer.frames(resting[None])[0]
+        self._rest: Images = renderer.frames(resting[None])[0]
         self._rest.setflags(write=False)
         self._count = 0
 
@@ -123,8 +123,13 @@ class RenderedSensor(Sensor):
 
     def _frame(self, scene: Scene, image: Images) -> Frame:
         """Count the next press. The image is a copy, which does not keep its whole batch."""
+        rest = self._rest_of(self._count)
         self._count += 1
-        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, self._rest)
+        return Frame(image.copy(), self._count / FRAMES_PER_SECOND, scene.pose, rest)
+
+    def _rest_of(self, number: int) -> Images:  # noqa: ARG002 - one sensor has one rest frame
+        """Return the image of what press ``number`` was made on, untouched."""
+        return self._rest
 
 
 def thread_count() -> int:

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Grid, Scene, SensorContext, __version__
+from tactibench import Grid, Scene, SensorContext, UserError, __version__
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.mechanics import tables
 from tactibench_sim.mechanics.contact import UNTOUCHED, Tips, tips_of
-from tactibench_sim.mechanics.dome import TableMechanics, mechanics_for
+from tactibench_sim.mechanics.dome import Mechanics, TableMechanics, mechanics_for
 from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
-from tactibench_sim.optics.noise import Noise
+from tactibench_sim.optics.noise import Noise, streams
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import layout
 from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
 
+if TYPE_CHECKING:
+    from tactibench_sim.training_instances import TrainingInstances
+
 Array = npt.NDArray[np.float64]
+Images = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,8 @@ class SimulatedTacTip(RenderedSensor):
         tier: str = "coupled",
         table: str = "",
         instance: int = 0,
+        instances: int = 0,
+        ranges: int = 1,
         pin_length: float | None = None,
         threads: int | None = None,
         **optical: Any,
@@ -68,10 +75,23 @@ class SimulatedTacTip(RenderedSensor):
             tier: How scenes become displacement fields.
             table: Path of a file of single-contact fields; "": the one that ships.
             instance: Number of the sensor instance; 0: the nominal one.
+            instances: Number of training instances over which the presses are spread; 0 or 1: the
+                presses are all of ``instance``. What is no press (``rest``, ``points``, bounds) is
+                of the nominal sensor.
+            ranges: Version of the ranges of ``instance``; training instances are of version 2.
             pin_length: mm; None: the preset's.
             threads: Of ``press_many``.
             **optical: Parameters of ``optics_from``; the others are the preset's.
+
+        Raises:
+            UserError: ``instance`` and ``instances`` are both given.
         """
+        if instance and instances > 1:
+            raise UserError(
+                f"sensor.instances={instances} trains on {instances} sensor instances, so "
+                f"sensor.instance={instance} says nothing; leave one of them out, or test on that "
+                f"instance with --test sensor.instance={instance}."
+            )
         self._tables = tables.read(Path(table)) if table else tables.shipped()
         self.instance = instance
         self.pin_length = self.preset.pin_length_mm if pin_length is None else pin_length
@@ -81,13 +101,38 @@ class SimulatedTacTip(RenderedSensor):
             from tactibench_sim.instances import instance_tables, lost_pins, perturb
 
             if not table:
-                self._tables = instance_tables(self._tables, instance)
+                self._tables = instance_tables(self._tables, instance, ranges)
             self.lost = lost_pins(self.preset.pins, self.optics.pin_loss, instance)
-            self.optics, self.pin_length = perturb(self.optics, self.pin_length, instance)
-        self.mechanics = mechanics_for(tier, self._tables)
+            self.optics, self.pin_length = perturb(
+                self.optics, self.pin_length, instance, ranges=ranges
+            )
+        self.mechanics = self._mechanics(tier)
         self.directions = layout(self.preset.pins)[~self.lost]
         renderer = Renderer(self.optics, self.optics.camera_distance_mm - DOME_RADIUS_MM)
         super().__init__(context, renderer, self.tips(UNTOUCHED)[0], threads)
+        self.ranges = ranges
+        self.instances: TrainingInstances | None = None
+        if instances > 1:
+            from tactibench_sim.training_instances import TrainingInstances
+
+            parameters = {"tier": tier, "table": table, "pin_length": pin_length, **optical}
+            make = partial(type(self), context, threads=1, **parameters)
+            self.instances = TrainingInstances(make, context.seed, instances)
+
+    def _mechanics(self, tier: str) -> Mechanics:
+        if not self.instance:
+            return mechanics_for(tier, self._tables)
+        from tactibench_sim.instances import instance_mechanics
+
+        return instance_mechanics(tier, self._tables)
+
+    def _images(self, scenes: Sequence[Scene], first: int) -> Images:
+        if self.instances is None:
+            return super()._images(scenes, first)
+        return self.instances.images(scenes, first, streams(self._seed, first, len(scenes)))
+
+    def _rest_of(self, number: int) -> Images:
+        return self._rest if self.instances is None else self.instances.rest_of(number)
 
     @property
     def noise(self) -> Noise:
@@ -168,6 +213,8 @@ class SimulatedTacTip(RenderedSensor):
             "dome_radius_mm": DOME_RADIUS_MM,
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
+            **({"ranges": self.ranges} if self.instance and self.ranges > 1 else {}),
+            **({} if self.instances is None else {"instances": self.instances.describe()}),
         }
 
 

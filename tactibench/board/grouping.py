@@ -12,6 +12,8 @@ from tactibench.records.record import Record, Value
 
 RETIRED = frozenset({"tolerance", "allow_fem"})
 """Parameters of simulated sensors in older records, which changed none of their frames."""
+ADDED: Mapping[str, Value] = {"instances": 0, "ranges": 1}
+"""Parameters that older records lack, and the values with which the frames are the older ones."""
 
 
 def row_key(record: Record) -> list[Any]:
@@ -42,7 +44,11 @@ def section_key(record: Record) -> list[Any]:
 
 
 def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
-    return {name: value for name, value in parameters.items() if name not in RETIRED}
+    return {
+        name: value
+        for name, value in parameters.items()
+        if name not in RETIRED and not (name in ADDED and value == ADDED[name])
+    }
 
 
 def trained_for(records: Iterable[Record]) -> list[Record]:

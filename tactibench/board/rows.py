@@ -55,6 +55,9 @@ def measured_on(record: Record) -> str:
     if test is not None and test.trained_on:
         return f"real {test.description}, trained on {test.trained_on}"
     text = f"{record.sensor.origin} sensor {record.sensor.name}"
+    count = record.sensor.parameters.get("instances", 0)
+    if isinstance(count, int) and count > 1:
+        text += f", trained on {count} instances"
     return text if test is None else f"{text}, tested on {test.description}"
 
 

@@ -57,8 +57,14 @@ def sensor_source(spec: SensorSpec, values: Mapping[str, Value]) -> SensorSource
     """Return the sensor of a spec with its parameters.
 
     Raises:
-        UserError: The sensor does not load.
+        UserError: The sensor does not load, or is many: a data set has one rest frame.
     """
+    count = values.get("instances", 0)
+    if isinstance(count, int) and count > 1:
+        raise UserError(
+            f"sensor.instances={count} presses {count} sensor instances, but a data set holds the "
+            "rest frame of one; write a data set for each, with --param sensor.instance=N."
+        )
     target = spec.load()
 
     def build(context: SensorContext) -> Sensor:

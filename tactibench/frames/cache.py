@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +36,9 @@ from tactibench.records.identity import combined, digest
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")
 """Files of a set: (N, H, W[, 3]) and (H, W[, 3]) uint8, (N, 5) x, y mm, yaw, tilt deg, depth mm."""
+REST_ARRAYS = ("rests", "rest_of")
+"""Further files of a set whose frames are of several sensor instances: (K, H, W[, 3]) uint8, the
+different rest frames, and (N,) the number of each frame's own."""
 
 Chunk = dict[str, npt.NDArray[Any]]
 
@@ -80,7 +83,7 @@ class FrameRecipe:
     def content_hash(self, manifest: Mapping[str, Any]) -> str:
         """Return a hash of frames, scenes and surface, whatever code made them."""
         scenes = digest([[_as_json(scene) for scene in self.scenes], self._surface])
-        return combined([*(manifest[name] for name in ARRAYS), scenes])
+        return combined([*(manifest[name] for name in _arrays_of(manifest)), scenes])
 
     def open_sensor(self, chunk: int) -> Sensor:
         """Return the sensor with the randomness of one chunk."""
@@ -129,13 +132,19 @@ def open_frames(
         for leftover in (_beside(folder, ".parts"), _beside(folder, ".made")):
             shutil.rmtree(leftover, ignore_errors=True)
         images = np.load(folder / "frames.npy", mmap_mode="r")
-        rest = np.load(folder / "rest.npy")
+        rests = np.load(folder / "rest.npy")[np.newaxis]
+        rest_of = np.zeros(len(images), dtype=np.intp)
+        if REST_ARRAYS[0] in manifest:
+            rests, rest_of = (np.load(folder / f"{name}.npy") for name in REST_ARRAYS)
         poses = np.load(folder / "poses.npy")
-    rest.setflags(write=False)
+    rests.setflags(write=False)
+    shared = list(rests)  # frames of one instance hold one and the same array
     frames = [
         # A generated frame's time is its number.
-        Frame(image, float(i), Pose(*pose), rest)
-        for i, (image, pose) in enumerate(zip(images, poses.tolist(), strict=True))
+        Frame(image, float(i), Pose(*pose), shared[number])
+        for i, (image, pose, number) in enumerate(
+            zip(images, poses.tolist(), rest_of.tolist(), strict=True)
+        )
     ]
     content = recipe.content_hash(manifest)
     return Presses(
@@ -157,11 +166,16 @@ def _intact_manifest(folder: Path, recipe: FrameRecipe) -> dict[str, Any] | None
     try:
         manifest: dict[str, Any] = read_json(folder / MANIFEST)
         intact = manifest["key"] == recipe.key and all(
-            file_hash(folder / f"{name}.npy") == manifest[name] for name in ARRAYS
+            file_hash(folder / f"{name}.npy") == manifest[name] for name in _arrays_of(manifest)
         )
     except (UserError, OSError, KeyError, TypeError):
         return None
     return manifest if intact else None
+
+
+def _arrays_of(manifest: Mapping[str, Any]) -> tuple[str, ...]:
+    """The names of a set's files, those of several rest frames included where there are some."""
+    return (*ARRAYS, *(name for name in REST_ARRAYS if name in manifest))
 
 
 def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None]) -> dict[str, Any]:
@@ -181,6 +195,7 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
         "frames": _join_images([chunk["images"] for chunk in chunks], recipe, rest),
         "rest": rest,
         "poses": np.concatenate([np.empty((0, 5)), *(chunk["poses"] for chunk in chunks)]),
+        **_join_rests(chunks, rest),
     }
     temporary = _beside(folder, ".made")
     shutil.rmtree(temporary, ignore_errors=True)
@@ -194,7 +209,7 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
         "presses": len(recipe.scenes),
         "sensor": recipe.identity,
         "seed": "hidden" if recipe.secret else list(recipe.seed),
-        **{name: file_hash(temporary / f"{name}.npy") for name in ARRAYS},
+        **{name: file_hash(temporary / f"{name}.npy") for name in arrays},
     }
     write_json(temporary / MANIFEST, manifest)
     if folder.exists():  # damaged, or no set of frames at all
@@ -211,10 +226,47 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
             f"sensor {recipe.identity.get('name')!r} made {len(frames)} frames of {len(scenes)} "
             "scenes; fix the sensor."
         )
+    for frame in frames:
+        if frame.rest is not None and frame.rest.shape != frame.image.shape:
+            raise UserError(
+                f"sensor {recipe.identity.get('name')!r} made a frame of shape "
+                f"{frame.image.shape} with a rest frame of shape {frame.rest.shape}; "
+                "fix the sensor."
+            )
     return {
         "images": np.stack([frame.image for frame in frames]),
         "poses": np.array([astuple(frame.pose) for frame in frames], dtype=np.float64),
+        **_rests_of(frames),
     }
+
+
+def _rests_of(frames: Sequence[Frame]) -> Chunk:
+    """The different rest frames of a chunk and the number of each frame's own, -1 for none."""
+    by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
+    content = {key: rest.tobytes() for key, rest in by_array.items()}
+    different = {content[key]: rest for key, rest in by_array.items()}
+    numbers = {key: list(different).index(content[key]) for key in by_array}
+    return {
+        "rests": np.array(list(different.values()), dtype=np.uint8),
+        "rest_of": np.array([numbers.get(id(frame.rest), -1) for frame in frames], dtype=np.intp),
+    }
+
+
+def _join_rests(chunks: Sequence[Chunk], rest: npt.NDArray[np.uint8]) -> Chunk:
+    """``REST_ARRAYS``, the sensor's own rest frame first; empty where no frame has another one."""
+    different = {rest.tobytes(): rest}
+    rest_of = []
+    for chunk in chunks:
+        keys = [own.tobytes() for own in chunk["rests"]]
+        different.update(zip(keys, chunk["rests"], strict=True))
+        order = {key: number for number, key in enumerate(different)}
+        numbers = np.array([*(order[key] for key in keys), 0])  # the last one for frames without
+        rest_of.append(numbers[chunk["rest_of"]])
+    if len(different) == 1:
+        return {}
+    return dict(
+        zip(REST_ARRAYS, (np.stack(list(different.values())), np.concatenate(rest_of)), strict=True)
+    )
 
 
 def _join_images(

@@ -4,6 +4,7 @@ from .common_view import kriging_weights as kriging_weights
 from .graph import PinGraph as PinGraph
 from .graph import pin_graph as pin_graph
 from .pin_tracker import PinTracker as PinTracker
+from .pin_tracker import rest_images as rest_images
 from .tracker import Tracker as Tracker
 from .tracker import Tracks as Tracks
 from .tracker import rest_layout as rest_layout

@@ -22,6 +22,13 @@ _DOUBTFUL = 2.5
 """Pins at rest within this many spacings of one that was not seen may be one pin off."""
 
 
+def rest_images(frames: Sequence[Frame]) -> list[Images]:
+    """Return the different rest images that the frames carry, one for each sensor instance."""
+    by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
+    different = {(image.shape, image.tobytes()): image for image in by_array.values()}
+    return list(different.values())
+
+
 class PinTracker:
     """The pins of one sensor, followed from where they are in its rest image."""
 
@@ -39,9 +46,16 @@ class PinTracker:
             otherwise: a frame that is hardly pressed, for frames without a rest image.
 
         Raises:
-            UserError: where there is neither.
+            UserError: where there is neither, or the frames are of several sensor instances.
         """
-        rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+        rests = rest_images(frames)
+        if len(rests) > 1:
+            raise UserError(
+                f"the frames are of {len(rests)} sensor instances, but here pins are followed from "
+                "one rest frame; train on one (sensor.instances=0), or train kernel, pins, nearest "
+                "or unet without mixing."
+            )
+        rest = rests[0] if rests else None
         if rest is None and otherwise is not None:
             rest = otherwise.image
         if rest is None:

@@ -134,7 +134,8 @@ class Component(_Strict):
 class TestSensor(Component):
     """The sensor that pressed the test scenes, where it was not the sensor of the training.
 
-    options: as given with ``--test``. description: in words, "finite-element scenes". presses: how
+    options: as given with ``--test``; none where the model was trained on several sensor instances
+    and is tested on the nominal one. description: in words, "finite-element scenes". presses: how
     many the test frames are of. trained_on: in words, where the model was trained on another
     sensor: "real recording 331/model_surface2d".
     """
@@ -371,7 +372,7 @@ def make_signature(record: Record) -> str:
         "sensor": record.sensor.label,
         "seed": record.seed,
         **({} if presses is None else {"presses": presses}),
-        **({} if test is None else {"test": ",".join(test.options)}),
+        **({} if test is None else {"test": ",".join(test.options) or "nominal"}),
         "weights": record.identity.weights_hash[:8],
         "partial": "yes" if record.partial else "no",
         "machine": record.environment.fingerprint,

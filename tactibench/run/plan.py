@@ -19,6 +19,7 @@ from tactibench.records.identity import code_hash, digest, installed_versions
 from tactibench.run.components import Components, resolve_components
 from tactibench.run.machine import choose_device, fingerprint_hash, machine
 from tactibench.run.request import RunRequest, data_folder
+from tactibench.run.test_sensor import describe_target, resolve_test_sensor
 from tactibench.run.weights import WeightsPlan, plan_weights
 
 if TYPE_CHECKING:
@@ -117,11 +118,8 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     spec, test = protocol.spec, request.test
     data_folder(request.data)
     components = resolve_components(request, spec, host)
-    if test or spec.transfer is not None or components.sensor.spec.reference_of:
-        from tactibench.run.test_sensor import resolve_test_sensor
-
-        test_sensor = resolve_test_sensor(test, spec, components.sensor, host)
-        components = replace(components, test_sensor=test_sensor)
+    test_sensor = resolve_test_sensor(test, spec, components.sensor, host)
+    components = replace(components, test_sensor=test_sensor)
     hidden = None
     if test.hidden:
         from tactibench.protocols.hidden_seed import committed_seed
@@ -184,8 +182,6 @@ def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
         train = f"{sets}; train {model} on {plan.device}{again}"
     target = ""
     if plan.components.test_sensor is not None:
-        from tactibench.run.test_sensor import describe_target
-
         target = f"on {describe_target(plan.components.test_sensor, plan.request.test)}: "
     lines = [
         f"plan: {plan.name}",

@@ -16,6 +16,8 @@ Sensor = BoundSpec[SensorSpec]
 
 INSTANCE = "instance"
 """Parameter of a sensor that stands for one of its make; 0 is the nominal one."""
+INSTANCES = "instances"
+"""Parameter of a sensor that spreads the training presses over several of its make."""
 
 
 def resolve_test_sensor(
@@ -33,11 +35,26 @@ def resolve_test_sensor(
             f"sensor {sensor.name!r} has nothing but {sensor.spec.scenes} to be tested on; "
             f"use --sensor {of} --test {REFERENCE}."
         )
-    return _changed_sensor(options, sensor, host) if options else None
+    if options:
+        return _changed_sensor(options, sensor, host)
+    return _one_instance(sensor) if _has_several(sensor) else None
+
+
+def _has_several(sensor: Sensor) -> bool:
+    """Whether the presses of a sensor are made on several instances."""
+    count = sensor.values.get(INSTANCES, 0)
+    return isinstance(count, int) and count > 1
+
+
+def _one_instance(sensor: Sensor) -> Sensor:
+    """Return the sensor whose presses are made on one instance: what is tested."""
+    return BoundSpec(sensor.spec, {**sensor.values, INSTANCES: 0}, sensor.origin)
 
 
 def describe_target(tested: Sensor, options: TestOptions) -> str:
     """Return what a model is tested on, such as "another individual (instance=1)"."""
+    if not options:
+        return "the nominal sensor"
     values = [f"{name}={tested.values[name]}" for name in options.parameters]
     settings = f" ({', '.join(values)})" if values else ""
     if options.data is not None:
@@ -99,6 +116,13 @@ def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> S
         if name not in options.parameters and name in sensor.values
     }
     tested = BoundSpec(tested.spec, {**tested.values, **kept}, tested.origin)
+    if INSTANCES in options.parameters and _has_several(tested):
+        raise UserError(
+            f"--test sensor.{INSTANCES} would test on the instances that models are trained on; "
+            f"test on one that no training sees, --test sensor.{INSTANCE}=K with K from 0 to 9."
+        )
+    if _has_several(tested):
+        tested = _one_instance(tested)
     same = tested.name == sensor.name and tested.values == sensor.values
     if same and not (options.hidden and not options.parameters):
         raise UserError(

@@ -111,6 +111,18 @@ def test_no_section_mixes_sensors_origins_or_test_frames(fabricate):
     assert all(" (test frames " in title for title in titles[:2])
 
 
+@pytest.mark.parametrize(
+    ("parameters", "sections"),
+    [({"instances": 0, "ranges": 1}, 1), ({"instances": 4}, 2), ({"ranges": 2}, 2)],
+)
+def test_parameters_that_a_sensor_got_later_divide_no_section_at_their_defaults(
+    fabricate, parameters, sections
+):
+    newer = fabricate()
+    newer.sensor.parameters |= parameters
+    assert len(sections_of([fabricate(), newer])) == sections
+
+
 def test_parameters_that_a_sensor_no_longer_has_divide_no_section(fabricate):
     older = fabricate()
     older.sensor.parameters |= {"tolerance": 0.1, "allow_fem": False}

@@ -75,6 +75,7 @@ def test_the_same_command_goes_on(cli: Any, tmp_path: Path) -> None:
         (("exp1", "--sensor", "recorded"), "tactibench data import"),
         (("exp1", "--param", "model.width=3"), "only the sensor has parameters here"),
         (("exp1", "--param", "sensor.sise=3"), "no parameter 'sise'"),
+        (("exp1", "--param", "sensor.instances=4"), "a data set holds the rest frame of one"),
         (("--plan", "nowhere.jsonl"), "nowhere.jsonl is no file"),
         (("exp1", "--count", "0"), "--count"),
     ],

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from tactibench.records.record import Record
+
 pytestmark = pytest.mark.long
 
 NEAREST = ("run", "exp2", "--model", "nearest")
@@ -25,6 +27,15 @@ NEAREST = ("run", "exp2", "--model", "nearest")
             ["scenes are of the nominal dome", "sensor.instance=3"],
         ),
         (["--test", "reference", "--test", "sensor.tier=auto"], ["no parameter 'tier'"]),
+        (["--param", "sensor.instances=-1"], ["'instances' is -1", "must be >= 0"]),
+        (
+            ["--param", "sensor.instances=4", "--param", "sensor.instance=3"],
+            ["leave one of them out", "--test sensor.instance=3"],
+        ),
+        (
+            ["--param", "sensor.instances=4", "--test", "sensor.instances=2"],
+            ["the instances that models are trained on", "sensor.instance=K"],
+        ),
         (["--sensor", "tactip-127-fem"], ["use --sensor tactip-127 --test reference"]),
     ],
     ids=str,
@@ -53,3 +64,36 @@ def test_a_run_on_reference_scenes_is_printed_and_may_stand_on_a_board(
     (run,) = (path.parent for path in (tmp_path / "runs").glob("*/record.json"))
     assert "-on-reference-s0-" in run.name
     assert cli("score", run.name)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("test", "on", "instance"),
+    [
+        ("", "the nominal sensor", 0),
+        (" --test sensor.instance=3", "another individual (instance=3)", 3),
+        (" --test reference", "finite-element scenes", 0),
+    ],
+)
+def test_a_model_of_many_instances_is_tested_on_one(
+    cli: Any, tmp_path: Any, test: str, on: str, instance: int
+) -> None:
+    code, out, err = cli(
+        "run exp1 --model nearest --quick --device cpu --param sensor.size=64 "
+        f"--param sensor.instances=4 --json {tmp_path / 'run.json'}{test}"
+    )
+    assert (code, err) == (0, "")
+    assert f"test:  on {on}: generate" in out
+    assert "trained on 4 instances" in " ".join(out.split())
+    record = Record.model_validate_json((tmp_path / "run.json").read_text())
+    assert record.sensor.parameters["instances"] == 4
+    assert "instances" in record.sensor.settings
+    assert record.test_sensor is not None
+    assert record.test_sensor.description == on
+    assert record.test_sensor.parameters["instances"] == 0
+    assert record.test_sensor.parameters["instance"] == instance
+    described = record.identity.sensor["describe"]["instances"]
+    assert (described["count"], described["numbers"]) == (4, [10, 13])
+    assert "sensor:tactip-127(instances=4,size=64)" in record.signature
+    code, again, err = cli(f"score {record.name}")
+    assert (code, err) == (0, "")
+    assert "trained on 4 instances" in " ".join(again.split())

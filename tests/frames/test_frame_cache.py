@@ -261,3 +261,81 @@ def test_equal_frames_have_one_hash_whatever_code_made_them(
     assert open_frames(other, tmp_path).hash == open_frames(first, tmp_path).hash
     flat = replace(first, dome_radius=math.inf)
     assert open_frames(flat, tmp_path).hash != open_frames(first, tmp_path).hash
+
+
+# -- frames of several sensor instances
+
+
+class TwoInstances:
+    """Presses are made on one of two instances in turn; the sensor itself is a third."""
+
+    def __init__(self, sensor: Any) -> None:
+        self.sensor = sensor
+        self.rests = [np.full(sensor.rest().image.shape, level, np.uint8) for level in (40, 60)]
+
+    def __enter__(self) -> TwoInstances:
+        self.sensor.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    def rest(self) -> Frame:
+        return self.sensor.rest()
+
+    def press_many(self, scenes: Any) -> Any:
+        for scene in scenes:
+            frame = self.sensor.press(scene)
+            number = round(100 * scene.pose.x) % 3
+            yield replace(frame, rest=None if number == 2 else self.rests[number].copy())
+
+
+def test_frames_bring_the_rest_frame_of_their_own_instance(
+    request_of: RequestOf, counter: Any, tmp_path: Path
+) -> None:
+    one = request_of()
+    request = replace(one, build=lambda context: TwoInstances(one.build(context)), seed=(6, 1, 0))
+    made = open_frames(request, tmp_path)
+    counter.presses = 0
+    again = open_frames(request, tmp_path)
+    assert counter.presses == 0
+    assert made.hash == again.hash
+    for presses in (made, again):
+        for k, frame in enumerate(presses.frames):
+            assert frame.rest is not None
+            assert not frame.rest.flags.writeable
+            assert np.unique(frame.rest).tolist() == [(40, 60, 0)[k % 3]]
+        shared = {id(frame.rest) for frame in presses.frames}
+        assert len(shared) == 3  # one array an instance, not one a press
+    folder = folder_of(tmp_path, request.key)
+    assert np.load(folder / "rests.npy").shape == (3, *np.load(folder / "rest.npy").shape)
+
+
+def test_a_changed_rest_frame_is_another_content_and_damage_is_made_again(
+    request_of: RequestOf, counter: Any, tmp_path: Path
+) -> None:
+    one = request_of()
+    request = replace(one, build=lambda context: TwoInstances(one.build(context)), seed=(7, 1, 0))
+    made = open_frames(request, tmp_path)
+    folder = folder_of(tmp_path, request.key)
+    plain = open_frames(replace(one, seed=(7, 1, 0), identity={"name": "plain"}), tmp_path)
+    assert all(
+        np.array_equal(a.image, b.image) for a, b in zip(made.frames, plain.frames, strict=True)
+    )
+    assert plain.hash != made.hash
+    np.save(folder / "rest_of.npy", np.zeros(25, dtype=np.intp))
+    counter.presses = 0
+    assert open_frames(request, tmp_path).hash == made.hash
+    assert counter.presses == 25
+
+
+def test_a_rest_frame_of_another_shape_is_refused(request_of: RequestOf, tmp_path: Path) -> None:
+    class Misshapen(TwoInstances):
+        def __init__(self, sensor: Any) -> None:
+            super().__init__(sensor)
+            self.rests[1] = np.zeros((3, 3), np.uint8)
+
+    one = request_of()
+    request = replace(one, build=lambda context: Misshapen(one.build(context)), seed=(8, 1, 0))
+    with pytest.raises(UserError, match=r"rest frame of shape \(3, 3\)"):
+        open_frames(request, tmp_path)

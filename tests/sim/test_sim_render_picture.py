@@ -85,6 +85,10 @@ def test_the_command_writes_a_picture_of_what_it_is_asked(tmp_path):
         (["single@depth=2", "--out", "p.png", "--param", "model.x=1"], "sensor.NAME=VALUE"),
         (["single@depth=2", "--out", "p.png", "--param", "teir=coupled"], "did you mean 'tier'"),
         (
+            ["single@depth=2", "--out", "p.png", "--param", "instances=4"],
+            "shows one sensor instance",
+        ),
+        (
             ["single@depth=2", "--out", "p.png", "--param", "size=64", "--param", "sensor.size=64"],
             "given twice",
         ),

@@ -66,6 +66,11 @@ def render(
         raise UserError(f"unknown simulated sensor {name!r}; known: {', '.join(specs)}.")
     given = _given(params)
     settings = specs[name].settings(given)
+    if int(settings.get("instances", 0)) > 1:
+        raise UserError(
+            "a picture shows one sensor instance; name it with --param sensor.instance=N instead "
+            "of sensor.instances."
+        )
 
     import numpy as np
 

@@ -1,0 +1,90 @@
+#!/usr/bin/env python3
+"""Time what a sensor instance costs: to make it, and to press many instead of one.
+
+    PYTHONPATH=.:plugins python benchmarks/instances.py [--repeats 20]
+
+An instance is made as a training does: fields between nine domes, their splines, lens and light of
+every pixel, the rest frame. "again" is an instance whose fields are still in memory: a run opens a
+sensor for every 250 presses. Compiled loops and tables are loaded before the clock starts. The last
+lines press 250 presses spread over instances, and say how much memory the process took.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import time
+from collections.abc import Callable
+from functools import partial
+from statistics import median
+
+import numpy as np
+
+from tactibench import Indenter, Pose, Scene, SensorContext
+from tactibench.protocols.split import CHUNK
+from tactibench_sim.instances import RESERVED, instance_mechanics, instance_tables
+from tactibench_sim.sensor import SimulatedTacTip, TacTip127, TacTip331
+
+SCENES = [
+    Scene(Indenter.single(), Pose(k % 9 - 4, k % 7 - 3, depth=0.5 + k % 25 / 10))
+    for k in range(CHUNK)
+]
+
+
+def main() -> None:
+    """Print milliseconds an instance, seconds a chunk of presses and memory."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=20)
+    repeats = parser.parse_args().repeats
+    for kind in (TacTip127, TacTip331):
+        name = kind.preset.name
+        made(kind, instance=RESERVED, ranges=2)  # loads the tables and the compiled loops
+        for ranges in (1, 2):
+            forget()
+            numbers = range(RESERVED, RESERVED + repeats)
+            once, again = (
+                [clock(partial(made, kind, instance=n, ranges=ranges)) for n in numbers]
+                for _ in range(2)
+            )
+            print(
+                f"{name} instance, ranges={ranges}: {1e3 * median(once):.1f} ms "
+                f"(again {1e3 * median(again):.1f} ms), median of {repeats}"
+            )
+        nominal = [clock(partial(made, kind)) for _ in range(repeats)]
+        print(f"{name} nominal: {1e3 * median(nominal):.1f} ms, median of {repeats}")
+    for count in (0, 16, 64, 144):
+        forget()
+        first, again = (clock(partial(press, count)) for _ in range(2))
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(
+            f"{CHUNK} presses on {count or 1} instances: {first:.2f} s, the next {again:.2f} s; "
+            f"process at most {memory:.0f} MB"
+        )
+
+
+def made(kind: type[SimulatedTacTip], **parameters: int) -> SimulatedTacTip:
+    """Return a sensor with one thread."""
+    return kind(SensorContext(np.random.SeedSequence(0)), threads=1, **parameters)
+
+
+def press(count: int) -> None:
+    """Make a chunk of frames on so many instances."""
+    for _ in made(TacTip127, instances=count).press_many(SCENES):
+        pass
+
+
+def forget() -> None:
+    """Let go of the instances that are kept in memory."""
+    instance_tables.cache_clear()
+    instance_mechanics.cache_clear()
+
+
+def clock(work: Callable[[], object]) -> float:
+    """Return the seconds that a piece of work takes."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    main()
