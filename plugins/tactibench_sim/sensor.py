@@ -133,6 +133,12 @@ class SimulatedTacTip(RenderedSensor):
 
         return deviations(self.covariance(scene))
 
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
+        """Return the squared d' of the scene's two contacts against the nearest single one."""
+        from tactibench_sim.detection import deviance  # few protocols ask for limits
+
+        return deviance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
+
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, but the seed."""
         return {

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import FloatArray, Grid, Scene
 from tactibench.frames.presses import Presses
+from tactibench.frames.two_point_limit import sampled_limits
 from tactibench.plugins.base import Sensor
 from tactibench.records.files import read_checked_arrays, write_checked_arrays
 from tactibench.records.identity import digest
@@ -45,6 +46,20 @@ def true_bounds(sensor: Sensor, presses: Presses) -> FloatArray | None:
 
     arrays = _cached(presses, "bound.npz", compute)
     return None if arrays is None else arrays["bound"]
+
+
+def true_limits(sensor: Sensor, presses: Presses) -> FloatArray | None:
+    """Return the (N,) mm two-point limits of the presses, nan for those that were not asked.
+
+    None where the sensor knows none.
+    """
+
+    def compute() -> Arrays | None:
+        limits = sampled_limits(sensor, presses.reached())
+        return None if limits is None else {"limit": limits}
+
+    arrays = _cached(presses, "limit.npz", compute)
+    return None if arrays is None else arrays["limit"]
 
 
 def _for_all(
