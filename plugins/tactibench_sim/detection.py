@@ -33,9 +33,7 @@ _RANK = 1e-6
 """Singular value, as a share of the largest, below which a nuisance adds nothing to the others."""
 
 
-def deviance(
-    tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[str] = ()
-) -> float:
+def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[str] = ()) -> float:
     """Return D of one scene; 0 where fewer than two of its tips touch.
 
     Args:

@@ -22,9 +22,9 @@ from tactibench.plugins.base import Sensor
 SEEN, FALSELY_SEEN = 0.75, 0.01
 """Share of pairs and of single presses that the ideal observer takes for two."""
 D_PRIME = NormalDist().inv_cdf(SEEN) - NormalDist().inv_cdf(FALSELY_SEEN)
-PRESSES = 24
+PRESSES = 40
 """Pairs of a test whose poses are asked: seconds of work. The limit varies from pose to pose by a
-factor of about two, so that its median is known to about a quarter."""
+factor of two (exp2: more), so that its median is known to 20 to 40 %."""
 _SMALLEST_MM, _LARGEST_MM = 0.01, 20.48
 _FIRST_MM = 0.16
 """The first spacing that is tried: near the limit of the simulated sensors."""
@@ -73,9 +73,9 @@ def spacing_limit(sensor: Sensor, scene: Scene, nuisances: Sequence[str] = ()) -
 
 
 def sampled_limits(sensor: Sensor, scenes: Sequence[Scene]) -> FloatArray | None:
-    """Return the (N,) limits of ``PRESSES`` pairs spread evenly over the scenes, nan for the others.
+    """Return the (N,) limits of ``PRESSES`` pairs spread evenly over the scenes.
 
-    nan also for a pair that the sensor refuses. None where it does not know any limit.
+    nan for the others, and for a pair that the sensor refuses. None where it does not know any limit.
     """
     limits = np.full(len(scenes), np.nan)
     pairs = [row for row, scene in enumerate(scenes) if len(scene.indenter.offsets) == 2]

@@ -47,7 +47,8 @@ def score_arrays(
     trials = trials_of(protocol, truth, predicted, maps)
     names: tuple[str, ...] = protocol.metrics.names
     if "limit" in truth:  # it stands beside the threshold, where the sensor knows it
-        names = tuple(n for name in names for n in ((name, LIMIT) if name == THRESHOLD else (name,)))
+        after = names.index(THRESHOLD) + 1
+        names = (*names[:after], LIMIT, *names[after:])
     if isinstance(trials, PlateTrials) and trials.published:
         from tactibench.metrics.plate import PUBLISHED_NAMES
 
