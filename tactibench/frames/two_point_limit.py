@@ -75,7 +75,7 @@ def spacing_limit(sensor: Sensor, scene: Scene, nuisances: Sequence[str] = ()) -
 def sampled_limits(sensor: Sensor, scenes: Sequence[Scene]) -> FloatArray | None:
     """Return the (N,) limits of ``PRESSES`` pairs spread evenly over the scenes.
 
-    nan for the others, and for a pair that the sensor refuses. None where it does not know any limit.
+    nan for the others, and for a pair that the sensor refuses. None where it knows no limit.
     """
     limits = np.full(len(scenes), np.nan)
     pairs = [row for row, scene in enumerate(scenes) if len(scene.indenter.offsets) == 2]
