@@ -182,6 +182,8 @@ class SimulatedTacTip(RenderedSensor):
         """Return (S,) mm, how far a pin base may be from finite elements; inf: not measured."""
         from tactibench_sim.error_bounds import scene_bounds  # runs ask once, after the frames
 
+        if self.instances is not None:  # measured on the nominal dome alone
+            return np.full(len(scenes), np.inf)
         return scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
 
     def terms(self, scenes: Sequence[Scene]) -> dict[str, int]:
@@ -198,6 +200,12 @@ class SimulatedTacTip(RenderedSensor):
         forces = self.mechanics.forces(self.mechanics.loads(tips))
         touching: Array = forces[0, tips.depth[0] > 0]
         return touching
+
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
+        """Return the squared d' of the scene's two contacts against the nearest single one."""
+        from tactibench_sim.detection import deviance  # few protocols ask for limits
+
+        return deviance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, but the seed."""

@@ -13,6 +13,7 @@ from tactibench.metrics.plate import PUBLISHED_NAMES
 from tactibench.metrics.registry import FAMILIES, all_metrics
 from tactibench.metrics.spec import MetricSpec
 from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.run.score import LIMIT, THRESHOLD
 
 BETTER = {
     "lower": "lower is better",
@@ -42,13 +43,15 @@ def lines(root: Path) -> list[str]:
 def shipped() -> dict[str, tuple[str, ...]]:
     """Protocol -> names of the metrics that a record of it can hold.
 
-    A protocol of plates with published tables adds the differences from released answers.
+    A protocol of plates with published tables adds the differences from released answers, one with
+    a threshold the limit beside it.
     """
     found = {}
     for name, path in sorted(protocol_files().items()):
         spec = read_protocol(path).spec
         more = PUBLISHED_NAMES if spec.answer == "plate" and spec.published.tables else ()
-        found[name] = (*spec.metrics.names, *more)
+        limit = (LIMIT,) if THRESHOLD in spec.metrics.names else ()
+        found[name] = (*spec.metrics.names, *more, *limit)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Cramer-Rao bounds of a sensor over a workspace: how well a contact can be located at all."""
+"""Limits of a sensor over a workspace: how well a contact can be located, and two told from one."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ import numpy as np
 
 from tactibench.contacts import FloatArray, Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
+from tactibench.frames.two_point_limit import spacing_limit
 from tactibench.geometry import tip_positions
 from tactibench.plugins.base import Sensor
 
 AXES = ("x", "y", "depth")
 SEPARATION = "separation"
+FARTHEST_MM = 100.0
+"""A standard deviation beyond this is none: what information is left of it is rounding."""
+PLACES = 5
+"""Along one side, at which two tips are told from one: that takes 40 times as long as a bound."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,16 @@ class LimitRequest:
         """Number of presses."""
         return len(self.depths) * self.grid.shape[0] * self.grid.shape[1]
 
+    @property
+    def coarse(self) -> Grid:
+        """At most PLACES x PLACES cells of the grid around its middle, evenly spaced."""
+        half = [cells // 2 for cells in self.grid.shape]
+        stride = max(1, -(-max(half) // (PLACES // 2)))
+        rows, columns = (2 * (h // stride) + 1 for h in half)
+        x, y = self.grid.axes()
+        first = half[0] - stride * (rows // 2), half[1] - stride * (columns // 2)
+        return Grid((rows, columns), (x[first[1]], y[first[0]]), stride * self.grid.pitch)
+
 
 @dataclass(frozen=True, eq=False)
 class LimitMaps:
@@ -44,11 +59,14 @@ class LimitMaps:
 
     values: (depths, quantities, rows, columns); inf: the frame says nothing, or a tip does not
     touch; nan: the sensor refuses the press. refusal: the sensor's first sentence about it.
+    spacings: (depths, rows, columns) mm on ``request.coarse``, from which two tips differ from one;
+    inf and nan likewise; None: the indenter has not two tips, or the sensor does not know.
     """
 
     request: LimitRequest
     values: FloatArray
     refusal: str = ""
+    spacings: FloatArray | None = None
 
 
 def map_limits(sensor: Sensor, request: LimitRequest, advance: Callable[[int], None]) -> LimitMaps:
@@ -69,7 +87,27 @@ def map_limits(sensor: Sensor, request: LimitRequest, advance: Callable[[int], N
             advance(1)
     if len(refusals) == request.presses:
         raise UserError(refusals[0])
-    return LimitMaps(request, values, refusals[0] if refusals else "")
+    return LimitMaps(
+        request, values, refusals[0] if refusals else "", _map_spacings(sensor, request)
+    )
+
+
+def _map_spacings(sensor: Sensor, request: LimitRequest) -> FloatArray | None:
+    """Return the spacings of ``LimitMaps``."""
+    if len(request.indenter.offsets) != 2:
+        return None
+    x, y = request.coarse.axes()
+    spacings = np.full((len(request.depths), len(y), len(x)), np.nan)
+    for d, i, j in np.ndindex(*spacings.shape):
+        pose = Pose(float(x[j]), float(y[i]), request.yaw, 0.0, request.depths[d])
+        try:
+            limit = spacing_limit(sensor, Scene(request.indenter, pose), request.nuisances)
+        except UserError:
+            continue
+        if limit is None:
+            return None
+        spacings[d, i, j] = limit
+    return spacings
 
 
 def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[float]:
@@ -83,11 +121,11 @@ def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[fl
         raise UserError("the sensor does not know what limits its frames; take a simulated one.")
     if len(covariance) < 3 * tips:
         return [np.inf] * (3 + (tips == 2))
-    worst = np.sqrt(np.diag(covariance)).reshape(tips, 3).max(axis=0)
-    if tips != 2:
-        return [*worst]
-    first, second = tip_positions(scene)[:, :2]
-    return [*worst, separation_limit(covariance, first - second)]
+    bounds = [*np.sqrt(np.diag(covariance)).reshape(tips, 3).max(axis=0)]
+    if tips == 2:
+        first, second = tip_positions(scene)[:, :2]
+        bounds.append(separation_limit(covariance, first - second))
+    return [bound if bound < FARTHEST_MM else np.inf for bound in bounds]
 
 
 def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
@@ -111,42 +149,55 @@ def summary(maps: LimitMaps) -> list[dict[str, Any]]:
     Quantiles are over the n presses that have a bound; unbounded and refused count the others.
     worst_at: (x, y) mm of the largest bound.
     """
-    lines = []
-    grid = maps.request.grid
+    return [
+        _summary_line(maps.values[d, q], maps.request.grid, depth, quantity)
+        for d, depth in enumerate(maps.request.depths)
+        for q, quantity in enumerate(maps.request.quantities)
+    ]
+
+
+def spacing_summary(maps: LimitMaps) -> list[dict[str, Any]]:
+    """Return a line a depth, as ``summary``, of where two tips begin to differ from one."""
+    if maps.spacings is None:
+        return []
+    return [
+        _summary_line(maps.spacings[d], maps.request.coarse, depth, "two from one")
+        for d, depth in enumerate(maps.request.depths)
+    ]
+
+
+def _summary_line(layer: FloatArray, grid: Grid, depth: float, quantity: str) -> dict[str, Any]:
     middle = grid.shape[0] // 2, grid.shape[1] // 2
-    for d, depth in enumerate(maps.request.depths):
-        for q, quantity in enumerate(maps.request.quantities):
-            layer = maps.values[d, q]
-            bounded = np.where(np.isfinite(layer), layer, -np.inf)
-            n = int(np.isfinite(layer).sum())
-            line = {
-                "depth": depth,
-                "quantity": quantity,
-                "middle": float(layer[middle]),
-                "n": n,
-                "unbounded": int(np.isinf(layer).sum()),
-                "refused": int(np.isnan(layer).sum()),
-            }
-            if n:
-                half, most = np.quantile(layer[np.isfinite(layer)], [0.5, 0.9])
-                place = np.unravel_index(int(bounded.argmax()), layer.shape)
-                at = tuple(round(float(c), 6) for c in grid.xy(*place))
-                line |= {
-                    "median": float(half),
-                    "p90": float(most),
-                    "worst": float(layer[place]),
-                    "worst_at": at,
-                }
-            lines.append(line)
-    return lines
+    bounded = np.where(np.isfinite(layer), layer, -np.inf)
+    n = int(np.isfinite(layer).sum())
+    line = {
+        "depth": depth,
+        "quantity": quantity,
+        "middle": float(layer[middle]),
+        "n": n,
+        "unbounded": int(np.isinf(layer).sum()),
+        "refused": int(np.isnan(layer).sum()),
+    }
+    if n:
+        half, most = np.quantile(layer[np.isfinite(layer)], [0.5, 0.9])
+        place = np.unravel_index(int(bounded.argmax()), layer.shape)
+        at = tuple(round(float(c), 6) for c in grid.xy(*place))
+        line |= {
+            "median": float(half),
+            "p90": float(most),
+            "worst": float(layer[place]),
+            "worst_at": at,
+        }
+    return line
 
 
 def rows_of(maps: LimitMaps) -> list[dict[str, Any]]:
     """Return tidy rows: metric, group, value (None: no bound), unit, n; shares of the presses."""
     rows: list[dict[str, Any]] = []
-    for line in summary(maps):
+    for line in [*summary(maps), *spacing_summary(maps)]:
         group = f"depth {line['depth']:g} mm"
-        metric = f"bound_{line['quantity']}"
+        quantity = line["quantity"]
+        metric = "limit" if quantity == "two from one" else f"bound_{quantity}"
         for statistic in ("middle", "median", "p90", "worst"):
             value = line.get(statistic, np.nan)
             finite = float(value) if np.isfinite(value) else None

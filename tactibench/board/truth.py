@@ -21,6 +21,7 @@ from tactibench.frames.presses import true_answers
 from tactibench.frames.recorded import Recording
 from tactibench.frames.source import FrameRequest, FrameSet, FrameSource
 from tactibench.frames.transfer import TransferFrames
+from tactibench.frames.two_point_limit import sampled_limits
 from tactibench.geometry import true_contacts
 from tactibench.plugins.discovery import installed
 from tactibench.plugins.host import PluginHost
@@ -35,6 +36,7 @@ from tactibench.run.evaluation import truth_arrays
 from tactibench.run.few_shot import count_groups, repeat
 from tactibench.run.published_predictions import find_published, published_arrays
 from tactibench.run.request import HIDDEN, TestOptions, read_test_options
+from tactibench.run.score import LIMIT
 from tactibench.run.test_sensor import resolve_test_sensor
 
 OURS = "tactibench"
@@ -87,7 +89,11 @@ def truth_of(
     frames = frame_source(request)
     if isinstance(frames, TransferFrames):
         return _transfer_truth(record, frames)
-    return _drawn_truth(frames) if isinstance(frames, DrawnFrames) else _recorded_truth(frames)
+    if not isinstance(frames, DrawnFrames):
+        return _recorded_truth(frames)
+    truth = _drawn_truth(frames)
+    # Records from before the limit was known do not state it.
+    return truth | _limits(frames) if record.metric(LIMIT, "all") else truth
 
 
 def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:
@@ -191,6 +197,18 @@ def _drawn_truth(frames: DrawnFrames) -> Arrays:
                 return arrays
             bounds.append(bound)
     return {**arrays, "bound": np.concatenate(bounds)}
+
+
+def _limits(frames: DrawnFrames) -> Arrays:
+    """Return the two-point limits of the test presses, nothing where the sensor knows none."""
+    limits = []
+    with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
+        for frame_set in frames.test_frames():
+            limit = sampled_limits(sensor, frame_set.scenes)
+            if limit is None:
+                return {}
+            limits.append(limit)
+    return {"limit": np.concatenate(limits)}
 
 
 def _pack_truth(protocol: Protocol, sets: Sequence[FrameSet], truth: Sequence[Answer]) -> Arrays:

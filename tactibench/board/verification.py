@@ -34,10 +34,12 @@ from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_pro
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Metric, Record, make_signature, parse_record
 from tactibench.run.request import HIDDEN
-from tactibench.run.score import score_arrays
+from tactibench.run.score import LIMIT, score_arrays
 
 TOLERANCE = 1e-6
 """Relative; another processor or version of numpy sums in another order."""
+LIMIT_TOLERANCE = 1e-3
+"""Relative, of a limit that is searched in rendered frames of single precision."""
 NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
 FROM_MAPS = frozenset({"surface_rmse_mm"})
@@ -179,7 +181,8 @@ def refuse_differences(
         if metric in FROM_MAPS:
             continue
         for field in Metric.model_fields:
-            if not _is_equal(getattr(row, field), getattr(computed, field)):
+            tolerance = LIMIT_TOLERANCE if metric == LIMIT else TOLERANCE
+            if not _is_equal(getattr(row, field), getattr(computed, field), tolerance):
                 raise UserError(
                     f"{where} states {field} {getattr(row, field)} for {metric} of {group}, but "
                     f"its predictions give {getattr(computed, field)}."
@@ -189,9 +192,9 @@ def refuse_differences(
     )
 
 
-def _is_equal(stated: Any, again: Any) -> bool:
+def _is_equal(stated: Any, again: Any, tolerance: float) -> bool:
     if isinstance(stated, float | int) and isinstance(again, float):
-        return math.isclose(stated, again, rel_tol=TOLERANCE, abs_tol=1e-9)
+        return math.isclose(stated, again, rel_tol=tolerance, abs_tol=1e-9)
     return bool(stated == again)
 
 

@@ -90,7 +90,7 @@ def _show_protocol(name: str) -> None:
         click.echo(f"  {_family(axis)}")
     click.echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
     click.echo(f"  metrics   {', '.join(spec.metrics.names)}")
-    click.echo(f"  published {', '.join(spec.published.tables)}")
+    click.echo(f"  published {', '.join(spec.published.tables) or 'none'}")
 
 
 def _family(axis: Axis) -> str:

@@ -47,6 +47,13 @@ def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[f
 @click.option("--spacing", type=click.FloatRange(0.1, 40), help="Of the two tips, mm; default 7.")
 @click.option("--yaw", type=click.FloatRange(-360, 360), help="Of the two tips, deg; default 0.")
 @click.option(
+    "--radius",
+    type=click.FloatRange(0.1, 20),
+    default=3.0,
+    show_default=True,
+    help="Of the tips, mm.",
+)
+@click.option(
     "--range",
     "reach",
     type=click.FloatRange(0, 20),
@@ -77,6 +84,7 @@ def limit(
     depths: tuple[float, ...],
     spacing: float | None,
     yaw: float | None,
+    radius: float,
     reach: float,
     step: float,
     nuisances: str,
@@ -87,17 +95,23 @@ def limit(
 
     No unbiased estimator has a smaller standard deviation on these frames: x, y and depth of all
     contacts are unknown together, and so is every --nuisance. The separation is that of two tips in
-    the plane.
+    the plane. For two tips a second table shows the smallest spacing at which they differ from one.
 
     \b
     tactibench plot limit --scene dual --spacing 6.5 --out map.png
+    tactibench plot limit --scene dual --radius 1 --spacing 2 --depth 0.5,1,1.5
     tactibench plot limit --param sensor.size=256 --nuisance brightness,background,shift,roll
     """
     from tactibench.board.limits import map_limits, rows_of
     from tactibench.cli.output import Terminal
     from tactibench.contacts import Indenter
     from tactibench.plugins.host import PluginHost
-    from tactibench.report.plot_tables import limit_remarks, limit_table
+    from tactibench.report.plot_tables import (
+        limit_remarks,
+        limit_table,
+        spacing_remarks,
+        spacing_table,
+    )
     from tactibench.report.writers.terminal import print_table
 
     if scene == "single" and (spacing is not None or yaw is not None):
@@ -105,7 +119,8 @@ def limit(
     spec = PluginHost().sensors[sensor_name]
     values = _settings(spec, params)
     sensor = _sensor(spec, values)
-    indenter = Indenter.single() if scene == "single" else Indenter.dual(spacing or SPACING_MM)
+    apart = spacing or SPACING_MM
+    indenter = Indenter.single(radius) if scene == "single" else Indenter.dual(apart, radius)
     request = _request(indenter, reach, step, depths, yaw or 0.0, _nuisances(sensor, nuisances))
     terminal = Terminal()
     with terminal.task("Cramer-Rao bounds", request.presses) as advance:
@@ -115,6 +130,11 @@ def limit(
     print_table(terminal.out, limit_table(maps))
     for remark in limit_remarks(maps):
         terminal.say(remark)
+    if maps.spacings is not None:
+        terminal.say("")
+        print_table(terminal.out, spacing_table(maps))
+        for remark in spacing_remarks(maps):
+            terminal.say(remark)
     if out is not None:
         from tactibench.report.plots.limit import limit_figure
         from tactibench.report.plots.style import save_png
@@ -129,6 +149,7 @@ def limit(
             **_json(request),
             "metrics": rows_of(maps),
             "maps_mm": _cells(maps),
+            **_spacings(maps),
         },
     )
 
@@ -202,6 +223,7 @@ def _description(request: Any) -> str:
     if tips == "dual":
         spacing = request.indenter.offsets[1][0] - request.indenter.offsets[0][0]
         tips += f" {spacing:g} mm apart, yaw {request.yaw:g} deg"
+    tips += f", R {request.indenter.radius:g} mm"
     names = request.nuisances
     unknown = " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:]))) or "nothing"
     return (
@@ -229,18 +251,24 @@ def _json(request: Any) -> dict[str, Any]:
 
 
 def _cells(maps: Any) -> dict[str, Any]:
-    """Return quantity -> [depth][row][column], mm.
+    """Return quantity -> [depth][row][column], mm."""
+    return {
+        quantity: _nested(maps.values[:, q]) for q, quantity in enumerate(maps.request.quantities)
+    }
 
-    "inf" without a bound, null for a refused press.
-    """
-    import numpy as np
+
+def _spacings(maps: Any) -> dict[str, Any]:
+    """Return the spacings from which two tips differ from one, with their places; {}: none."""
+    if maps.spacings is None:
+        return {}
+    x, y = (axis.round(9).tolist() for axis in maps.request.coarse.axes())
+    return {"two_from_one": {"x_mm": x, "y_mm": y, "spacing_mm": _nested(maps.spacings)}}
+
+
+def _nested(layers: Any) -> list[Any]:
+    """Return [depth][row][column]; "inf" without a bound, null for a refused press."""
 
     def cell(value: float) -> float | str | None:
-        return "inf" if np.isinf(value) else None if np.isnan(value) else value
+        return "inf" if math.isinf(value) else None if math.isnan(value) else value
 
-    return {
-        quantity: [
-            [[cell(v) for v in row] for row in layer] for layer in maps.values[:, q].tolist()
-        ]
-        for q, quantity in enumerate(maps.request.quantities)
-    }
+    return [[[cell(v) for v in row] for row in layer] for layer in layers.tolist()]

@@ -76,7 +76,7 @@ def run(
     dry_run: bool,
     **options: Any,
 ) -> None:
-    """Run PROTOCOL (exp1, exp2, exp3, surface, transfer or a .toml file) with a model; score it.
+    """Run PROTOCOL (such as exp1, exp2, fine, surface or a .toml file) with a model; score it.
 
     Frames and weights are cached and shared; an interrupted run continues by the same command.
     """

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from tactibench.contacts import FloatArray, Grid, Scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import FrameSet
+from tactibench.frames.two_point_limit import sampled_limits
 from tactibench.plugins.base import Sensor
 from tactibench.records.files import read_checked_arrays, write_checked_arrays
 from tactibench.records.identity import digest
@@ -70,6 +71,20 @@ def simulator_error(frames: FrameSet) -> dict[str, Any] | None:
         "max_mm": largest,
         "terms": dict(sensor.terms(frames.scenes)),
     }
+
+
+def true_limits(sensor: Sensor, presses: Presses) -> FloatArray | None:
+    """Return the (N,) mm two-point limits of the presses, nan for those that were not asked.
+
+    None where the sensor knows none.
+    """
+
+    def compute() -> Arrays | None:
+        limits = sampled_limits(sensor, presses.reached())
+        return None if limits is None else {"limit": limits}
+
+    arrays = _cached(presses, "limit.npz", compute)
+    return None if arrays is None else arrays["limit"]
 
 
 def _for_all(

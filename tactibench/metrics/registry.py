@@ -24,7 +24,7 @@ _FAMILIES = {
         "resolved",
         "orientation_mae_deg",
     ),
-    "threshold": ("threshold_mm",),
+    "threshold": ("threshold_mm", "limit_mm"),
     "detection": ("missed", "spurious", "catch_resolved", "d_prime"),
     "gospa": ("gospa1_mm", "gospa2_mm"),
     "surface": ("surface_rmse_mm",),

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import expit, log_expit
+from scipy.stats import binom
 
 from tactibench.contacts import FloatArray
 from tactibench.metrics.groups import condition, members
@@ -148,6 +149,31 @@ def threshold(trials: Trials, _rng: np.random.Generator) -> Rows:
     )
 
 
+def limit(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Yield the median over the presses whose limit is known, with its interval by ranks."""
+    known = np.empty(0) if trials.limit is None else trials.limit[~np.isnan(trials.limit)]
+    yield "all", median_by_ranks(known, level=trials.level)
+
+
+def median_by_ranks(values: FloatArray, *, level: float = 0.95) -> Estimate:
+    """Return the median of (n,) independent values; inf stands for one beyond all others.
+
+    The k-th smallest and the k-th largest are the limits, k the largest number for which a
+    binomial(n, 1/2) is below k with probability (1 - level) / 2 at most (Conover, Practical
+    Nonparametric Statistics, 1999, section 3.2). None where k is 0 or the value is inf.
+    """
+    n = len(values)
+    if not n:
+        return Estimate.nothing()
+    ordered = np.sort(values)
+    k = int(binom.ppf((1 - level) / 2, n, 0.5))
+    ends = (float(ordered[k - 1]), float(ordered[n - k])) if k else (math.inf, math.inf)
+    middle, low, high = (
+        end if math.isfinite(end) else None for end in (float(np.median(ordered)), *ends)
+    )
+    return Estimate(middle, low, high, n, n)
+
+
 SPECS = (
     MetricSpec(
         "threshold_mm",
@@ -157,5 +183,14 @@ SPECS = (
         "against distance reaches 75 %; censored '<' or '>' at the ends of the distances "
         "tested",
         threshold,
+    ),
+    MetricSpec(
+        "limit_mm",
+        "mm",
+        "none",
+        "median over presses of the spacing s at which sqrt(min over single contacts of sum of "
+        "(m_2(s) - m_1)^2 / v over pixels) is 3.0: 75 % of pairs and 1 % of single presses seen "
+        "as two by the likelihood ratio",
+        limit,
     ),
 )

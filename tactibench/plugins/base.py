@@ -379,3 +379,16 @@ class Sensor(ABC):
         UserError for a scene that cannot be pressed. Default: None, not known.
         """
         return None
+
+    def deviance(
+        self,
+        scene: Scene,  # noqa: ARG002
+        nuisances: Sequence[str] = (),  # noqa: ARG002
+    ) -> float | None:
+        """Return how surely the frame of two contacts differs from that of any single contact.
+
+        It is the squared d' of the log likelihood ratio, sum (m2 - m1)^2 / v over pixels, with m2
+        the noise-free frame of the scene, m1 that of the single contact nearest to it and v the
+        variance of the noise. Raise UserError as ``covariance`` does. Default: None, not known.
+        """
+        return None

@@ -51,6 +51,7 @@ NAMES = {
     "spurious": "spurious contacts per frame",
     "surface_rmse_mm": "surface RMSE of the heatmap",
     "threshold_mm": "two-point threshold (75 %)",
+    "limit_mm": "two-point limit of the noise",
     "tilt_mae_deg": "tilt error",
     "tilt_mae_minus_published_deg": "tilt error minus released",
     "tilt_mae_minus_published_p": "p of that",

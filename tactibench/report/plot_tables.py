@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from tactibench.board.curve import Curve
 from tactibench.board.frontier import Frontier, Range
 from tactibench.board.hard_cases import family_errors
-from tactibench.board.limits import LimitMaps, summary
+from tactibench.board.limits import LimitMaps, spacing_summary, summary
 from tactibench.board.rows import Row
+from tactibench.frames.two_point_limit import D_PRIME, FALSELY_SEEN, SEEN
 from tactibench.protocols.board_spec import Ranking
 from tactibench.protocols.families import Axis
 from tactibench.report.numbers import Format, fixed, significant
@@ -152,7 +153,8 @@ def limit_table(maps: LimitMaps) -> Table:
     rows: list[list[Cell]] = []
     last = None
     for line in summary(maps):
-        bounds = (_bound(line.get(name)) for name in ("middle", "median", "p90", "worst"))
+        names = ("middle", "median", "p90", "worst")
+        bounds = (_bound(line.get(name), micrometres) for name in names)
         place = "{:+.1f}, {:+.1f}".format(*line["worst_at"]) if "worst_at" in line else ""
         depth = "" if line["depth"] == last else f"{line['depth']:g}"
         rows.append([depth, line["quantity"], *bounds, place, f"{line['n']:,}"])
@@ -160,8 +162,26 @@ def limit_table(maps: LimitMaps) -> Table:
     return table(heads, rows, title="Cramer-Rao bound: smallest standard deviation, um")
 
 
-def _bound(value: float | None) -> Number | None:
-    return None if value is None or math.isnan(value) else Number(value, micrometres)
+def spacing_table(maps: LimitMaps) -> Table:
+    """Return one row per depth: the spacing from which two tips differ from one, mm."""
+    heads: list[Head] = [
+        *("depth, mm", "middle", "median", "90 %", "worst", "at x, y mm"),
+        Column("presses"),
+    ]
+    rows: list[list[Cell]] = []
+    for line in spacing_summary(maps):
+        ends = (_bound(line.get(k), _millimetres) for k in ("middle", "median", "p90", "worst"))
+        place = "{:+.1f}, {:+.1f}".format(*line["worst_at"]) if "worst_at" in line else ""
+        rows.append([f"{line['depth']:g}", *ends, place, f"{line['n']:,}"])
+    return table(heads, rows, title="Two tips differ from one from this spacing on, mm")
+
+
+def _bound(value: float | None, write: Callable[[float], str]) -> Number | None:
+    return None if value is None or math.isnan(value) else Number(value, write)
+
+
+def _millimetres(value: float) -> str:
+    return "none" if math.isinf(value) else f"{value:.2f}"
 
 
 def micrometres(value: float) -> str:
@@ -182,3 +202,18 @@ def limit_remarks(maps: LimitMaps) -> Iterator[str]:
         yield f"{unbounded:,} {presses} have no bound, since a tip leaves no trace."
     if refused := sum(line["refused"] for line in per_depth):
         yield f"{refused:,} {presses} are refused: {maps.refusal}"
+
+
+def spacing_remarks(maps: LimitMaps) -> Iterator[str]:
+    """Return how the spacings were decided and what they leave out, one sentence each."""
+    diameter = 2 * maps.request.indenter.radius
+    yield (
+        f"Smallest spacing at which an ideal observer of the frames sees {SEEN:.0%} of the pairs, "
+        f"and {FALSELY_SEEN:.0%} of single presses, as two (d' = {D_PRIME:.1f}); "
+        "the --spacing does not enter."
+    )
+    yield f"Below {diameter:g} mm the two spheres overlap: two tips of one tool."
+    lines = spacing_summary(maps)
+    if unbounded := sum(line["unbounded"] for line in lines):
+        total = len(lines) * math.prod(maps.request.coarse.shape)
+        yield f"{unbounded:,} of {total:,} presses have none: one tip leaves the dome before."

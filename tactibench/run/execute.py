@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.frames.ground_truth import true_bounds, true_surfaces
+from tactibench.frames.ground_truth import true_bounds, true_limits, true_surfaces
 from tactibench.frames.presses import Presses
 from tactibench.metrics.registry import check_metrics
 from tactibench.plugins.base import SensorContext
@@ -79,7 +79,10 @@ def _evaluation(plan: RunPlan) -> type[Evaluation]:
 def _add_simulated_truth(
     plan: RunPlan, test: TestFrames, truth: Arrays, maps: Arrays, reporter: Reporter
 ) -> None:
-    """Add true surfaces beside heatmaps, and Cramer-Rao bounds, for the metrics that need them."""
+    """Add what only a simulator knows, for the metrics that need it.
+
+    True surfaces beside heatmaps, Cramer-Rao bounds, two-point limits beside a threshold.
+    """
     names, grid = plan.spec.metrics.names, plan.spec.grid.grid()
     context = SensorContext(np.random.SeedSequence(plan.spec.data_seed))
     with plan.components.tested.build(context) as sensor:
@@ -101,6 +104,15 @@ def _add_simulated_truth(
             )
             if bounds is not None:
                 truth["bound"] = bounds
+        if "threshold_mm" in names:
+            limits = _join_sets(
+                "two-point limits",
+                test.sets,
+                lambda presses: true_limits(sensor, presses),
+                reporter,
+            )
+            if limits is not None:
+                truth["limit"] = limits
 
 
 def _join_sets(

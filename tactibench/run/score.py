@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
+THRESHOLD, LIMIT = "threshold_mm", "limit_mm"
 PUBLISHED = "released."
 """Begins the names of arrays of published predictions: ``released.<table>.<array>``."""
 
@@ -44,7 +45,10 @@ def score_arrays(
 
     seed = np.random.SeedSequence(protocol.data_seed, spawn_key=(SCORING_STREAM,))
     trials = trials_of(protocol, truth, predicted, maps)
-    names = protocol.metrics.names
+    names: tuple[str, ...] = protocol.metrics.names
+    if "limit" in truth:  # it stands beside the threshold, where the sensor knows it
+        after = names.index(THRESHOLD) + 1
+        names = (*names[:after], LIMIT, *names[after:])
     if isinstance(trials, PlateTrials) and trials.published:
         from tactibench.metrics.plate import PUBLISHED_NAMES
 
@@ -82,6 +86,7 @@ def trials_of(
         maps=maps.get("maps"),
         surface=maps.get("surface"),
         bound=None if bound is None else tuple(np.split(bound, counts)),
+        limit=truth.get("limit"),
         axes=protocol.axes,
         failed=_failures(predicted),
     )

@@ -17,12 +17,20 @@ from tactibench.board.limits import (
     map_limits,
     rows_of,
     separation_limit,
+    spacing_summary,
     summary,
 )
 from tactibench.contacts import Grid, Indenter, Pose, Scene
 from tactibench.errors import UserError
+from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.geometry import true_contacts
-from tactibench.report.plot_tables import limit_remarks, limit_table, micrometres
+from tactibench.report.plot_tables import (
+    limit_remarks,
+    limit_table,
+    micrometres,
+    spacing_remarks,
+    spacing_table,
+)
 from tactibench.report.plots.limit import limit_figure
 from tactibench.report.plots.style import image_bytes
 from tactibench.report.writers.terminal import terminal_text
@@ -117,6 +125,54 @@ def test_a_separation_needs_both_places_along_it() -> None:
     covariance = np.diag([1.0, np.inf, 1.0, 1.0, 1.0, np.inf])
     assert separation_limit(covariance, np.array([3.0, 0.0])) == pytest.approx(np.sqrt(2))
     assert separation_limit(covariance, np.array([0.0, 3.0])) == np.inf
+
+
+class Apart(Formula):
+    """D = (spacing in mm)^4 times the depth; x < -5 mm refuses."""
+
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Any:
+        if scene.pose.x < -5:
+            raise UserError("too far to the left.")
+        (x1, y1, _), (x2, y2, _) = scene.indenter.offsets
+        return scene.pose.depth * np.hypot(x2 - x1, y2 - y1) ** 4
+
+
+def test_two_tips_are_told_from_one_at_a_few_places() -> None:
+    grid = Grid.centred(17, 0.8)
+    request = LimitRequest(Indenter.dual(4.0, 1.0), grid, (1.0, 4.0))
+    assert request.coarse == Grid.centred(5, 3.2)
+    assert LimitRequest(Indenter.dual(4.0), Grid.centred(1, 0.8), (1.0,)).coarse.shape == (1, 1)
+    maps = map_limits(Apart(), request, lambda _: None)
+    assert maps.spacings is not None
+    assert maps.spacings.shape == (2, 5, 5)
+    assert np.isnan(maps.spacings[:, :, 0]).all()
+    assert maps.spacings[0, :, 1:] == pytest.approx(np.sqrt(D_PRIME), rel=1e-4)
+    assert maps.spacings[1, :, 1:] == pytest.approx(np.sqrt(D_PRIME / 2), rel=1e-4)
+    lines = spacing_summary(maps)
+    assert [(line["n"], line["refused"]) for line in lines] == [(20, 5), (20, 5)]
+    text = " ".join(spacing_remarks(maps))
+    assert "75% of the pairs" in text
+    assert "Below 2 mm" in text
+    shown = terminal_text(spacing_table(maps), 80).plain
+    assert "1.73" in shown
+    rows = {(row["metric"], row["group"]): row["value"] for row in rows_of(maps)}
+    assert rows["limit_mm", "depth 4 mm, median"] == pytest.approx(1.2249, rel=1e-3)
+
+
+def test_one_tip_or_a_sensor_that_does_not_know_has_no_spacings() -> None:
+    for sensor, indenter in ((Apart(), Indenter.single()), (Formula(), Indenter.dual(2.0))):
+        maps = map_limits(sensor, asked(indenter), lambda _: None)
+        assert maps.spacings is None
+        assert not spacing_summary(maps)
+
+
+def test_a_bound_beyond_the_dome_is_none() -> None:
+    class Rounded(StubSensor):
+        def covariance(self, scene: Scene, nuisances: Sequence[str] = ()) -> Any:
+            return np.diag([1e-6, 1e-6, 1e-6, 1e12, 1e-6, 1e-6])
+
+    scene = Scene(Indenter.dual(4.0), Pose(depth=2))
+    assert limits_of(Rounded(), scene, ()) == pytest.approx([np.inf, 1e-3, 1e-3, np.inf])
 
 
 def test_rows_are_finite_or_none() -> None:

@@ -72,6 +72,7 @@ def test_a_bristol_folder(cli, bristol, tmp_path):
         "exp1": False,
         "exp2": False,
         "exp3": False,
+        "fine": False,
         "stability": False,
         "surface": True,
         "transfer": True,

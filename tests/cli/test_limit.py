@@ -34,6 +34,34 @@ def test_the_table_the_map_and_the_file(cli: Any, tmp_path: Path) -> None:
     assert middle["unit"] == "mm"
     assert middle["value"] == found["maps_mm"]["separation"][0][1][1]
     assert 5e-4 < middle["value"] < 2e-2  # some micrometres; a score below is the simulator's
+    assert "Two tips differ from one from this spacing on, mm" in out
+    assert "Below 6 mm the two spheres overlap" in out
+    spacings = found["two_from_one"]
+    assert spacings["x_mm"] == [-1.6, 0.0, 1.6]
+    assert np.shape(spacings["spacing_mm"]) == (1, 3, 3)
+    assert rows["limit_mm", "depth 2 mm, middle"]["value"] == spacings["spacing_mm"][0][1][1]
+
+
+def spacing_limits(cli: Any, tmp_path: Path, *options: str) -> list[float]:
+    code, _, err = cli(
+        *("plot", "limit", "--scene", "dual", "--radius", "3", "--range", "0"),
+        *("--depth", "0.5,1,2", "--json", "two.json", *options),
+    )
+    assert (code, err) == (0, "")
+    found = json.loads((tmp_path / "two.json").read_text(encoding="utf-8"))
+    return [layer[0][0] for layer in found["two_from_one"]["spacing_mm"]]
+
+
+def test_two_tips_differ_later_in_noise_and_with_an_unknown_camera(
+    cli: Any, tmp_path: Path
+) -> None:
+    usual = spacing_limits(cli, tmp_path)
+    assert len(usual) == 3
+    noisy = spacing_limits(cli, tmp_path, "--param", "sensor.read_noise=12")
+    unknown = spacing_limits(cli, tmp_path, "--nuisance", "all")
+    for known, other, blind in zip(usual, noisy, unknown, strict=True):
+        assert other > 1.2 * known
+        assert blind >= known * (1 - 1e-4)
 
 
 def middle(cli: Any, tmp_path: Path, *options: str) -> dict[str, float]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactibench import Pose, UserError
+from tactibench import Pose, Scene, UserError
+from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import StoredRun, open_run
 from tactibench.run import timing as speed
@@ -51,6 +52,31 @@ def test_metrics_are_what_the_stored_arrays_say(run: Run) -> None:
     rms = float(np.sqrt((surface.astype(float)[:, 0, 0] ** 2).mean()))
     assert value(done, "surface_rmse_mm") == pytest.approx(rms)
     assert truth["bound"].shape == (20, 3)
+
+
+def test_a_limit_stands_below_the_threshold_where_the_sensor_knows_it(
+    run: Run, planned: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tiny_tactile.parts import TinySensor
+
+    def deviance(_self: Any, scene: Scene, _nuisances: Any = ()) -> float:
+        (first, *_), (second, *_) = scene.indenter.offsets
+        return float((4 * (second - first)) ** 4)
+
+    assert run("exp2", store="before").record.metric("limit_mm", "all") is None
+    monkeypatch.setattr(TinySensor, "deviance", deviance)
+    done = run("exp2")
+    names = list(dict.fromkeys(row.metric for row in done.record.metrics))
+    assert names.index("limit_mm") == names.index("threshold_mm") + 1
+    row = done.record.metric("limit_mm", "all")
+    assert row is not None
+    assert (row.n, row.clusters) == (24, 24)
+    assert [row.value, row.low, row.high] == pytest.approx([np.sqrt(D_PRIME) / 4] * 3, rel=1e-4)
+    truth, spec = done.arrays("truth"), planned("exp2").spec
+    assert np.isnan(truth["limit"][-4:]).all()  # of the catch trials
+    again = score_arrays(spec, truth, done.arrays("predictions"), {})
+    assert row in again
+    assert run("exp1").record.metric("limit_mm", "all") is None
 
 
 def test_a_model_sees_no_truth_in_a_test_frame(

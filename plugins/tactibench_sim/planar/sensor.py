@@ -128,6 +128,12 @@ class PlanarGrid(RenderedSensor):
         """Return (K, 3) Cramer-Rao standard deviations of x, y, depth of every contact, mm."""
         return deviations(self.covariance(scene))
 
+    def deviance(self, scene: Scene, nuisances: Sequence[str] = ()) -> float:
+        """Return the squared d' of the scene's two contacts against the nearest single one."""
+        from tactibench_sim.detection import deviance  # few protocols ask for limits
+
+        return deviance(self._tips([scene]), self.clean, self.renderer.variance, nuisances)
+
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, but the seed."""
         return {

@@ -17,6 +17,7 @@ from tactibench import UserError
 from tactibench.board.predictions import answers_file
 from tactibench.board.truth import trusted_host, truth_of
 from tactibench.board.verification import verify
+from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes
 from tactibench.protocols.hidden_seed import VARIABLE, commitment_text, given_seed
@@ -61,6 +62,30 @@ def test_a_submission_that_holds_is_verified(submitted, source, name, frames) ->
     if name == "exp1":
         (mae,) = [row for row in found.again if (row.metric, row.group) == ("mae_mm", "x")]
         assert mae.value == pytest.approx(0.1)
+
+
+def test_a_stated_limit_is_computed_again_and_an_absent_one_is_not(
+    submitted, source, monkeypatch
+) -> None:
+    path = submitted("exp2")  # from before the sensor knew its limit
+    from tiny_tactile.parts import TinySensor
+
+    def deviance(_self, scene, _nuisances=()):
+        (first, *_), (second, *_) = scene.indenter.offsets
+        return (second - first) ** 4
+
+    monkeypatch.setattr(TinySensor, "deviance", deviance)
+    assert "limit_mm" not in {row.metric for row in verify(path, source).again}
+    found = {"value": D_PRIME**0.5, "low": D_PRIME**0.5, "high": D_PRIME**0.5, "n": 24}
+    row = {"metric": "limit_mm", "group": "all", **found, "clusters": 24}
+    row |= {"unit": "mm", "better": "none"}
+    edited(path, lambda record: record["metrics"].append(row))
+    assert "limit_mm" in {row.metric for row in verify(path, source).again}
+    edited(path, lambda record: record["metrics"][-1].update(value=1.5, low=1.4))
+    with pytest.raises(
+        UserError, match=r"states low 1\.4 for limit_mm|states value 1\.5 for limit_mm"
+    ):
+        verify(path, source)
 
 
 def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
