@@ -14,7 +14,7 @@ from tactibench import Grid, Scene, SensorContext, __version__
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.mechanics import tables
 from tactibench_sim.mechanics.contact import UNTOUCHED, Tips, tips_of
-from tactibench_sim.mechanics.dome import mechanics_for
+from tactibench_sim.mechanics.dome import TableMechanics, mechanics_for
 from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
 from tactibench_sim.optics.noise import Noise
 from tactibench_sim.optics.renderer import Renderer
@@ -132,6 +132,27 @@ class SimulatedTacTip(RenderedSensor):
         from tactibench_sim.bounds import deviations
 
         return deviations(self.covariance(scene))
+
+    def error_bounds(self, scenes: Sequence[Scene]) -> Array:
+        """Return (S,) mm, how far a pin base may be from finite elements; inf: not measured."""
+        from tactibench_sim.error_bounds import scene_bounds  # runs ask once, after the frames
+
+        return scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
+
+    def terms(self, scenes: Sequence[Scene]) -> dict[str, int]:
+        """Return the terms of the field and the number of scenes that need each."""
+        from tactibench_sim.error_bounds import term_counts
+
+        return term_counts(self.mechanics.tier, tips_of(scenes))
+
+    def forces(self, scene: Scene) -> Array | None:
+        """Return the (K,) normal force of every contact, E_skin mm^2; None in tiers without."""
+        if not isinstance(self.mechanics, TableMechanics):
+            return None
+        tips = tips_of([scene])
+        forces = self.mechanics.forces(self.mechanics.loads(tips))
+        touching: Array = forces[0, tips.depth[0] > 0]
+        return touching
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, but the seed."""

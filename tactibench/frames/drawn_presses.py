@@ -57,6 +57,10 @@ class GeneratedFrameSet(FrameSet):
         """Return the frames, made where they are not in the cache."""
         return open_frames(self.recipe, self.cache, advance)
 
+    def open_sensor(self) -> Sensor:
+        """Return the sensor that makes the frames, to be asked."""
+        return self.recipe.open_sensor(0)
+
 
 @dataclass(frozen=True)
 class SensorFrames:

@@ -1,7 +1,7 @@
-"""The knowledge that only a simulator has of its frames: surfaces and smallest errors.
+"""The knowledge that only a simulator has of its frames: surfaces, smallest errors, its own error.
 
-Both are kept beside the frames. The folder's key holds the sensor's code and tables, so a file in
-it is of this simulator.
+The first two are kept beside the frames. The folder's key holds the sensor's code and tables, so a
+file in it is of this simulator.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import FloatArray, Grid, Scene
 from tactibench.frames.presses import Presses
+from tactibench.frames.source import FrameSet
 from tactibench.plugins.base import Sensor
 from tactibench.records.files import read_checked_arrays, write_checked_arrays
 from tactibench.records.identity import digest
@@ -45,6 +46,30 @@ def true_bounds(sensor: Sensor, presses: Presses) -> FloatArray | None:
 
     arrays = _cached(presses, "bound.npz", compute)
     return None if arrays is None else arrays["bound"]
+
+
+def simulator_error(frames: FrameSet) -> dict[str, Any] | None:
+    """Return what a record says of the simulator's own error in a set of frames.
+
+    These are the values of ``records.record.SimulatorError``; None where no sensor made the frames.
+    """
+    sensor = frames.open_sensor()
+    if sensor is None:
+        return None
+    bounds = sensor.error_bounds(frames.scenes)
+    known = np.zeros(0) if bounds is None else bounds[np.isfinite(bounds)]
+    median, p95, largest = (
+        (round(float(np.quantile(known, q)), 4) if len(known) else None) for q in (0.5, 0.95, 1.0)
+    )
+    return {
+        "name": frames.name,
+        "scenes": len(frames.scenes),
+        "unknown": len(frames.scenes) - len(known),
+        "median_mm": median,
+        "p95_mm": p95,
+        "max_mm": largest,
+        "terms": dict(sensor.terms(frames.scenes)),
+    }
 
 
 def _for_all(

@@ -20,6 +20,7 @@ from tactibench.frames.faults import FAULTS
 from tactibench.frames.hard_scenes import case_scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, FrameSet, spread
+from tactibench.plugins.base import Sensor
 from tactibench.protocols.families import Family, case
 from tactibench.protocols.schema import Workspace
 from tactibench.records.bound_spec import BoundSpec
@@ -199,6 +200,10 @@ class FaultyFrameSet(FrameSet):
     def cached(self) -> bool:
         """Return whether the base frames are in the cache."""
         return self.base.cached
+
+    def open_sensor(self) -> Sensor | None:
+        """Return the sensor of the base frames, to be asked."""
+        return self.base.open_sensor()
 
     def open(self, advance: Advance) -> Presses:
         """Return the base frames with their faults."""

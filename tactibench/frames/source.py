@@ -17,6 +17,7 @@ import numpy as np
 from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
+from tactibench.plugins.base import Sensor
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
@@ -132,6 +133,10 @@ class FrameSet(ABC):
     @abstractmethod
     def open(self, advance: Advance) -> Presses:
         """Return the frames, made or read. Raises UserError."""
+
+    def open_sensor(self) -> Sensor | None:
+        """Return the sensor that makes the frames, to be asked; None where they are recorded."""
+        return None
 
     @property
     def clusters(self) -> tuple[str, ...]:

@@ -353,3 +353,29 @@ class Sensor(ABC):
         pressed or an unknown nuisance. Default: None, not known.
         """
         return None
+
+    def error_bounds(self, scenes: Sequence[Scene]) -> FloatArray | None:  # noqa: ARG002
+        """Return (S,) mm, how far a marker of a simulated sensor may be from finite elements.
+
+        The bounds are measured: inf for a scene of which nothing was. They should take less than a
+        tenth of a millisecond a scene; every run asks for those of its test scenes. Default: None,
+        not known.
+        """
+        return None
+
+    def terms(self, scenes: Sequence[Scene]) -> Mapping[str, int]:  # noqa: ARG002
+        """Return the terms of a simulated field and the number of scenes that need each.
+
+        Terms are named in the simulator's own words, such as "pair"; a scene may need several.
+        Default: {}, not known.
+        """
+        return {}
+
+    def forces(self, scene: Scene) -> FloatArray | None:  # noqa: ARG002
+        """Return the (K,) normal force of every contact, in units of E_skin times mm^2.
+
+        E_skin is Young's modulus of the skin: times its value in MPa, the forces are in N. They are
+        in the order of ``true_contacts``; 0 for a tip that touches and carries nothing. Raise
+        UserError for a scene that cannot be pressed. Default: None, not known.
+        """
+        return None

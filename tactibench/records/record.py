@@ -274,14 +274,35 @@ class Failures(_Open):
     causes: list[Cause] = []
 
 
+class SimulatorError(_Open):
+    """How far a marker may be from finite elements in the scenes of one simulated test set, mm.
+
+    unknown: scenes whose error nobody measured; median_mm, p95_mm and max_mm are over the others.
+    terms: of the simulated field -> number of scenes that need it.
+    """
+
+    name: str
+    scenes: NonNegativeInt
+    unknown: NonNegativeInt
+    median_mm: float | None
+    p95_mm: float | None
+    max_mm: float | None
+    terms: dict[str, int] = {}
+
+
 class FrameCounts(_Open):
-    """Numbers of frames. rejected: by geometry, when presses were drawn."""
+    """Numbers of frames, and how exact they are.
+
+    rejected: by geometry, when presses were drawn. simulator: by test set, of simulated frames;
+    older records do not have it.
+    """
 
     train: int = 0
     validation: int = 0
     test: int = 0
     rejected: int = 0
     published_frames: bool = False
+    simulator: list[SimulatorError] = []
     of_tested_sensor: AdaptedSensor | None = None
     failures: Failures | None = None
 

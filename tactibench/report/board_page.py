@@ -35,6 +35,7 @@ from tactibench.report.board_tables import cost_blocks, curve_table, metric_tabl
 from tactibench.report.document import Block, Fold, Heading, Inline, Paragraph, Prose, prose
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
+from tactibench.report.simulator_error import first_line
 from tactibench.report.table import Text
 from tactibench.report.writers.markdown import markdown
 from tactibench.shipped import shipped_folder
@@ -196,6 +197,7 @@ def _page_section(
         *_other_version(first, protocol),
         *_test_frames(first),
         *_scene_counts(first),
+        *_simulator_error(rows),
     ]
     ranked = ranks(name, rows, errors)
     for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):
@@ -259,6 +261,12 @@ def _scene_counts(record: Record) -> list[Block]:
     counts = record.sensor.scene_counts.get("test", {})
     made = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
     return [Paragraph((Prose("Test scenes: "), made, Prose(".")))] if made else []
+
+
+def _simulator_error(rows: Iterable[Row]) -> list[Block]:
+    """Return how far the frames may be from finite elements; nothing of older records."""
+    line = first_line(record for row in rows for record in row.records)
+    return [Paragraph((f"{line[0].upper()}{line[1:]}.",))] if line else []
 
 
 def _commits(runs: Sequence[Record]) -> Block:

@@ -21,6 +21,7 @@ from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
 from tactibench.report.numbers import duration, fixed, general, span
 from tactibench.report.run_speed import print_speed
+from tactibench.report.simulator_error import error_line
 from tactibench.report.table import (
     PERCENT,
     Caption,
@@ -71,6 +72,8 @@ def print_run(
     for run_table in spec.run_tables:
         console.print()
         print_table(console, _main_table(run_table, record, published, comparable[:OTHERS]))
+    if error := error_line(record):
+        console.print(Text(error))
     _print_notes(console, record, spec, published, len(comparable))
     further = _further_metrics(record, spec.run_tables)
     if further.rows:

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from tactibench.frames.ground_truth import simulator_error
 from tactibench.records.files import arrays_hash
 from tactibench.records.identity import code_commit
 from tactibench.records.record import SCHEMA, Metric, Record, make_signature
@@ -77,6 +78,7 @@ def make_record(
             "test": frames.count("test"),
             "rejected": frames.rejected,
             "published_frames": frames.source.published,
+            **_simulator_errors(plan),
             **evaluation.record(predictions),
         },
         "signature": "",
@@ -84,6 +86,15 @@ def make_record(
     record = Record.model_validate(values)
     record.signature = make_signature(record)
     return record
+
+
+def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
+    """Return the simulator's own error by test set; nothing for real and finite-element frames."""
+    tested = plan.components.tested.spec
+    if tested.origin != "simulated" or tested.reference_of:
+        return {}
+    errors = [simulator_error(frames) for frames in plan.frames.test]
+    return {"simulator": [error for error in errors if error is not None]}
 
 
 def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:

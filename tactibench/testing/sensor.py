@@ -244,6 +244,34 @@ def bound(subject: SensorSubject) -> None:
         require((deviations > 0).all(), f"{deviations.tolist()} mm; a bound is positive")
 
 
+def error_bounds(subject: SensorSubject) -> None:
+    """Known error bounds are (S,) mm and not negative; no term is needed by more than S scenes."""
+    subject.skip_unless_any_scene()
+    scenes = [_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)]
+    known, terms = subject.unopened.error_bounds(scenes), subject.unopened.terms(scenes)
+    if known is None and not terms:
+        raise NotApplicable("it knows no error bounds and no terms")
+    for name, count in terms.items():
+        require(0 < count <= len(scenes), f"{count} of {len(scenes)} scenes need term {name!r}")
+    if known is not None:
+        bounds = np.asarray(known)
+        require(bounds.shape == (len(scenes),), f"shape {bounds.shape} for {len(scenes)} scenes")
+        require((bounds >= 0).all(), f"{bounds.tolist()} mm; a bound is 0 or more, or inf")
+
+
+def forces(subject: SensorSubject) -> None:
+    """Known forces are (K,), finite and not negative, for the K true contacts of a scene."""
+    subject.skip_unless_any_scene()
+    radius = subject.protocol.workspace.dome_radius_mm
+    for scene in (_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)):
+        known = subject.unopened.forces(scene)
+        if known is None:
+            raise NotApplicable("it knows no forces")
+        values, expected = np.asarray(known), len(true_contacts(scene, radius))
+        require(values.shape == (expected,), f"shape {values.shape}, expected ({expected},)")
+        require((np.isfinite(values) & (values >= 0)).all(), f"forces {values.tolist()}")
+
+
 def _tip(x: float, y: float, depth: float) -> Scene:
     """Return a press by one spherical tip of 3 mm."""
     return Scene(Indenter.single(), Pose(x, y, 0.0, 0.0, depth))

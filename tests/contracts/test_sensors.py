@@ -99,3 +99,12 @@ def test_a_surface_that_is_known_is_that_of_the_skin_alone(name: str) -> None:
         assert surfaces[1] is None
         return
     assert (surfaces[0] == surfaces[1]).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_whole_force_that_is_known_grows_with_depth(name: str) -> None:
+    sensor = subject(name).unopened
+    presses = (Scene(Indenter.single(), Pose(depth=depth)) for depth in (0.5, 1.0, 2.0))
+    known = [sensor.forces(scene) for scene in presses if sensor.forces(scene) is not None]
+    assert len(known) in (0, 3)
+    assert (np.diff([force.sum() for force in known if force is not None]) > 0).all()

@@ -126,6 +126,11 @@ BROKEN = [
         "bound",
         with_attributes(bound=lambda self, scene: -np.ones((len(scene.indenter.offsets), 3))),
     ),
+    ("error_bounds", with_attributes(error_bounds=lambda self, scenes: np.ones((1, 2)))),
+    ("error_bounds", with_attributes(error_bounds=lambda self, scenes: -np.ones(len(scenes)))),
+    ("error_bounds", with_attributes(terms=lambda self, scenes: {"pair": 1 + len(scenes)})),
+    ("forces", with_attributes(forces=lambda self, scene: np.ones(1))),
+    ("forces", with_attributes(forces=lambda self, scene: -np.ones(len(scene.indenter.offsets)))),
 ]
 
 
@@ -137,7 +142,7 @@ def test_the_good_one_holds_them_all(host: Any) -> None:
     report = run_checks(PROPERTIES.values(), subject_of("sensor", "good_sensor", host=host()))
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
     skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
-    assert skipped == {"scenes", "surface", "bound"}
+    assert skipped == {"scenes", "surface", "bound", "error_bounds", "forces"}
 
 
 @pytest.mark.parametrize(("name", "broken"), BROKEN)

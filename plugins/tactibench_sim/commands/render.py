@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tactibench_sim.commands.scene_text import HELP
 
+if TYPE_CHECKING:
+    from tactibench import Scene, Sensor
+
 
 @click.command(
-    help=f"Draw one press: the frame, the markers' displacement, the skin.\n\nSCENE: {HELP}"
+    help="Draw one press: the frame, the markers' displacement, the skin; print the force of each "
+    f"contact.\n\nSCENE: {HELP}"
 )
 @click.argument("scene")
 @click.option(
@@ -28,9 +34,22 @@ from tactibench_sim.commands.scene_text import HELP
     metavar="sensor.NAME=VALUE",
     help="Set a parameter of the sensor, such as its tier.",
 )
+@click.option(
+    "--modulus",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="MPA",
+    help="Young's modulus of the skin, MPa: forces are printed in newtons, too.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of noise.")
-def render(scene: str, out: Path, name: str, params: tuple[str, ...], seed: int) -> None:
-    """Build the sensor and draw one press."""
+def render(
+    scene: str,
+    out: Path,
+    name: str,
+    params: tuple[str, ...],
+    modulus: float | None,
+    seed: int,
+) -> None:
+    """Build the sensor, draw one press and print the force of each contact."""
     from tactibench import UserError
     from tactibench_sim.commands.scene_text import read_scene
     from tactibench_sim.hooks import tactibench_sensors
@@ -58,7 +77,26 @@ def render(scene: str, out: Path, name: str, params: tuple[str, ...], seed: int)
     assert isinstance(sensor, RenderedSensor), "all simulated sensors are"  # noqa: S101
     detail = [f"simulated sensor {name}", *(f"{key} {value}" for key, value in given.items())]
     draw(out, sensor, press, scene, ", ".join(detail))
+    for line in _force_lines(sensor, press, modulus):
+        click.echo(line)
     click.echo(f"picture: {out}")
+
+
+def _force_lines(sensor: Sensor, press: Scene, modulus: float | None) -> Iterator[str]:
+    """Yield the force of each contact: in E_skin mm^2, and in N where E_skin is given, MPa."""
+    from tactibench.geometry import true_contacts
+
+    forces = sensor.forces(press)
+    if forces is None:
+        yield "force: not known for this sensor and tier"
+        return
+    contacts = true_contacts(press)
+    for (x, y), depth, force in zip(contacts.xy, contacts.depth, forces, strict=True):
+        newtons = "" if modulus is None else f" = {force * modulus:.4f} N"
+        where = f"x {x:+.2f}, y {y:+.2f}, depth {depth:.2f} mm"
+        yield f"force: {force:.4f} E_skin mm^2{newtons} ({where})"
+    if not len(forces):
+        yield "force: 0, nothing touches"
 
 
 def _given(params: tuple[str, ...]) -> dict[str, str]:

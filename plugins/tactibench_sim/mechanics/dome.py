@@ -113,6 +113,7 @@ class TableMechanics:
         self.radii = tuple(sorted(tables.by_radius))
         ordered = [tables.by_radius[radius] for radius in self.radii]
         self.deepest = ordered[0].deepest
+        self._depth, self._force = ordered[0].delta, [t.fields["force"] for t in ordered]
         self.inner = float(tables.parameters["dome"]["outer"] - tables.parameters["dome"]["skin"])
         self.base = _surface(ordered, ("w", "t", "omega"), tables.corrections, "base")
         self.outer = _surface(ordered, ("w_outer", "t_outer"), tables.corrections, "skin")
@@ -135,6 +136,18 @@ class TableMechanics:
                 self.outer.singles, self.outer.pairs, table, n, delta
             )
         return Loads(n, delta, amplitude, shape, table, strength)
+
+    def forces(self, loads: Loads) -> Array:
+        """Return the (S, K) normal force of every tip, in units of the skin's modulus times mm^2.
+
+        A tip of amplitude a and shape depth s carries a F(s), with F the tabulated force of a
+        single contact at the apex; 0 where it carries nothing.
+        """
+        tabulated = CubicSpline(self._depth, np.stack(self._force, axis=1))(loads.shape)
+        own = loads.table[:, None, None]
+        single = np.take_along_axis(tabulated, np.broadcast_to(own, (*loads.shape.shape, 1)), 2)
+        out: Array = loads.amplitude * np.maximum(single[..., 0], 0.0)
+        return out
 
     def _table_indices(self, tips: Tips) -> Index:
         table = np.searchsorted(self.radii, tips.radius).clip(max=len(self.radii) - 1)

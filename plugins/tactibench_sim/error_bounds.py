@@ -1,0 +1,233 @@
+"""Measured error bounds of the table tiers: how far a scene may be from finite elements.
+
+The file that ships holds what scripts/fem/error_bounds.py measured on the reference scenes with
+the tables that ship: tips of R = 3 mm on the nominal dome. Nothing is known of other tables, radii
+or tiers, nor of scenes outside of what was measured; the bound is infinite there.
+
+A single contact has the largest error of the reference scenes up to its depth and polar angle. For
+two and more contacts the bound is an *envelope*
+
+    f (c_1 d_1 + c_2 d_2 + c_3 d_2^2 + c_4 sum over pairs of sin(beta)^2 d^2 d'),
+
+with d_1 and d_2 the two greatest penetrations, d >= d' those of a pair and beta the angle between
+the apex and the middle of the pair. The first term is what every field is off by, the next two what
+contacts do to each other, the last what the rim changes in that, which the tables do not hold. The
+coefficients are the smallest that hold every reference scene. The factor f makes it hold on runs
+that were left out when the coefficients were found.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench_sim.mechanics.contact import Tips
+
+Array = npt.NDArray[np.float64]
+FILE = "error_bounds.json"
+RADIUS_MM = 3.0
+"""Radius of the tips of all reference scenes."""
+BETWEEN = 1.5
+"""Errors of superposing bulge upwards between the nodes; this times the linear value holds them
+(tested on every reference scene)."""
+_ON_NODE = 1e-9
+_OFF_APEX = 1e-6  # rad; nearer contacts differ from one at the apex by rounding alone
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """Bound of scenes with several contacts, and the range in which it was measured.
+
+    coefficients: (4,) mm per unit of ``envelope_terms``. factor: of all of them. deepest: greatest
+    penetration, mm. nearest, farthest: angle between two contacts, rad. lowest: greatest angle of a
+    contact from the apex, rad.
+    """
+
+    coefficients: Array
+    factor: float
+    deepest: float
+    nearest: float
+    farthest: float
+    lowest: float
+
+    def bound(self, n: Array, depth: Array) -> Array:
+        """Return (S,) mm; inf outside of the range. n: (S, K, 3). depth: (S, K) mm, 0: none."""
+        out: Array = self.factor * (envelope_terms(n, depth) @ self.coefficients)
+        touching = depth > 0
+        polar = np.where(touching, np.arccos(np.clip(n[..., 2], -1.0, 1.0)), 0.0)
+        inside = (depth.max(axis=1) <= self.deepest) & (polar.max(axis=1) <= self.lowest)
+        for i, j in combinations(range(depth.shape[1]), 2):
+            angle = angle_between(n[:, i], n[:, j])
+            apart = (angle >= self.nearest) & (angle <= self.farthest)
+            inside &= apart | ~(touching[:, i] & touching[:, j])
+        return np.where(inside, out, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds in mm; inf where they are unknown, as beyond the last node.
+
+    depth: (D,) nodes, mm. single: (B, D) for one contact up to the polar angles ``polar`` (B,),
+    rad. pair, many: for two and more contacts in tier ``coupled``. angle: (A,) rad, added:
+    (A, D', D') differences of ``superpose`` from ``coupled`` for a pair at penetrations
+    ``added_depth``, all finite; the nearest angle stands for those outside.
+    """
+
+    depth: Array
+    polar: Array
+    single: Array
+    pair: Envelope
+    many: Envelope
+    angle: Array
+    added_depth: Array
+    added: Array
+
+    def alone(self, polar: Array, deepest: Array) -> Array:
+        """Return the (S,) bound of single contacts up to a polar angle, rad, and a penetration."""
+        known = np.pad(self.single, ((0, 1), (0, 1)), constant_values=np.inf)
+        row = np.searchsorted(self.polar, polar - _ON_NODE)
+        out: Array = known[row, np.searchsorted(self.depth, deepest - _ON_NODE)]
+        return np.where(deepest > 0, out, 0.0)
+
+    def superposing(self, angle: Array, first: Array, second: Array) -> Array:
+        """Return what adding up a pair changes, mm; all of one shape."""
+        from scipy.interpolate import RegularGridInterpolator  # only this tier needs it
+
+        nodes = self.angle, self.added_depth, self.added_depth
+        table = RegularGridInterpolator(nodes, self.added)
+        last = self.added_depth[-1]
+        inside = [
+            np.clip(angle, self.angle[0], self.angle[-1]),
+            np.clip(first, 0.0, last),
+            np.clip(second, 0.0, last),
+        ]
+        out: Array = BETWEEN * table(np.stack(inside, axis=-1))
+        return np.where(np.maximum(first, second) > last, np.inf, out)
+
+    def coupled(self, n: Array, delta: Array) -> Array:
+        """Return (S,) bounds of tier ``coupled``, mm.
+
+        Args:
+            n: (S, K, 3) directions of tips of RADIUS_MM.
+            delta: (S, K) their penetrations, mm.
+        """
+        depth = np.maximum(delta, 0.0)
+        count = (depth > 0).sum(axis=1)
+        polar = np.arccos(np.clip(np.where(depth > 0, n[..., 2], 1.0), -1.0, 1.0))
+        bound = self.alone(polar.max(axis=1), depth.max(axis=1))
+        for rows, envelope in ((count == 2, self.pair), (count > 2, self.many)):
+            if rows.any():
+                # Several contacts are not taken to be more exact than the deepest of them alone.
+                bound[rows] = np.maximum(bound[rows], envelope.bound(n[rows], depth[rows]))
+        return bound
+
+    def superposed(self, n: Array, delta: Array) -> Array:
+        """Return (S,) bounds of tier ``superpose``, mm: of ``coupled``, and what pairs change."""
+        bound = self.coupled(n, delta)
+        for i, j in combinations(range(delta.shape[1]), 2):
+            rows = np.flatnonzero((delta[:, i] > 0) & (delta[:, j] > 0))
+            if len(rows):
+                angle = angle_between(n[rows, i], n[rows, j])
+                bound[rows] += self.superposing(angle, delta[rows, i], delta[rows, j])
+        return bound
+
+
+def angle_between(one: Array, other: Array) -> Array:
+    """Return (S,) rad between unit vectors (S, 3)."""
+    out: Array = np.arccos(np.clip((one * other).sum(axis=-1), -1.0, 1.0))
+    return out
+
+
+def envelope_terms(n: Array, depth: Array) -> Array:
+    """Return (S, 4) terms of ``Envelope``. n: (S, K, 3), K >= 2. depth: (S, K) mm, 0: none."""
+    ordered = np.sort(depth, axis=1)
+    second = ordered[:, -2]
+    out = np.stack([ordered[:, -1], second, second**2, np.zeros(len(depth))], axis=1)
+    for i, j in combinations(range(depth.shape[1]), 2):
+        middle = n[:, i] + n[:, j]
+        length = np.maximum(np.linalg.norm(middle, axis=1), np.finfo(float).tiny)
+        sine_squared = 1.0 - (middle[:, 2] / length) ** 2
+        larger, smaller = np.maximum(depth[:, i], depth[:, j]), np.minimum(depth[:, i], depth[:, j])
+        out[:, 3] += sine_squared * larger**2 * smaller
+    return out
+
+
+def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
+    """Return (S,) mm, how far a pin base of each scene may be from finite elements.
+
+    Args:
+        tier: Of the mechanics. Finite elements themselves and ``green`` have no bound.
+        digest: Of the tables; only those that ship were measured.
+        tips: Of S scenes.
+
+    Returns:
+        inf where it is not known.
+    """
+    known, bounds = shipped()
+    n, delta = tips.directions()
+    out = np.full(len(tips), np.inf)
+    if digest == known and tier in ("coupled", "superpose"):
+        rows = tips.radius == RADIUS_MM
+        if rows.any():
+            evaluate = bounds.coupled if tier == "coupled" else bounds.superposed
+            out[rows] = evaluate(n[rows], delta[rows])
+    out[(delta <= 0).all(axis=1)] = 0.0  # nothing touches: the rest frame
+    return out
+
+
+def term_counts(tier: str, tips: Tips) -> dict[str, int]:
+    """Return how many of S scenes use each term of the field; terms of no scene are left out."""
+    n, delta = tips.directions()
+    touching = delta > 0
+    count = touching.sum(axis=1)
+    if tier not in ("coupled", "superpose"):
+        name = {"fem": "finite elements"}.get(tier, tier)
+        counts = {"untouched": count == 0, name: count > 0}
+    else:
+        off = touching & (np.hypot(n[..., 0], n[..., 1]) > _OFF_APEX)
+        counts = {"untouched": count == 0, "single": count == 1}
+        if tier == "coupled":
+            counts |= {"pair": count == 2, "three or more": count > 2}
+        else:
+            counts["added up"] = count > 1
+        counts["rim"] = off.any(axis=1)
+    return {name: int(rows.sum()) for name, rows in counts.items() if rows.any()}
+
+
+@cache
+def shipped() -> tuple[str, Bounds]:
+    """Return the digest of the tables that were measured, and their bounds."""
+    return from_json((resources.files(__package__) / FILE).read_text(encoding="utf-8"))
+
+
+def from_json(text: str) -> tuple[str, Bounds]:
+    """Read a file of bounds: the digest of the tables that they are for, and the bounds."""
+    content = json.loads(text)
+    bounds = Bounds(
+        depth=_array(content["depth"]),
+        polar=_array(content["polar"]),
+        single=_array(content["single"]),
+        pair=_envelope(content["pair"]),
+        many=_envelope(content["many"]),
+        angle=_array(content["angle"]),
+        added_depth=_array(content["added_depth"]),
+        added=_array(content["added"]),
+    )
+    return content["tables"], bounds
+
+
+def _envelope(values: dict[str, Any]) -> Envelope:
+    return Envelope(**{**values, "coefficients": _array(values["coefficients"])})
+
+
+def _array(values: Any) -> Array:
+    """Return an array; JSON has no infinity, so that null stands for it."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.where(np.isnan(array), np.inf, array)

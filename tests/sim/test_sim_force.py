@@ -1,0 +1,146 @@
+"""Contact forces: what the tables hold, and how several contacts share it."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tactibench import Contacts, Indenter, Pose, Scene, SensorContext
+from tactibench.geometry import true_contacts
+from tactibench_sim.commands.render import render
+from tactibench_sim.mechanics import tables
+from tactibench_sim.planar.sensor import PlanarGrid
+from tactibench_sim.sensor import TacTip127
+
+TABLE = tables.shipped().by_radius[3.0]
+SINGLE = Indenter.single()
+
+
+def sensor(kind=TacTip127, **parameters):
+    return kind(SensorContext(np.random.SeedSequence(0)), **parameters)
+
+
+@pytest.fixture(scope="module")
+def tactip():
+    return sensor()
+
+
+def tips(*offsets):
+    return Indenter(3.0, tuple(offsets), "custom")
+
+
+def test_a_single_contact_at_a_node_carries_what_the_table_says(tactip):
+    for node in (1, 4, 8, 24, 48):
+        force = tactip.forces(Scene(SINGLE, Pose(depth=TABLE.delta[node])))
+        assert force == pytest.approx([TABLE.fields["force"][node]], rel=1e-12)
+
+
+def test_a_plate_carries_what_its_table_says(tactip):
+    plate = tables.shipped().by_radius[np.inf]
+    force = tactip.forces(Scene(Indenter.plate(), Pose(tilt=10, depth=plate.delta[16])))
+    assert force == pytest.approx([plate.fields["force"][16]], rel=1e-12)
+
+
+def test_a_single_contact_carries_the_same_in_both_tiers_and_at_every_yaw(tactip):
+    for depth in (0.3, 2.2, 5.9):
+        one = tactip.forces(Scene(SINGLE, Pose(2, 1, 0, 0, depth)))
+        assert sensor(tier="superpose").forces(Scene(SINGLE, Pose(2, 1, 0, 0, depth))) == one
+        turned = tactip.forces(Scene(SINGLE, Pose(-1, 2, 40, 0, depth)))
+        assert turned == pytest.approx(one, rel=1e-9)
+
+
+def test_tips_at_one_place_carry_together_what_one_carries(tactip):
+    one = tactip.forces(Scene(SINGLE, Pose(1, 2, 0, 0, 2.5)))
+    for count in (2, 3):
+        forces = tactip.forces(Scene(tips(*[(0, 0, 0)] * count), Pose(1, 2, 0, 0, 2.5)))
+        assert len(forces) == count
+        assert forces.sum() == pytest.approx(one[0], rel=1e-9)
+
+
+def test_a_tip_in_the_dimple_of_another_carries_nothing(tactip):
+    scene = Scene(tips((0, 0, 0), (1.5, 0, -1)), Pose(depth=2))
+    forces = tactip.forces(scene)
+    assert len(forces) == len(true_contacts(scene)) == 2
+    assert forces == pytest.approx([tactip.forces(Scene(SINGLE, Pose(depth=2)))[0], 0.0])
+
+
+@pytest.mark.parametrize("spacing", [16.0, 20.0, 24.0])
+def test_far_tips_carry_what_each_carries_alone(tactip, spacing):
+    """Up to 4 %, which is the work against the bulge that the other one raises."""
+    both = tactip.forces(Scene(Indenter.dual(spacing), Pose(depth=2)))
+    alone = tactip.forces(Scene(SINGLE, Pose(spacing / 2, 0, depth=_own_depth(spacing))))
+    assert both[0] == pytest.approx(both[1], rel=1e-9)
+    assert 1.0 <= both.sum() / (2 * alone[0]) < 1.04
+
+
+def _own_depth(spacing):
+    (depth, _) = true_contacts(Scene(Indenter.dual(spacing), Pose(depth=2))).depth
+    return float(depth)
+
+
+def test_near_tips_carry_less_than_each_alone(tactip):
+    alone = tactip.forces(Scene(SINGLE, Pose(depth=2)))[0]
+    sums = [tactip.forces(Scene(Indenter.dual(s), Pose(depth=2))).sum() for s in (1, 3, 5, 8)]
+    assert (np.diff(sums) > 0).all()
+    assert alone < sums[0]
+    assert sums[-1] < 2 * alone
+
+
+@pytest.mark.parametrize("indenter", [SINGLE, Indenter.dual(7), Indenter.triple((0, 0.5, 1))])
+def test_the_whole_force_grows_with_depth(tactip, indenter):
+    depths = np.linspace(0.05, 6.0, 40)
+    whole = [tactip.forces(Scene(indenter, Pose(1, 0, 30, 0, d))).sum() for d in depths]
+    assert (np.diff(whole) > 0).all()
+    assert whole[0] < 0.02
+
+
+def test_forces_are_in_the_order_of_the_true_contacts(tactip):
+    scene = Scene(tips((-4, 0, 0), (4, 0, 0.8), (0, 6, -9)), Pose(depth=2))
+    contacts: Contacts = true_contacts(scene)
+    forces = tactip.forces(scene)
+    assert len(forces) == len(contacts) == 2
+    assert (np.argsort(forces) == np.argsort(contacts.depth)).all()
+    assert tactip.forces(Scene(SINGLE, Pose())).shape == (0,)
+
+
+def test_another_instance_has_forces_of_its_own(tactip):
+    scene = Scene(SINGLE, Pose(depth=2))
+    other = sensor(instance=3).forces(scene)
+    assert other != pytest.approx(tactip.forces(scene), rel=1e-3)
+    assert 0.3 < other[0] / tactip.forces(scene)[0] < 3
+
+
+def test_where_forces_are_not_known():
+    scene = Scene(SINGLE, Pose(depth=1))
+    assert sensor(tier="green").forces(scene) is None
+    assert sensor(PlanarGrid).forces(scene) is None
+
+
+def printed(tmp_path, scene, *more):
+    arguments = [scene, "--out", str(tmp_path / "press.png"), *more]
+    result = CliRunner().invoke(render, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    return [line for line in result.output.splitlines() if line.startswith("force")]
+
+
+def test_the_command_prints_the_force_of_each_contact(tmp_path, tactip):
+    lines = printed(tmp_path, "dual:7@x=1,yaw=30,depth=2", "--modulus", "0.5")
+    forces = tactip.forces(Scene(Indenter.dual(7), Pose(1, 0, 30, 0, 2)))
+    for line, force in zip(lines, forces, strict=True):
+        assert f"{force:.4f} E_skin mm^2 = {0.5 * force:.4f} N" in line  # 1 MPa mm^2 is 1 N
+    assert "depth 2.00 mm" in lines[0]
+
+
+def test_the_command_without_a_modulus_prints_no_newtons(tmp_path):
+    (line,) = printed(tmp_path, "single@depth=1")
+    assert line.startswith("force: 0.1733 E_skin mm^2 (")
+    assert printed(tmp_path, "single@depth=0") == ["force: 0, nothing touches"]
+    (line,) = printed(tmp_path, "single@depth=1", "--param", "tier=green")
+    assert "not known" in line
+
+
+@pytest.mark.parametrize("modulus", ["0", "-1", "soft"])
+def test_a_modulus_that_is_none_is_refused(tmp_path, modulus):
+    arguments = ["single@depth=1", "--out", str(tmp_path / "p.png"), "--modulus", modulus]
+    result = CliRunner().invoke(render, arguments)
+    assert result.exit_code == 2
+    assert "--modulus" in result.output
