@@ -4,6 +4,7 @@
 
 DIR: model_surface2d of a Tac-VGNN set. Effects are added one after the other, each time with all
 unknowns so far fitted again on the same presses; then (--without) each is taken out of the whole.
+Presses of one colour of a checkerboard of tilt and depth are fitted, those of the other held out.
 Columns: number of fitted unknowns; median over the held-out presses of ||sim - real|| / ||real||,
 from the labels alone and where the frame decides whether the plate dragged the skin; mean distance
 of simulated and real pins, px, likewise. Minutes on one core.
@@ -18,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactibench_sim.real.calibration import Unknowns
-from tactibench_sim.real.comparison import errors_of
+from tactibench_sim.real.calibration import WITHOUT, Unknowns
+from tactibench_sim.real.comparison import checkerboard, errors_of
 from tactibench_sim.real.fit import ALL, fit, initial_unknowns, rig_of
 from tactibench_sim.real.recording import Presses, read
 
@@ -28,6 +29,9 @@ PIVOT = ("pivot_mm", "pivot_side_mm", "tilt_offset_deg")
 PLACE = ("focal_px", "air_mm", "centre_x", "centre_y")
 DRAG = ("drag_per_mm",)
 REST = ("drag_per_deg", "drag_offset_mm", "drag_per_depth", "drag_per_tilt")
+SLIP = ("slip_mm", "slip_power")
+GIVE = ("give_per_mm",)
+DRIFT = ("rest_x", "rest_y")
 
 
 def line(
@@ -58,22 +62,30 @@ def line(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--fit", type=int, default=200)
+    parser.add_argument("--fit", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--without", action="store_true")
     parser.add_argument("--steps", type=int, default=15)
     given = parser.parse_args()
-    presses = read(given.folder, 1.0, given.fit + 50)
-    order = np.random.default_rng(given.seed).permutation(len(presses))
-    two = presses.take(order[: given.fit]), presses.take(order[given.fit :])
+    presses = read(given.folder, given.fit)
+    colour, _ = checkerboard(presses.labels)
+    order = np.random.default_rng(given.seed).permutation(np.flatnonzero(colour))
+    two = presses.take(order[: given.fit]), presses.take(np.flatnonzero(~colour))
     print(f"{len(two[0])} fitted, {len(two[1])} held out")
     print(f"{'':46s}   n    labels alone    state known")
     begin, steps = initial_unknowns(two[0]), given.steps
-    still = dict.fromkeys((*DRAG, *REST), 0.0)
+    still = {**dict.fromkeys((*DRAG, *REST), 0.0), **WITHOUT}
     if given.without:
-        whole = line("whole", *two, begin, ALL, 30)
-        for name, gone in (("drag", (*DRAG, *REST)), ("turn, offsets", REST), ("pivot", PIVOT)):
-            zero = replace(whole, **dict.fromkeys(gone, 0.0))
+        whole = line("whole", *two, begin, ALL, 30, "10_stick")
+        for name, gone in (
+            ("drag", (*DRAG, *REST)),
+            ("turn, offsets", REST),
+            ("pivot", PIVOT),
+            ("slip", SLIP),
+            ("a base that gives way", GIVE),
+            ("drift of the rest frame", DRIFT),
+        ):
+            zero = replace(whole, **{name: WITHOUT.get(name, 0.0) for name in gone})
             if gone is PIVOT:
                 zero = replace(zero, pivot_mm=20.0)
             line(f"without {name}", *two, zero, tuple(n for n in ALL if n not in gone), steps)
@@ -96,7 +108,7 @@ def main() -> None:
                 tuple(n for n in ALL if n != "pin_length_mm"),
                 steps,
             )
-        for kind in ("10_stick", "300_stick"):
+        for kind in ("50_stick", "300_stick"):
             line(f"dome {kind}", *two, whole, ALL, steps, kind)
         line("fitted as if every press was dragged", *two, whole, ALL, steps, states=False)
         return
@@ -119,7 +131,15 @@ def main() -> None:
     x = line("+ sticking press", *two, x, free, steps)
     free = (*free, *DRAG)
     x = line("+ drag by the labelled move", *two, replace(x, drag_per_mm=-0.5), free, steps)
-    line("+ turn, drag by depth and tilt", *two, x, (*free, *REST), steps)
+    free = (*free, *REST)
+    x = line("+ turn, drag by depth and tilt", *two, x, free, steps)
+    free = (*free, *SLIP)
+    x = line("+ slip", *two, replace(x, slip_mm=0.35, slip_power=1.0), free, steps)
+    free = (*free, *GIVE)
+    x = line("+ a base that gives way", *two, x, free, steps)
+    free = (*free, *DRIFT)
+    x = line("+ drift of the rest frame", *two, x, free, steps)
+    line("+ stiffness ratio 10 instead of 50", *two, x, free, steps, "10_stick")
 
 
 if __name__ == "__main__":

@@ -125,7 +125,8 @@ FITTED = (
     Parameter(
         "calibration",
         "",
-        "file of `sim real --keep`; empty: the fit to 200 real presses that ships",
+        "331 or 127: the fit to that public recording, with slip; or a file of `sim real --keep`; "
+        "empty: version 1, a fit to 200 presses of the 331-pin recording without slip",
     ),
 )
 

@@ -119,7 +119,7 @@ def test_the_frames_it_was_fitted_to_are_told():
     sensor = made()
     ((recording, frames),) = sensor.calibrated_on().items()
     assert len(frames) == len(set(frames)) == 200
-    assert recording == shipped().recording
+    assert recording == shipped("").recording
     assert sensor.describe()["calibration"]["recording"] == recording
     json.dumps(sensor.describe())
 
@@ -132,13 +132,13 @@ def test_the_shipped_frames_are_of_the_public_recording():
     if not folder.is_dir():
         pytest.skip(f"the Tac-VGNN frames are not at {folder}; set TACTIBENCH_TACVGNN")
     recording = open_recording(folder)
-    assert recording.sha256 == shipped().recording
-    assert set(shipped().frames) <= set(recording.names)
+    assert recording.sha256 == shipped("").recording
+    assert set(shipped("").frames) <= set(recording.names)
 
 
 def test_a_calibration_is_written_and_read_alike(tmp_path):
     path = tmp_path / "own.json"
-    other = replace(shipped(), kind="50_stick")
+    other = replace(shipped(""), kind="50_stick")
     other.write(path)
     assert Calibration.read(path) == other
     assert made(calibration=str(path)).describe()["calibration"]["kind"] == "50_stick"

@@ -29,14 +29,13 @@ def frame(xy):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """Forty-five simulated presses of 61 pins as a recording, one of them moved too far."""
+    """Forty-five simulated presses of 61 pins as a recording."""
     folder = tmp_path_factory.mktemp("recording")
     (folder / "frames_bw").mkdir()
     angle = [2 * np.pi * np.arange(6 * k) / (6 * k) for k in range(1, 5)]
     rings = [30 * (k + 1) * np.stack([np.cos(a), np.sin(a)], axis=1) for k, a in enumerate(angle)]
     rest = np.concatenate([[[0.0, 0.0]], *rings]) + np.array([180.0, 179.0])
     columns = np.random.default_rng(1).uniform([-4, -20, -0.9, -5], [0, 20, 0.9, 5], (45, 4))
-    columns[7, 2] = 3.0
     moved = displacements(
         Rig(plate("50_stick"), rest, 360), TRUTH, Labels(*columns.T), np.ones(len(columns))
     )
@@ -51,28 +50,27 @@ def recording(tmp_path_factory):
 
 def test_presses_are_read_and_their_pins_followed(recording) -> None:
     folder, columns, moved = recording
-    presses = read(folder, 1.0, 40)
-    kept = np.delete(np.arange(45), 7)
-    assert presses.names == tuple(f"f{k}.png" for k in kept)
-    assert np.allclose(presses.labels.turn, columns[kept, 3])
-    assert presses.moved.shape == (44, 61, 2)
+    presses = read(folder, 40)
+    assert presses.names == tuple(f"f{k}.png" for k in range(45))
+    assert np.allclose(presses.labels.turn, columns[:, 3])
+    assert presses.moved.shape == (45, 61, 2)
     assert presses.complete > 0.9
     # pins come in the order of the rest frame's blobs, so sizes are compared, not places
     assert np.allclose(
         np.nanmean(np.linalg.norm(presses.moved, axis=2)),
-        np.linalg.norm(moved[kept], axis=2).mean(),
+        np.linalg.norm(moved, axis=2).mean(),
         rtol=0.05,
     )
 
 
 def test_too_few_presses_are_refused(recording) -> None:
-    with pytest.raises(UserError, match="44 presses"):
-        read(recording[0], 1.0, 45)
+    with pytest.raises(UserError, match="45 presses"):
+        read(recording[0], 46)
 
 
 def test_a_folder_without_labels_is_refused(tmp_path) -> None:
     with pytest.raises(UserError, match=r"targets\.csv"):
-        read(tmp_path / "nowhere", 1.0, 10)
+        read(tmp_path / "nowhere", 10)
 
 
 @pytest.mark.parametrize(
@@ -87,13 +85,13 @@ def test_a_folder_without_labels_is_refused(tmp_path) -> None:
 def test_a_bad_table_is_refused(tmp_path, text, told) -> None:
     (tmp_path / "targets.csv").write_text(text)
     with pytest.raises(UserError, match=told):
-        read(tmp_path, 1.0, 1)
+        read(tmp_path, 1)
 
 
 def test_a_missing_frame_is_refused(tmp_path) -> None:
     (tmp_path / "targets.csv").write_text(HEADER + "\na.png,1,2,0,0")
     with pytest.raises(UserError, match=r"init_0\.png"):
-        read(tmp_path, 1.0, 1)
+        read(tmp_path, 1)
 
 
 def test_a_rest_frame_without_pins_is_refused(tmp_path) -> None:
@@ -101,7 +99,7 @@ def test_a_rest_frame_without_pins_is_refused(tmp_path) -> None:
     (tmp_path / "frames_bw").mkdir()
     cv2.imwrite(str(tmp_path / "frames_bw" / "init_0.png"), frame([]))
     with pytest.raises(UserError, match="the rest frame shows 0 pins"):
-        read(tmp_path, 1.0, 1)
+        read(tmp_path, 1)
 
 
 def test_the_command_refuses_before_it_works(tmp_path) -> None:
@@ -112,15 +110,15 @@ def test_the_command_refuses_before_it_works(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_the_command_prints_a_table_and_draws(recording, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("tactibench_sim.real.comparison.FEWEST_HELD_OUT", 10)
+    monkeypatch.setattr("tactibench_sim.real.comparison.FEWEST", 10)
     monkeypatch.setattr("tactibench_sim.real.comparison.kinds", lambda: ("50_stick",))
     picture = tmp_path / "p.png"
     numbers = tmp_path / "n.json"
-    command = [str(recording[0]), "--fit", "34", "--out", str(picture), "--json", str(numbers)]
+    command = [str(recording[0]), "--fit", "20", "--out", str(picture), "--json", str(numbers)]
     monkeypatch.setattr(real.params[2].type, "min", 10)
     CliRunner().invoke(real, command, catch_exceptions=False)
     told = {(r["metric"], r["group"]): r["value"] for r in json.loads(numbers.read_text())}
-    assert told["presses fitted", "all"] == 34
-    assert told["presses", "all"] == 10
+    assert told["presses fitted", "all"] == 20
+    assert told["presses", "all"] >= 10
     assert told["median relative error", "all"] < 0.2  # pins of 8 px: a third of a px
     assert cv2.imread(str(picture)) is not None

@@ -26,8 +26,8 @@ _MARGIN_PX = 22.0
 @click.option(
     "--fit",
     "fit_on",
-    type=click.IntRange(min=50),
-    default=200,
+    type=click.IntRange(min=100),
+    default=400,
     show_default=True,
     help="Presses to fit on.",
 )
@@ -81,18 +81,27 @@ def real(
 
 def _print(comparison: Comparison) -> None:
     click.echo(
-        f"dome {comparison.fit.kind}; all pins matched in {comparison.complete:.1%} of the frames"
+        f"dome {comparison.fit.kind}, fitted to {comparison.fitted_on} presses; all pins matched "
+        f"in {comparison.complete:.1%} of the frames\n"
+        f"{'unknown':18s} {'value':>9s} {'+-':>8s}  (when a quarter of the tilts is left out)"
     )
     for name, value in vars(comparison.fit.unknowns).items():
-        click.echo(f"  {name:18s} {value:9.3f}")
-    click.echo(f"\n{'held-out presses':24s} {'n':>5s} {'relative':>9s} {'px':>6s} {'of px':>6s}")
-    for row in comparison.rows:
-        values = f"{row.relative:9.3f} {row.pixels:6.2f} {row.moved:6.2f}"
-        click.echo(f"{row.group:24s} {row.presses:5d} {values}")
+        click.echo(f"  {name:16s} {value:9.3f} {comparison.spread[name]:8.3f}")
     click.echo(
-        f"\nmedian relative error {comparison.median_error:.3f} from the labels alone; "
-        f"{comparison.median_error_state_known:.3f} where the frame decides whether the plate "
-        f"dragged the skin, which it did in {comparison.dragged_share:.0%}"
+        f"\n{'held-out presses':24s} {'n':>5s} {'relative':>9s} {'known':>6s} {'gain':>5s} "
+        f"{'px':>6s} {'of px':>6s}"
+    )
+    for row in comparison.rows:
+        click.echo(
+            f"{row.group:24s} {row.presses:5d} {row.relative:9.3f} {row.known:6.3f} "
+            f"{row.gain:5.2f} {row.pixels:6.2f} {row.moved:6.2f}"
+        )
+    click.echo(
+        "\nrelative: |simulated - real| / |real| over all pins, median over presses, from the "
+        "labels alone\n"
+        "known: where the frame decides whether the plate dragged the skin, which it did in "
+        f"{comparison.dragged_share:.0%}\n"
+        "gain: how much farther the real pins move than the simulated ones, drag known"
     )
 
 
@@ -145,7 +154,7 @@ def draw(path: Path, comparison: Comparison) -> None:
         axis.tick_params(labelsize=8)
     figure.suptitle(
         "pin displacements of held-out plate presses: real (black) and simulated (orange); "
-        f"median relative error {comparison.median_error:.3f} over {len(presses)} presses",
+        f"median relative error {comparison.rows[0].relative:.3f} over {len(presses)} presses",
         fontsize=12,
     )
     figure.savefig(path)

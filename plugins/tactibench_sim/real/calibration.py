@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from tactibench import UserError
 from tactibench_sim import data_file
 from tactibench_sim.optics.camera import Optics
 
-FILE = "calibration.json"
+SHIPPED = {"": "calibration.json", "331": "calibration_331.json", "127": "calibration_127.json"}
+"""Fits to the public recordings. "": version 1, to 200 presses of the 331-pin one that were hardly
+dragged; the others, to 400 presses each, know slip and a base that gives way."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +24,10 @@ class Unknowns:
 
     The defaults are where the fit begins.
 
-    Label to indentation: indentation = depth label + depth_offset_mm + pivot_mm (1 - cos t)
+    Label to travel: travel = depth label + depth_offset_mm + pivot_mm (1 - cos t)
     + pivot_side_mm sin t, t the tilt label: the robot turns the sensor about a point pivot_mm above
-    the dome's centre (20: the apex) and pivot_side_mm beside its axis. The plate's normal leaves
+    the dome's centre (20: the apex) and pivot_side_mm beside its axis. What holds the dome gives
+    way: indentation = travel (1 - give_per_mm travel). The plate's normal leaves
     the axis by t + tilt_offset_deg, in the plane at yaw_deg to the frame's x axis.
     pin_length_mm: effective lever; pins dragged along by the gel turn less than their base.
     Optics: a camera air_mm below the window, gel_mm from the window to the apex (refraction at an
@@ -31,7 +35,9 @@ class Unknowns:
     (centre_x, centre_y) px.
     Drag, mm of the plate relative to the dome: drag_per_mm move + drag_per_deg turn for a press
     that was dragged (``move``: what the robot travelled along the plate, mm, ``turn``: by how much
-    it turned, deg), and drag_offset_mm + drag_per_depth d + drag_per_tilt d sin t for every press.
+    it turned, deg), but at most slip_mm d**slip_power (d: indentation, mm), beyond which the plate
+    slips; and drag_offset_mm + drag_per_depth d + drag_per_tilt d sin t for every press.
+    Drift, px, of all pins since the rest frame was taken: rest_x, rest_y.
     """
 
     depth_offset_mm: float = 5.0
@@ -50,6 +56,11 @@ class Unknowns:
     drag_offset_mm: float = 0.0
     drag_per_depth: float = 0.0
     drag_per_tilt: float = 0.0
+    slip_mm: float = 0.35
+    slip_power: float = 1.0
+    give_per_mm: float = 0.03
+    rest_x: float = 0.0
+    rest_y: float = 0.0
 
     def optics(self, side: int, lens: str = "fisheye", gel_index: float = 1.41) -> Optics:
         """Return the camera of frames of ``side`` px. Raises UserError for one that cannot be."""
@@ -67,6 +78,10 @@ class Unknowns:
         )
 
 
+WITHOUT = {"slip_mm": math.inf, "slip_power": 0.0, "give_per_mm": 0.0, "rest_x": 0.0, "rest_y": 0.0}
+"""Unknowns that a calibration of version 1 does not have, at the values that change nothing."""
+
+
 @dataclass(frozen=True)
 class Calibration:
     """The fit to a recording. Files are written by `tactibench sim real FOLDER --keep FILE`.
@@ -82,10 +97,16 @@ class Calibration:
     kind: str
     unknowns: Unknowns
 
+    def content(self) -> dict[str, Any]:
+        """Return what a file holds; unknowns that change nothing are left out."""
+        known = asdict(self.unknowns)
+        needed = {name: v for name, v in known.items() if v != WITHOUT.get(name)}
+        return {**asdict(self), "unknowns": needed}
+
     def write(self, path: Path) -> None:
         """Write a JSON file. Raises UserError where it cannot be written."""
         try:
-            path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
+            path.write_text(json.dumps(self.content(), indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise UserError(f"{path} cannot be written: {error.strerror}.") from None
 
@@ -95,13 +116,14 @@ class Calibration:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             x, y = map(float, content["rest_centre"])
+            unknowns = {**WITHOUT, **content["unknowns"]}
             return cls(
                 str(content["recording"]),
                 tuple(map(str, content["frames"])),
                 int(content["side"]),
                 (x, y),
                 str(content["kind"]),
-                Unknowns(**{name: float(value) for name, value in content["unknowns"].items()}),
+                Unknowns(**{name: float(value) for name, value in unknowns.items()}),
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise UserError(
@@ -111,6 +133,14 @@ class Calibration:
 
 
 @cache
-def shipped() -> Calibration:
-    """Return the fit to 200 presses of the public 331-pin recording that ships."""
-    return data_file.read_shipped(__package__, FILE, Calibration.read)
+def shipped(name: str) -> Calibration:
+    """Return a fit that ships, by its key in ``SHIPPED``."""
+    return data_file.read_shipped(__package__, SHIPPED[name], Calibration.read)
+
+
+def calibration(given: str) -> Calibration:
+    """Return a fit by its name in ``SHIPPED`` or by the path of a file.
+
+    Raises UserError for a file that is no calibration.
+    """
+    return shipped(given) if given in SHIPPED else Calibration.read(Path(given))

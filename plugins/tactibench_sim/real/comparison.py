@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,34 +11,47 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench import UserError
 from tactibench.datasets import open_recording
 from tactibench_sim.real.calibration import Calibration, Unknowns
-from tactibench_sim.real.fit import Fit, fit_best, rig_of
-from tactibench_sim.real.plate import Rig, directions, displacements, indentation, kinds
+from tactibench_sim.real.fit import Fit, fit, fit_best, rig_of
+from tactibench_sim.real.plate import Labels, Rig, directions, displacements, indentation, kinds
 from tactibench_sim.real.recording import Presses, read
 
 Array = npt.NDArray[np.float64]
-LARGEST_MOVE_MM = 1.0
-"""Presses that moved less along the plate: the rest are sheared by more than sticking explains."""
-FEWEST_HELD_OUT = 50
-"""Presses below which a median error on held-out ones says little."""
+FEWEST = 100
+"""Presses on each side of the checkerboard below which neither a fit nor its error says much."""
+CELLS = 4
+"""Columns and rows of the checkerboard: neighbours in tilt and depth are held out together."""
+GROUPS = 4
+"""Parts of the fitted presses; each is left out once to see how far a number moves."""
+MOVES = (0.0, 1.0, 2.0, 3.5, 5.01)
 DEPTHS = (0.0, 2.0, 3.0, 4.0, 5.0, 8.0)
 TILTS = (0.0, 5.0, 10.0, 15.0, 21.0)
 POLARS = (0.0, 15.0, 30.0, 45.0, 90.0)
-"""Edges of the groups in the table: mm of indentation, deg of tilt, deg of a pin's polar angle."""
+"""Edges of the groups in the table: mm of sideways move and of indentation, deg of tilt, deg of a
+pin's polar angle."""
+
+
+_AGAIN = 8
+"""Evaluations of a fit that begins at the fit to all presses."""
 
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One line of the table.
+    """One line of the table, medians over presses.
 
-    relative: median over presses of ||sim - real|| / ||real||. pixels: mean distance of simulated
-    and real pins, px. moved: mean real displacement, px.
+    relative: ||sim - real|| / ||real|| from the labels alone. known: likewise, where the frame says
+    whether the plate dragged the skin. gain: <real, sim> / <sim, sim>, drag known: how much farther
+    the real pins move. pixels: mean distance of simulated and real pins, px. moved: mean real
+    displacement, px.
     """
 
     group: str
     presses: int
     relative: float
+    known: float
+    gain: float
     pixels: float
     moved: float
 
@@ -56,14 +70,16 @@ class Comparison:
     """The fit and its errors on presses that were held out.
 
     presses: the held-out ones. fitted_on: how many presses were fitted. complete: share of frames
-    with all pins matched. from_labels, state_known: errors from the labels alone, and where the
-    frame decides whether the plate dragged the skin.
+    with all pins matched. spread: name of an unknown -> how far it moves (jackknife standard
+    deviation) when parts of the fitted presses are left out. from_labels, state_known: errors from
+    the labels alone, and where the frame decides whether the plate dragged the skin.
     """
 
     presses: Presses
     fitted_on: int
     complete: float
     fit: Fit
+    spread: dict[str, float]
     from_labels: Errors
     state_known: Errors
     rows: list[ErrorRow]
@@ -74,16 +90,6 @@ class Comparison:
         """Share of the held-out presses that the dragged field fits better than the undragged."""
         return float((self.from_labels.relative <= self.state_known.relative).mean())
 
-    @property
-    def median_error(self) -> float:
-        """Median relative error from the labels alone."""
-        return float(np.median(self.from_labels.relative))
-
-    @property
-    def median_error_state_known(self) -> float:
-        """Median relative error where the frame decides whether the plate dragged the skin."""
-        return float(np.median(self.state_known.relative))
-
     def numbers(self) -> list[dict[str, Any]]:
         """Return every number as rows of metric, group, value, unit."""
 
@@ -93,36 +99,60 @@ class Comparison:
         numbers = [
             row("presses fitted", "all", self.fitted_on, ""),
             row("frames with all pins matched", "all", self.complete, "share"),
-            row(
-                "median relative error, drag state known", "all", self.median_error_state_known, ""
-            ),
             row("presses that dragged the skin", "all", self.dragged_share, "share"),
         ]
-        numbers += [row("unknown", n, v, "") for n, v in asdict(self.fit.unknowns).items()]
+        for name, value in asdict(self.fit.unknowns).items():
+            numbers.append(row("unknown", name, value, ""))
+            numbers.append(row("unknown, standard deviation", name, self.spread[name], ""))
         for line in self.rows:
             numbers.append(row("presses", line.group, line.presses, ""))
             numbers.append(row("median relative error", line.group, line.relative, ""))
+            numbers.append(
+                row("median relative error, drag state known", line.group, line.known, "")
+            )
+            numbers.append(row("real to simulated motion", line.group, line.gain, ""))
             numbers.append(row("mean pin error", line.group, line.pixels, "px"))
             numbers.append(row("mean pin displacement", line.group, line.moved, "px"))
         return numbers
 
 
-def compare(folder: Path, *, fit_on: int = 200, seed: int = 0) -> Comparison:
-    """Fit on ``fit_on`` presses, drawn by ``seed``, report on the others. Raises UserError."""
-    presses = read(folder, LARGEST_MOVE_MM, fit_on + FEWEST_HELD_OUT)
-    order = np.random.default_rng(seed).permutation(len(presses))
-    first, others = presses.take(order[:fit_on]), presses.take(order[fit_on:])
+def compare(folder: Path, *, fit_on: int = 400, seed: int = 0) -> Comparison:
+    """Fit on presses of one colour of a checkerboard of tilt and depth, report on the other.
+
+    A plate is fitted at some tilts and depths and tested at others, so an error is that of
+    interpolation between blocks and not between neighbours.
+
+    Args:
+        folder: Of the recording.
+        fit_on: Presses to fit on, drawn by ``seed``.
+        seed: Which presses these are.
+
+    Raises:
+        UserError: The folder holds no such recording, or too few presses.
+    """
+    presses = read(folder, 2 * FEWEST)
+    colour, part = checkerboard(presses.labels)
+    order = np.random.default_rng(seed).permutation(np.flatnonzero(colour))
+    chosen, others = np.sort(order[:fit_on]), presses.take(np.flatnonzero(~colour))
+    first = presses.take(chosen)
+    if min(len(first), len(others)) < FEWEST:
+        raise UserError(
+            f"the labels of {folder} leave {len(first)} presses to fit and {len(others)} to test; "
+            f"{FEWEST} of each are needed, spread over tilt and depth."
+        )
     fit = fit_best(first, [kind for kind in kinds() if kind.endswith("_stick")])
     rig = rig_of(presses, fit.kind)
     from_labels = errors_of(others, rig, fit.unknowns)
+    state_known = errors_of(others, rig, fit.unknowns, state_known=True)
     return Comparison(
         others,
-        fit_on,
+        len(first),
         presses.complete,
         fit,
+        spread_of(first, part[chosen], rig, fit.unknowns),
         from_labels,
-        errors_of(others, rig, fit.unknowns, state_known=True),
-        error_table(others, rig, fit.unknowns, from_labels),
+        state_known,
+        error_table(others, rig, fit.unknowns, from_labels, state_known),
         Calibration(
             recording=open_recording(folder).sha256,
             frames=tuple(sorted(first.names)),
@@ -132,6 +162,33 @@ def compare(folder: Path, *, fit_on: int = 200, seed: int = 0) -> Comparison:
             unknowns=fit.unknowns,
         ),
     )
+
+
+def checkerboard(labels: Labels) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp]]:
+    """Return (S,) whether a press is to be fitted, and the (S,) part that it belongs to.
+
+    Cells are equal ranges of tilt and of the depth label; a part is a column of tilts.
+    """
+    column, row = (
+        np.minimum((CELLS * (v - v.min()) / max(np.ptp(v), 1e-12)).astype(np.intp), CELLS - 1)
+        for v in (labels.tilt, labels.depth)
+    )
+    return (column + row) % 2 == 0, column * GROUPS // CELLS
+
+
+def spread_of(
+    presses: Presses, part: npt.NDArray[np.intp], rig: Rig, x: Unknowns
+) -> dict[str, float]:
+    """Return the jackknife standard deviation of each unknown over parts that are left out.
+
+    sqrt((g - 1) / g sum (x_i - mean)^2) over g parts (Efron and Stein, Ann. Statist. 9, 1981).
+    """
+    found = [
+        asdict(fit(presses.take(np.flatnonzero(part != k)), rig, x, steps=_AGAIN)[0])
+        for k in np.unique(part)
+    ]
+    scale = math.sqrt(max(len(found) - 1, 0))
+    return {name: scale * float(np.std([one[name] for one in found])) for name in asdict(x)}
 
 
 def errors_of(presses: Presses, rig: Rig, x: Unknowns, *, state_known: bool = False) -> Errors:
@@ -150,40 +207,69 @@ def errors_of(presses: Presses, rig: Rig, x: Unknowns, *, state_known: bool = Fa
 
 def _errors(presses: Presses, rig: Rig, x: Unknowns, dragged: float) -> Errors:
     sim = displacements(rig, x, presses.labels, np.full(len(presses), dragged))
-    off = np.nansum((sim - presses.moved) ** 2, axis=(1, 2))
-    return Errors(sim, presses.moved, np.sqrt(off / np.nansum(presses.moved**2, axis=(1, 2))))
+    return Errors(sim, presses.moved, _relative(sim, presses.moved))
 
 
-def error_table(presses: Presses, rig: Rig, x: Unknowns, errors: Errors) -> list[ErrorRow]:
-    """Return rows for all presses, then by indentation, tilt and polar angle of the pin."""
+def error_table(
+    presses: Presses, rig: Rig, x: Unknowns, errors: Errors, known: Errors
+) -> list[ErrorRow]:
+    """Return rows for all presses, then by move, indentation, tilt and polar angle of the pin.
+
+    Args:
+        presses: The presses.
+        rig: The parts that are not fitted.
+        x: The unknowns.
+        errors: Of the simulation from the labels alone.
+        known: Of the simulation with the state of the drag known.
+    """
     depth, tilt = indentation(x, presses.labels), abs(presses.labels.tilt)
+    move = abs(presses.labels.move)
     polar = np.degrees(np.arccos(directions(rig, x)[:, 2]))
     all_pins = np.ones(len(polar), dtype=np.bool_)
     all_presses = np.ones(len(presses), dtype=np.bool_)
-    rows = [_row("all", errors, all_presses, all_pins)]
-    groups = ("indentation", "mm", depth, DEPTHS), ("tilt", "deg", tilt, TILTS)
+    rows = [_row("all", errors, known, all_presses, all_pins)]
+    groups = (
+        ("move", "mm", move, MOVES),
+        ("indentation", "mm", depth, DEPTHS),
+        ("tilt", "deg", tilt, TILTS),
+    )
     for name, unit, values, edges in groups:
         for low, high in pairwise(edges):
             inside = (values >= low) & (values < high)
             if inside.any():
-                rows.append(_row(f"{name} {low:g}-{high:g} {unit}", errors, inside, all_pins))
+                rows.append(
+                    _row(f"{name} {low:g}-{high:.3g} {unit}", errors, known, inside, all_pins)
+                )
     for low, high in pairwise(POLARS):
         pins = (polar >= low) & (polar < high)
         if pins.any():
-            rows.append(_row(f"pins {low:g}-{high:g} deg", errors, all_presses, pins))
+            rows.append(_row(f"pins {low:g}-{high:g} deg", errors, known, all_presses, pins))
     return rows
 
 
 def _row(
-    group: str, errors: Errors, presses: npt.NDArray[np.bool_], pins: npt.NDArray[np.bool_]
+    group: str,
+    errors: Errors,
+    known: Errors,
+    presses: npt.NDArray[np.bool_],
+    pins: npt.NDArray[np.bool_],
 ) -> ErrorRow:
-    sim, real = errors.sim[presses][:, pins], errors.real[presses][:, pins]
-    off = np.nansum((sim - real) ** 2, axis=(1, 2)) / np.nansum(real**2, axis=(1, 2))
-    apart = np.linalg.norm(sim - real, axis=-1)
+    real = errors.real[presses][:, pins]
+    sim, best = errors.sim[presses][:, pins], known.sim[presses][:, pins]
+    seen = np.isfinite(real)
+    gain = np.sum(best * real, axis=(1, 2), where=seen) / np.sum(best**2, axis=(1, 2), where=seen)
     return ErrorRow(
         group,
         int(presses.sum()),
-        float(np.median(np.sqrt(off))),
-        float(np.nanmean(apart)),
+        float(np.median(_relative(sim, real))),
+        float(np.median(_relative(best, real))),
+        float(np.median(gain)),
+        float(np.nanmean(np.linalg.norm(sim - real, axis=-1))),
         float(np.nanmean(np.linalg.norm(real, axis=-1))),
     )
+
+
+def _relative(sim: Array, real: Array) -> Array:
+    """Return (S,) ||sim - real|| / ||real|| over the pins that were seen."""
+    off = np.nansum((sim - real) ** 2, axis=(1, 2)) / np.nansum(real**2, axis=(1, 2))
+    return np.asarray(np.sqrt(off), dtype=np.float64)

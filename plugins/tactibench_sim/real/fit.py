@@ -33,10 +33,22 @@ STEP = {
     "drag_offset_mm": 0.1,
     "drag_per_depth": 0.02,
     "drag_per_tilt": 0.1,
+    "slip_mm": 0.1,
+    "slip_power": 0.2,
+    "give_per_mm": 0.01,
+    "rest_x": 0.3,
+    "rest_y": 0.3,
 }
 """Steps that count as a comparable change of each unknown."""
-BOUNDS = {"air_mm": (0.05, 100.0), "gel_mm": (10.0, 60.0), "focal_px": (20.0, 2000.0)}
-"""Limits of lengths that are positive by nature; all other unknowns are free."""
+BOUNDS = {
+    "air_mm": (0.05, 100.0),
+    "gel_mm": (10.0, 60.0),
+    "focal_px": (20.0, 2000.0),
+    "slip_mm": (0.0, 10.0),
+    "slip_power": (0.0, 3.0),
+    "give_per_mm": (0.0, 0.07),  # at 0.07 the dome would yield more than half at 7 mm of travel
+}
+"""Limits of what is positive by nature; all other unknowns are free."""
 EVERY = 3
 """One pin in so many is fitted; all are reported."""
 _SOFT = 1e-3

@@ -143,16 +143,30 @@ class Rig:
         return x.optics(self.side, self.lens, self.gel_index)
 
 
-def indentation(x: Unknowns, labels: Labels) -> Array:
-    """Return the (S,) depth of the plate in the undeformed dome, mm; below 0: no touch."""
+def travel(x: Unknowns, labels: Labels) -> Array:
+    """Return the (S,) way of the plate from first touch, mm; below 0: no touch."""
     t = np.radians(labels.tilt)
     lifted = x.pivot_mm * (1 - np.cos(t)) + x.pivot_side_mm * np.sin(t)
     return np.asarray(labels.depth + x.depth_offset_mm + lifted, dtype=np.float64)
 
 
+def indentation(x: Unknowns, labels: Labels) -> Array:
+    """Return the (S,) depth of the plate in the undeformed dome, mm; below 0: no touch.
+
+    What holds the dome gives way under the force, which grows a little faster than the depth.
+    """
+    way = travel(x, labels)
+    return np.asarray(way - x.give_per_mm * way.clip(0.0) ** 2, dtype=np.float64)
+
+
 def drag_mm(x: Unknowns, labels: Labels, depth: Array, dragged: Array) -> Array:
-    """Return (S,) mm by which the plate pulled the skin; dragged: (S,) 1 for presses that were."""
-    moved = x.drag_per_mm * labels.move + x.drag_per_deg * labels.turn
+    """Return (S,) mm by which the plate pulled the skin; dragged: (S,) 1 for presses that were.
+
+    The skin follows a plate up to a limit that grows with the load, as Coulomb's friction does, and
+    beyond it the plate slips.
+    """
+    limit = x.slip_mm * depth**x.slip_power
+    moved = (x.drag_per_mm * labels.move + x.drag_per_deg * labels.turn).clip(-limit, limit)
     always = x.drag_offset_mm + x.drag_per_depth * depth
     always = always + x.drag_per_tilt * depth * np.sin(np.radians(labels.tilt))
     return np.asarray(dragged * moved + always, dtype=np.float64)
@@ -190,7 +204,7 @@ def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Arra
         pins, normal, along, pull, rig.plate.meridians(depth), rig.plate.polar_step, x.pin_length_mm
     )
     rest = (INNER_MM - x.pin_length_mm) * pins
-    return _seen(rig, x, tips) - _seen(rig, x, rest)
+    return _seen(rig, x, tips) - _seen(rig, x, rest) + [x.rest_x, x.rest_y]
 
 
 def _seen(rig: Rig, x: Unknowns, tips: Array) -> Array:

@@ -42,11 +42,11 @@ class Presses:
         return Presses(names, self.labels.take(rows), self.rest, self.moved[rows], self.side)
 
 
-def read(folder: Path, largest_move: float, least: int) -> Presses:
-    """Return the presses that moved along the plate by less than ``largest_move`` mm (|move_1|).
+def read(folder: Path, least: int) -> Presses:
+    """Return all presses of a recording.
 
     Raises UserError for a folder without targets.csv, its columns, its frames or init_0.png, for
-    a rest frame without pins, and for fewer than ``least`` such presses.
+    a rest frame without pins, and for fewer than ``least`` presses.
     """
     import pandas as pd
 
@@ -69,17 +69,13 @@ def read(folder: Path, largest_move: float, least: int) -> Presses:
     if not (sound := np.isfinite(numbers.to_numpy()).all(axis=1)).all():
         line = int(np.argmin(sound)) + 2
         raise UserError(f"line {line} of {table} holds a label that is no number; remove the line.")
-    pressed = rows[numbers[COLUMNS["move"]].abs() < largest_move]
-    if len(pressed) < least:
-        raise UserError(
-            f"{table} holds {len(pressed)} presses with |move_1| < {largest_move:g} mm; at least "
-            f"{least} are needed."
-        )
-    labels = Labels(*(numbers.loc[pressed.index, c].to_numpy(float) for c in COLUMNS.values()))
+    if len(rows) < least:
+        raise UserError(f"{table} holds {len(rows)} presses; at least {least} are needed.")
+    labels = Labels(*(numbers[c].to_numpy(float) for c in COLUMNS.values()))
     frames = folder / "frames_bw"
     first = _gray(frames / REST)
     tracker = Tracker(first)
-    names = tuple(str(name) for name in pressed["image_name"])
+    names = tuple(str(name) for name in rows["image_name"])
     moved = np.empty((len(names), *tracker.rest.shape))
     for k, name in enumerate(names):
         tracks = tracker.track(_gray(frames / name, first.shape)[None])

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,8 @@ from tactibench_sim.optics.noise import streams
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import places_at_rest
 from tactibench_sim.real import plate
-from tactibench_sim.real.calibration import Calibration, Unknowns, shipped
+from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.calibration import calibration as fit_of
 from tactibench_sim.real.plate import APEX_MM, INNER_MM, Labels, Rig, directions, displacements
 from tactibench_sim.rendered_sensor import RenderedSensor
 
@@ -78,13 +78,14 @@ class FittedSensor(RenderedSensor):
             dragged: Share of the presses in which the plate takes the skin along.
             spread: Width of the instances' ranges; 0: the calibrated sensor alone.
             individuals: Number of sensor instances, where spread is not 0.
-            calibration: Path of a file of `sim real --keep`; "": the one that ships.
+            calibration: Name of a fit that ships (``calibration.SHIPPED``), or path of a file of
+                `sim real --keep`.
             threads: Of ``press_many``.
 
         Raises:
             UserError: The file is no calibration, or of a dome without tables.
         """
-        fitted = Calibration.read(Path(calibration)) if calibration else shipped()
+        fitted = fit_of(calibration)
         if fitted.kind not in plate.kinds():
             raise UserError(
                 f"the calibration is of a dome {fitted.kind!r}, but there are tables of "
@@ -154,7 +155,7 @@ class FittedSensor(RenderedSensor):
             "dragged": self.dragged,
             "spread": self.spread,
             "individuals": self.individuals,
-            "calibration": asdict(self.calibration),
+            "calibration": self.calibration.content(),
             "optics": asdict(self.renderer.optics),
             "tables": {"tips": tables.shipped().digest, "plates": plate.digest()},
         }
@@ -219,6 +220,8 @@ def _as_indentation(x: Unknowns, scale: float) -> Unknowns:
         depth_offset_mm=0.0,
         pivot_mm=0.0,
         pivot_side_mm=0.0,
+        rest_x=0.0,
+        rest_y=0.0,
         yaw_deg=x.yaw_deg - 90.0,
         focal_px=scale * x.focal_px,
         centre_x=scale * x.centre_x,
