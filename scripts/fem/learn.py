@@ -85,18 +85,18 @@ def surroundings(
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     """Arrays and grid of O."""
     radii = sorted({single.radius for single in singles})
-    inner = _inner(tables)
+    inner = inner_radius(tables)
     families = []
     for radius in radii:
         runs = sorted((s for s in singles if s.radius == radius), key=lambda s: s.beta)
-        each = [_by_depth(run.depths, _fields(run, inner)) for run in runs]
+        each = [_by_depth(run.depths, fields_of(run, inner)) for run in runs]
         families.append(np.stack([one - each[0] for one in each]))
     betas = np.array(sorted({single.beta for single in singles}))
     coarse = on_cells(np.stack(families), singles[0].chart, AROUND)  # (M, B, S, A, B, 12)
-    amounts, modes = _reduced(coarse, MOST_AROUND)
+    amounts, modes = reduced(coarse, MOST_AROUND)
     amounts = resampled(betas, amounts, 1, BETAS, math.radians(BETA_STEP_DEG))
     arrays = {
-        **_split("around", modes),
+        **split_modes("around", modes),
         "around_amounts": coefficients(amounts, (1, 2)),
     }
     grid = {
@@ -115,14 +115,14 @@ def together(pairs: Sequence[Pair], tables: Tables) -> tuple[dict[str, Array], d
     angles = [0.0, *sorted(pair.angle for pair in pairs), math.radians(FARTHEST_PAIR_DEG)]
     ordered = sorted(pairs, key=lambda pair: pair.angle)
     nodes = np.unique(np.concatenate([[0.0], ordered[0].depths.ravel()]))
-    rest = [on_cells(_missing(pair, mechanics), pair.chart, PAIR) for pair in ordered]
+    rest = [on_cells(missing(pair, mechanics), pair.chart, PAIR) for pair in ordered]
     count = [len(pair.depths) for pair in ordered]
     whole = np.concatenate(rest)
     mirrored = mirror(whole)
     table = np.zeros((len(angles), len(nodes), len(nodes), 0))
     modes = np.zeros((0, *whole.shape[1:]))
     for sign, most in ((1.0, EVEN), (-1.0, ODD)):
-        amounts, some = _reduced((whole + sign * mirrored) / 2, most)
+        amounts, some = reduced((whole + sign * mirrored) / 2, most)
         some = (some + sign * mirror(some)) / 2
         part = np.zeros((*table.shape[:3], amounts.shape[-1]))
         for k, (pair, each) in enumerate(
@@ -137,7 +137,7 @@ def together(pairs: Sequence[Pair], tables: Tables) -> tuple[dict[str, Array], d
     for axis in (1, 2):
         table = resampled(nodes, table, axis, DEPTHS, DEPTH_STEP_MM)
     table = resampled(np.array(angles), table, 0, ANGLES, math.radians(ANGLE_STEP_DEG))
-    arrays = {**_split("pair", modes), "pair_amounts": coefficients(table, (0, 1, 2))}
+    arrays = {**split_modes("pair", modes), "pair_amounts": coefficients(table, (0, 1, 2))}
     grid = {
         "pair_radius": pairs[0].radius,
         "pair_even": EVEN,
@@ -154,12 +154,13 @@ def mirror(values: Array) -> Array:
     return flipped
 
 
-def _inner(tables: Tables) -> float:
+def inner_radius(tables: Tables) -> float:
+    """Return the radius of the inner skin, mm."""
     dome = tables.parameters["dome"]
     return float(dome["outer"] - dome["skin"])
 
 
-def _fields(run: Single | Pair, inner: float) -> Array:
+def fields_of(run: Single | Pair, inner: float) -> Array:
     """Return (S, A, B, 12): six quantities of the inner skin, then of the outer, without turn."""
     displacement = np.nan_to_num(run.displacement)  # clamped below the rim
     below = displacement[:, 1]
@@ -168,12 +169,12 @@ def _fields(run: Single | Pair, inner: float) -> Array:
     )
 
 
-def _missing(pair: Pair, mechanics: TableMechanics) -> Array:
+def missing(pair: Pair, mechanics: TableMechanics) -> Array:
     """Return (S, A, B, 12): the part of a pair that loads and surroundings leave out."""
     chart, inner = pair.chart, mechanics.inner
     directions = chart.directions()
     flat = directions.reshape(-1, 3)
-    found = _fields(pair, inner)
+    found = fields_of(pair, inner)
     half = pair.angle / 2
     n = np.array([[-math.sin(half), 0, math.cos(half)], [math.sin(half), 0, math.cos(half)]])
     reach = DOME_RADIUS_MM + pair.radius
@@ -222,7 +223,7 @@ def _by_depth(depths: Array, values: Array) -> Array:
     return resampled(nodes, known, 0, DEPTHS, DEPTH_STEP_MM)
 
 
-def _reduced(values: Array, most: int) -> tuple[Array, Array]:
+def reduced(values: Array, most: int) -> tuple[Array, Array]:
     """Return amounts (..., R) and modes (R, A, B, 12) of values (..., A, B, 12)."""
     weight = np.repeat([1.0, TURN_MM, 1.0, 1.0], 3)
     flat = (values * weight).reshape(-1, *values.shape[-3:])
@@ -230,6 +231,7 @@ def _reduced(values: Array, most: int) -> tuple[Array, Array]:
     return amounts.reshape(*values.shape[:-3], -1), modes / weight
 
 
-def _split(kind: str, modes: Array) -> Mapping[str, Array]:
+def split_modes(kind: str, modes: Array) -> Mapping[str, Array]:
+    """Return the arrays of a file for modes (R, A, B, 12): pin bases and outer skin."""
     filtered = coefficients(modes, (1, 2))
     return {f"{kind}_base_modes": filtered[..., :6], f"{kind}_skin_modes": filtered[..., 6:]}

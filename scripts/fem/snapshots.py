@@ -30,6 +30,7 @@ from tactibench_sim.fem.field import SpatialField
 from tactibench_sim.fem.press import Fineness, SpatialPress
 from tactibench_sim.fem.tip import PLATE, SPHERE, Tip
 from tactibench_sim.mechanics import tables
+from tactibench_sim.mechanics.tip_tables import deepest
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +42,13 @@ ENOUGH_MM = 4.0
 """A single contact that stops beyond it keeps the depths it reached: a plate at 55 deg meets the
 clamped rim at about 5 mm, and no finite-element run goes on from there."""
 PAIR_DEPTHS_MM = (0.75, 1.75, 3.0, 4.5, 6.25)
+NOMINAL_MM = 3.0
+"""Radius of the tips of the published experiments: the only ones that are tabulated to 6.5 mm."""
+OTHER_DEPTHS = tuple((k + 1) / 6 for k in range(6))
+OTHER_PAIR_DEPTHS = (0.15, 0.4, 0.7, 1.0)
+"""Shares of the greatest depth."""
+OTHER_ANGLES_DEG = (5.5, 9.0, 14.0, 18.5, 24.0, 31.0, 40.0)
+"""Two tips of R = 1 mm stand 5.5 deg apart where their spheres touch each other."""
 SINGLE_CHART = Chart(start=-120.0, reach=120.0, across=120.0, step=2.5)
 PAIR_CHART = Chart(start=-75.0, reach=75.0, across=75.0, step=2.5)
 _RIM = 1e-3  # height above the base, dome radii, below which there is no skin
@@ -72,12 +80,25 @@ class Run:
     def depths(self) -> Array:
         """Return (S, K) depths on a way of short steps: rows to and fro, the first tip deeper."""
         if not self.pair:
-            return np.array(PLATE_DEPTHS_MM if math.isinf(self.radius) else DEPTHS_MM)[:, None]
+            return np.array(self._single_depths())[:, None]
         way: list[tuple[float, float]] = []
-        for k, first in enumerate(PAIR_DEPTHS_MM):
-            row = [(first, second) for second in PAIR_DEPTHS_MM[: k + 1]]
+        depths = self._pair_depths()
+        for k, first in enumerate(depths):
+            row = [(first, second) for second in depths[: k + 1]]
             way += row[:: (-1) ** k]
         return np.array(way)
+
+    def _single_depths(self) -> tuple[float, ...]:
+        if math.isinf(self.radius):
+            return PLATE_DEPTHS_MM
+        if self.radius == NOMINAL_MM:
+            return DEPTHS_MM
+        return tuple(share * deepest(self.radius) for share in OTHER_DEPTHS)
+
+    def _pair_depths(self) -> tuple[float, ...]:
+        if self.radius == NOMINAL_MM:
+            return PAIR_DEPTHS_MM
+        return tuple(share * deepest(self.radius) for share in OTHER_PAIR_DEPTHS)
 
     def frame(self) -> Array:
         """Return (3, 3) rows e, f, m."""
@@ -91,6 +112,18 @@ def plan(radii: Sequence[float]) -> tuple[Run, ...]:
     spheres = [radius for radius in radii if math.isfinite(radius)]
     pairs = [Run(radius, degrees, True) for radius in sorted(spheres)[:1] for degrees in ANGLES_DEG]
     return tuple(singles + pairs)
+
+
+def tip_plan(radii: Sequence[float], pair_radii: Sequence[float]) -> tuple[Run, ...]:
+    """Return the runs for tips other than the nominal one."""
+    singles = [Run(radius, degrees, False) for radius in radii for degrees in BETAS_DEG]
+    pairs = [
+        Run(radius, degrees, True)
+        for radius in pair_radii
+        for degrees in OTHER_ANGLES_DEG
+        if radius < NOMINAL_MM or degrees in ANGLES_DEG
+    ]
+    return (*singles, *pairs)
 
 
 def states(
@@ -118,7 +151,7 @@ def sampled(field: SpatialField, run: Run) -> Array:
 def make(
     folder: Path,
     dome: fem.Dome,
-    radii: Sequence[float],
+    runs: Sequence[Run],
     progress: Callable[[str], None] = lambda _: None,
     fineness: Fineness | None = None,
 ) -> tuple[list[Single], list[Pair]]:
@@ -131,7 +164,7 @@ def make(
     fineness = fineness or Fineness()
     parameters = _parameters(dome, fineness)
     found = []
-    for run in plan(radii):
+    for run in runs:
         path = folder / f"{run.name}.npz"
         if not path.exists():
             progress(run.name)
@@ -203,7 +236,7 @@ def with_corrections(
     folder.mkdir(parents=True, exist_ok=True)
     data_file.write(folder / "plain.npz", arrays, dict(parameters))
     plain = tables.read(folder / "plain.npz")
-    singles, pairs = make(folder, dome, tuple(plain.by_radius), progress)
+    singles, pairs = make(folder, dome, plan(tuple(plain.by_radius)), progress)
     learned = corrections_from(singles, pairs, plain)
     more = {name: values.astype(np.float32) for name, values in learned.arrays.items()}
     spatial = {key: value for key, value in _parameters(dome, Fineness()).items() if key != "dome"}
