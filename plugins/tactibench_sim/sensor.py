@@ -16,6 +16,7 @@ from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.mechanics import tables
 from tactibench_sim.mechanics.contact import UNTOUCHED, Tips, tips_of
 from tactibench_sim.mechanics.dome import Mechanics, TableMechanics, mechanics_for
+from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
 from tactibench_sim.optics.noise import Noise, streams
 from tactibench_sim.optics.renderer import Renderer
@@ -121,7 +122,9 @@ class SimulatedTacTip(RenderedSensor):
 
     def _mechanics(self, tier: str) -> Mechanics:
         if not self.instance:
-            return mechanics_for(tier, self._tables)
+            mechanics = mechanics_for(tier, self._tables)
+            nominal = self._tables is tables.shipped() and isinstance(mechanics, TableMechanics)
+            return TipMechanics(mechanics) if nominal else mechanics
         from tactibench_sim.instances import instance_mechanics
 
         return instance_mechanics(tier, self._tables)
@@ -194,7 +197,7 @@ class SimulatedTacTip(RenderedSensor):
 
     def forces(self, scene: Scene) -> Array | None:
         """Return the (K,) normal force of every contact, E_skin mm^2; None in tiers without."""
-        if not isinstance(self.mechanics, TableMechanics):
+        if not isinstance(self.mechanics, TableMechanics | TipMechanics):
             return None
         tips = tips_of([scene])
         forces = self.mechanics.forces(self.mechanics.loads(tips))

@@ -106,7 +106,10 @@ def _whole(name: str, values: Array) -> npt.NDArray[Any]:
     """Return lengths and angles as whole numbers of QUANTUM, forces as they are."""
     if name == "force":
         return values.astype(np.float32)
-    return np.round(values / QUANTUM).astype(np.int16)
+    whole = np.round(values / QUANTUM)
+    if abs(whole).max() > np.iinfo(np.int16).max:
+        raise ValueError(f"{name} reaches {abs(values).max():.2f}, more than two bytes hold")
+    return whole.astype(np.int16)
 
 
 def single_fields(

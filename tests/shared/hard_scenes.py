@@ -89,7 +89,7 @@ def pins(tier, *contacts, radius=3.0):
 def carried(tier, *contacts):
     """(K,) how much each contact carries: force, or amplitude of its single field."""
     loads = dome(tier).loads(tips(*contacts))
-    return loads[0].force if isinstance(loads, list) else loads.amplitude[0]
+    return loads[0].force if tier == "green" else loads[0].loads.amplitude[0]
 
 
 def clean(tier, *contacts, radius=3.0):

@@ -132,9 +132,9 @@ def test_an_interrupted_tabulation_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr(snapshots, "states", failing)
     with pytest.raises(fem.NotConvergedError):
-        snapshots.make(tmp_path / "runs", fem.Dome(), (3.0,))
+        snapshots.make(tmp_path / "runs", fem.Dome(), snapshots.plan((3.0,)))
     assert len(list((tmp_path / "runs").iterdir())) == 2
-    singles, pairs = snapshots.make(tmp_path / "runs", fem.Dome(), (3.0,))
+    singles, pairs = snapshots.make(tmp_path / "runs", fem.Dome(), snapshots.plan((3.0,)))
     assert len(made) == 3 + 8  # the two that were there are not made again
     assert (len(singles), len(pairs)) == (4, 6)
     assert singles[1].beta == pytest.approx(math.radians(20))
@@ -143,10 +143,10 @@ def test_an_interrupted_tabulation_goes_on(tmp_path, monkeypatch):
     assert singles[1].chart.reach == 120
     assert pairs[0].depths[1] == pytest.approx([1.75, 1.75])
     with pytest.raises(UserError, match="another dome"):
-        snapshots.make(tmp_path / "runs", fem.Dome(skin=2.0), (3.0,))
+        snapshots.make(tmp_path / "runs", fem.Dome(skin=2.0), snapshots.plan((3.0,)))
     next((tmp_path / "runs").glob("*_9.npz")).write_bytes(b"no")
     with pytest.raises(UserError, match="cannot be read"):
-        snapshots.make(tmp_path / "runs", fem.Dome(), (3.0,))
+        snapshots.make(tmp_path / "runs", fem.Dome(), snapshots.plan((3.0,)))
 
 
 @pytest.mark.parametrize(("degrees", "pair"), [(55.0, False), (9.0, True)])
@@ -163,9 +163,9 @@ def test_only_a_single_contact_may_end_early(tmp_path, monkeypatch, degrees, pai
     monkeypatch.setattr(snapshots, "states", ending)
     if pair or reached == 7:
         with pytest.raises(fem.NotConvergedError):
-            snapshots.make(tmp_path, fem.Dome(), (3.0,))
+            snapshots.make(tmp_path, fem.Dome(), snapshots.plan((3.0,)))
     else:
-        singles, _ = snapshots.make(tmp_path, fem.Dome(), (3.0,))
+        singles, _ = snapshots.make(tmp_path, fem.Dome(), snapshots.plan((3.0,)))
         assert singles[-1].depths == pytest.approx(np.arange(1, 11) / 2)
         assert len(singles[-1].displacement) == 10
 

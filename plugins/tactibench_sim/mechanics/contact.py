@@ -40,6 +40,10 @@ class Tips:
     def __len__(self) -> int:
         return len(self.radius)
 
+    def take(self, rows: npt.NDArray[np.intp]) -> Tips:
+        """Return some of the scenes."""
+        return Tips(self.xy[rows], self.depth[rows], self.radius[rows])
+
     def directions(self) -> tuple[Array, Array]:
         """Return n (S, K, 3) and delta (S, K); a missing tip gets delta -inf."""
         square = (self.xy**2).sum(axis=-1)

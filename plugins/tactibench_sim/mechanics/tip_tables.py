@@ -34,8 +34,8 @@ DEEPEST_MM, DEEPEST_RADII = 4.0, 1.5
 turn elements of the skin inside out."""
 SHARES = 8
 """Steps of the corrections from no penetration to the greatest."""
-QUANTUM = 1e-4
-"""mm and rad; single fields are stored as whole numbers of it."""
+QUANTUM = 2e-4
+"""mm and rad; single fields are stored as whole numbers of it, which reach to 6.5 mm in two bytes."""
 
 
 def deepest(radius: float) -> float:
