@@ -136,7 +136,7 @@ def main() -> None:
     free = (*free, *SLIP)
     x = line("+ slip", *two, replace(x, slip_mm=0.35, slip_power=1.0), free, steps)
     free = (*free, *GIVE)
-    x = line("+ a base that gives way", *two, x, free, steps)
+    x = line("+ a base that gives way", *two, replace(x, give_per_mm=0.03), free, steps)
     free = (*free, *DRIFT)
     x = line("+ drift of the rest frame", *two, x, free, steps)
     line("+ stiffness ratio 10 instead of 50", *two, x, free, steps, "10_stick")

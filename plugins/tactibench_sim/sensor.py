@@ -123,8 +123,9 @@ class SimulatedTacTip(RenderedSensor):
     def _mechanics(self, tier: str) -> Mechanics:
         if not self.instance:
             mechanics = mechanics_for(tier, self._tables)
-            nominal = self._tables is tables.shipped() and isinstance(mechanics, TableMechanics)
-            return TipMechanics(mechanics) if nominal else mechanics
+            if isinstance(mechanics, TableMechanics) and self._tables is tables.shipped():
+                return TipMechanics(mechanics)  # a table of one's own holds the tips that it holds
+            return mechanics
         from tactibench_sim.instances import instance_mechanics
 
         return instance_mechanics(tier, self._tables)
@@ -197,10 +198,11 @@ class SimulatedTacTip(RenderedSensor):
 
     def forces(self, scene: Scene) -> Array | None:
         """Return the (K,) normal force of every contact, E_skin mm^2; None in tiers without."""
-        if not isinstance(self.mechanics, TableMechanics | TipMechanics):
+        mechanics, tips = self.mechanics, tips_of([scene])
+        if not isinstance(mechanics, TableMechanics | TipMechanics):
             return None
-        tips = tips_of([scene])
-        forces = self.mechanics.forces(self.mechanics.loads(tips))
+        loads: Any = mechanics.loads(tips)  # each takes its own
+        forces = mechanics.forces(loads)
         touching: Array = forces[0, tips.depth[0] > 0]
         return touching
 

@@ -11,12 +11,14 @@ from tactibench import UserError
 from tactibench_sim import data_file, instances
 from tactibench_sim.green import kernel
 from tactibench_sim.mechanics import tables as dome_tables
+from tactibench_sim.mechanics import tip_tables
 from tactibench_sim.planar import mechanics as planar
 from tactibench_sim.real import plate
 from tactibench_sim.reference_frames import scenes as reference
 
 READERS = {
     "mechanics/dome.npz": dome_tables,
+    "mechanics/tips.npz": tip_tables,
     "domes.npz": instances,
     "planar/pad.npz": planar,
     "green/kernel.npz": kernel,

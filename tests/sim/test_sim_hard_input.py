@@ -86,10 +86,10 @@ def test_an_indenter_that_is_not_finite_is_refused(tier, axis, value):
 
 
 @pytest.mark.parametrize("tier", [t for t in DECLARED if t != "green"])
-def test_a_radius_without_tables_names_the_command(tier):
+def test_a_radius_without_tables_is_refused_with_the_range(tier):
     for call in calls(tier):
-        with pytest.raises(UserError, match=r"radius is 4 mm.*tabulate_dome.py OUT --radius 4`"):
-            call(Scene(Indenter.single(4.0), Pose(depth=1.0)))
+        with pytest.raises(UserError, match=r"radius is 9 mm.*1 to 8 mm.*sensor.tier=fem"):
+            call(Scene(Indenter.single(9.0), Pose(depth=1.0)))
 
 
 def test_a_radius_that_is_none_cannot_be_made():

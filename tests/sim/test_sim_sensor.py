@@ -196,7 +196,7 @@ def test_press_many_takes_no_scenes():
 @pytest.mark.parametrize(
     ("scene", "named"),
     [
-        (Scene(Indenter.single(2.0), Pose(depth=1)), "radius is 2 mm"),
+        (Scene(Indenter.single(0.5), Pose(depth=1)), "radius is 0.5 mm"),
         (Scene(Indenter.single(), Pose(depth=6.6)), "tables end at 6.5 mm"),
         (Scene(Indenter.single(), Pose(x=20.0, depth=1)), "beyond 55 deg"),
     ],

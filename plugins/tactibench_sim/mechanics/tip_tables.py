@@ -35,7 +35,7 @@ turn elements of the skin inside out."""
 SHARES = 8
 """Steps of the corrections from no penetration to the greatest."""
 QUANTUM = 2e-4
-"""mm and rad; single fields are stored as whole numbers of it, which reach to 6.5 mm in two bytes."""
+"""mm and rad; single fields are stored as whole numbers of it, which in two bytes reach 6.5 mm."""
 
 
 def deepest(radius: float) -> float:
@@ -127,8 +127,10 @@ def _tip_tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: st
         for name, values in arrays.items()
         if name.startswith(("around_", "pair_")) and name != "pair_radii"
     }
-    axes = (arrays[name].astype(np.float64) for name in ("radii", "pair_radii", "delta", "polar"))
-    return TipTables(parameters, digest, *axes, fields, rest)
+    radii, pair_radii, delta, polar = (
+        arrays[name].astype(np.float64) for name in ("radii", "pair_radii", "delta", "polar")
+    )
+    return TipTables(parameters, digest, radii, pair_radii, delta, polar, fields, rest)
 
 
 @cache
