@@ -19,7 +19,7 @@ from tactibench_sim.sensor import TacTip127
 DECLARED = tuple(tier for tier in _CHOICES if tier != "fem")
 TIERS = tuple(dict.fromkeys((*DECLARED, "green")))
 RADII = (3.0, math.inf)
-PINS = layout(127)
+PINS = layout(127).copy()  # scipy turns no array that is read-only
 NONE = (0.0, 0.0, -math.inf)
 GRID = Grid.centred(32, 0.6)
 ADDS = "superpose adds contacts as if each were alone"
