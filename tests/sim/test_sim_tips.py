@@ -18,8 +18,8 @@ from tactibench_sim.sensor import TacTip127
 
 SCENES = Path(__file__).with_name("other_tips.npz")
 """Scenes by 3-D finite elements, tips moved along -z: radius, places and depths of up to two tips
-(NaN: none), and the displacement of 127 pin bases, mm. None is a run that the tables were made
-from; radii 1.75, 2.2, 4.5 and 7 mm lie between those of the tables."""
+(NaN: none), and the displacement of 127 pin bases, mm (scripts/fem/press_other_tips.py). None made
+a table; radii 1.75, 2.2, 4.5 and 7 mm lie between those of the tables."""
 PINS = layout(127)
 EXACT_MM = 0.06
 
