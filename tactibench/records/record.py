@@ -276,7 +276,7 @@ class Failures(_Open):
 
 
 class SimulatorError(_Open):
-    """How far a marker may be from finite elements in the scenes of one simulated test set, mm.
+    """Bounds on how far a marker is from finite elements in the scenes of a simulated test set, mm.
 
     unknown: scenes whose error nobody measured; median_mm, p95_mm and max_mm are over the others.
     terms: of the simulated field -> number of scenes that need it.

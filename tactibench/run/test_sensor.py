@@ -41,7 +41,7 @@ def resolve_test_sensor(
 
 
 def _has_several(sensor: Sensor) -> bool:
-    """Whether the presses of a sensor are made on several instances."""
+    """Tell whether the presses of a sensor are made on several instances."""
     count = sensor.values.get(INSTANCES, 0)
     return isinstance(count, int) and count > 1
 

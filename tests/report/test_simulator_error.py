@@ -46,14 +46,16 @@ def with_errors(record: Record, *errors: SimulatorError) -> Record:
             "plates not known",
         ),
         (
-            [*(error(f"f{k}", 50, median_mm=0.01 * k) for k in range(1, 5)),
-             error("sharp", 50, 50, **NOTHING)],
+            [
+                *(error(f"f{k}", 50, median_mm=0.01 * k) for k in range(1, 5)),
+                error("sharp", 50, 50, **NOTHING),
+            ],
             "simulator's own error at a pin, against finite elements: median 0.010 to 0.040 by "
             "family, at most 0.221 mm (not known of 50 of 250 scenes)",
         ),
         ([], ""),
     ],
-)  # fmt: skip
+)
 def test_the_line(record: Any, errors: list[SimulatorError], line: str) -> None:
     assert error_line(with_errors(record("exp2"), *errors)) == line
 
