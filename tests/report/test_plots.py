@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from tactibench.records.record import Metric
 from tactibench.report.plots import style
 from tactibench.report.plots.curve import curve_figure
 from tactibench.report.plots.distance import (
+    Series,
     by_distance,
     distance_figure,
     distance_series,
@@ -178,6 +180,17 @@ def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabri
     assert errors.get_ylim()[0] == 0
     assert errors.get_ylim()[1] > 1.214
     assert "hollow: less than half resolved" in figure.get_suptitle()
+
+
+@pytest.mark.parametrize("distances", [(2.0, 3.5, 6.5), (6.5, 9.0, 12.0)])
+def test_the_distance_axis_fits_the_distances_of_its_protocol(distances: tuple[float, ...]) -> None:
+    table = np.array([[d, 0.3, 0.2, 0.4] for d in distances])
+    figure = distance_figure([Series("unet", "unet", table, table, table)])
+    low, high = figure.axes[1].get_xlim()
+    assert distances[0] - 1 < low < distances[0]
+    assert distances[-1] < high < distances[-1] + 1
+    ticks = [tick for tick in figure.axes[1].get_xticks() if low <= tick <= high]
+    assert ticks == [float(n) for n in range(math.ceil(low), math.floor(high) + 1)]
 
 
 def test_values_by_distance_are_sorted_and_missing_ends_draw_no_bar(fabricate: Any) -> None:

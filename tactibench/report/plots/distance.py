@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 from scipy.special import expit
 
 from tactibench.board.rows import PooledMetric, Row
@@ -225,7 +226,7 @@ def share_axis(axes: Axes) -> None:
     axes.set_yticks([0, 25, 50, 75, 100])
     axes.set_ylabel("pairs resolved\nas two, %")
     axes.set_xlabel("true distance of the two tips, mm")
-    axes.set_xticks(range(6, 13))
+    axes.xaxis.set_major_locator(MultipleLocator(1.0))
 
 
 def finish(
