@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,24 +96,15 @@ def _add_simulated_truth(
             )
             if surfaces is not None:
                 maps["surface"] = surfaces
-        if "rmse_over_bound" in names:
-            bounds = _join_sets(
-                "Cramer-Rao bounds",
-                test.sets,
-                lambda presses: true_bounds(sensor, presses),
-                reporter,
-            )
-            if bounds is not None:
-                truth["bound"] = bounds
-        if "threshold_mm" in names:
-            limits = _join_sets(
-                "two-point limits",
-                test.sets,
-                lambda presses: true_limits(sensor, presses),
-                reporter,
-            )
-            if limits is not None:
-                truth["limit"] = limits
+        known = (
+            ("rmse_over_bound", "bound", "Cramer-Rao bounds", true_bounds),
+            ("threshold_mm", "limit", "two-point limits", true_limits),
+        )
+        for metric, name, title, find in known:
+            if metric in names:
+                found = _join_sets(title, test.sets, partial(find, sensor), reporter)
+                if found is not None:
+                    truth[name] = found
 
 
 def _join_sets(
