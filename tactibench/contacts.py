@@ -176,6 +176,9 @@ class Pose:
         tilt: Angle against z, deg.
         depth: Travel past the indenter's first touch, mm: the tip that touches first has this
             depth, the others less. A plate's depth is measured along its own normal.
+        dx: Way that it went along x after first touch, to the place where it is, mm.
+        dy: Likewise along y, mm.
+        dyaw: Likewise the turn about z, deg.
     """
 
     x: float = 0.0
@@ -183,6 +186,14 @@ class Pose:
     yaw: float = 0.0
     tilt: float = 0.0
     depth: float = 0.0
+    dx: float = 0.0
+    dy: float = 0.0
+    dyaw: float = 0.0
+
+    @property
+    def moved(self) -> bool:
+        """True where it went sideways after first touch and so may have dragged the skin."""
+        return self.dx != 0.0 or self.dy != 0.0 or self.dyaw != 0.0
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,9 @@ def _slopes(tips: Tips, clean: Clean, step: float) -> tuple[Array, Array]:
     shifted = values + np.concatenate([np.diag(steps), -np.diag(steps), np.zeros((1, 3 * count))])
     shifted = shifted.reshape(-1, count, 3)
     radius = np.repeat(tips.radius, len(shifted))
-    images = np.asarray(clean(Tips(shifted[..., :2], shifted[..., 2], radius)), dtype=np.float64)
+    move = None if tips.move is None else np.repeat(tips.move[:, touching], len(shifted), axis=0)
+    around = Tips(shifted[..., :2], shifted[..., 2], radius, move)
+    images = np.asarray(clean(around), dtype=np.float64)
     slopes = (images[: 3 * count] - images[3 * count : -1]) / (2 * steps[:, None, None])
     return slopes.reshape(3 * count, -1), images[-1]
 

@@ -51,6 +51,10 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
     _, sizes, rows = np.linalg.svd(look_alike, full_matrices=False)
     known = rows[sizes > _RANK * sizes.max(initial=0.0)]
 
+    move = None  # the one contact went as far as the mean of both
+    if tips.move is not None:
+        move = np.repeat(tips.move[:, touching].mean(axis=1, keepdims=True), 7, axis=0)
+
     def visible(frames: Array) -> Array:
         """Frames (F, H W) in standard deviations, without what a nuisance explains."""
         scaled = frames * weight
@@ -60,7 +64,7 @@ def deviance(tips: Tips, clean: Clean, variance: Variance, nuisances: Sequence[s
         """Differences (H W,) left at x, y, depth and (3, H W) slopes, in standard deviations."""
         step = min(STEP_MM, place[2] / 4)
         around = place + step * np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))])
-        single = Tips(around[:, None, :2], around[:, None, 2], np.repeat(tips.radius, 7))
+        single = Tips(around[:, None, :2], around[:, None, 2], np.repeat(tips.radius, 7), move)
         images = np.asarray(clean(single), dtype=np.float64).reshape(7, -1)
         slopes = (images[:3] - images[3:6]) / (2 * step)
         return visible((two.ravel() - images[6])[None])[0], visible(slopes)

@@ -94,6 +94,13 @@ DOME = (
         choices=(1, 2),
     ),
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
+    Parameter(
+        "friction",
+        0.0,
+        "Coulomb's coefficient of tips that move sideways (dx, dy, dyaw of a pose); 0: no drag",
+        low=0.0,
+        high=2.0,
+    ),
 )
 RETIRED: dict[str, dict[str, str]] = {
     "tier": {"auto": "coupled"},

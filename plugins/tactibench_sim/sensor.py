@@ -66,6 +66,7 @@ class SimulatedTacTip(RenderedSensor):
         instances: int = 0,
         ranges: int = 1,
         pin_length: float | None = None,
+        friction: float = 0.0,
         threads: int | None = None,
         **optical: Any,
     ) -> None:
@@ -81,11 +82,13 @@ class SimulatedTacTip(RenderedSensor):
                 of the nominal sensor.
             ranges: Version of the ranges of ``instance``; training instances are of version 2.
             pin_length: mm; None: the preset's.
+            friction: Coulomb's coefficient between tips and skin; 0: moves drag nothing.
             threads: Of ``press_many``.
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
-            UserError: ``instance`` and ``instances`` are both given.
+            UserError: ``instance`` and ``instances`` are both given, or ``friction`` with a tier
+                that knows no forces.
         """
         if instance and instances > 1:
             raise UserError(
@@ -107,7 +110,8 @@ class SimulatedTacTip(RenderedSensor):
             self.optics, self.pin_length = perturb(
                 self.optics, self.pin_length, instance, ranges=ranges
             )
-        self.mechanics = self._mechanics(tier)
+        self.friction = friction
+        self.mechanics = self._with_friction(self._mechanics(tier))
         self.directions = layout(self.preset.pins)[~self.lost]
         renderer = Renderer(self.optics, self.optics.camera_distance_mm - DOME_RADIUS_MM)
         super().__init__(context, renderer, self.tips(UNTOUCHED)[0], threads)
@@ -116,7 +120,13 @@ class SimulatedTacTip(RenderedSensor):
         if instances > 1:
             from tactibench_sim.training_instances import TrainingInstances
 
-            parameters = {"tier": tier, "table": table, "pin_length": pin_length, **optical}
+            parameters = {
+                "tier": tier,
+                "table": table,
+                "pin_length": pin_length,
+                "friction": friction,
+                **optical,
+            }
             make = partial(type(self), context, threads=1, **parameters)
             self.instances = TrainingInstances(make, context.seed, instances)
 
@@ -129,6 +139,18 @@ class SimulatedTacTip(RenderedSensor):
         from tactibench_sim.instances import instance_mechanics
 
         return instance_mechanics(tier, self._tables)
+
+    def _with_friction(self, mechanics: Mechanics) -> Mechanics:
+        if not self.friction:
+            return mechanics
+        from tactibench_sim.mechanics.friction import FrictionMechanics
+
+        if not isinstance(mechanics, TableMechanics | TipMechanics):
+            raise UserError(
+                f"sensor.tier={mechanics.tier} knows no friction; take sensor.tier=coupled, or "
+                "leave sensor.friction out."
+            )
+        return FrictionMechanics(mechanics, self.friction)
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
         if self.instances is None:
@@ -188,21 +210,28 @@ class SimulatedTacTip(RenderedSensor):
 
         if self.instances is not None:  # measured on the nominal dome alone
             return np.full(len(scenes), np.inf)
-        return scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
+        bounds = scene_bounds(self.mechanics.tier, self._tables.digest, tips_of(scenes))
+        bounds[self._dragged(scenes) & (bounds > 0)] = np.inf  # measured without drag
+        return bounds
+
+    def _dragged(self, scenes: Sequence[Scene]) -> npt.NDArray[np.bool_]:
+        return np.array([bool(self.friction) and scene.pose.moved for scene in scenes])
 
     def terms(self, scenes: Sequence[Scene]) -> dict[str, int]:
         """Return the terms of the field and the number of scenes that need each."""
         from tactibench_sim.error_bounds import term_counts
 
-        return term_counts(self.mechanics.tier, tips_of(scenes))
+        tips = tips_of(scenes)
+        counts = term_counts(self.mechanics.tier, tips)
+        drag = int((self._dragged(scenes) & (tips.depth > 0).any(axis=1)).sum())
+        return {**counts, "drag": drag} if drag else counts
 
     def forces(self, scene: Scene) -> Array | None:
         """Return the (K,) normal force of every contact, E_skin mm^2; None in tiers without."""
-        mechanics, tips = self.mechanics, tips_of([scene])
-        if not isinstance(mechanics, TableMechanics | TipMechanics):
+        tips, forces_of = tips_of([scene]), getattr(self.mechanics, "forces", None)
+        if forces_of is None:
             return None
-        loads: Any = mechanics.loads(tips)  # each takes its own
-        forces = mechanics.forces(loads)
+        forces = forces_of(self.mechanics.loads(tips))
         touching: Array = forces[0, tips.depth[0] > 0]
         return touching
 
@@ -226,6 +255,7 @@ class SimulatedTacTip(RenderedSensor):
             "dome_radius_mm": DOME_RADIUS_MM,
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
+            **({"friction": self.friction} if self.friction else {}),
             **({"ranges": self.ranges} if self.instance and self.ranges > 1 else {}),
             **({} if self.instances is None else {"instances": self.instances.describe()}),
         }

@@ -100,4 +100,9 @@ class TacTip(Sensor):
                 f"{describe_indenter(mounted.indenter())}; change the indenter and [indenter], "
                 "or collect with `tactibench hw collect`."
             )
+        if scene.pose.moved:
+            raise UserError(
+                "the pose went sideways after first touch (dx, dy, dyaw), but this sensor presses "
+                "straight down; leave them out."
+            )
         station.check_scenes("the scene", [scene])

@@ -23,13 +23,15 @@ from tactibench.png import read_file
 from tactibench.protocols.mistakes import first_mistake
 
 _POSE = ("x_mm", "y_mm", "yaw_deg", "tilt_deg", "depth_mm")
+_MOVE = ("dx_mm", "dy_mm", "dyaw_deg")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneKeys:
     """The keys of a scene: indenter and pose.
 
-    A plate has no indenter_radius_mm. A sample without a scene has none of the keys.
+    A plate has no indenter_radius_mm, a pose that did not move sideways no dx_mm, dy_mm, dyaw_deg.
+    A sample without a scene has none of the keys.
     """
 
     indenter: str | None = None
@@ -40,6 +42,9 @@ class SceneKeys:
     yaw_deg: float | None = None
     tilt_deg: float | None = None
     depth_mm: float | None = None
+    dx_mm: float | None = None
+    dy_mm: float | None = None
+    dyaw_deg: float | None = None
 
     def scene(self, where: str) -> Scene | None:
         """Return the scene, None where there is no indenter.
@@ -51,8 +56,9 @@ class SceneKeys:
             UserError: A key of the scene is missing, or such an indenter cannot exist.
         """
         values = {key: getattr(self, key) for key in _POSE}
+        moves = [getattr(self, key) for key in _MOVE]
         if self.indenter is None:
-            if any(value is not None for value in values.values()):
+            if any(value is not None for value in (*values.values(), *moves)):
                 raise UserError(f"{where}: a pose needs the key 'indenter'; add it.")
             return None
         missing = [key for key, value in values.items() if value is None]
@@ -63,7 +69,7 @@ class SceneKeys:
             indenter = Indenter(radius, self.indenter_offsets_mm, self.indenter)
         except ValueError as error:
             raise UserError(f"{where}: {error}; fix it.") from None
-        return Scene(indenter, Pose(*values.values()))
+        return Scene(indenter, Pose(*values.values(), *(move or 0.0 for move in moves)))
 
 
 def scene_keys(scene: Scene) -> dict[str, Any]:
@@ -78,6 +84,11 @@ def scene_keys(scene: Scene) -> dict[str, Any]:
         "yaw_deg": float(pose.yaw),
         "tilt_deg": float(pose.tilt),
         "depth_mm": float(pose.depth),
+        **(
+            dict(zip(_MOVE, map(float, (pose.dx, pose.dy, pose.dyaw)), strict=True))
+            if pose.moved
+            else {}
+        ),
     }
 
 

@@ -35,7 +35,8 @@ from tactibench.records.identity import combined, digest
 
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")
-"""Files of a set: (N, H, W[, 3]) and (H, W[, 3]) uint8, (N, 5) x, y mm, yaw, tilt deg, depth mm."""
+"""Files of a set: (N, H, W[, 3]) and (H, W[, 3]) uint8, (N, 5) x, y mm, yaw, tilt deg, depth mm,
+or (N, 8) with dx, dy mm and dyaw deg where a press moved sideways."""
 REST_ARRAYS = ("rests", "rest_of")
 """Further files of a set whose frames are of several sensor instances: (K, H, W[, 3]) uint8, the
 different rest frames, and (N,) the number of each frame's own."""
@@ -157,7 +158,9 @@ def _as_json(scene: Scene) -> tuple[Any, ...]:
     indenter, pose = scene.indenter, scene.pose
     # A plate's infinite radius has no meaning in JSON.
     radius = "plate" if indenter.is_plate else indenter.radius
-    place = (pose.x, pose.y, pose.yaw, pose.tilt, pose.depth)
+    place: tuple[float, ...] = (pose.x, pose.y, pose.yaw, pose.tilt, pose.depth)
+    if pose.moved:  # the key of a pose that did not move stays what it was
+        place += (pose.dx, pose.dy, pose.dyaw)
     return (indenter.name, radius, indenter.offsets, place)
 
 
@@ -194,7 +197,7 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
     arrays = {
         "frames": _join_images([chunk["images"] for chunk in chunks], recipe, rest),
         "rest": rest,
-        "poses": np.concatenate([np.empty((0, 5)), *(chunk["poses"] for chunk in chunks)]),
+        "poses": np.concatenate([chunk["poses"] for chunk in chunks] or [np.empty((0, 5))]),
         **_join_rests(chunks, rest),
     }
     temporary = _beside(folder, ".made")
@@ -233,9 +236,10 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
                 f"{frame.image.shape} with a rest frame of shape {frame.rest.shape}; "
                 "fix the sensor."
             )
+    columns = 8 if any(scene.pose.moved for scene in recipe.scenes) else 5
     return {
         "images": np.stack([frame.image for frame in frames]),
-        "poses": np.array([astuple(frame.pose) for frame in frames], dtype=np.float64),
+        "poses": np.array([astuple(frame.pose)[:columns] for frame in frames], dtype=np.float64),
         **_rests_of(frames),
     }
 

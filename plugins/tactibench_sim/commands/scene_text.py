@@ -11,7 +11,7 @@ from typing import Any
 
 from tactibench import Indenter, Pose, Scene, UserError
 
-POSE = ("x", "y", "yaw", "tilt", "depth")
+POSE = ("x", "y", "yaw", "tilt", "depth", "dx", "dy", "dyaw")
 KINDS: Mapping[str, tuple[str, ...]] = {
     "single": ("radius",),
     "dual": ("distance", "radius"),
@@ -33,6 +33,8 @@ triple:0,0,0@side=10,depth=3      ... on a triangle of 10 mm (default 8)
 plate@tilt=10,yaw=45,depth=2      a flat plate
 \b
 x, y, depth in mm, yaw and tilt (plates only) in deg; radius of the tips in mm (default 3).
+dx, dy in mm and dyaw in deg: the way that the indenter went sideways after first touch, which
+drags the skin where the sensor has friction (--param friction=0.5).
 \b
 In a file:  indenter = "triple"   heights = [0.0, 1.0, 2.0]   depth = 3.0
 or          indenter = "custom"   offsets = [[0, 0, 0], [8, 0, 0.5]]   depth = 2.0
@@ -98,7 +100,9 @@ def _build(given: Mapping[str, Any], where: str) -> Scene:
     if "depth" not in given:
         raise UserError(f"{where} has no depth, so it touches nothing; add for example depth=2.")
     if kind == "plate" and ("x" in given or "y" in given):
-        raise UserError(f"{where} gives a plate x or y; a plate has only yaw, tilt and depth.")
+        raise UserError(
+            f"{where} gives a plate x or y; a plate has only yaw, tilt, depth and dx, dy, dyaw."
+        )
     pose = Pose(**{name: _value(given, name, where) for name in POSE if name in given})
     return Scene(_indenter(kind, given, where), pose)
 

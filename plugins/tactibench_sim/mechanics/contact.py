@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 STEEPEST_DEG = 55.0
 """Beyond this polar angle a contact feels the clamped rim, which the tables do not know."""
 FARTHEST_MM = 100.0
-"""A pose farther from the axis is a mistake in units rather than a press beside the dome."""
+"""A pose farther from the axis, or a longer move, is a mistake in units."""
+FARTHEST_TURN_DEG = 180.0
 _SLACK = 0.01
 """mm and deg that bounds may step beyond a limit to take differences."""
 
@@ -30,19 +31,22 @@ class Tips:
     """S scenes with up to K tips each.
 
     xy: (S, K, 2) mm and depth: (S, K) mm, as in tactibench.Contacts; -inf: no tip, or one beside
-    the dome. radius: (S,) mm.
+    the dome. radius: (S,) mm. move: (S, K, 2) mm that tips went sideways after they touched, to
+    where they are; None: no tip did.
     """
 
     xy: Array
     depth: Array
     radius: Array
+    move: Array | None = None
 
     def __len__(self) -> int:
         return len(self.radius)
 
     def take(self, rows: npt.NDArray[np.intp]) -> Tips:
         """Return some of the scenes."""
-        return Tips(self.xy[rows], self.depth[rows], self.radius[rows])
+        move = None if self.move is None else self.move[rows]
+        return Tips(self.xy[rows], self.depth[rows], self.radius[rows], move)
 
     def directions(self) -> tuple[Array, Array]:
         """Return n (S, K, 3) and delta (S, K); a missing tip gets delta -inf."""
@@ -67,6 +71,9 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
     offsets, pose, radius = pose_arrays(scenes)
     for row in np.flatnonzero(_is_refused(pose, radius)):
         _refuse(scenes[int(row)])
+    for scene in scenes:
+        if scene.pose.moved:
+            _check_move(scene)
     x, y, yaw, tilt, depth = pose.T
     plate = np.isinf(radius)
     cosine, sine = np.cos(np.radians(yaw))[:, None], np.sin(np.radians(yaw))[:, None]
@@ -81,7 +88,28 @@ def tips_of(scenes: Sequence[Scene]) -> Tips:
     touch = np.where(there, touch, -np.inf)
     first = touch.max(axis=1, keepdims=True)
     behind = np.where(np.isfinite(first), first, 0.0) - touch
-    return Tips(xy, depth[:, None] - behind, radius)
+    return Tips(xy, depth[:, None] - behind, radius, _moves(scenes, xy))
+
+
+def _moves(scenes: Sequence[Scene], xy: Array) -> Array | None:
+    """Return the (S, K, 2) mm that tips at xy went sideways; None where no pose moved.
+
+    A pose that turned by w takes a tip at r from its axis there from R(-w) r.
+    """
+    if not any(scene.pose.moved for scene in scenes):
+        return None
+    x, y, dx, dy, turn = np.array(
+        [(s.pose.x, s.pose.y, s.pose.dx, s.pose.dy, s.pose.dyaw) for s in scenes]
+    ).T
+    plate = np.array([scene.indenter.is_plate for scene in scenes])
+    axis = np.where(plate, 0.0, [x, y]).T[:, None, :]  # a plate turns about the dome's axis
+    arm = xy - axis
+    cosine, sine = np.cos(np.radians(turn))[:, None], np.sin(np.radians(turn))[:, None]
+    before_x = cosine * arm[..., 0] + sine * arm[..., 1]
+    before_y = cosine * arm[..., 1] - sine * arm[..., 0]
+    out: Array = arm - np.stack([before_x, before_y], axis=-1)
+    out += np.stack([dx, dy], axis=-1)[:, None, :]
+    return out
 
 
 def pose_arrays(scenes: Sequence[Scene]) -> tuple[Array, Array, Array]:
@@ -107,7 +135,7 @@ def pose_arrays(scenes: Sequence[Scene]) -> tuple[Array, Array, Array]:
 
 def check_finite(scene: Scene) -> None:
     """Raise UserError for a pose with a number that is not finite."""
-    for name in ("x", "y", "yaw", "tilt", "depth"):
+    for name in ("x", "y", "yaw", "tilt", "depth", "dx", "dy", "dyaw"):
         value = getattr(scene.pose, name)
         if not math.isfinite(value):
             raise UserError(f"the pose's {name} is {value}; a scene's pose must be finite.")
@@ -141,6 +169,16 @@ def _refuse(scene: Scene) -> None:
         f"the pose's tilt is {pose.tilt:g} deg; the simulated sensor tilts plates only, "
         "spherical tips need tilt 0."
     )
+
+
+def _check_move(scene: Scene) -> None:
+    check_finite(scene)
+    pose = scene.pose
+    if max(abs(pose.dx), abs(pose.dy)) > FARTHEST_MM or abs(pose.dyaw) > FARTHEST_TURN_DEG:
+        raise UserError(
+            f"the pose moved by dx {pose.dx:g} mm, dy {pose.dy:g} mm, dyaw {pose.dyaw:g} deg; a "
+            f"move must be within {FARTHEST_MM:g} mm and {FARTHEST_TURN_DEG:g} deg."
+        )
 
 
 def check_reach(n: Array, delta: Array, deepest: float) -> None:

@@ -176,11 +176,7 @@ class TableMechanics:
 
     def pin_tips(self, loads: Loads, directions: Array, length: float) -> Array:
         """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm."""
-        u, q = self.displacement(loads, directions)
-        angle = np.sqrt((q * q).sum(axis=-1, keepdims=True))
-        normal = directions * np.cos(angle) + q * np.sinc(angle / np.pi)
-        tips: Array = self.inner * directions + u - length * normal
-        return tips
+        return tips_of_pins(self.inner, directions, self.displacement(loads, directions), length)
 
     def skin(self, loads: Loads, directions: Array) -> Array:
         """Return the (S, P) inward displacement of the outer skin, mm."""
@@ -205,6 +201,20 @@ class TableMechanics:
             np.ascontiguousarray(directions),
         )
         return field
+
+
+def tips_of_pins(
+    inner: float, directions: Array, displacement: tuple[Array, Array], length: float
+) -> Array:
+    """Return the (S, P, 3) tips of pins of ``length`` mm, from the dome's centre, mm.
+
+    A pin is a lever: it stands on the inner skin, radius ``inner`` mm, and turns with its normal.
+    """
+    u, q = displacement
+    angle = np.sqrt((q * q).sum(axis=-1, keepdims=True))
+    normal = directions * np.cos(angle) + q * np.sinc(angle / np.pi)
+    tips: Array = inner * directions + u - length * normal
+    return tips
 
 
 def _surface(

@@ -161,6 +161,8 @@ class FittedSensor(RenderedSensor):
         }
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
+        for scene in scenes:
+            _refuse_move(scene)
         discs = np.repeat(self._discs[:, None], len(scenes), axis=1)
         plates = [k for k, scene in enumerate(scenes) if scene.indenter.is_plate]
         spheres = [k for k, scene in enumerate(scenes) if not scene.indenter.is_plate]
@@ -227,6 +229,15 @@ def _as_indentation(x: Unknowns, scale: float) -> Unknowns:
         centre_x=scale * x.centre_x,
         centre_y=scale * x.centre_y,
     )
+
+
+def _refuse_move(scene: Scene) -> None:
+    if scene.pose.moved:
+        raise UserError(
+            "the pose went sideways (dx, dy, dyaw), but fitted sensors draw how far a plate drags "
+            "the skin (sensor.drag, sensor.dragged); leave dx, dy and dyaw out, or take a sensor "
+            "tactip-127 or tactip-331 with sensor.friction."
+        )
 
 
 def _refuse(scene: Scene, deepest: float) -> None:

@@ -1,0 +1,171 @@
+"""Make the file of sideways drag from finite-element runs.
+
+    PYTHONPATH=.:plugins python scripts/fem/tabulate_drag.py OUT RUNS
+
+RUNS is a folder that keeps every run, so that an interrupted tabulation goes on where it stopped:
+48 runs of a quarter of a minute. A tip is pressed on the apex without friction, sticks there, and
+is moved sideways by a tenth of its penetration; the field is the change of the displacement for
+each unit of sideways force. It goes with cos and sin of the azimuth (a mirror plane and a small
+move leave nothing else); other orders, which grow with the move squared, are projected out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from drag_press import STICK, Drag
+from fem_script import output_file, report_progress, write_file
+from scipy.interpolate import make_lsq_spline
+from snapshots import NOMINAL_MM
+
+from tactibench_sim import data_file, fem
+from tactibench_sim.fem.press import Fineness, SpatialPress
+from tactibench_sim.fem.tip import Tip
+from tactibench_sim.mechanics import tables
+from tactibench_sim.mechanics.drag_tables import SHARES
+from tactibench_sim.mechanics.tip_tables import deepest
+
+Array = npt.NDArray[np.float64]
+RADII = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
+MOVE_SHARE, LEAST_MOVE_MM, MOST_MOVE_MM = 0.1, 0.05, 0.25
+SHARP_MM, SHARP, ROUND = 3.0, Fineness(contact=0.2, margin=1.0), Fineness(contact=0.3, largest=1.5)
+"""Tips smaller than the first get the second mesh, all others the third. Elements of 0.2 R instead
+of 0.3 R change the sideways stiffness under R = 3 mm by 1 %."""
+SAMPLE_STEP_DEG, AZIMUTHS, POLAR_STEP_DEG = 0.5, 12, 1.0
+FINE_KNOTS_DEG, COARSE_KNOTS_DEG, FINE_TO_DEG = 1.5, 4.0, 24.0
+"""Knots of the splines that smooth the mesh away: narrow about the contact, wide beyond it."""
+_ABOVE_RIM_DEG = 89.5
+
+
+def end_of(radius: float) -> float:
+    """Return the greatest penetration that a tip is tabulated to, mm."""
+    if math.isinf(radius) or radius == NOMINAL_MM:
+        return tables.shipped().by_radius[radius].deepest
+    return deepest(radius)
+
+
+def tabulate(path: Path, runs: Path, progress: Callable[[str], None] = lambda _: None) -> str:
+    """Make the runs that are missing in a folder, write the file and return its digest.
+
+    Nothing is written unless every run converged. Raises UserError without NGSolve,
+    fem.NotConvergedError where a run fails.
+    """
+    runs.mkdir(parents=True, exist_ok=True)
+    dome = fem.Dome()
+    fields, compliance = [], []
+    for radius in RADII:
+        each = []
+        for share in SHARES:
+            name = f"{tables.shape_name(radius)}_{share:g}"
+            kept = runs / f"drag_{name}.npz"
+            if not kept.exists():
+                progress(name)
+                change, force, moved = drag(dome, radius, share * end_of(radius))
+                data_file.write(
+                    kept, {"change": change, "force": np.array(force), "moved": moved}, {}
+                )
+            with np.load(kept) as run:
+                each.append((smoothed(run["change"] / run["force"]), run["moved"] / run["force"]))
+        fields.append([field for field, _ in each])
+        compliance.append([float(soft) for _, soft in each])
+    arrays = {
+        "field": np.array(fields, dtype=np.float32),
+        "compliance": np.array(compliance),
+        "radii": np.array(RADII),
+        "deepest": np.array([end_of(radius) for radius in RADII]),
+    }
+    parameters = {
+        "dome": asdict(dome),
+        "mesh": {"sharp": asdict(SHARP), "round": asdict(ROUND)},
+        "polar_step_deg": POLAR_STEP_DEG,
+        "solver": f"ngsolve {fem.require_ngsolve().__version__}",
+    }
+    return data_file.write(path, arrays, parameters)
+
+
+def drag(dome: fem.Dome, radius: float, depth: float) -> tuple[Array, float, Array]:
+    """Press a tip on the apex and move it sideways, stuck to the skin.
+
+    Returns:
+        The change of the displacement (2, 3, T), of the inner and the outer skin, mm: inward and
+        away from the contact, which go with cos, and along the circle of latitude, with sin; the
+        sideways force, E_skin mm^2; the move () mm.
+    """
+    tip = Tip.along_axis(dome, np.array([0.0, 0.0, 1.0]), radius)
+    fineness = SHARP if radius < SHARP_MM else ROUND
+    press = SpatialPress(dome, [tip], np.array([[depth]]), mirror=True, fineness=fineness)
+    press.move(np.array([depth]))
+    before = first_order(press)
+    pulled = Drag(press, np.array([1.0, 0.0]), STICK)
+    move = min(max(MOVE_SHARE * depth, LEAST_MOVE_MM), MOST_MOVE_MM)
+    pulled.move(move)
+    return first_order(press) - before, pulled.force(), np.array(move)
+
+
+def first_order(press: SpatialPress) -> Array:
+    """Return (2, 3, T) the first Fourier order of the present displacement, as ``drag``."""
+    field = press.field()
+    polar, azimuth = np.radians(samples())[:, None], (np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS
+    sine, cosine = np.sin(polar) + 0 * azimuth, np.cos(polar) + 0 * azimuth
+    out = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+    down = np.stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), -sine], axis=-1)
+    along = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1) + 0 * out
+    found = []
+    for displacement in (field.inner, field.outer):
+        u = displacement(out.reshape(-1, 3)).reshape(out.shape)
+        inward, away, around = (np.einsum("tpk,tpk->tp", u, axis) for axis in (-out, down, along))
+        orders = (inward * np.cos(azimuth), away * np.cos(azimuth), around * np.sin(azimuth))
+        found.append([2 * order.mean(axis=1) for order in orders])
+    return np.array(found)
+
+
+def samples() -> Array:
+    """Return the (T,) polar angles at which a run is sampled, deg."""
+    return np.arange(SAMPLE_STEP_DEG / 2, _ABOVE_RIM_DEG, SAMPLE_STEP_DEG)
+
+
+def smoothed(field: Array) -> Array:
+    """Return (2, 3, T) at the table's polar angles of a field at those of ``samples``.
+
+    Least squares on the angle and its mirror image: inward is odd about the contact, the others
+    even. At the clamped rim all are 0.
+    """
+    at = samples()
+    degrees = np.arange(round(90 / POLAR_STEP_DEG) + 1) * POLAR_STEP_DEG
+    inner = np.concatenate(
+        [
+            np.arange(FINE_KNOTS_DEG, FINE_TO_DEG, FINE_KNOTS_DEG),
+            np.arange(FINE_TO_DEG, 90.0 - COARSE_KNOTS_DEG / 2, COARSE_KNOTS_DEG),
+        ]
+    )
+    knots = np.concatenate([[-90.0] * 4, -inner[::-1], [0.0], inner, [90.0] * 4])
+    out = np.empty((*field.shape[:2], len(degrees)))
+    for where in range(2):
+        for k, parity in enumerate((-1.0, 1.0, 1.0)):
+            values = np.append(field[where, k], 0.0)
+            angle = np.append(at, 90.0)
+            both = np.concatenate([parity * values[::-1], values])
+            spline = make_lsq_spline(np.concatenate([-angle[::-1], angle]), both, knots)
+            out[where, k] = spline(degrees)
+    out[..., -1] = 0.0
+    out[:, 0, 0] = 0.0
+    return out
+
+
+def main() -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(description="Make the tables of sideways drag.")
+    parser.add_argument("out", type=output_file)
+    parser.add_argument("runs", type=Path)
+    given = parser.parse_args()
+    write_file(given.out, lambda: tabulate(given.out, given.runs, report_progress))
+
+
+if __name__ == "__main__":
+    main()
