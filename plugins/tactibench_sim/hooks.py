@@ -70,7 +70,7 @@ DOME = (
         "tier",
         "coupled",
         "how scenes become displacement fields; `sim validate` compares them",
-        choices=("coupled", "fem", "green", "superpose"),
+        choices=("coupled", "fem", "superpose"),
     ),
     Parameter("table", "", "file of scripts/fem/tabulate_dome.py; empty: the table that ships"),
     Parameter(
@@ -96,7 +96,7 @@ DOME = (
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
 )
 RETIRED: dict[str, dict[str, str]] = {
-    "tier": {"auto": "coupled"},
+    "tier": {"auto": "coupled", "green": "coupled"},
     "tolerance": {},
     "allow_fem": {},
 }
