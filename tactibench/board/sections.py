@@ -95,8 +95,9 @@ def _mark(section: Section) -> str:
 def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     """Return committed records of one version of a protocol, and complete runs of a store.
 
-    protocol: its id, for the present version, or the label of an earlier one. Of one row and seed the newest run is taken. Runs that were tested on something else than they
-    were trained for belong to tables of their own and are left out. Raises UserError.
+    protocol: its id, for the present version, or the label of an earlier one. Of one row and seed
+    the newest run is taken. Runs that were tested on something else than they were trained for
+    belong to tables of their own and are left out. Raises UserError.
     """
     loaded = load_protocol(protocol)
     name = loaded.spec.id

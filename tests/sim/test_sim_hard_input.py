@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hard_scenes import DECLARED, GRID, every_sensor, sensor
+from hard_scenes import GRID, every_sensor, sensor
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench_sim import fem

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from hard_scenes import (
-    DECLARED,
     GRID,
     PINS,
     dome,

@@ -201,7 +201,9 @@ def test_terms_and_bands_divide_the_scenes(judged):
             for _, low, high in facts.bands()
             for e in coupled.errors_of(term, axis, low, high)
         ]
-        alone = [e.scene.label for e in coupled.errors if axis == "spacing" and len(e.scene.tips) == 1]
+        alone = [
+            e.scene.label for e in coupled.errors if axis == "spacing" and len(e.scene.tips) == 1
+        ]
         assert sorted(found + alone) == everything, axis
 
 

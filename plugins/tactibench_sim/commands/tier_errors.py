@@ -1,7 +1,9 @@
 """Errors of the tiers against the finite-element scenes, and the time that a scene takes.
 
 Two views of the same errors: by *group*, scenes of R = 3 mm tips up to two depths, for every tier;
-and by *term*, what a scene needs, in bands of depth, spacing and radius, tips of all radii. The error of a pin base is the length of the difference of its displacements, mm; that of a pin's
+and by *term*, what a scene needs, in bands of depth, spacing and radius, for tips of all radii.
+
+The error of a pin base is the length of the difference of its displacements, mm; that of a pin's
 tip likewise, with the pin standing on the turned normal; that of a normal the angle between both,
 deg.
 """
@@ -73,15 +75,14 @@ class Axis:
         """Return the name of every band, and the values beyond which and up to which it goes."""
         ends = pairwise((-math.inf, *self.edges))
         return [
-            (f"{low:g} to {high:g}" if low > 0 else f"to {high:g}", low, high)
-            for low, high in ends
+            (f"{low:g} to {high:g}" if low > 0 else f"to {high:g}", low, high) for low, high in ends
         ]
 
 
 AXES: Mapping[str, Axis] = {
     "depth": Axis("mm", lambda scene: scene.depth, (1.0, 2.0, 3.0, 4.5, 6.0)),
     "spacing": Axis("mm", lambda scene: scene.spacing, (3.2, 5.0, 6.5, 8.0, 12.0)),
-    "radius": Axis("mm", lambda scene: scene.radius, (1.0, 2.99, 3.0, 5.0, 8.0)),
+    "radius": Axis("mm", lambda scene: scene.radius, (1.0, 2.7, 3.0, 5.0, 8.0)),
 }
 QUANTITIES = {"base": "mm", "tip": "mm", "normal": "deg"}
 _BATCH = 64
@@ -129,9 +130,7 @@ class TierErrors:
         return [
             e
             for e in self.errors
-            if GROUPS[group](e.scene)
-            and e.scene.depth <= deepest
-            and e.scene.radius == RADIUS_MM
+            if GROUPS[group](e.scene) and e.scene.depth <= deepest and e.scene.radius == RADIUS_MM
         ]
 
     def errors_of(self, term: str, axis: str, low: float, high: float) -> list[Errors]:
@@ -210,9 +209,7 @@ def rows(tiers: Sequence[TierErrors]) -> list[dict[str, Any]]:
     their median. A group without scenes has no row.
     """
     return [
-        row
-        for tier in tiers
-        for row in (*_error_rows(tier), *_term_rows(tier), *_cost_rows(tier))
+        row for tier in tiers for row in (*_error_rows(tier), *_term_rows(tier), *_cost_rows(tier))
     ]
 
 

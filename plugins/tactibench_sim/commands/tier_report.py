@@ -62,7 +62,9 @@ def print_report(console: Console, tiers: Sequence[TierErrors]) -> None:
             cells += [_pair(errors, "tip", 3), _pair(errors, "normal", 1)]
             table.add_row(label, group, *cells)
             label = ""
-    console.print(Text("pin bases against finite elements, tips of R = 3 mm, mm: max / median", style="bold"))
+    console.print(
+        Text("pin bases against finite elements, tips of R = 3 mm, mm: max / median", style="bold")
+    )
     _print(console, table)
     for tier in tiers:
         for line in _remarks(tier):
@@ -149,7 +151,7 @@ def draw(path: Path, tiers: Sequence[TierErrors], title: str) -> None:
     times = [tier.speed.processor for tier in tiers] + [TARGET_US]
     for axes, deepest in zip(panels, DEPTHS_MM, strict=True):
         _panel(axes, tiers, deepest)
-        axes.set_xlim(min(times) / 2, max(times) * 2)
+        axes.set_xlim(min(times) / 3, max(times) * 4)
         axes.set_xlabel("processor time of the field of a dual scene, µs", fontsize=9)
     panels[0].set_ylabel("error of a pin base, mm (filled: max, open: median)", fontsize=9)
     series = zip(tiers, SERIES, strict=False)
@@ -173,8 +175,8 @@ def _panel(axes: Axes, tiers: Sequence[TierErrors], deepest: float) -> None:
     axes.set_axisbelow(True)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_minor_formatter(NullFormatter())
     shown = 0
     for tier, (colour, mark) in zip(tiers, SERIES, strict=False):
         inside = tier.errors_in("all", deepest)
@@ -191,12 +193,12 @@ def _panel(axes: Axes, tiers: Sequence[TierErrors], deepest: float) -> None:
         axes.axhline(value, color=GREY, linewidth=1, linestyle="--" if kind == "max" else ":")
         axes.annotate(
             f"target {kind} {value:.2f} mm",
-            (0.6, value),
+            (0.99, value),
             (0, 2),
             color=GREY,
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
-            ha="center",
+            ha="right",
             fontsize=8,
         )
     axes.axvline(TARGET_US, color=GREY, linewidth=1, linestyle="-.")

@@ -63,7 +63,6 @@ def validate(
     from tactibench_sim.commands.tier_report import draw, print_report
     from tactibench_sim.mechanics.dome import TableMechanics
     from tactibench_sim.mechanics.tables import shipped
-
     from tactibench_sim.mechanics.tips import TipMechanics
 
     reference, others = shipped_file(), shipped_other_tips()

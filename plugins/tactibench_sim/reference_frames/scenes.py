@@ -51,8 +51,8 @@ class ReferenceScene:
 
     name: of the run; its scenes differ in depth. tips: (K, 3) x, y of the tips' axes and depth past
     first touch, mm. directions: (P, 3) of the pins at rest. displacement: (P, 3) of their bases,
-    mm. normals: (P, 3) outward, of the pressed inner skin, or NaN. P: the patterns of LAYOUTS in order, or
-    the last of them. radius: of the tips, mm.
+    mm. normals: (P, 3) outward, of the pressed inner skin, or NaN. P: the patterns of LAYOUTS in
+    order, or the last of them. radius: of the tips, mm.
     """
 
     name: str
@@ -144,9 +144,7 @@ def _scenes(
         normals = content[f"{name}_normal"] * STEP_NORMAL
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     scenes = []
-    for depth, u, normal in zip(
-        content[f"{name}_depth"], moved, normals, strict=True
-    ):
+    for depth, u, normal in zip(content[f"{name}_depth"], moved, normals, strict=True):
         at = tips * (1.0, 1.0, depth)
         scene = ReferenceScene(name, at, content["directions"], u, normal, radius)
         for array in (scene.tips, scene.directions, scene.displacement, scene.normals):
