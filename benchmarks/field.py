@@ -73,7 +73,6 @@ def timed(tier: Mechanics, work: list[Tips], directions: np.ndarray, threads: in
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=4096, help="fields a round")
-    parser.add_argument("--slow", type=int, default=128, help="fields a round of tier green")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--pins", type=int, choices=(127, 331), default=127)
     asked = parser.parse_args()
@@ -86,7 +85,7 @@ def main() -> None:
     tables = shipped()
     for name in TIERS:
         tier = mechanics_for(name, tables)
-        work = batches(asked.slow if name == "green" else asked.count)
+        work = batches(asked.count)
         one, several = (timed(tier, work, directions, n) for n in (1, asked.threads))
         cheapest = cheapest or several.cpu
         print(

@@ -8,6 +8,7 @@ Fitted331
 GrblRobot
 HeatAndDepth
 HertzGaussian
+Kernel
 MeanModel
 Mixture
 NearestModel

@@ -1,8 +1,9 @@
 """Measured error bounds of the table tiers: how far a scene may be from finite elements.
 
 The file that ships holds what scripts/fem/error_bounds.py measured on the reference scenes with
-the tables that ship: tips of R = 3 mm on the nominal dome. Nothing is known of other tables, radii
-or tiers, nor of scenes outside of what was measured; the bound is infinite there.
+the tables that ship, on the nominal dome: tips of R = 3 mm, and singles and pairs of sharper and of
+blunter ones. Nothing is known of other tables or tiers, nor of scenes outside of what was measured;
+the bound is infinite there.
 
 A single contact has the largest error of the reference scenes up to its depth and polar angle. For
 two and more contacts the bound is an *envelope*
@@ -13,7 +14,8 @@ with d_1 and d_2 the two greatest penetrations, d >= d' those of a pair and beta
 the apex and the middle of the pair. The first term is what every field is off by, the next two what
 contacts do to each other, the last what the rim changes in that, which the tables do not hold. The
 coefficients are the smallest that hold every reference scene. The factor f makes it hold on runs
-that were left out when the coefficients were found.
+that were left out when the coefficients were found. Other radii than 3 mm have envelopes of their
+own: of a single contact, where the first term alone is left, and of a pair.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench_sim.mechanics import tip_tables
 from tactibench_sim.mechanics.contact import Tips
 
 Array = npt.NDArray[np.float64]
@@ -71,13 +74,39 @@ class Envelope:
 
 
 @dataclass(frozen=True, eq=False)
+class OtherTips:
+    """Bounds of single contacts and pairs of tips whose radius is not RADIUS_MM.
+
+    smallest, largest: radius, mm.
+    """
+
+    smallest: float
+    largest: float
+    single: Envelope
+    pair: Envelope
+
+    def bound(self, tier: str, n: Array, delta: Array) -> Array:
+        """Return (S,) mm; inf where unknown. n: (S, K, 3). delta: (S, K) penetrations, mm."""
+        depth = np.maximum(delta, 0.0)
+        count = (depth > 0).sum(axis=1)
+        first = depth.argmax(axis=1)[:, None]
+        alone = np.take_along_axis(n, first[..., None], 1), np.take_along_axis(depth, first, 1)
+        out = self.single.bound(*alone)
+        # Two contacts are not taken to be more exact than the deeper of them alone.
+        out = np.where(count > 1, np.maximum(out, self.pair.bound(n, depth)), out)
+        # What adding up contacts changes is measured at RADIUS_MM alone.
+        return np.where(count > (2 if tier == "coupled" else 1), np.inf, out)
+
+
+@dataclass(frozen=True, eq=False)
 class Bounds:
     """Bounds in mm; inf where they are unknown, as beyond the last node.
 
     depth: (D,) nodes, mm. single: (B, D) for one contact up to the polar angles ``polar`` (B,),
     rad. pair, many: for two and more contacts in tier ``coupled``. angle: (A,) rad, added:
     (A, D', D') differences of ``superpose`` from ``coupled`` for a pair at penetrations
-    ``added_depth``, all finite; the nearest angle stands for those outside.
+    ``added_depth``, all finite; the nearest angle stands for those outside. others: tips of other
+    radii.
     """
 
     depth: Array
@@ -88,6 +117,7 @@ class Bounds:
     angle: Array
     added_depth: Array
     added: Array
+    others: tuple[OtherTips, ...] = ()
 
     def alone(self, polar: Array, deepest: Array) -> Array:
         """Return the (S,) bound of single contacts up to a polar angle, rad, and a penetration."""
@@ -146,9 +176,9 @@ def angle_between(one: Array, other: Array) -> Array:
 
 
 def envelope_terms(n: Array, depth: Array) -> Array:
-    """Return (S, 4) terms of ``Envelope``. n: (S, K, 3), K >= 2. depth: (S, K) mm, 0: none."""
+    """Return (S, 4) terms of ``Envelope``. n: (S, K, 3). depth: (S, K) mm, 0: none."""
     ordered = np.sort(depth, axis=1)
-    second = ordered[:, -2]
+    second = ordered[:, -2] if depth.shape[1] > 1 else np.zeros(len(depth))
     out = np.stack([ordered[:, -1], second, second**2, np.zeros(len(depth))], axis=1)
     for i, j in combinations(range(depth.shape[1]), 2):
         middle = n[:, i] + n[:, j]
@@ -163,14 +193,14 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
     """Return (S,) mm, how far a pin base of each scene may be from finite elements.
 
     Args:
-        tier: Of the mechanics. Finite elements themselves and ``green`` have no bound.
+        tier: Of the mechanics. Finite elements themselves have no bound.
         digest: Of the tables; only those that ship were measured.
         tips: Of S scenes.
 
     Returns:
         inf where it is not known.
     """
-    known, bounds = shipped()
+    known, known_tips, bounds = shipped()
     n, delta = tips.directions()
     out = np.full(len(tips), np.inf)
     if digest == known and tier in ("coupled", "superpose"):
@@ -178,6 +208,11 @@ def scene_bounds(tier: str, digest: str, tips: Tips) -> Array:
         if rows.any():
             evaluate = bounds.coupled if tier == "coupled" else bounds.superposed
             out[rows] = evaluate(n[rows], delta[rows])
+        for other in bounds.others:
+            rows = (tips.radius >= other.smallest) & (tips.radius <= other.largest)
+            rows &= tips.radius != RADIUS_MM
+            if rows.any() and tip_tables.shipped().digest == known_tips:
+                out[rows] = other.bound(tier, n[rows], delta[rows])
     out[(delta <= 0).all(axis=1)] = 0.0  # nothing touches: the rest frame
     return out
 
@@ -202,13 +237,13 @@ def term_counts(tier: str, tips: Tips) -> dict[str, int]:
 
 
 @cache
-def shipped() -> tuple[str, Bounds]:
-    """Return the digest of the tables that were measured, and their bounds."""
+def shipped() -> tuple[str, str, Bounds]:
+    """Return the digests of the tables and of those of other tips, and the bounds of both."""
     return from_json((resources.files(__package__) / FILE).read_text(encoding="utf-8"))
 
 
-def from_json(text: str) -> tuple[str, Bounds]:
-    """Read a file of bounds: the digest of the tables that they are for, and the bounds."""
+def from_json(text: str) -> tuple[str, str, Bounds]:
+    """Read a file of bounds: the digests of the two tables that they are for, and the bounds."""
     content = json.loads(text)
     bounds = Bounds(
         depth=_array(content["depth"]),
@@ -219,8 +254,14 @@ def from_json(text: str) -> tuple[str, Bounds]:
         angle=_array(content["angle"]),
         added_depth=_array(content["added_depth"]),
         added=_array(content["added"]),
+        others=tuple(_other_tips(values) for values in content["others"]),
     )
-    return content["tables"], bounds
+    return content["tables"], content["tips"], bounds
+
+
+def _other_tips(values: dict[str, Any]) -> OtherTips:
+    envelopes = {name: _envelope(values[name]) for name in ("single", "pair")}
+    return OtherTips(values["smallest"], values["largest"], **envelopes)
 
 
 def _envelope(values: dict[str, Any]) -> Envelope:

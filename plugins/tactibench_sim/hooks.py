@@ -70,7 +70,7 @@ DOME = (
         "tier",
         "coupled",
         "how scenes become displacement fields; `sim validate` compares them",
-        choices=("coupled", "fem", "green", "superpose"),
+        choices=("coupled", "fem", "superpose"),
     ),
     Parameter("table", "", "file of scripts/fem/tabulate_dome.py; empty: the table that ships"),
     Parameter(
@@ -103,7 +103,7 @@ DOME = (
     ),
 )
 RETIRED: dict[str, dict[str, str]] = {
-    "tier": {"auto": "coupled"},
+    "tier": {"auto": "coupled", "green": "coupled"},
     "tolerance": {},
     "allow_fem": {},
 }

@@ -36,20 +36,25 @@ from tactibench_sim.error_bounds import (
     RADIUS_MM,
     Bounds,
     Envelope,
+    OtherTips,
     angle_between,
     envelope_terms,
 )
-from tactibench_sim.mechanics import tables
+from tactibench_sim.mechanics import tables, tip_tables
 from tactibench_sim.mechanics.contact import Tips
 from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.mechanics.kernels import Array
 from tactibench_sim.mechanics.tables import Tables
+from tactibench_sim.mechanics.tip_tables import LARGEST_MM, SMALLEST_MM
+from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.reference_frames import scenes as reference
 from tactibench_sim.reference_frames.scenes import ReferenceScene
 
 DEPTH_MM = (1.0, 2.0, 3.0, 4.5, 6.0, 6.5)
 POLAR_DEG = (20.0, 40.0, 55.0)
 ANGLE_DEG = (14.0, 18.5, 24.0, 31.0, 40.0)
+OTHERS_MM = ((SMALLEST_MM, RADIUS_MM), (RADIUS_MM, LARGEST_MM))
+"""Radii of sharper and of blunter tips: errors of blunt ones hardly grow with depth."""
 ADDED_DEPTH_MM = (0.0, 0.75, 1.75, 3.0, 4.5, 6.0)
 CHART = Chart(start=-75.0, reach=75.0, across=75.0, step=2.5)
 """Where the two tiers are compared, around the middle of a pair; it is symmetric."""
@@ -73,36 +78,44 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Measured:
-    """A reference scene and its error. n: (K, 3). delta: (K,) mm. error: largest of a pin base."""
+    """A reference scene and its error.
+
+    n: (K, 3). delta: (K,) mm. error: largest of a pin base, mm. radius: of the tips, mm.
+    """
 
     name: str
     n: Array
     delta: Array
     error: float
+    radius: float = RADIUS_MM
 
     @property
-    def spacing(self) -> str:
-        """Return the spacing in the name: "8" of p8_off10."""
-        found = re.match(r"[pt]([\d.]+)", self.name)
+    def kin(self) -> tuple[float, str]:
+        """What it shares with other families, as number and text: its spacing, or its radius."""
+        if self.radius != RADIUS_MM:
+            return self.radius, f"of R = {self.radius:g} mm"
+        found = re.match(r"[pt]([\d.]+)", self.name)  # "8" of p8_off10
         assert found is not None  # noqa: S101 - pairs and triples are named by their spacing
-        return found[1]
+        return float(found[1]), f"{found[1]} mm apart"
 
 
 def measure(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[Measured]:
     """Return the errors of tier ``coupled`` with those tables."""
-    coupled = TableMechanics(tables, "coupled")
+    coupled = TipMechanics(TableMechanics(tables, "coupled"))
     out = []
     for scene in scenes:
         loads = coupled.loads(scene.as_tips)
         off = coupled.displacement(loads, scene.directions)[0][0] - scene.displacement
         error = float(np.linalg.norm(off, axis=1).max())
-        out.append(Measured(scene.name, loads.n[0], loads.delta[0], error))
+        (n,), (delta,) = scene.as_tips.directions()
+        out.append(Measured(scene.name, n, delta, error, scene.radius))
     return out
 
 
 def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
-    """Return the bounds of the tiers with those tables, for the indenter of the scenes."""
-    errors = measure(tables, scenes)
+    """Return the bounds of the tiers with those tables, for the tips of the scenes."""
+    every = measure(tables, scenes)
+    errors = [one for one in every if one.radius == RADIUS_MM]
     coupled, superposed = TableMechanics(tables, "coupled"), TableMechanics(tables, "superpose")
     alone = [one for one in errors if len(one.delta) == 1]
     rings = np.radians(POLAR_DEG)
@@ -115,7 +128,20 @@ def measured(tables: Tables, scenes: Sequence[ReferenceScene]) -> Bounds:
         angle=np.radians(ANGLE_DEG),
         added_depth=np.array(ADDED_DEPTH_MM),
         added=np.stack([_added(coupled, superposed, math.radians(deg)) for deg in ANGLE_DEG]),
+        others=tuple(
+            OtherTips(low, high, *(envelope(some) for some in other_tips(every, low, high)))
+            for low, high in OTHERS_MM
+        ),
     )
+
+
+def other_tips(
+    errors: Sequence[Measured], low: float, high: float
+) -> tuple[list[Measured], list[Measured]]:
+    """Return the single contacts and the pairs of tips of other radii in a range."""
+    here = [one for one in errors if low <= one.radius <= high and one.radius != RADIUS_MM]
+    single, pair = ([one for one in here if len(one.delta) == count] for count in (1, 2))
+    return single, pair
 
 
 def envelope(scenes: Sequence[Measured]) -> Envelope:
@@ -124,7 +150,7 @@ def envelope(scenes: Sequence[Measured]) -> Envelope:
         return Envelope(np.zeros(4), 1.0, 0.0, 0.0, 0.0, 0.0)
     n, delta = np.stack([one.n for one in scenes]), np.stack([one.delta for one in scenes])
     pairs = combinations(range(delta.shape[1]), 2)
-    angle = np.stack([angle_between(n[:, i], n[:, j]) for i, j in pairs])
+    angle = np.array([angle_between(n[:, i], n[:, j]) for i, j in pairs] or [[0.0]])
     slack = math.radians(SLACK_DEG)
     return Envelope(
         _coefficients(scenes),
@@ -137,16 +163,17 @@ def envelope(scenes: Sequence[Measured]) -> Envelope:
 
 
 def leave_out(scenes: Sequence[Measured]) -> dict[str, float]:
-    """Return, for every family and spacing, its largest error over the envelope of the others.
+    """Return, for every family and its kin, the largest error over the envelope of the others.
 
-    A spacing is left out where at least FEWEST_FAMILIES families have another: without the triples
-    8 mm apart no deep one off the apex would be left.
+    Kin (one spacing, or one radius) are left out where at least FEWEST_FAMILIES families are none:
+    without the triples 8 mm apart no deep one off the apex would be left.
     """
     groups: dict[str, list[str]] = {one.name: [one.name] for one in scenes}
-    for spacing in sorted({one.spacing for one in scenes}, key=float):
-        names = sorted({one.name for one in scenes if one.spacing == spacing})
-        if len(names) > 1 and len(groups) - len(names) >= FEWEST_FAMILIES:
-            groups[f"all {spacing} mm apart"] = names
+    families = len(groups)
+    for _, kin in sorted({one.kin for one in scenes}):
+        names = sorted({one.name for one in scenes if one.kin[1] == kin})
+        if len(names) > 1 and families - len(names) >= FEWEST_FAMILIES:
+            groups[f"all {kin}"] = names
     return {group: _without(scenes, names) for group, names in groups.items()}
 
 
@@ -189,7 +216,7 @@ def reached(nodes: Sequence[float], deepest: Array) -> Flags:
 
 def write(path: Path, tables: Tables, bounds: Bounds) -> str:
     """Write bounds as JSON, rounded up, null for infinity. Returns the sha256 of the file."""
-    content: dict[str, Any] = {"tables": tables.digest}
+    content: dict[str, Any] = {"tables": tables.digest, "tips": tip_tables.shipped().digest}
     content |= {f.name: _rounded(getattr(bounds, f.name)) for f in fields(Bounds)}
     text = json.dumps(content, allow_nan=False).replace('], "', '],\n"') + "\n"
     temporary = path.with_name(path.name + ".part")
@@ -198,7 +225,12 @@ def write(path: Path, tables: Tables, bounds: Bounds) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _rounded(values: Array | Envelope) -> Any:
+def _rounded(values: Any) -> Any:
+    if isinstance(values, tuple):
+        return [_rounded(one) for one in values]
+    if isinstance(values, OtherTips):
+        envelopes = {name: _rounded(getattr(values, name)) for name in ("single", "pair")}
+        return {"smallest": values.smallest, "largest": values.largest, **envelopes}
     if isinstance(values, Envelope):
         up = np.ceil(values.coefficients / _STEP_COEFFICIENT) * _STEP_COEFFICIENT
         rest = {f.name: round(getattr(values, f.name), 4) for f in fields(Envelope)[1:]}
@@ -237,17 +269,27 @@ def _added(coupled: TableMechanics, superposed: TableMechanics, angle: float) ->
 
 
 def leave_out_lines(tables: Tables, scenes: Sequence[ReferenceScene]) -> list[str]:
-    """Return the table of ``leave_out`` for pairs and triples."""
+    """Return the table of ``leave_out`` for pairs and triples, and for tips of other radii."""
     errors = measure(tables, scenes)
     lines = []
-    for title, count in (("pairs", 2), ("triples", 3)):
-        some = [one for one in errors if len(one.delta) == count]
+    nominal = [one for one in errors if one.radius == RADIUS_MM]
+    kinds = [
+        (title, [one for one in nominal if len(one.delta) == count])
+        for title, count in (("pairs", 2), ("triples", 3))
+    ]
+    for low, high in OTHERS_MM:
+        single, pair = other_tips(errors, low, high)
+        kinds += [(f"singles, R = {low:g} to {high:g} mm", single)]
+        kinds += [(f"pairs, R = {low:g} to {high:g} mm", pair)]
+    for title, some in kinds:
         found = envelope(some)
         numbers = ", ".join(f"{value:.5f}" for value in found.coefficients)
         lines.append(f"{title}: coefficients {numbers}; factor {found.factor:.2f}")
         lines += [f"  {group:24} {ratio:5.2f}" for group, ratio in leave_out(some).items()]
-        names = combinations(sorted({one.name for one in some}), 2)
-        two = np.array([_without(some, pair) for pair in names])
+        names = sorted({one.name for one in some})
+        if len(names) < FEWEST_FAMILIES + 2:
+            continue
+        two = np.array([_without(some, pair) for pair in combinations(names, 2)])
         within = f"{(two <= found.factor).sum()} of {len(two)} within the factor"
         lines.append(f"  two families at once: {within}, at most {two.max():.2f}")
     return lines
@@ -259,7 +301,8 @@ def main() -> None:
     parser.add_argument("out", type=output_file, nargs="?")
     parser.add_argument("--leave-out", action="store_true", help="print the test by leaving out")
     given = parser.parse_args()
-    shipped, scenes = tables.shipped(), reference.shipped()
+    shipped = tables.shipped()
+    scenes = (*reference.shipped(), *reference.shipped_other_tips().scenes)
     if given.leave_out:
         sys.stdout.write("\n".join(leave_out_lines(shipped, scenes)) + "\n")
     elif given.out is None:

@@ -10,7 +10,7 @@ from tactibench.board.grouping import rows_of, section_key, trained_for
 from tactibench.board.rows import Row, trained_on
 from tactibench.board.submissions import records_of, slot
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.protocols.loader import load_protocol
 from tactibench.records.identity import canonical, digest
 from tactibench.records.record import Record, SensorId
 from tactibench.records.store import stored_runs
@@ -93,18 +93,20 @@ def _mark(section: Section) -> str:
 
 
 def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
-    """Return committed records of the present version of a protocol, and complete runs of a store.
+    """Return committed records of one version of a protocol, and complete runs of a store.
 
-    Of one row and seed the newest run is taken. Runs that were tested on something else than they
-    were trained for belong to tables of their own and are left out. Raises UserError.
+    protocol: its id, for the present version, or the label of an earlier one. Of one row and seed
+    the newest run is taken. Runs that were tested on something else than they were trained for
+    belong to tables of their own and are left out. Raises UserError.
     """
-    records: dict[str, Record] = {slot(record): record for record in records_of(board, protocol)}
+    loaded = load_protocol(protocol)
+    name = loaded.spec.id
+    records: dict[str, Record] = {slot(record): record for record in records_of(board, name)}
     stored = [run.record for run in stored_runs(runs)] if runs is not None else []
     for record in sorted(stored, key=lambda record: (record.created, record.name)):
-        if record.protocol.id == protocol and not record.partial:
+        if record.protocol.id == name and not record.partial:
             records[slot(record)] = record
-    present = read_protocol(protocol_files()[protocol]).hash
-    return trained_for(r for r in records.values() if r.protocol.hash == present)
+    return trained_for(r for r in records.values() if r.protocol.hash == loaded.hash)
 
 
 def select_section(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:

@@ -26,7 +26,12 @@ from tactibench.board.predictions import (
 )
 from tactibench.board.rows import label_of
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.protocols.loader import (
+    LoadedProtocol,
+    protocol_files,
+    protocol_versions,
+    version_of,
+)
 from tactibench.records.files import atomic, parse_json, read_json, write_arrays
 from tactibench.records.identity import digest
 from tactibench.records.record import Component, Record, parse_record
@@ -82,11 +87,9 @@ def add(run: StoredRun, board: Path) -> Submission:
 
 
 def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
-    """Return the errors to rank by; none for a protocol that is not the present one."""
-    stated = run.record.protocol
-    path = protocol_files().get(stated.id)
-    protocol = None if path is None else read_protocol(path)
-    if protocol is None or protocol.hash != stated.hash:
+    """Return the errors to rank by; none for a version of a protocol that is not kept."""
+    protocol = version_of(run.record.protocol.id, run.record.protocol.hash)
+    if protocol is None:
         return {}
     return ranked_errors(protocol.spec, run.arrays("truth"), predicted)
 
@@ -112,6 +115,17 @@ def read_submissions(board: Path, protocol: str) -> list[Record]:
     records = [_read(path) for path in _files(board / FOLDER / protocol)]
     refuse_twins(records)
     return records
+
+
+def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> list[Record]:
+    """Return the records of one version of their protocol.
+
+    Those of a version that is not kept stand with the present one, which says so.
+    """
+    if protocol.archived:
+        return [record for record in records if record.protocol.hash == protocol.hash]
+    earlier = {one.hash for one in protocol_versions(protocol.spec.id) if one.archived}
+    return [record for record in records if record.protocol.hash not in earlier]
 
 
 def refuse_twins(records: Sequence[Record]) -> None:

@@ -67,6 +67,7 @@ def truth_of(
     Raises:
         UserError: where they cannot be made here.
     """
+    protocol = _without_sensor_settings(protocol)
     options = _test_options(record, source)
     if protocol.spec.transfer is not None and options.data is None:
         raise UserError(
@@ -94,6 +95,17 @@ def truth_of(
     truth = _drawn_truth(frames)
     # Records from before the limit was known do not state it.
     return truth | _limits(frames) if record.metric(LIMIT, "all") else truth
+
+
+def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:
+    """Return the protocol whose families press with the sensor as it is.
+
+    A setting such as the tier changes frames and not what is pressed. So the truth of a version can
+    be made again when the setting that it names went.
+    """
+    families = [one.model_copy(update={"sensor": {}}) for one in protocol.spec.families]
+    spec = protocol.spec.model_copy(update={"families": tuple(families)})
+    return replace(protocol, spec=spec)
 
 
 def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:

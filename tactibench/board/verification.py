@@ -30,7 +30,12 @@ from tactibench.board.truth import Source, labelled_counts, truth_of
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.loader import (
+    LoadedProtocol,
+    protocol_files,
+    protocol_versions,
+    version_of,
+)
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Metric, Record, make_signature, parse_record
 from tactibench.run.request import HIDDEN
@@ -86,7 +91,7 @@ def verify(
     refuse_names(record, str(path))
     refuse_misplaced(record, path)
     refuse_partial(record, str(path))
-    protocol = _present_protocol(record, path)
+    protocol = _kept_protocol(record, path)
     refuse_signature(record, str(path))
     _refuse_other_seed(record, path, hidden)
     place = answers_file(path)
@@ -122,18 +127,19 @@ def verify(
     return Verdict(path, record, frames, kept, stated)
 
 
-def _present_protocol(record: Record, path: Path) -> LoadedProtocol:
+def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:
     stated, files = record.protocol, protocol_files()
     if stated.id not in files:
         raise UserError(
             f"{path} answers protocol {stated.id!r}, which does not ship with tactibench; "
             f"{did_you_mean(stated.id, files)}"
         )
-    protocol = read_protocol(files[stated.id])
-    if (stated.version, stated.hash) != (protocol.spec.version, protocol.hash):
+    protocol = version_of(stated.id, stated.hash)
+    if protocol is None or protocol.spec.version != stated.version:
+        present = protocol_versions(stated.id)[0]
         raise UserError(
             f"{path} answers {stated.label} ({stated.hash[:8]}), but the "
-            f"present one is {protocol.label} ({protocol.hash[:8]}); run the protocol again."
+            f"present one is {present.label} ({present.hash[:8]}); run the protocol again."
         )
     return protocol
 

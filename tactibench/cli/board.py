@@ -58,8 +58,9 @@ def show(protocol: str, board_folder: Path) -> None:
     from tactibench.report.writers.terminal import print_table
 
     check_folder(board_folder)
-    name = load_protocol(protocol).spec.id
-    tables = [first for first, _ in first_tables(board_folder, name)]
+    loaded = load_protocol(protocol)
+    name = loaded.name
+    tables = [first for first, _ in first_tables(board_folder, loaded)]
     if not tables:
         raise UserError(
             f"{board_folder} has no ranked rows of {name}; `tactibench board add RUN` adds one."

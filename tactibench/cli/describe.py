@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 def describe(name: str) -> None:
     """Show the details of a model, sensor, encoder or protocol called NAME."""
     from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.loader import protocol_files
+    from tactibench.protocols.loader import archived_files, protocol_files
 
     host = PluginHost()
-    files = protocol_files()
+    files = protocol_files() | archived_files()
     known = [*files, *(spec.name for catalogue in host.catalogues for spec in catalogue)]
     shown = 0
     for catalogue in host.catalogues:
         if name in catalogue:
             _show_spec(catalogue.kind, catalogue[name], catalogue.origins[name])
             shown += 1
-    if name in files or name.endswith(".toml"):
+    if name in files or name.endswith(".toml") or name.partition("@")[0] in files:
         _show_protocol(name)
         shown += 1
     if not shown:
@@ -74,12 +74,15 @@ def _range(parameter: Any) -> str:
 
 
 def _show_protocol(name: str) -> None:
-    from tactibench.protocols.loader import load_protocol
+    from tactibench.protocols.loader import load_protocol, protocol_versions
 
     protocol = load_protocol(name)
     spec = protocol.spec
     click.echo(f"protocol {protocol.label}: {spec.title}")
     click.echo(f"  hash      {protocol.hash}")
+    versions = [one.label for one in protocol_versions(spec.id) if one.hash != protocol.hash]
+    if versions:
+        click.echo(f"  versions  {', '.join(versions)}")
     click.echo(f"  asks for  {spec.answer}")
     for draw in spec.draws:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)

@@ -97,7 +97,7 @@ class TrainingBar:
 
 def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     """Print the result beside the published numbers, and its pictures."""
-    from tactibench.protocols.loader import protocol_files, read_protocol
+    from tactibench.protocols.loader import version_of
     from tactibench.protocols.published import load_published
     from tactibench.report.plots.run_pictures import update_pictures
     from tactibench.report.run_report import print_run
@@ -105,13 +105,11 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
 
     record = run.record
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
-    files = protocol_files()
     names: tuple[str, ...] = ()
     axes: tuple[Axis, ...] = ()
-    if record.protocol.id in files:
-        protocol = read_protocol(files[record.protocol.id])
-        names = protocol.spec.published.tables
-        axes = protocol.spec.axes if protocol.hash == record.protocol.hash else ()
+    protocol = version_of(record.protocol.id, record.protocol.hash)
+    if protocol is not None:
+        names, axes = protocol.spec.published.tables, protocol.spec.axes
     published = load_published(names, shipped_folder("published"))
     records = [other.record for other in others]
     print_run(terminal.out, record, run.folder / RECORD, published, records, axes)

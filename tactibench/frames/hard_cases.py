@@ -120,7 +120,7 @@ class HardCaseFrames(DrawnFrames):
         """Scenes of the family's own."""
         scenes = [self._scene(family, row.value, row.press) for row in rows]
         presses = [f"{family.name}-{row.press}" for row in rows]
-        frames = _with_parameters(self.testing, family, family.sensor)
+        frames = self._with_parameters(family, family.sensor)
         return self._frame_set_of(frames, family, rows, scenes, presses)
 
     def _on_another_sensor(self, family: Family, value: float, rows: Sequence[Row]) -> FrameSet:
@@ -128,7 +128,7 @@ class HardCaseFrames(DrawnFrames):
         base = self._base
         scenes = [self._scene(base, base.values[0], row.press) for row in rows]
         presses = [f"{base.name}-{row.press}" for row in rows]
-        frames = _with_parameters(self.testing, family, {str(family.parameter): f"{value:g}"})
+        frames = self._with_parameters(family, {str(family.parameter): f"{value:g}"})
         return self._frame_set_of(frames, family, rows, scenes, presses)
 
     def _faulty(self, family: Family, rows: Sequence[Row]) -> FrameSet:
@@ -167,6 +167,25 @@ class HardCaseFrames(DrawnFrames):
             presses=presses,
             groups=[row.group for row in rows],
         )
+
+    def _with_parameters(self, family: Family, given: dict[str, str]) -> SensorFrames:
+        """Return the sensor with other parameters. Raises UserError for those it does not have."""
+        frames, protocol = self.testing, self.request.protocol
+        if not given:
+            return frames
+        component = frames.component
+        try:
+            changed = component.spec.settings(given)
+        except UserError as error:
+            what = f"family {family.name!r} of protocol {protocol.name!r} changes the sensor"
+            if protocol.archived:
+                raise UserError(
+                    f"{what} in a way that is no longer there; results of this version can be "
+                    f"read, and `run {self.spec.id}` runs the present one."
+                ) from None
+            raise UserError(f"{what}: {error}") from None
+        values = {**component.values, **{name: changed[name] for name in given}}
+        return replace(frames, component=BoundSpec(component.spec, values, component.origin))
 
     def _scene(self, family: Family, value: float, press: int) -> Scene:
         protocol = self.testing.protocol
@@ -227,18 +246,3 @@ class FaultyFrameSet(FrameSet):
             combined([whole.hash, images, *self.names]),
             dome_radius=whole.dome_radius,
         )
-
-
-def _with_parameters(frames: SensorFrames, family: Family, given: dict[str, str]) -> SensorFrames:
-    """The sensor with other parameters. Raises UserError for those it does not have."""
-    if not given:
-        return frames
-    component = frames.component
-    try:
-        changed = component.spec.settings(given)
-    except UserError as error:
-        raise UserError(
-            f"family {family.name!r} of protocol {frames.protocol.id!r} changes the sensor: {error}"
-        ) from None
-    values = {**component.values, **{name: changed[name] for name in given}}
-    return replace(frames, component=BoundSpec(component.spec, values, component.origin))

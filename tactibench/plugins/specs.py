@@ -122,6 +122,13 @@ class _Spec:
                 raise UserError(
                     f"{self.name!r} has no parameter {name!r}; {did_you_mean(name, known)}"
                 )
+            instead = self.retired.get(name, {}).get(given[name])
+            if instead is not None:
+                allowed = ", ".join(str(choice) for choice in known[name].choices)
+                raise UserError(
+                    f"{self.name!r} no longer has {name}={given[name]}; take {name}={instead} "
+                    f"instead{f' (allowed: {allowed})' if allowed else ''}."
+                )
         return {
             name: parameter.parse(given[name]) if name in given else parameter.default
             for name, parameter in known.items()

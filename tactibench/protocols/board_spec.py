@@ -132,10 +132,12 @@ class _Common(_Frozen):
 def board_spec(protocol: str) -> BoardSpec:
     """Return what the board of a shipped protocol shows; nothing special for another protocol.
 
+    protocol: its id or label; the boards of all versions show the same tables.
+
     Raises:
         UserError: its file is no board file.
     """
-    path = protocol_files().get(protocol)
+    path = protocol_files().get(protocol.partition("@")[0])
     return BoardSpec() if path is None else read_board_spec(path)
 
 

@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from tactibench.protocols.schema import Protocol
 
 
+ARCHIVE = "archive"
+"""Folder, beside the present protocols, of earlier versions, each in a file called after its label:
+``archive/exp1@1.toml``, with its list of test frames where it has one."""
+
+
 @dataclass(frozen=True)
 class LoadedProtocol:
     """A validated protocol with its file and content hash.
@@ -33,11 +38,45 @@ class LoadedProtocol:
         """Name with version, as "exp1@1"."""
         return f"{self.spec.id}@{self.spec.version}"
 
+    @property
+    def archived(self) -> bool:
+        """True for an earlier version that is kept, so that its results can be read and checked."""
+        return self.path.stem == self.label
+
+    @property
+    def name(self) -> str:
+        """Name that loads it: its id, or its label where it is archived."""
+        return self.label if self.archived else self.spec.id
+
 
 def protocol_files() -> dict[str, Path]:
     """Return name -> file of every protocol that ships with tactibench."""
     files = sorted(shipped_folder("protocols").glob("*.toml"))
     return {path.stem: path for path in files if "." not in path.stem}  # no exp1.board.toml
+
+
+def archived_files() -> dict[str, Path]:
+    """Return label ("exp1@1") -> file of every earlier version of the protocols that ship."""
+    files = sorted((shipped_folder("protocols") / ARCHIVE).glob("*@*.toml"))
+    return {path.stem: path for path in files if "." not in path.stem}
+
+
+def protocol_versions(name: str) -> tuple[LoadedProtocol, ...]:
+    """Return the present version of a shipped protocol and its archived ones, the newest first.
+
+    name: its id. Empty for one that does not ship. Raises UserError as ``read_protocol``.
+    """
+    present = protocol_files().get(name)
+    if present is None:
+        return ()
+    earlier = (f for label, f in archived_files().items() if label.partition("@")[0] == name)
+    older = sorted(map(read_protocol, earlier), key=lambda one: -one.spec.version)
+    return (read_protocol(present), *older)
+
+
+def version_of(name: str, content_hash: str) -> LoadedProtocol | None:
+    """Return the version of a shipped protocol with that hash; None where it is not kept."""
+    return next((one for one in protocol_versions(name) if one.hash == content_hash), None)
 
 
 def protocol_titles() -> dict[str, tuple[int, str]]:
@@ -52,11 +91,17 @@ def protocol_titles() -> dict[str, tuple[int, str]]:
 def load_protocol(name: str) -> LoadedProtocol:
     """Load a shipped protocol by name, or any protocol by the path of its ``.toml`` file.
 
-    Raises UserError for an unknown name, an unreadable file, or a wrong or missing key.
+    A name is an id ("exp1", the present version) or a label ("exp1@1"). Raises UserError for an
+    unknown name, an unreadable file, or a wrong or missing key.
     """
     files = protocol_files()
     if name in files:
         return read_protocol(files[name])
+    versions = {one.label: one for one in protocol_versions(name.partition("@")[0])}
+    if name in versions:
+        return versions[name]
+    if versions and "@" in name:
+        raise UserError(f"there is no {name!r}; versions that are kept: {', '.join(versions)}.")
     path = Path(name)
     if path.suffix != ".toml":
         raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")

@@ -12,10 +12,14 @@ from tactibench.board.grouping import whole
 from tactibench.board.ranking import Errors, Ranks, ordered, ranks
 from tactibench.board.rows import Row
 from tactibench.board.sections import Section, sections_of
-from tactibench.board.submissions import all_press_errors, read_submissions
+from tactibench.board.submissions import (
+    all_press_errors,
+    read_submissions,
+    records_of_version,
+)
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import protocol_files
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
 from tactibench.records.record import Record
 from tactibench.report.numbers import fixed
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
@@ -37,14 +41,20 @@ LATEX_NOTE = r"mean over seeds [95\,\% interval over presses]"
 def tidy_rows(board: Path) -> list[dict[str, Any]]:
     """Return a line for every board, row and metric: rank, mean over seeds, interval, counts."""
     lines = []
-    for name in protocol_files():
-        sections, errors = _sections(board, name)
+    for protocol in _protocols():
+        name = protocol.name
+        sections, errors = _sections(board, protocol)
         for section in sections:
             ranked = ranks(name, section.rows, errors)
             for k, row in enumerate(section.rows):
                 rank = None if ranked is None else ranked.by_row[k]
                 lines += [{**line, "rank": rank} for line in _lines(name, section, row)]
     return lines
+
+
+def _protocols() -> list[LoadedProtocol]:
+    """Return all protocols that ship, each with its archived versions behind the present one."""
+    return [version for name in protocol_files() for version in protocol_versions(name)]
 
 
 def board_csv(lines: list[dict[str, Any]]) -> str:
@@ -56,27 +66,28 @@ def board_csv(lines: list[dict[str, Any]]) -> str:
 def board_latex(board: Path) -> str:
     """Return the first table of every section of every board."""
     texts = []
-    for name in protocol_files():
-        for first, signatures in first_tables(board, name):
+    for protocol in _protocols():
+        for first, signatures in first_tables(board, protocol):
             texts.append(latex_text(replace(first, note=LATEX_NOTE), signatures))
     return "\n".join(texts)
 
 
-def first_tables(board: Path, protocol: str) -> Iterator[tuple[Table, list[str]]]:
+def first_tables(board: Path, protocol: LoadedProtocol) -> Iterator[tuple[Table, list[str]]]:
     """Yield the first table of every section of one board, and the signatures of its runs."""
-    spec = board_spec(protocol)
+    name = protocol.name
+    spec = board_spec(name)
     if not spec.blocks:
         return
     sections, errors = _sections(board, protocol)
     for section in sections:
-        rows = ordered(protocol, section.rows)
-        title = f"{protocol}, {section.title}"
+        rows = ordered(name, section.rows)
+        title = f"{name}, {section.title}"
         signatures = [record.signature for row in rows for record in row.records]
-        yield _first_table(title, rows, spec.blocks[0], ranks(protocol, rows, errors)), signatures
+        yield _first_table(title, rows, spec.blocks[0], ranks(name, rows, errors)), signatures
 
 
-def _sections(board: Path, protocol: str) -> tuple[list[Section], Errors]:
-    records = read_submissions(board, protocol)
+def _sections(board: Path, protocol: LoadedProtocol) -> tuple[list[Section], Errors]:
+    records = records_of_version(read_submissions(board, protocol.spec.id), protocol)
     return sections_of(whole(records)), all_press_errors(board, records)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,12 +22,13 @@ from tactibench.board.submissions import (
     check_folder,
     committed_protocols,
     read_submissions,
+    records_of_version,
 )
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import BoardSpec, board_spec
 from tactibench.protocols.board_spec import Column as MetricColumn
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
 from tactibench.protocols.published import PublishedTable, load_published
 from tactibench.records.files import atomic
 from tactibench.records.record import Record
@@ -74,12 +75,21 @@ class PageSection:
 
 @dataclass(frozen=True)
 class BoardPage:
-    """A board as blocks. published: with its heading; empty where no paper has a row."""
+    """A board as blocks.
+
+    Attributes:
+        title: The protocol's.
+        intro: How to read the tables.
+        sections: The tables of each sensor.
+        published: With its heading; empty where no paper has a row.
+        versions: Pages of the other versions of the protocol, without ``.md``.
+    """
 
     title: str
     intro: tuple[Block, ...]
     sections: tuple[PageSection, ...]
     published: tuple[Block, ...]
+    versions: tuple[str, ...] = ()
 
     def markdown(self) -> str:
         """Return the page as it stands under ``leaderboards/``."""
@@ -87,7 +97,9 @@ class BoardPage:
         for part in self.sections:
             blocks += [Heading(2, part.title), *part.blocks]
         body = markdown([*blocks, *self.published])
-        return f"# {self.title}\n\n{GENERATED}\n\n{body}\n"
+        links = ", ".join(f"[{name}]({name}.md)" for name in self.versions)
+        other = f"Other versions of this protocol: {links}.\n\n" if links else ""
+        return f"# {self.title}\n\n{GENERATED}\n\n{other}{body}\n"
 
 
 @dataclass(frozen=True)
@@ -116,6 +128,8 @@ class PageFile:
 def page_files(board: Path) -> list[PageFile]:
     """Return the page of every protocol, made from the committed records.
 
+    An archived version has a page where it has records.
+
     Raises:
         UserError: There is no board, or it holds records of an unknown protocol.
     """
@@ -126,7 +140,7 @@ def page_files(board: Path) -> list[PageFile]:
             raise UserError(
                 f"{board} holds records of a protocol {name!r}; {did_you_mean(name, files)}"
             )
-    return [_page_file(board, name, files[name]) for name in files]
+    return [page for name in files for page in _version_pages(board, name)]
 
 
 def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTable]:
@@ -136,14 +150,21 @@ def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTab
     return load_published(protocol.spec.published.tables, folder)
 
 
-def _page_file(board: Path, name: str, file: Path) -> PageFile:
-    protocol = read_protocol(file)
-    records = read_submissions(board, name)
-    page = board_page(
-        protocol, records, published_tables(protocol, board), all_press_errors(board, records)
-    )
-    on_curve = len(records) - len(whole(records))
-    return PageFile(board / f"{name}.md", page.markdown(), len(records), on_curve)
+def _version_pages(board: Path, name: str) -> list[PageFile]:
+    """Return the page of the present version, and of those archived ones that have records."""
+    all_records = read_submissions(board, name)
+    of_versions = [(one, records_of_version(all_records, one)) for one in protocol_versions(name)]
+    shown = [(one, records) for one, records in of_versions if records or not one.archived]
+    names = [protocol.name for protocol, _ in shown]
+    pages = []
+    for protocol, records in shown:
+        tables, errors = published_tables(protocol, board), all_press_errors(board, records)
+        page = board_page(protocol, records, tables, errors)
+        page = replace(page, versions=tuple(one for one in names if one != protocol.name))
+        on_curve = len(records) - len(whole(records))
+        path = board / f"{protocol.name}.md"
+        pages.append(PageFile(path, page.markdown(), len(records), on_curve))
+    return pages
 
 
 def board_page(
@@ -155,8 +176,8 @@ def board_page(
     """Return the page of a board.
 
     Args:
-        protocol: Its present version.
-        records: Those of this protocol, of any version.
+        protocol: One version of it.
+        records: Those of this version, and of others that are not kept.
         published: Tables of papers.
         errors: Press by press, of the records that have predictions beside them.
     """
@@ -166,12 +187,24 @@ def board_page(
         _page_section(spec, section, protocol, records, errors)
         for section in sections_of(whole(records))
     )
-    intro = [prose(READING), *_order(spec)]
+    intro = [*_archive_note(protocol), prose(READING), *_order(spec)]
     if not sections:
         text = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
         intro.append(prose(text))
-    title = f"{name}: {protocol.spec.title}"
+    title = f"{protocol.name}: {protocol.spec.title}"
+    if protocol.archived:
+        title += f" (archived: version {protocol.spec.version})"
     return BoardPage(title, tuple(intro), sections, tuple(published_blocks(name, published)))
+
+
+def _archive_note(protocol: LoadedProtocol) -> list[Block]:
+    if not protocol.archived:
+        return []
+    text = (
+        f"An earlier version of `{protocol.spec.id}`. Its rows can still be verified, but are not "
+        "comparable with those of another version; new runs belong on the present board."
+    )
+    return [prose(text)]
 
 
 def _order(spec: BoardSpec) -> list[Block]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, protocol_versions, version_of
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
 from tactibench.records.files import arrays_hash
@@ -131,19 +131,19 @@ def rescore(run: StoredRun) -> Record:
 def protocol_of(run: StoredRun) -> LoadedProtocol:
     """Return the protocol that a run was made with. Raises UserError if it is not installed."""
     stated = run.record.protocol
-    path = protocol_files().get(stated.id)
-    if path is None:
+    protocol = version_of(stated.id, stated.hash)
+    if protocol is not None:
+        return protocol
+    versions = protocol_versions(stated.id)
+    if not versions:
         raise UserError(
             f"{run.folder} was made with protocol {stated.id!r}, which does not ship with "
             "tactibench; run it again with its .toml file."
         )
-    protocol = read_protocol(path)
-    if protocol.hash != stated.hash:
-        raise UserError(
-            f"{run.folder} was made with {stated.label}, but this tactibench has {protocol.label}; "
-            "run the protocol again."
-        )
-    return protocol
+    raise UserError(
+        f"{run.folder} was made with {stated.label}, but this tactibench has {versions[0].label}; "
+        "run the protocol again."
+    )
 
 
 def metric_differences(stored: list[Metric], again: list[Metric]) -> list[str]:

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.errors import UserError
+from tactibench.protocols.loader import (
+    archived_files,
+    load_protocol,
+    protocol_files,
+    protocol_versions,
+    read_protocol,
+    version_of,
+)
 from tactibench.shipped import shipped_folder
 
 CHANGELOG = (shipped_folder("protocols") / "CHANGELOG.md").read_text(encoding="utf-8")
@@ -43,8 +51,36 @@ def test_every_entry_is_of_a_protocol_and_none_of_a_later_version() -> None:
         assert int(version) <= now[name]
 
 
+@pytest.mark.parametrize("label", archived_files())
+def test_an_archived_version_is_the_one_that_was_listed(label: str) -> None:
+    protocol = load_protocol(label)
+    assert (protocol.label, protocol.name, protocol.archived) == (label, label, True)
+    assert entries(CHANGELOG)[label][0] == protocol.hash
+    present = load_protocol(protocol.spec.id)
+    assert protocol.spec.version < present.spec.version
+    assert version_of(protocol.spec.id, protocol.hash) == protocol
+    assert protocol in protocol_versions(protocol.spec.id)
+
+
+def test_every_earlier_version_is_kept() -> None:
+    kept = {one.label for name in protocol_files() for one in protocol_versions(name)}
+    assert kept == set(entries(CHANGELOG))
+
+
+def test_a_version_is_loaded_by_its_label() -> None:
+    present = load_protocol("stability")
+    assert load_protocol(present.label) == present
+    assert present.name == "stability"
+    with pytest.raises(UserError, match=r"no 'stability@9'.*stability@2, stability@1\.$"):
+        load_protocol("stability@9")
+    with pytest.raises(UserError, match="unknown protocol 'nothing@1'"):
+        load_protocol("nothing@1")
+    assert protocol_versions("nothing") == ()
+    assert version_of("stability", "0" * 64) is None
+
+
 def copied(name: str, folder: Path) -> Path:
-    for path in shipped_folder("protocols").iterdir():
+    for path in filter(Path.is_file, shipped_folder("protocols").iterdir()):
         (folder / path.name).write_bytes(path.read_bytes())
     return folder / f"{name}.toml"
 

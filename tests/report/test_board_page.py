@@ -46,6 +46,22 @@ def test_the_committed_pages_are_what_the_committed_records_give():
     assert stale == [], "run `tactibench board` and commit"
 
 
+def test_an_earlier_version_keeps_its_page_and_the_present_one_links_to_it(tmp_path):
+    folder = tmp_path / "submissions" / "stability"
+    folder.mkdir(parents=True)
+    stored = next((ROOT / "leaderboards" / "submissions" / "stability").glob("*-mean-*.json"))
+    (folder / stored.name).write_bytes(stored.read_bytes())
+    pages = {page.path.name: page for page in page_files(tmp_path)}
+    present, earlier = pages["stability.md"], pages["stability@1.md"]
+    assert (present.records, earlier.records) == (0, 1)
+    assert "(stability@1.md)" in present.text
+    assert "No run has been added yet" in present.text
+    assert earlier.text.splitlines()[0].endswith("(archived: version 1)")
+    assert "(stability.md)" in earlier.text
+    assert "*mean*" in earlier.text
+    assert "exp1@1.md" not in pages
+
+
 def test_the_order_of_the_records_does_not_matter(fabricate):
     records = [fabricate(model=m, seed=s, encoder=None) for m in ("cnn", "mean") for s in range(3)]
     assert made(records) == made(records[::-1]) == made(records[3:] + records[:3])

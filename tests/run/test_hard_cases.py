@@ -13,7 +13,7 @@ import pytest
 from tactibench import UserError
 from tactibench.frames.faults import FAULTS
 from tactibench.frames.source import FramePlan
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.protocols.loader import archived_files, protocol_files, read_protocol
 from tactibench.records.files import arrays_hash
 from tactibench.run.plan import RunPlan, plan_lines
 from tactibench.run.request import TestOptions
@@ -26,7 +26,7 @@ SHORT = {
     "validation = 400": "validation = 10",
     "presses = 50": "presses = 3",
     "presses = 1000": "presses = 4",
-    'sensor = { tier = "green" }': 'sensor = { offset = "1.0" }',
+    'press = "tip-radius"': 'press = "tip-radius"\nsensor = { offset = "1.0" }',
     'parameter = "instance"': 'parameter = "offset"',
     "values = [2, 3, 4, 5, 6]": "values = [2, 3]",  # the tiny sensor shows three tips
     "values = [0.32, 0.45, 0.6, 0.7, 0.8]": "values = [0.2, 0.3]",  # and 7 mm
@@ -146,6 +146,16 @@ def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
         r"sensor: 'other' has no parameter 'offset'",
     ):
         planned(hard, sensor="other")
+
+
+def test_an_earlier_version_says_that_its_frames_cannot_be_made_again(
+    planned: Callable[..., RunPlan],
+) -> None:
+    with pytest.raises(
+        UserError,
+        match=r"'sharp' of protocol 'stability@1' .* no longer there.*`run stability` runs the",
+    ):
+        planned(str(archived_files()["stability@1"]))
 
 
 def test_a_flat_sensor_has_no_edge(

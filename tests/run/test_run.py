@@ -234,10 +234,10 @@ def test_scoring_again_is_identical(
     assert not metric_differences(done.record.metrics, score_arrays(spec, *arrays))
     with pytest.raises(UserError, match="run the protocol again"):
         rescore(done)  # the shipped exp2 is another
-    from tactibench.run import score
+    from tactibench.protocols import loader
 
     mini = {"exp2": tmp_path / "protocols" / "exp2.toml"}
-    monkeypatch.setattr(score, "protocol_files", lambda: mini)
+    monkeypatch.setattr(loader, "protocol_files", lambda: mini)
     assert rescore(done) == done.record
     changed = [
         done.record.metrics[0].model_copy(update={"value": 9.0}),

@@ -21,6 +21,7 @@ from tactibench.board.rows import measured_on, trained_on
 from tactibench.board.truth import Source, trusted_host
 from tactibench.board.verification import verify
 from tactibench.plugins.host import PluginHost
+from tactibench.protocols import loader
 from tactibench.protocols.loader import protocol_files
 from tactibench.records.answers import unpack_plates
 from tactibench.records.store import StoredRun
@@ -222,10 +223,7 @@ def submitted(
     done: Done, protocol: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[str], Path]:
     """Model -> its submission, on all test frames; the path of its record."""
-    for module in (
-        verification,
-        submissions,
-    ):  # its few shots make another protocol than the shipped one
+    for module in (verification, loader):  # its few shots make another protocol than the shipped
         monkeypatch.setattr(module, "protocol_files", lambda: {"transfer": Path(protocol)})
 
     def made(model: str) -> Path:

@@ -18,16 +18,11 @@ from tactibench.plugins.host import PluginHost
 
 sensors = PluginHost().sensors
 several = (Indenter.single(), Indenter.dual(7.0), Indenter.triple((0.0, 0.5, 1.0)))
-for name, parameters, indenters in (
-    ("tactip-127", {}, several),
-    ("tactip-127", {"tier": "green"}, several),
-):
-    spec = sensors[name]
-    settings = spec.settings(parameters)
-    with spec.load()(SensorContext(np.random.SeedSequence(1)), **settings) as sensor:
-        for frame in sensor.press_many(Scene(indenter, Pose(depth=2.0)) for indenter in indenters):
-            pass
-        sensor.bound(Scene(indenters[0], Pose(depth=2.0)))
+spec = sensors["tactip-127"]
+with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
+    for frame in sensor.press_many(Scene(indenter, Pose(depth=2.0)) for indenter in several):
+        pass
+    sensor.bound(Scene(several[0], Pose(depth=2.0)))
 """
 READERS = """
 import numpy as np

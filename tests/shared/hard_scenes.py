@@ -8,16 +8,12 @@ import pytest
 
 from tactibench import Grid, SensorContext
 from tactibench_sim import hooks
-from tactibench_sim.green import kernel
-from tactibench_sim.green.mechanics import GreenMechanics
 from tactibench_sim.mechanics.contact import Tips
-from tactibench_sim.mechanics.tables import shipped
 from tactibench_sim.pins import layout
 from tactibench_sim.sensor import TacTip127
 
 (_CHOICES,) = (p.choices for p in hooks.DOME if p.name == "tier")
 DECLARED = tuple(tier for tier in _CHOICES if tier != "fem")
-TIERS = tuple(dict.fromkeys((*DECLARED, "green")))
 RADII = (3.0, math.inf)
 PINS = layout(127).copy()  # scipy turns no array that is read-only
 NONE = (0.0, 0.0, -math.inf)
@@ -32,12 +28,10 @@ def sensor(tier):
 
 @cache
 def dome(tier):
-    if tier in DECLARED:
-        return sensor(tier).mechanics
-    return GreenMechanics(kernel.shipped(), shipped())
+    return sensor(tier).mechanics
 
 
-def every_tier(names=TIERS, **expected):
+def every_tier(names=DECLARED, **expected):
     """expected: tier -> why it cannot."""
     return pytest.mark.parametrize(
         "tier",
@@ -88,8 +82,8 @@ def pins(tier, *contacts, radius=3.0):
 
 def carried(tier, *contacts):
     """(K,) how much each contact carries: force, or amplitude of its single field."""
-    loads = dome(tier).loads(tips(*contacts))
-    return loads[0].force if tier == "green" else loads[0].loads.amplitude[0]
+    (part,) = dome(tier).loads(tips(*contacts))
+    return part.loads.amplitude[0]
 
 
 def clean(tier, *contacts, radius=3.0):

@@ -9,7 +9,6 @@ import pytest
 
 from tactibench import UserError
 from tactibench_sim import data_file, instances
-from tactibench_sim.green import kernel
 from tactibench_sim.mechanics import tables as dome_tables
 from tactibench_sim.mechanics import tip_tables
 from tactibench_sim.planar import mechanics as planar
@@ -21,8 +20,8 @@ READERS = {
     "mechanics/tips.npz": tip_tables,
     "domes.npz": instances,
     "planar/pad.npz": planar,
-    "green/kernel.npz": kernel,
     "reference_frames/scenes.npz": reference,
+    "reference_frames/other_tips.npz": reference,
     "real/plates.npz": plate,
 }
 PACKAGE = Path(str(files("tactibench_sim")))

@@ -126,7 +126,7 @@ def test_where_the_tables_end_the_last_linear_step_counts():
 
 
 def test_tips_of_1_mm_differ_sooner_when_they_press_deeper():
-    one = TacTip127(SensorContext(np.random.SeedSequence(0)), tier="green")
+    one = sensor()
     limits = [
         spacing_limit(one, Scene(Indenter.dual(2.0, 1.0), Pose(0.6, -0.4, 25, depth=depth)))
         for depth in (0.4, 0.7, 1.0, 1.4)

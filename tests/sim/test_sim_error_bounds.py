@@ -2,7 +2,7 @@
 
 import json
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import combinations
 
 import error_bounds as maker
@@ -23,14 +23,16 @@ from tactibench_sim.error_bounds import (
     shipped,
     term_counts,
 )
-from tactibench_sim.mechanics import tables
+from tactibench_sim.mechanics import tables, tip_tables
 from tactibench_sim.mechanics.contact import Tips, tips_of
 from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.reference_frames import scenes as reference
 from tactibench_sim.reference_frames.sensor import Reference127
 from tactibench_sim.sensor import TacTip127, TacTip331
 
 TABLES, SCENES = tables.shipped(), reference.shipped()
+OTHERS = reference.shipped_other_tips().scenes
 COUPLED, SUPERPOSED = (TableMechanics(TABLES, tier) for tier in ("coupled", "superpose"))
 SINGLE, DUAL, TRIPLE = Indenter.single(), Indenter.dual(8.0), Indenter.triple((0, 1, 0.5))
 
@@ -49,7 +51,7 @@ def bounds_of(*scenes, **more):
 
 @pytest.fixture(scope="module")
 def bounds():
-    return measured(TABLES, SCENES)
+    return measured(TABLES, (*SCENES, *OTHERS))
 
 
 @pytest.fixture(scope="module")
@@ -58,16 +60,20 @@ def errors():
 
 
 def test_the_bounds_that_ship_are_measured_and_of_the_tables_that_ship(bounds):
-    digest, stored = shipped()
-    assert digest == TABLES.digest
+    digest, tips, stored = shipped()
+    assert (digest, tips) == (TABLES.digest, tip_tables.shipped().digest)
+    envelopes = [(getattr(stored, name), getattr(bounds, name)) for name in ("pair", "many")]
+    for one, other in zip(stored.others, bounds.others, strict=True):
+        assert (one.smallest, one.largest) == (other.smallest, other.largest)
+        envelopes += [(one.single, other.single), (one.pair, other.pair)]
+    for old, new in envelopes:
+        assert old.coefficients == pytest.approx(new.coefficients, abs=2e-6)
+        assert (old.coefficients >= new.coefficients - 1e-9).all()
+        for name in ("factor", "deepest", "nearest", "farthest", "lowest"):
+            assert getattr(old, name) == pytest.approx(getattr(new, name), abs=1e-4)
     for field in fields(Bounds):
         old, new = getattr(stored, field.name), getattr(bounds, field.name)
-        if isinstance(old, Envelope):
-            assert old.coefficients == pytest.approx(new.coefficients, abs=2e-6), field.name
-            assert (old.coefficients >= new.coefficients - 1e-9).all()
-            for name in ("factor", "deepest", "nearest", "farthest", "lowest"):
-                assert getattr(old, name) == pytest.approx(getattr(new, name), abs=1e-4)
-        else:
+        if isinstance(old, np.ndarray):
             assert old == pytest.approx(new, abs=1.1e-4), field.name
             assert (old >= new - 1e-6).all(), field.name  # rounded up
 
@@ -84,7 +90,7 @@ def test_no_reference_scene_is_worse_than_its_bound():
 def test_a_family_of_runs_is_within_the_bound_that_the_others_give(errors, count):
     """The program of ``leave_out`` again, in full: what is left out is bounded by the others."""
     some = [one for one in errors if len(one.delta) == count]
-    factor = (shipped()[1].pair if count == 2 else shipped()[1].many).factor
+    factor = (shipped()[2].pair if count == 2 else shipped()[2].many).factor
     assert max(leave_out(some).values()) <= factor
     for name in {one.name for one in some}:
         others = maker.envelope([one for one in some if one.name != name])
@@ -92,6 +98,29 @@ def test_a_family_of_runs_is_within_the_bound_that_the_others_give(errors, count
             if one.name == name:
                 free = Envelope(others.coefficients, factor, 9.0, 0.0, 3.0, 3.0)  # of any range
                 assert one.error <= free.bound(one.n[None], one.delta[None])[0]
+
+
+@pytest.mark.parametrize("kind", ["single", "pair"])
+@pytest.mark.parametrize("sharper", [True, False])
+def test_tips_of_other_radii_are_bounded_by_those_that_stay(kind, sharper):
+    """Every family, and every radius of which enough others stay, is left out in turn."""
+    bounds = shipped()[2].others[0 if sharper else 1]
+    envelope = getattr(bounds, kind)
+    errors = measure(TABLES, OTHERS)
+    some = maker.other_tips(errors, bounds.smallest, bounds.largest)[kind == "pair"]
+    ratios = leave_out(some)
+    assert len({one.radius for one in some}) >= 3
+    assert max(ratios.values()) <= envelope.factor
+
+
+def test_no_scene_of_another_radius_is_worse_than_its_bound():
+    mechanics = TipMechanics(COUPLED)
+    for scene in OTHERS:
+        u, _ = mechanics.displacement(mechanics.loads(scene.as_tips), scene.directions)
+        error = np.linalg.norm(u[0] - scene.displacement, axis=1).max()
+        assert error <= of(scene.as_tips)[0] < 0.2, scene.name
+        alone = of(scene.as_tips, "superpose")[0]
+        assert alone == of(scene.as_tips)[0] if len(scene.tips) == 1 else np.isinf(alone)
 
 
 def test_a_spacing_of_pairs_is_left_out_as_well(errors):
@@ -164,10 +193,17 @@ def test_what_no_scene_measured_is_unknown(indenter, pose):
 
 
 @pytest.mark.parametrize("radius", [1.0, 2.9, 3.1, 8.0])
-def test_another_radius_is_unknown(radius):
+def test_another_radius_is_known_with_its_own_tables(radius, monkeypatch):
     tips = Tips(np.zeros((1, 1, 2)), np.ones((1, 1)), np.array([radius]))
+    nominal = Tips(tips.xy, tips.depth, np.array([RADIUS_MM]))
+    together = Tips(np.zeros((2, 1, 2)), np.ones((2, 1)), np.array([radius, RADIUS_MM]))
+    assert of(together).tolist() == [*of(tips), *of(nominal)]
+    assert np.isfinite(of(together)).all()
+    assert np.isinf(of(Tips(np.zeros((1, 3, 2)), np.ones((1, 3)), tips.radius))).all()
+    other = replace(tip_tables.shipped(), digest="0")
+    monkeypatch.setattr(tip_tables, "shipped", lambda: other)
     assert np.isinf(of(tips)).all()
-    assert np.isfinite(of(Tips(tips.xy, tips.depth, np.array([RADIUS_MM])))).all()
+    assert np.isfinite(of(nominal)).all()
 
 
 def test_another_table_or_tier_or_instance_is_unknown():
@@ -176,7 +212,6 @@ def test_another_table_or_tier_or_instance_is_unknown():
     assert np.isfinite(sensor(TacTip331, tier="superpose", pin_length=1.0).error_bounds([scene]))
     assert np.isinf(bounds_of(scene, digest="0" * 64)).all()
     assert np.isinf(sensor(instance=3).error_bounds([scene])).all()
-    assert np.isinf(sensor(tier="green").error_bounds([scene])).all()
     assert np.isinf(bounds_of(scene, tier="fem")).all()
     assert sensor(Reference127).error_bounds([scene]) is None
 

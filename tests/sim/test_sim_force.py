@@ -111,7 +111,6 @@ def test_another_instance_has_forces_of_its_own(tactip):
 
 def test_where_forces_are_not_known():
     scene = Scene(SINGLE, Pose(depth=1))
-    assert sensor(tier="green").forces(scene) is None
     assert sensor(PlanarGrid).forces(scene) is None
 
 
@@ -134,8 +133,6 @@ def test_the_command_without_a_modulus_prints_no_newtons(tmp_path):
     (line,) = printed(tmp_path, "single@depth=1")
     assert line.startswith("force: 0.1733 E_skin mm^2 (")
     assert printed(tmp_path, "single@depth=0") == ["force: 0, nothing touches"]
-    (line,) = printed(tmp_path, "single@depth=1", "--param", "tier=green")
-    assert "not known" in line
 
 
 @pytest.mark.parametrize("modulus", ["0", "-1", "soft"])

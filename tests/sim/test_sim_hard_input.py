@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hard_scenes import DECLARED, GRID, every_sensor, sensor
+from hard_scenes import GRID, every_sensor, sensor
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench_sim import fem
@@ -85,11 +85,20 @@ def test_an_indenter_that_is_not_finite_is_refused(tier, axis, value):
         sensor(tier).press(Scene(Indenter(3.0, ((1.0, 0, 0), tuple(offset)), "odd"), Pose(depth=1)))
 
 
-@pytest.mark.parametrize("tier", [t for t in DECLARED if t != "green"])
+@every_sensor
 def test_a_radius_without_tables_is_refused_with_the_range(tier):
     for call in calls(tier):
         with pytest.raises(UserError, match=r"radius is 9 mm.*1 to 8 mm.*sensor.tier=fem"):
             call(Scene(Indenter.single(9.0), Pose(depth=1.0)))
+
+
+@every_sensor
+def test_a_depth_beyond_the_tables_of_a_tip_is_refused_with_the_range(tier):
+    for radius, end in ((1.0, "1.5"), (3.0, "6.5"), (8.0, "4")):
+        scene = Scene(Indenter.single(radius), Pose(depth=float(end) + 0.2))
+        for call in calls(tier):
+            with pytest.raises(UserError, match=rf"tables end at {end} mm.*sensor\.tier=fem"):
+                call(scene)
 
 
 def test_a_radius_that_is_none_cannot_be_made():

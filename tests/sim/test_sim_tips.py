@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,12 +12,9 @@ from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.mechanics.tip_tables import deepest, shipped
 from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.pins import layout
+from tactibench_sim.reference_frames import scenes as reference
 from tactibench_sim.sensor import TacTip127
 
-SCENES = Path(__file__).with_name("other_tips.npz")
-"""Scenes by 3-D finite elements, tips moved along -z: radius, places and depths of up to two tips
-(NaN: none), and the displacement of 127 pin bases, mm (scripts/fem/press_other_tips.py). None made
-a table; radii 1.75, 2.2, 4.5 and 7 mm lie between those of the tables."""
 PINS = layout(127)
 EXACT_MM = 0.06
 
@@ -40,15 +35,11 @@ def bases(dome, scene):
 
 
 def test_scenes_by_finite_elements_are_met(dome) -> None:
-    with np.load(SCENES) as found:
-        worst = {}
-        for radius, xy, depth, truth in zip(
-            found["radius"], found["xy"], found["depth"], found["displacement"], strict=True
-        ):
-            there = np.isfinite(depth)
-            scene = tips(radius, *np.column_stack([xy[there], depth[there]]))
-            error = np.linalg.norm(bases(dome, scene)[0] - truth, axis=1).max()
-            worst[float(radius)] = max(worst.get(float(radius), 0.0), float(error))
+    worst: dict[float, float] = {}
+    for scene in reference.shipped_other_tips().scenes:
+        moved = dome.displacement(dome.loads(scene.as_tips), scene.directions)[0][0]
+        error = float(np.linalg.norm(moved - scene.displacement, axis=1).max())
+        worst[scene.radius] = max(worst.get(scene.radius, 0.0), error)
     assert set(worst) >= {1.0, 1.75, 6.0, 7.0}
     assert max(worst.values()) < EXACT_MM, worst
 
@@ -134,11 +125,9 @@ def test_a_stored_scene_comes_out_of_the_finite_elements_again() -> None:
     from tactibench_sim.fem.press import SpatialPress
     from tactibench_sim.fem.tip import Tip
 
-    with np.load(SCENES) as found:
-        row = int(np.flatnonzero(found["radius"] == 1.75)[0])
-        xy, depth, truth = (found[name][row] for name in ("xy", "depth", "displacement"))
-    press = SpatialPress(
-        fem.Dome(), [Tip.downwards(fem.Dome(), *place, 1.75) for place in xy], depth[None]
-    )
-    press.move(depth)
-    assert press.field().inner(PINS) == pytest.approx(truth, abs=0.01)
+    scenes = reference.shipped_other_tips().scenes
+    scene = next(one for one in scenes if one.radius == 1.75)
+    tips = [Tip.downwards(fem.Dome(), *place, 1.75) for place in scene.tips[:, :2]]
+    press = SpatialPress(fem.Dome(), tips, scene.tips[None, :, 2])
+    press.move(scene.tips[:, 2])
+    assert press.field().inner(PINS) == pytest.approx(scene.displacement, abs=0.01)

@@ -21,10 +21,12 @@ from rich.text import Text
 from tactibench.geometry import DOME_RADIUS_MM
 from tactibench_sim.commands.tier_errors import (
     APART,
+    AXES,
     DEPTHS_MM,
     GROUPS,
     TARGET_US,
     TARGETS_MM,
+    TERMS,
     Errors,
     TierErrors,
     pin_name,
@@ -60,17 +62,41 @@ def print_report(console: Console, tiers: Sequence[TierErrors]) -> None:
             cells += [_pair(errors, "tip", 3), _pair(errors, "normal", 1)]
             table.add_row(label, group, *cells)
             label = ""
-    console.print(Text("pin bases against finite elements, mm: max / median", style="bold"))
+    console.print(
+        Text("pin bases against finite elements, tips of R = 3 mm, mm: max / median", style="bold")
+    )
     _print(console, table)
     for tier in tiers:
         for line in _remarks(tier):
             console.print(Text(line), soft_wrap=True)
-    speeds = _table(("tier",), ("wall", "processor", "scenes/s"))
+    for axis, facts in AXES.items():
+        head = f"the same by term and {axis}, {facts.unit}, tips of all radii: max / median (n)"
+        console.print(Text(head, style="bold"))
+        _print(console, _term_table(tiers, axis))
+    speeds = _table(("tier", "term"), ("wall", "processor", "scenes/s"))
     for tier in tiers:
-        wall, processor = tier.speed.wall, tier.speed.processor
-        speeds.add_row(tier.name, f"{wall:,.1f}", f"{processor:,.1f}", f"{1e6 / processor:,.0f}")
-    console.print(Text("field of a dual scene, 127 pins, tier thread, us", style="bold"))
+        label = tier.name
+        for term, cost in tier.costs.items():
+            per_second = f"{1e6 / cost.processor:,.0f}"
+            speeds.add_row(label, term, f"{cost.wall:,.1f}", f"{cost.processor:,.1f}", per_second)
+            label = ""
+    console.print(Text("field of a scene, 127 pins, one thread, us", style="bold"))
     _print(console, speeds)
+
+
+def _term_table(tiers: Sequence[TierErrors], axis: str) -> Table:
+    """Return the errors of every term, a column a band; terms without a scene are left out."""
+    bands = AXES[axis].bands()
+    table = _table(("tier", "term"), [name for name, _, _ in bands])
+    for tier in tiers:
+        label = tier.name
+        for term in TERMS:
+            inside = [tier.errors_of(term, axis, low, high) for _, low, high in bands]
+            if any(inside):
+                cells = [f"{_pair(one, 'base', 3)} ({len(one)})" if one else "" for one in inside]
+                table.add_row(label, term, *cells)
+                label = ""
+    return table
 
 
 def _table(left: Sequence[str], right: Sequence[str]) -> Table:
@@ -125,7 +151,7 @@ def draw(path: Path, tiers: Sequence[TierErrors], title: str) -> None:
     times = [tier.speed.processor for tier in tiers] + [TARGET_US]
     for axes, deepest in zip(panels, DEPTHS_MM, strict=True):
         _panel(axes, tiers, deepest)
-        axes.set_xlim(min(times) / 2, max(times) * 2)
+        axes.set_xlim(min(times) / 3, max(times) * 4)
         axes.set_xlabel("processor time of the field of a dual scene, µs", fontsize=9)
     panels[0].set_ylabel("error of a pin base, mm (filled: max, open: median)", fontsize=9)
     series = zip(tiers, SERIES, strict=False)
@@ -149,8 +175,8 @@ def _panel(axes: Axes, tiers: Sequence[TierErrors], deepest: float) -> None:
     axes.set_axisbelow(True)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_minor_formatter(NullFormatter())
     shown = 0
     for tier, (colour, mark) in zip(tiers, SERIES, strict=False):
         inside = tier.errors_in("all", deepest)
@@ -167,12 +193,12 @@ def _panel(axes: Axes, tiers: Sequence[TierErrors], deepest: float) -> None:
         axes.axhline(value, color=GREY, linewidth=1, linestyle="--" if kind == "max" else ":")
         axes.annotate(
             f"target {kind} {value:.2f} mm",
-            (0.6, value),
+            (0.99, value),
             (0, 2),
             color=GREY,
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
-            ha="center",
+            ha="right",
             fontsize=8,
         )
     axes.axvline(TARGET_US, color=GREY, linewidth=1, linestyle="-.")

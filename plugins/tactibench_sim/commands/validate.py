@@ -8,8 +8,8 @@ import click
 
 
 @click.command(
-    help="Show speed against error of every tier on the finite-element scenes that ship: 3 mm "
-    "tips, alone and in pairs and triples, 1 to 6 mm deep."
+    help="Show error and cost of every tier and term on the finite-element scenes that ship: tips "
+    "of R = 1 to 8 mm, alone and in pairs and triples, by depth, spacing and radius."
 )
 @click.option(
     "--out",
@@ -42,7 +42,7 @@ def validate(
 ) -> None:
     """Compare every tier with the finite-element scenes, or write these as frames."""
     from tactibench import UserError
-    from tactibench_sim.reference_frames.scenes import shipped_file
+    from tactibench_sim.reference_frames.scenes import shipped_file, shipped_other_tips
 
     if out is not None and out.suffix.lower() != ".png":
         raise UserError(
@@ -61,16 +61,19 @@ def validate(
 
     from tactibench_sim.commands.tier_errors import TIERS, judge, rows, worst_cases
     from tactibench_sim.commands.tier_report import draw, print_report
-    from tactibench_sim.mechanics.dome import mechanics_for
+    from tactibench_sim.mechanics.dome import TableMechanics
     from tactibench_sim.mechanics.tables import shipped
+    from tactibench_sim.mechanics.tips import TipMechanics
 
-    reference = shipped_file()
+    reference, others = shipped_file(), shipped_other_tips()
     counts = [sum(len(s.tips) == k for s in reference.scenes) for k in (2, 3, 1)]
     subject = "finite-element scenes: {} pairs, {} triples, {} isolated tips".format(*counts)
-    tables = shipped()
-    tiers = [judge(tier, mechanics_for(tier, tables), reference.scenes) for tier in TIERS]
+    tables, scenes = shipped(), (*reference.scenes, *others.scenes)
+    tiers = [judge(tier, TipMechanics(TableMechanics(tables, tier)), scenes) for tier in TIERS]
     console = Console(highlight=False)
-    console.print(f"{subject}, sha256 {reference.digest[:12]}", soft_wrap=True)
+    digests = ", ".join(one.digest[:12] for one in (reference, others))
+    more = f"{len(others.scenes)} of tips of other radii"
+    console.print(f"{subject} of R = 3 mm, {more}; sha256 {digests}", soft_wrap=True)
     print_report(console, tiers)
     if out is not None:
         draw(out, tiers, f"speed against error of the simulator's tiers\n{subject}")
@@ -78,6 +81,7 @@ def validate(
     if json_file is not None:
         record = {
             "reference": {"sha256": reference.digest, **reference.parameters},
+            "other_tips": {"sha256": others.digest, **others.parameters},
             "tables_sha256": tables.digest,
             "metrics": rows(tiers),
             "worst": worst_cases(tiers),

@@ -192,7 +192,7 @@ def check_reach(n: Array, delta: Array, deepest: float) -> None:
     if (delta > deepest + _SLACK).any():
         raise UserError(
             f"a tip penetrates {delta.max():.2f} mm; the simulator's tables end at {deepest:g} mm, "
-            "press less deep."
+            "press less deep. Deeper go finite elements: `--param sensor.tier=fem`."
         )
     low = math.cos(math.radians(STEEPEST_DEG + _SLACK))
     if (touching & (n[..., 2] < low)).any():

@@ -66,16 +66,11 @@ def mechanics_for(tier: str, tables: Tables) -> Mechanics:
     """Return the mechanics of a tier. Raises UserError for a name that is no tier."""
     if tier in TABLE_TIERS:
         return TableMechanics(tables, tier)
-    if tier == "green":
-        from tactibench_sim.green.kernel import shipped
-        from tactibench_sim.green.mechanics import GreenMechanics
-
-        return GreenMechanics(shipped(), tables)
     if tier == "fem":
         from tactibench_sim.mechanics.finite_elements import FemMechanics
 
         return FemMechanics(tables)
-    raise UserError(f"the tier is {tier!r}; allowed: coupled, fem, green, superpose.")
+    raise UserError(f"the tier is {tier!r}; allowed: coupled, fem, superpose.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,18 @@ depth and 0.025 mm at 6 mm, by 0.004 and 0.009 mm in the median. The meshes of t
 tips, break the symmetries of equal pairs and triples by at most 0.015 mm to 6 mm depth. Normals are
 differences over 0.46 mm and see the elements' edges: they break those symmetries by up to 2 deg, by
 0.2 deg in the median.
+
+Tips of other radii than 3 mm have a file of their own (scripts/fem/press_other_tips.py), at the 127
+pins of one pattern and without normals. No table was made from its runs.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +34,9 @@ from tactibench_sim import data_file
 from tactibench_sim.mechanics.contact import Tips
 
 Array = npt.NDArray[np.float64]
-FILE = "scenes.npz"
+FILE, OTHER_TIPS = "scenes.npz", "other_tips.npz"
 RADIUS_MM = 3.0
+"""Radius of the tips of FILE."""
 LAYOUTS = (331, 127)
 """Pins of the patterns whose directions follow each other in every scene."""
 STEP_MM = 0.25e-3
@@ -45,7 +51,8 @@ class ReferenceScene:
 
     name: of the run; its scenes differ in depth. tips: (K, 3) x, y of the tips' axes and depth past
     first touch, mm. directions: (P, 3) of the pins at rest. displacement: (P, 3) of their bases,
-    mm. normals: (P, 3) outward, of the pressed inner skin. P: the patterns of LAYOUTS in order.
+    mm. normals: (P, 3) outward, of the pressed inner skin, or NaN. P: the patterns of LAYOUTS in
+    order, or the last of them. radius: of the tips, mm.
     """
 
     name: str
@@ -53,11 +60,18 @@ class ReferenceScene:
     directions: Array
     displacement: Array
     normals: Array
+    radius: float = RADIUS_MM
 
     @cached_property
     def depth(self) -> float:
         """Depth of the deepest tip, mm."""
         return float(self.tips[:, 2].max())
+
+    @property
+    def spacing(self) -> float:
+        """Distance between the axes of the nearest two tips, mm; NaN for a single one."""
+        apart = [math.dist(a[:2], b[:2]) for a, b in combinations(self.tips, 2)]
+        return min(apart, default=math.nan)
 
     @property
     def label(self) -> str:
@@ -77,7 +91,7 @@ class ReferenceScene:
     @property
     def as_tips(self) -> Tips:
         """The scene as mechanics take it: S = 1."""
-        return Tips(self.tips[None, :, :2], self.tips[None, :, 2], np.array([RADIUS_MM]))
+        return Tips(self.tips[None, :, :2], self.tips[None, :, 2], np.array([self.radius]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,24 +114,39 @@ def shipped() -> tuple[ReferenceScene, ...]:
     return shipped_file().scenes
 
 
+@cache
+def shipped_other_tips() -> Reference:
+    """Return the scenes of tips of other radii that ship with the package."""
+    return data_file.read_shipped(__package__, OTHER_TIPS, read)
+
+
 def read(path: Path) -> Reference:
     """Read a file of scenes. Raises UserError where it is unreadable or its hash does not fit."""
     return data_file.read(path, "the file of reference scenes", "reinstall tactibench.", _reference)
 
 
 def _reference(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
-    scenes = [scene for name in parameters["runs"] for scene in _scenes(name, arrays)]
+    radius = parameters.get("radius", {})
+    scenes = [
+        scene
+        for name in parameters["runs"]
+        for scene in _scenes(name, arrays, radius.get(name, RADIUS_MM))
+    ]
     return Reference(tuple(scenes), parameters, digest)
 
 
-def _scenes(name: str, content: Mapping[str, npt.NDArray[Any]]) -> list[ReferenceScene]:
-    tips, normals = content[f"{name}_tips"], content[f"{name}_normal"] * STEP_NORMAL
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+def _scenes(
+    name: str, content: Mapping[str, npt.NDArray[Any]], radius: float
+) -> list[ReferenceScene]:
+    tips, moved = content[f"{name}_tips"], content[f"{name}_u"] * STEP_MM
+    normals = np.full(moved.shape, np.nan)
+    if f"{name}_normal" in content:
+        normals = content[f"{name}_normal"] * STEP_NORMAL
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     scenes = []
-    for depth, u, normal in zip(
-        content[f"{name}_depth"], content[f"{name}_u"] * STEP_MM, normals, strict=True
-    ):
-        scene = ReferenceScene(name, tips * (1.0, 1.0, depth), content["directions"], u, normal)
+    for depth, u, normal in zip(content[f"{name}_depth"], moved, normals, strict=True):
+        at = tips * (1.0, 1.0, depth)
+        scene = ReferenceScene(name, at, content["directions"], u, normal, radius)
         for array in (scene.tips, scene.directions, scene.displacement, scene.normals):
             array.setflags(write=False)
         scenes.append(scene)

@@ -8,10 +8,16 @@ from pathlib import Path
 
 from tactibench.board.predictions import PressErrors, press_errors_of
 from tactibench.board.ranking import Errors
-from tactibench.board.submissions import all_press_errors, check_folder, read_submissions, slot
+from tactibench.board.submissions import (
+    all_press_errors,
+    check_folder,
+    read_submissions,
+    records_of_version,
+    slot,
+)
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
 from tactibench.protocols.published import PublishedTable
 from tactibench.records.record import Record
 from tactibench.records.store import RECORD, StoredRun, stored_runs
@@ -24,10 +30,10 @@ from tactibench.run.score import trials_of
 
 @dataclass(frozen=True, eq=False)
 class ReportBoard:
-    """One protocol of a report.
+    """One version of a protocol in a report.
 
     Attributes:
-        protocol: Its present version.
+        protocol: Its present version or an archived one.
         records: Of all runs that are shown.
         published: Tables of papers.
         errors: Press by press, by the name of the record.
@@ -42,8 +48,8 @@ class ReportBoard:
 
     @property
     def name(self) -> str:
-        """The id of the protocol."""
-        return self.protocol.spec.id
+        """The id of the protocol; its label where it is archived."""
+        return self.protocol.name
 
 
 @dataclass(frozen=True)
@@ -82,7 +88,8 @@ def gather(
     if origin != RUNS:
         check_folder(board)
     shown = [name for name in files if not protocols or name in protocols]
-    boards = [_board(name, files[name], complete, board, origin) for name in shown]
+    versions = [version for name in shown for version in protocol_versions(name)]
+    boards = [_board(version, complete, board, origin) for version in versions]
     boards = [one for one in boards if one.records or one.name in protocols]
     if not boards:
         raise UserError(
@@ -93,25 +100,25 @@ def gather(
 
 
 def _board(
-    name: str, file: Path, runs: Iterable[StoredRun], board: Path, origin: str
+    protocol: LoadedProtocol, runs: Iterable[StoredRun], board: Path, origin: str
 ) -> ReportBoard:
-    protocol = read_protocol(file)
+    name = protocol.spec.id
     newest: dict[str, StoredRun] = {}
     for run in sorted(runs, key=lambda run: (run.record.created, run.record.name)):
         if run.record.protocol.id == name:
             newest[slot(run.record)] = run
-    by_name = {run.record.name: run for run in newest.values()}
+    own = records_of_version([run.record for run in newest.values()], protocol)
+    by_name = {record.name: newest[slot(record)] for record in own}
     committed: list[Record] = []
     errors: dict[str, PressErrors] = {}
     if origin != RUNS:
-        committed = [r for r in read_submissions(board, name) if slot(r) not in newest]
+        records = records_of_version(read_submissions(board, name), protocol)
+        committed = [r for r in records if slot(r) not in newest]
         errors |= all_press_errors(board, committed)
     errors |= _press_errors(protocol, by_name)
-    records = sorted(
-        [*committed, *(run.record for run in by_name.values())], key=lambda record: record.name
-    )
+    shown = sorted([*committed, *own], key=lambda record: record.name)
     tables = tuple(published_tables(protocol, board))
-    return ReportBoard(protocol, tuple(records), tables, errors, by_name)
+    return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
 
 
 def _press_errors(

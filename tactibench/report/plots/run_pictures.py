@@ -12,7 +12,7 @@ import numpy as np
 
 from tactibench.board.rows import TRIVIAL, label_of, measured_on
 from tactibench.contacts import Contacts, FloatArray, Grid
-from tactibench.protocols.loader import protocol_files, read_protocol
+from tactibench.protocols.loader import version_of
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.files import atomic
@@ -103,9 +103,8 @@ def update_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
 def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     """Draw the pictures of a run and return their files. Plate poses have none yet."""
     record = run.record
-    file = protocol_files().get(record.protocol.id)
-    protocol = None if file is None else read_protocol(file)
-    if protocol is None or protocol.hash != record.protocol.hash:
+    protocol = version_of(record.protocol.id, record.protocol.hash)
+    if protocol is None:
         return []
     spec = protocol.spec
     if spec.answer != "contacts":

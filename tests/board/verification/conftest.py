@@ -18,6 +18,7 @@ from tactibench.board.submissions import FOLDER, compact, text_of
 from tactibench.board.truth import Source, truth_of
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
+from tactibench.protocols import loader
 from tactibench.protocols.loader import LoadedProtocol, read_protocol
 from tactibench.records.answers import pack_contacts, unpack_contacts
 from tactibench.records.files import arrays_hash, write_arrays
@@ -29,7 +30,8 @@ from tactibench.run.score import score_arrays
 def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], LoadedProtocol]:
     """exp1, exp2 and exp3 with few presses, in place of those that ship."""
     files = few_presses(tmp_path / "protocols")
-    monkeypatch.setattr(verification, "protocol_files", lambda: files)
+    for module in (verification, loader):
+        monkeypatch.setattr(module, "protocol_files", lambda: files)
     return lambda name: read_protocol(files[name])
 
 

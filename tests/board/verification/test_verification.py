@@ -15,7 +15,7 @@ import pytest
 
 from tactibench import UserError
 from tactibench.board.predictions import answers_file
-from tactibench.board.truth import trusted_host, truth_of
+from tactibench.board.truth import Source, trusted_host, truth_of
 from tactibench.board.verification import verify
 from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.geometry import true_contacts
@@ -297,3 +297,13 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
     with pytest.raises(UserError, match="is not the one whose hash was published"):
         verify(path, source, hidden=True, folder=folder)
     assert os.environ[VARIABLE] not in path.read_text()
+
+
+@pytest.mark.long
+def test_a_record_of_an_earlier_version_is_verified(tmp_path: Path) -> None:
+    """Two of its families name a tier of the sensor that is no longer there."""
+    folder = Path(__file__).parents[3] / "leaderboards" / "submissions" / "stability"
+    path = next(folder.glob("stability-mean-*.json"))
+    verdict = verify(path, Source(trusted_host(), tmp_path))
+    assert verdict.record.protocol.label == "stability@1"
+    assert verdict.frames == 7300
