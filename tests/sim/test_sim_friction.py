@@ -135,7 +135,7 @@ def slides() -> dict[str, Array]:
         return {name: file[name] for name in ("radius", "friction", "xy", "depth", "move", "u")}
 
 
-LARGEST_MM = {1.5: 0.015, 3.0: 0.125, 4.0: 0.04, np.inf: 0.125}
+LARGEST_MM = {1.5: 0.015, 3.0: 0.16, 4.0: 0.03, np.inf: 0.08}
 """Measured: largest error at a pin base of tips to 3 mm depth, by radius."""
 
 
@@ -155,7 +155,6 @@ def test_the_field_is_that_of_finite_elements_with_coulombs_friction(
             )
         )
         case = f"R {radius:g}, {depth} mm at {xy.tolist()}, moved {slides['move'][k]}"
-        print(case, round(dragged, 3), round(still, 3))
         if depth.max() < 3.2:
             assert dragged <= LARGEST_MM[float(radius)], case
         assert dragged < 0.2 * still, case
