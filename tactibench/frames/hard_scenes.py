@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,7 +46,8 @@ def case_scene(
         inside = kind == "off-axis" or float(np.abs(xy).max()) <= workspace.half_width_mm + 1e-9
         inside &= float(np.hypot(*xy.T).max()) < workspace.dome_radius_mm + radius
         if inside and (kind != "distance" or float(depth.min()) >= workspace.depth_min_mm):
-            return scene_of_depths(xy, depth, radius, workspace.dome_radius_mm, kind)
+            scene = scene_of_depths(xy, depth, radius, workspace.dome_radius_mm, kind)
+            return _moved(scene, value, rng) if kind == "sheared" else scene
     raise UserError(
         f"family {family.name!r}: none of {PATIENCE:,} candidates of {value:g} fitted the "
         "workspace; make the workspace larger or the indenter smaller."
@@ -66,6 +68,13 @@ def scene_of_depths(
     tips = tuple((float(x), float(y), float(z)) for x, y, z in offsets)
     x, y = (float(value) for value in middle)
     return Scene(Indenter(radius, tips, name), Pose(x, y, depth=float(depth.max())))
+
+
+def _moved(scene: Scene, way: float, rng: np.random.Generator) -> Scene:
+    """Return the scene reached by a way sideways, mm, in any direction."""
+    turn = rng.uniform(0, 2 * math.pi)
+    pose = replace(scene.pose, dx=way * math.cos(turn), dy=way * math.sin(turn))
+    return replace(scene, pose=pose)
 
 
 def _first_touch(xy: FloatArray, reach: float) -> FloatArray:
@@ -106,8 +115,8 @@ def _at_depth(_: Family, value: float, space: Workspace, rng: np.random.Generato
     return _anywhere(space, rng)[None], np.array([value])
 
 
-def _of_radius(family: Family, _value: float, space: Workspace, rng: np.random.Generator) -> Tips:
-    """One tip; value: its radius, mm."""
+def _between(family: Family, _value: float, space: Workspace, rng: np.random.Generator) -> Tips:
+    """One tip of a depth in a range; value: its radius or its way sideways, mm."""
     return _anywhere(space, rng)[None], np.array([_depth(family, rng)])
 
 
@@ -162,7 +171,8 @@ CANDIDATES: Mapping[str, Candidate] = {
     "nothing": _nothing,
     "anywhere": _single,
     "depth": _at_depth,
-    "tip-radius": _of_radius,
+    "tip-radius": _between,
+    "sheared": _between,
     "off-axis": _off_axis,
     "distance": _distance,
     "equal-depths": _equal,

@@ -92,6 +92,15 @@ def test_the_radius_is_the_value(name: str) -> None:
         assert scene(name, value).indenter.radius == value
 
 
+def test_a_sheared_tip_ends_at_one_place_after_ways_of_one_direction() -> None:
+    ways = KEYS.family("sheared").pressed_values
+    made = [scene("sheared", way, 4) for way in ways]
+    assert len({(one.pose.x, one.pose.y, one.pose.depth) for one in made}) == 1
+    moved = np.array([(one.pose.dx, one.pose.dy) for one in made])
+    assert np.hypot(*moved.T) == pytest.approx(ways)
+    assert np.cross(np.c_[moved, 0 * moved[:, :1]], [*moved[-1], 0]) == pytest.approx(0)
+
+
 def test_the_edge_is_a_share_of_the_domes_radius() -> None:
     for value in KEYS.family("edge").pressed_values:
         (place,) = true_contacts(scene("edge", value)).xy

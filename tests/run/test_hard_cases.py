@@ -27,6 +27,7 @@ SHORT = {
     "presses = 50": "presses = 3",
     "presses = 1000": "presses = 4",
     'press = "tip-radius"': 'press = "tip-radius"\nsensor = { offset = "1.0" }',
+    'sensor = { friction = "0.5" }': 'sensor = { offset = "1.0" }',
     'parameter = "instance"': 'parameter = "offset"',
     "values = [2, 3, 4, 5, 6]": "values = [2, 3]",  # the tiny sensor shows three tips
     "values = [0.32, 0.45, 0.6, 0.7, 0.8]": "values = [0.2, 0.3]",  # and 7 mm
