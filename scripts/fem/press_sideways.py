@@ -1,6 +1,6 @@
 """Make the scenes of dragged skin that the tables are tested with, by finite elements.
 
-    PYTHONPATH=.:plugins python scripts/fem/press_sideways.py tests/sim/sideways.npz
+    PYTHONPATH=.:plugins python scripts/fem/press_sideways.py sideways.npz
 
 Five minutes. One or two tips of one radius, or a plate, go down along -z and then sideways, with
 Coulomb's friction of finite size; no table was made from these runs. The file holds (S,) radii and

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from tactibench_sim.mechanics.dome import TableMechanics
 from tactibench_sim.mechanics.friction import FrictionMechanics
 from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.pins import layout
+from tactibench_sim.reference_frames.scenes import ReferenceScene, shipped_sideways
 from tactibench_sim.sensor import TacTip127
 
 Array = npt.NDArray[np.float64]
@@ -129,35 +129,21 @@ def test_turning_the_scene_turns_the_field(turn: float) -> None:
         np.testing.assert_allclose(b, a @ spin.T, atol=1e-11)
 
 
-@pytest.fixture(scope="module")
-def slides() -> dict[str, Array]:
-    with np.load(Path(__file__).parent / "sideways.npz") as file:
-        return {name: file[name] for name in ("radius", "friction", "xy", "depth", "move", "u")}
-
-
 LARGEST_MM = {1.5: 0.015, 3.0: 0.16, 4.0: 0.03, np.inf: 0.08}
 """Measured: largest error at a pin base of tips to 3 mm depth, by radius."""
 
 
+@pytest.mark.parametrize("scene", shipped_sideways().scenes, ids=lambda scene: scene.label)
 def test_the_field_is_that_of_finite_elements_with_coulombs_friction(
-    slides: dict[str, Array],
+    scene: ReferenceScene,
 ) -> None:
-    for k, radius in enumerate(slides["radius"]):
-        depth = np.where(np.isnan(slides["depth"][k]), -np.inf, slides["depth"][k])
-        xy = np.nan_to_num(slides["xy"][k])
-        move = np.broadcast_to(slides["move"][k], xy.shape)
-        tips = Tips(xy[None], depth[None], np.array([radius]), move[None].copy())
-        dragged, still = (
-            np.linalg.norm(bases(friction, which) - slides["u"][k], axis=1).max()
-            for friction, which in (
-                (float(slides["friction"][k]), tips),
-                (0.0, replace(tips, move=None)),
-            )
-        )
-        case = f"R {radius:g}, {depth} mm at {xy.tolist()}, moved {slides['move'][k]}"
-        if depth.max() < 3.2:
-            assert dragged <= LARGEST_MM[float(radius)], case
-        assert dragged < 0.2 * still, case
+    dragged, still = (
+        np.linalg.norm(bases(friction, scene.as_tips) - scene.displacement, axis=1).max()
+        for friction in (scene.friction, 0.0)
+    )
+    if scene.depth < 3.2:
+        assert dragged <= LARGEST_MM[scene.radius]
+    assert dragged < 0.2 * still
 
 
 def test_a_scene_has_one_field_whatever_else_is_in_the_batch() -> None:

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from tactibench import UserError
 from tactibench_sim.mechanics.contact import Tips
 from tactibench_sim.mechanics.dome import Mechanics
+from tactibench_sim.mechanics.friction import ForceMechanics, FrictionMechanics
 from tactibench_sim.reference_frames.scenes import LAYOUTS, RADIUS_MM, ReferenceScene
 
 Array = npt.NDArray[np.float64]
@@ -50,9 +51,11 @@ GROUPS: Mapping[str, Callable[[ReferenceScene], bool]] = {
 APART = ("all", "isolated")
 """Groups that no other holds."""
 TERMS: Mapping[str, Callable[[ReferenceScene], bool]] = {
-    "single": lambda scene: len(scene.tips) == 1 and scene.on_apex,
-    "single, rim": lambda scene: len(scene.tips) == 1 and not scene.on_apex,
-    "pair": lambda scene: len(scene.tips) == 2,
+    "single": lambda scene: len(scene.tips) == 1 and scene.on_apex and not scene.friction,
+    "single, rim": lambda scene: len(scene.tips) == 1 and not scene.on_apex and not scene.friction,
+    "single, drag": lambda scene: len(scene.tips) == 1 and scene.friction > 0,
+    "pair": lambda scene: len(scene.tips) == 2 and not scene.friction,
+    "pair, drag": lambda scene: len(scene.tips) == 2 and scene.friction > 0,
     "three or more": lambda scene: len(scene.tips) > 2,
 }
 """The terms of the field that a scene needs; every scene belongs to one."""
@@ -83,6 +86,11 @@ AXES: Mapping[str, Axis] = {
     "depth": Axis("mm", lambda scene: scene.depth, (1.0, 2.0, 3.0, 4.5, 6.0)),
     "spacing": Axis("mm", lambda scene: scene.spacing, (3.2, 5.0, 6.5, 8.0, 12.0)),
     "radius": Axis("mm", lambda scene: scene.radius, (1.0, 2.7, 3.0, 5.0, 8.0)),
+    "shear": Axis(
+        "mm",
+        lambda scene: math.hypot(*scene.move) if scene.friction else math.nan,
+        (0.25, 0.5, 1.0, 2.0),
+    ),
 }
 QUANTITIES = {"base": "mm", "tip": "mm", "normal": "deg"}
 _BATCH = 64
@@ -130,7 +138,7 @@ class TierErrors:
         return [
             e
             for e in self.errors
-            if GROUPS[group](e.scene) and e.scene.depth <= deepest and e.scene.radius == RADIUS_MM
+            if GROUPS[group](e.scene) and e.scene.depth <= deepest and _nominal(e.scene)
         ]
 
     def errors_of(self, term: str, axis: str, low: float, high: float) -> list[Errors]:
@@ -144,7 +152,11 @@ class TierErrors:
         return worst, int(worst.base.argmax())
 
 
-def judge(name: str, tier: Mechanics, scenes: Sequence[ReferenceScene]) -> TierErrors:
+def _nominal(scene: ReferenceScene) -> bool:
+    return scene.radius == RADIUS_MM and not scene.friction
+
+
+def judge(name: str, tier: ForceMechanics, scenes: Sequence[ReferenceScene]) -> TierErrors:
     """Compare a tier with every scene and time it. Raises UserError where no scene is left."""
     errors, refused = [], []
     for scene in scenes:
@@ -160,7 +172,12 @@ def judge(name: str, tier: Mechanics, scenes: Sequence[ReferenceScene]) -> TierE
     return TierErrors(name, tuple(errors), tuple(refused), costs)
 
 
-def _errors(tier: Mechanics, scene: ReferenceScene) -> Errors:
+def _with_friction(tier: ForceMechanics, scene: ReferenceScene) -> Mechanics:
+    return FrictionMechanics(tier, scene.friction) if scene.friction else tier
+
+
+def _errors(frictionless: ForceMechanics, scene: ReferenceScene) -> Errors:
+    tier = _with_friction(frictionless, scene)
     at = scene.directions
     loads = tier.loads(scene.as_tips)
     u = tier.displacement(loads, at)[0][0]
@@ -174,11 +191,15 @@ def _errors(tier: Mechanics, scene: ReferenceScene) -> Errors:
     return Errors(scene, off, tip, turned)
 
 
-def speed(tier: Mechanics, scenes: Sequence[ReferenceScene]) -> Speed:
+def speed(frictionless: ForceMechanics, scenes: Sequence[ReferenceScene]) -> Speed:
     """Return the median of rounds over scenes of equally many tips of R = 3 mm."""
+    tier = _with_friction(frictionless, scenes[0])
     use = (list(scenes) * (_BATCH // len(scenes) + 1))[: max(_BATCH, len(scenes))]
     tips = np.stack([s.tips for s in use])
-    batch = Tips(tips[..., :2], tips[..., 2], np.full(len(use), RADIUS_MM))
+    move = None
+    if scenes[0].friction:
+        move = np.stack([np.tile(s.move, (len(s.tips), 1)) for s in use])
+    batch = Tips(tips[..., :2], tips[..., 2], np.full(len(use), RADIUS_MM), move)
     at = np.ascontiguousarray(use[0].directions[-LAYOUTS[-1] :])
     tier.displacement(tier.loads(batch), at)  # compiled, and tables made
     wall: list[float] = []

@@ -9,7 +9,7 @@ import click
 
 @click.command(
     help="Show error and cost of every tier and term on the finite-element scenes that ship: tips "
-    "of R = 1 to 8 mm, alone and in pairs and triples, by depth, spacing and radius."
+    "of R = 1 to 8 mm, alone and in pairs and triples, by depth, spacing, radius and shear."
 )
 @click.option(
     "--out",
@@ -42,7 +42,11 @@ def validate(
 ) -> None:
     """Compare every tier with the finite-element scenes, or write these as frames."""
     from tactibench import UserError
-    from tactibench_sim.reference_frames.scenes import shipped_file, shipped_other_tips
+    from tactibench_sim.reference_frames.scenes import (
+        shipped_file,
+        shipped_other_tips,
+        shipped_sideways,
+    )
 
     if out is not None and out.suffix.lower() != ".png":
         raise UserError(
@@ -65,14 +69,14 @@ def validate(
     from tactibench_sim.mechanics.tables import shipped
     from tactibench_sim.mechanics.tips import TipMechanics
 
-    reference, others = shipped_file(), shipped_other_tips()
+    reference, others, sideways = shipped_file(), shipped_other_tips(), shipped_sideways()
     counts = [sum(len(s.tips) == k for s in reference.scenes) for k in (2, 3, 1)]
     subject = "finite-element scenes: {} pairs, {} triples, {} isolated tips".format(*counts)
-    tables, scenes = shipped(), (*reference.scenes, *others.scenes)
+    tables, scenes = shipped(), (*reference.scenes, *others.scenes, *sideways.scenes)
     tiers = [judge(tier, TipMechanics(TableMechanics(tables, tier)), scenes) for tier in TIERS]
     console = Console(highlight=False)
-    digests = ", ".join(one.digest[:12] for one in (reference, others))
-    more = f"{len(others.scenes)} of tips of other radii"
+    digests = ", ".join(one.digest[:12] for one in (reference, others, sideways))
+    more = f"{len(others.scenes)} of tips of other radii, {len(sideways.scenes)} of dragged skin"
     console.print(f"{subject} of R = 3 mm, {more}; sha256 {digests}", soft_wrap=True)
     print_report(console, tiers)
     if out is not None:
@@ -82,6 +86,7 @@ def validate(
         record = {
             "reference": {"sha256": reference.digest, **reference.parameters},
             "other_tips": {"sha256": others.digest, **others.parameters},
+            "sideways": {"sha256": sideways.digest, **sideways.parameters},
             "tables_sha256": tables.digest,
             "metrics": rows(tiers),
             "worst": worst_cases(tiers),

@@ -14,7 +14,8 @@ differences over 0.46 mm and see the elements' edges: they break those symmetrie
 0.2 deg in the median.
 
 Tips of other radii than 3 mm have a file of their own (scripts/fem/press_other_tips.py), at the 127
-pins of one pattern and without normals. No table was made from its runs.
+pins of one pattern and without normals. No table was made from its runs. So have tips and plates
+that moved sideways and dragged the skin (scripts/fem/press_sideways.py).
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ import numpy.typing as npt
 
 from tactibench_sim import data_file
 from tactibench_sim.mechanics.contact import Tips
+from tactibench_sim.pins import layout
 
 Array = npt.NDArray[np.float64]
-FILE, OTHER_TIPS = "scenes.npz", "other_tips.npz"
+FILE, OTHER_TIPS, SIDEWAYS = "scenes.npz", "other_tips.npz", "sideways.npz"
 RADIUS_MM = 3.0
 """Radius of the tips of FILE."""
 LAYOUTS = (331, 127)
@@ -52,7 +54,8 @@ class ReferenceScene:
     name: of the run; its scenes differ in depth. tips: (K, 3) x, y of the tips' axes and depth past
     first touch, mm. directions: (P, 3) of the pins at rest. displacement: (P, 3) of their bases,
     mm. normals: (P, 3) outward, of the pressed inner skin, or NaN. P: the patterns of LAYOUTS in
-    order, or the last of them. radius: of the tips, mm.
+    order, or the last of them. radius: of the tips, mm; inf for a plate. friction: Coulomb's
+    coefficient. move: way sideways after first touch, to where the tips are, mm.
     """
 
     name: str
@@ -61,6 +64,8 @@ class ReferenceScene:
     displacement: Array
     normals: Array
     radius: float = RADIUS_MM
+    friction: float = 0.0
+    move: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def depth(self) -> float:
@@ -91,7 +96,8 @@ class ReferenceScene:
     @property
     def as_tips(self) -> Tips:
         """The scene as mechanics take it: S = 1."""
-        return Tips(self.tips[None, :, :2], self.tips[None, :, 2], np.array([self.radius]))
+        move = np.tile(self.move, (1, len(self.tips), 1)) if self.friction else None
+        return Tips(self.tips[None, :, :2], self.tips[None, :, 2], np.array([self.radius]), move)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +124,31 @@ def shipped() -> tuple[ReferenceScene, ...]:
 def shipped_other_tips() -> Reference:
     """Return the scenes of tips of other radii that ship with the package."""
     return data_file.read_shipped(__package__, OTHER_TIPS, read)
+
+
+@cache
+def shipped_sideways() -> Reference:
+    """Return the scenes of dragged skin that ship with the package."""
+    return data_file.read_shipped(__package__, SIDEWAYS, _read_sideways)
+
+
+def _read_sideways(path: Path) -> Reference:
+    return data_file.read(path, "the file of dragged scenes", "reinstall tactibench.", _sideways)
+
+
+def _sideways(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
+    scenes = []
+    pins = layout(LAYOUTS[-1])
+    for k, radius in enumerate(arrays["radius"]):
+        there = np.isfinite(arrays["depth"][k])
+        tips = np.column_stack([arrays["xy"][k], arrays["depth"][k]])[there]
+        u = arrays["u"][k].astype(np.float64)
+        x, y = arrays["move"][k].tolist()
+        friction = float(arrays["friction"][k])
+        unknown = np.full(u.shape, np.nan)
+        name = f"drag{k}"
+        scenes.append(ReferenceScene(name, tips, pins, u, unknown, float(radius), friction, (x, y)))
+    return Reference(tuple(scenes), parameters, digest)
 
 
 def read(path: Path) -> Reference:
