@@ -143,7 +143,7 @@ def test_the_field_is_that_of_finite_elements_with_coulombs_friction(
     )
     if scene.depth < 3.2:
         assert dragged <= LARGEST_MM[scene.radius]
-    assert dragged < 0.2 * still
+    assert dragged < 0.27 * still
 
 
 def test_a_scene_has_one_field_whatever_else_is_in_the_batch() -> None:
