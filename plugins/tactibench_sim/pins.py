@@ -31,7 +31,9 @@ HEXAGON = (4.42724e-2, 2.01837e-4, 8.98403e-6)
 """Radius = c1 p + c3 p^3 + c5 p^5, frame sides, at p pitches from the centre pin of the 127-pin
 frame; least squares with offset, rotation and aspect free, rms residual 0.6 px of 256."""
 
-TIP_RADIUS_MM = 17.0
+INNER_MM = 19.0
+"""Radius of the nominal inner skin, on which the pins stand."""
+TIP_RADIUS_MM = INNER_MM - 2.0
 _STEEPEST = np.radians(80.0)
 """Polar angle up to which the place of a pin is sought."""
 

@@ -20,7 +20,7 @@ from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
 from tactibench_sim.optics.noise import Noise, streams
 from tactibench_sim.optics.renderer import Renderer
-from tactibench_sim.pins import layout, tip_shares
+from tactibench_sim.pins import INNER_MM, layout, tip_shares
 from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
 
 if TYPE_CHECKING:
@@ -55,11 +55,11 @@ class Preset:
     tip_square: float = 0.0
     tip_fourth: float = 0.0
 
-    def layout(self, inner_mm: float) -> Array:
-        """Return (P, 3) directions of the pins, which stand ``inner_mm`` from the centre."""
+    def layout(self) -> Array:
+        """Return the (P, 3) directions of the pins."""
         if not self.fitted:
             return layout(self.pins)
-        return layout(self.pins, self.optics, inner_mm - self.pin_length_mm)
+        return layout(self.pins, self.optics, INNER_MM - self.pin_length_mm)
 
     def tip_shares(self) -> Array:
         """Return the (P,) radii of the white tips over that of the centre pin."""
@@ -186,7 +186,7 @@ class SimulatedTacTip(RenderedSensor):
                 self.optics, self.pin_length, instance, ranges=ranges
             )
         self.mechanics = self._mechanics(tier)
-        self.directions = self.preset.layout(self.mechanics.inner)[~self.lost]
+        self.directions = self.preset.layout()[~self.lost]
         self.shares = self.preset.tip_shares()[~self.lost]
         lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
         renderer = Renderer(self.optics, lift, self.shares)

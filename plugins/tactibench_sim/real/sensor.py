@@ -243,7 +243,7 @@ class Fitted331(FittedSensor):
 
 def _rest_radii(preset: Preset, size: int) -> Array:
     """Return the (P,) radii, px, of the white tips at rest, as in the real rest frame."""
-    tips = (INNER_MM - preset.pin_length_mm) * preset.layout(INNER_MM)
+    tips = (INNER_MM - preset.pin_length_mm) * preset.layout()
     optics = replace(preset.optics, size=size)
     radius = project(optics, tips, optics.camera_distance_mm - APEX_MM)[2]
     out: Array = radius * preset.tip_shares()
