@@ -32,7 +32,7 @@ from tactibench_sim.real.comparison import DEPTHS
 from tactibench_sim.real.fit import fit, rig_of
 from tactibench_sim.real.plate import displacements, indentation
 from tactibench_sim.real.recording import REST, Presses, read
-from tactibench_sim.sensor import Preset, SimulatedTacTip
+from tactibench_sim.sensor import FITTED_THRESHOLD, Preset, SimulatedTacTip
 
 Array = npt.NDArray[np.float64]
 KIND = "50_none"
@@ -135,6 +135,7 @@ def main() -> None:
         window_mm=0.0,
         lens="fisheye",
         focal=round(x.focal_px / presses.side, 4),
+        threshold_grey=FITTED_THRESHOLD,
     )
     lever = round(x.pin_length_mm, 3)
     preset = replace(preset, optics=optics, pin_length_mm=lever, fitted=True)

@@ -73,7 +73,8 @@ VERSION = Parameter(
     "2: lever, camera and pins as fitted to the real sensor; 1: as stored runs have them",
     choices=(1, 2),
 )
-FITTED_CAMERA: dict[str, str | float] = {"lens": "fisheye", "window_thickness": 0.0}
+FITTED_OUTPUT: dict[str, str | float] = {"threshold": 50.0}
+FITTED_CAMERA = {**FITTED_OUTPUT, "lens": "fisheye", "window_thickness": 0.0}
 VERSIONS: dict[int, dict[str, str | float]] = {
     127: {
         **FITTED_CAMERA,
@@ -81,7 +82,7 @@ VERSIONS: dict[int, dict[str, str | float]] = {
         "camera_distance": 23.352,
         "focal": 0.2897,
         "gel_length": 22.852,
-        "pin_radius": 0.2971,
+        "pin_radius": 0.4096,
     },
     331: {
         **FITTED_CAMERA,
@@ -89,7 +90,7 @@ VERSIONS: dict[int, dict[str, str | float]] = {
         "camera_distance": 23.486,
         "focal": 0.3388,
         "gel_length": 21.486,
-        "pin_radius": 0.3474,
+        "pin_radius": 0.4057,
     },
 }
 """Number of pins -> what version 2 has for defaults where they differ from version 1."""
@@ -207,6 +208,7 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             "real presses",
             parameters=FITTED,
             origin="simulated",
+            versions={2: FITTED_OUTPUT},
         )
         for pins in optics
     )

@@ -177,4 +177,5 @@ def test_presets_differ_in_what_was_fitted_alone():
             "gel_mm",
             "window_mm",
             "marker_radius_mm",
+            "threshold_grey",
         }

@@ -116,6 +116,8 @@ class FittedSensor(RenderedSensor):
         rest = size * places_at_rest(self.pins) + scale * np.array(fitted.rest_centre)
         self.rig = Rig(plate.plate(fitted.kind), rest, size)
         optics = replace(self.rig.optics(nominal), marker_radius_mm=_MARKER_MM[self.pins])
+        if version > 1:
+            optics = replace(optics, threshold_grey=self.preset.optics.threshold_grey)
         optics, lift = optics_from(optics, optical), optics.camera_distance_mm - APEX_MM
         renderer = Renderer(optics, lift)
         self._pins, self._length = directions(self.rig, nominal), nominal.pin_length_mm
