@@ -192,7 +192,7 @@ class SimulatedTacTip(RenderedSensor):
             self.optics, self.pin_length = perturb(
                 self.optics, self.pin_length, instance, ranges=ranges
             )
-        self.mechanics = self._mechanics(tier)
+        self.mechanics = self._mechanics(tier, ships=not table)
         self.directions = self.preset.layout()[~self.lost]
         self.shares = self.preset.tip_shares()[~self.lost]
         lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
@@ -213,11 +213,10 @@ class SimulatedTacTip(RenderedSensor):
             make = partial(type(self), context, threads=1, **parameters)
             self.instances = TrainingInstances(make, context.seed, instances)
 
-    def _mechanics(self, tier: str) -> Mechanics:
+    def _mechanics(self, tier: str, *, ships: bool) -> Mechanics:
         if not self.instance:
             mechanics = mechanics_for(tier, self._tables)
-            ships = tables.shipped(), tables.holding_plates(tables.shipped())
-            if isinstance(mechanics, TableMechanics) and self._tables in ships:
+            if isinstance(mechanics, TableMechanics) and ships:
                 return TipMechanics(mechanics)  # a table of one's own holds the tips that it holds
             return mechanics
         from tactibench_sim.instances import instance_mechanics
