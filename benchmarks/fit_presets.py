@@ -10,7 +10,7 @@ and left out of the preset. The air between camera and window is hardly known fr
 is taken from a grid: that with which the preset's motion is nearest to the real one in every band
 of indentation, where the lever is such that the mean over the bands is 1 (fitted presses that moved
 less than 1 mm). Sizes of the white tips: least squares on the areas of the thresholded blobs of the
-rest frame, with thresholded frames of the preset.
+rest frame, with thresholded frames of the preset; to 1 %, since areas are whole pixels.
 """
 
 from __future__ import annotations
