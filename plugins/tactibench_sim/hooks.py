@@ -51,6 +51,8 @@ OPTICAL = (
     Parameter("glare_radius", 0.47, "radius of the reflections' circle, sides", low=0.05, high=1.0),
     Parameter("glare_width", 0.017, "greatest thickness of a reflection, sides", low=0.0, high=0.2),
     Parameter("glare_arc", 27.0, "length of a reflection, deg", low=1.0, high=360.0),
+    Parameter("glare_scatter", 0.0, "irregularity of the reflections, 0: none", low=0.0, high=1.0),
+    Parameter("glare_seed", 0, "which irregular reflections", low=0, high=10**9),
     Parameter("red", 0.92, "red share of white light (output rgb)", low=0.05, high=1.0),
     Parameter("green", 0.98, "green share of white light (output rgb)", low=0.05, high=1.0),
     Parameter("blue", 1.0, "blue share of white light (output rgb)", low=0.05, high=1.0),
@@ -65,7 +67,35 @@ def optical(**defaults: float) -> tuple[Parameter, ...]:
     return tuple(replace(p, default=defaults.get(p.name, p.default)) for p in OPTICAL)
 
 
+VERSION = Parameter(
+    "version",
+    1,
+    "2: lever, camera and pins as fitted to the real sensor; 1: as stored runs have them",
+    choices=(1, 2),
+)
+FITTED_OUTPUT: dict[str, str | float] = {"threshold": 50.0}
+FITTED_CAMERA = {**FITTED_OUTPUT, "lens": "fisheye", "window_thickness": 0.0}
+VERSIONS: dict[int, dict[str, str | float]] = {
+    127: {
+        **FITTED_CAMERA,
+        "pin_length": 0.605,
+        "camera_distance": 23.352,
+        "focal": 0.2897,
+        "gel_length": 22.852,
+        "pin_radius": 0.4096,
+    },
+    331: {
+        **FITTED_CAMERA,
+        "pin_length": 0.403,
+        "camera_distance": 23.486,
+        "focal": 0.3388,
+        "gel_length": 21.486,
+        "pin_radius": 0.4057,
+    },
+}
+"""Number of pins -> what version 2 has for defaults where they differ from version 1."""
 DOME = (
+    VERSION,
     Parameter(
         "tier",
         "coupled",
@@ -116,6 +146,12 @@ PLANAR = (
 )
 
 FITTED = (
+    Parameter(
+        "version",
+        1,
+        "2: pins as large as in real frames, larger when pressed; 1: as stored runs have them",
+        choices=(1, 2),
+    ),
     Parameter("size", 256, "frame side, px", low=32, high=1024),
     Parameter("drag", 5.0, "a plate's sideways travel, at most, mm", low=0.0, high=20.0),
     Parameter("dragged", 0.6, "share of a plate's presses that drag the skin", low=0.0, high=1.0),
@@ -135,6 +171,11 @@ FITTED = (
         "331 or 127: the fit to that public recording, with slip; or a file of `sim real --keep`; "
         "empty: version 1, a fit to 200 presses of the 331-pin recording without slip",
     ),
+    *(
+        p
+        for p in OPTICAL
+        if p.name.startswith(("glare", "threshold")) or p.name in {"output", "leds"}
+    ),
 )
 
 
@@ -153,6 +194,7 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             parameters=(*DOME, *own),
             origin="simulated",
             retired=RETIRED,
+            versions={2: VERSIONS[pins]},
         )
         for pins, own in optics.items()
     )
@@ -173,6 +215,7 @@ def tactibench_sensors() -> tuple[SensorSpec, ...]:
             "real presses",
             parameters=FITTED,
             origin="simulated",
+            versions={2: FITTED_OUTPUT},
         )
         for pins in optics
     )

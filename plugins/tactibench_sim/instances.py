@@ -128,6 +128,8 @@ def perturb(
         values[name] = nominal * (1 + step) if name in _RELATIVE else nominal + step
     values["vignetting"] = min(max(values["vignetting"], 0.0), 1.0)
     values["edge_px"] = max(values["edge_px"], 0.1 * optics.edge_px)
+    nearest = tolerances.nearest_camera(optics, values["gel_mm"])
+    values["camera_distance_mm"] = max(values["camera_distance_mm"], nearest)
     return replace(optics, **values), length
 
 

@@ -5,10 +5,14 @@ Tac-VGNN data (Fan et al., ICRA 2023): radii in the frame, turned into polar ang
 reference optics (the defaults of ``Optics``) and pins of 2 mm, whose tips lie 17 mm from the dome's
 centre. Seen by those optics, the pins at rest are therefore where the real ones are. Rotation,
 offset and aspect of the real frames are left out.
+
+The second version of the presets has optics of its own, and with them other angles: the pins are
+again where the real ones are in the frame.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -27,17 +31,28 @@ HEXAGON = (4.42724e-2, 2.01837e-4, 8.98403e-6)
 """Radius = c1 p + c3 p^3 + c5 p^5, frame sides, at p pitches from the centre pin of the 127-pin
 frame; least squares with offset, rotation and aspect free, rms residual 0.6 px of 256."""
 
-TIP_RADIUS_MM = 17.0
+INNER_MM = 19.0
+"""Radius of the nominal inner skin, on which the pins stand."""
+TIP_RADIUS_MM = INNER_MM - 2.0
 _STEEPEST = np.radians(80.0)
 """Polar angle up to which the place of a pin is sought."""
 
 
+_REFERENCE = Optics(size=1)
+
+
 @cache
-def layout(pins: int) -> Array:
-    """Return (P, 3) unit vectors, centre pin first, rings outwards, read-only. pins: 127, 331."""
+def layout(pins: int, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RADIUS_MM) -> Array:
+    """Return (P, 3) unit vectors, centre pin first, rings outwards, read-only.
+
+    Args:
+        pins: 127 or 331.
+        optics: That see the pins at rest where the real ones are; their axis is the middle.
+        tip_radius_mm: From the dome's centre to the pins' tips.
+    """
     radius, azimuth = {127: _hexagon, 331: _rings}[pins]()
     seen, place = np.unique(radius, return_inverse=True)
-    polar = polar_angles(seen)[place]
+    polar = polar_angles(seen, optics, tip_radius_mm)[place]
     sine = np.sin(polar)
     out = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=1)
     out.setflags(write=False)
@@ -50,19 +65,34 @@ def places_at_rest(pins: int) -> Array:
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=1)
 
 
-def polar_angles(radius: Array) -> Array:
-    """Return (N,) rad of tips that the reference optics see ``radius`` frame sides off the axis."""
+def tip_shares(pins: int, square: float, fourth: float) -> Array:
+    """Return the (P,) radii of the white tips over that of the centre pin.
+
+    1 + square q^2 + fourth q^4, q the distance from the centre over that of the
+    outermost pin, in the frame at rest: even, as everything that is smooth about an axis.
+    pins: 127 or 331.
+    """
+    q_square = (places_at_rest(pins) ** 2).sum(axis=1)
+    q_square /= q_square.max()
+    out: Array = 1 + square * q_square + fourth * q_square**2
+    return out
+
+
+def polar_angles(
+    radius: Array, optics: Optics = _REFERENCE, tip_radius_mm: float = TIP_RADIUS_MM
+) -> Array:
+    """Return (N,) rad of tips that the optics see ``radius`` frame sides off the axis."""
+    centred = replace(optics, size=1, principal_x=0.0, principal_y=0.0, roll_deg=0.0)
     low, high = np.zeros(len(radius)), np.full(len(radius), _STEEPEST)
     for _ in range(60):  # bisection: seen radii grow with the polar angle
         middle = (low + high) / 2
-        inside = _seen(middle) < radius
+        inside = _seen(middle, centred, tip_radius_mm) < radius
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
     return np.where(radius > 0, high, 0.0)
 
 
-def _seen(polar: Array) -> Array:
-    optics = Optics(size=1)
-    points = TIP_RADIUS_MM * np.stack([np.sin(polar), 0 * polar, np.cos(polar)], axis=1)
+def _seen(polar: Array, optics: Optics, tip_radius_mm: float) -> Array:
+    points = tip_radius_mm * np.stack([np.sin(polar), 0 * polar, np.cos(polar)], axis=1)
     x, _, _ = project(optics, points, optics.camera_distance_mm - DOME_RADIUS_MM)
     return x
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from tactibench_sim.mechanics.tips import TipMechanics
 from tactibench_sim.optics.camera import NUISANCES, Optics, optics_from
 from tactibench_sim.optics.noise import Noise, streams
 from tactibench_sim.optics.renderer import Renderer
-from tactibench_sim.pins import layout
+from tactibench_sim.pins import INNER_MM, layout, tip_shares
 from tactibench_sim.rendered_sensor import FRAMES_PER_SECOND, RenderedSensor
 
 if TYPE_CHECKING:
@@ -32,12 +32,38 @@ Images = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Preset:
-    """A dome with pins and a camera. pin_length_mm: 2, about that of public TacTips."""
+    """A dome with pins and a camera.
+
+    Attributes:
+        name: Of the sensor.
+        pins: How many.
+        optics: The camera.
+        pin_length_mm: The lever; 2: about the length of the pins of public TacTips.
+        fitted: Whether camera and lever were fitted to a real sensor. Then the pins are where these
+            optics see the real ones at rest, not where the reference optics do, and plates hold
+            the skin as real ones do (``tables.holding_plates``).
+        tip_square: How the radius of the white tips changes from the centre to the rim
+            (``pins.tip_shares``); both 0: not.
+        tip_fourth: Likewise.
+    """
 
     name: str
     pins: int
     optics: Optics
     pin_length_mm: float = 2.0
+    fitted: bool = False
+    tip_square: float = 0.0
+    tip_fourth: float = 0.0
+
+    def layout(self) -> Array:
+        """Return the (P, 3) directions of the pins."""
+        if not self.fitted:
+            return layout(self.pins)
+        return layout(self.pins, self.optics, INNER_MM - self.pin_length_mm)
+
+    def tip_shares(self) -> Array:
+        """Return the (P,) radii of the white tips over that of the centre pin."""
+        return tip_shares(self.pins, self.tip_square, self.tip_fourth)
 
 
 TACTIP_127 = Preset("tactip-127", 127, Optics(marker_radius_mm=0.36))
@@ -50,16 +76,66 @@ TACTIP_331 = Preset(
 """As the real 331-pin sensor, marker radius likewise. Glare: a closed ring, thick at the LEDs."""
 
 
+FITTED_THRESHOLD = 50.0
+"""Grey levels above the block (output bw): about half of a tip's light. A threshold of 5 cuts at
+the foot of a tip's edge, which hides how pins grow: the areas of the 331 set's innermost pins grow
+by 1.25 in the presses of the fit, simulated ones by 1.21 with 5 and by 1.24 with 50."""
+
+TACTIP_127_FITTED = replace(
+    TACTIP_127,
+    optics=replace(
+        TACTIP_127.optics,
+        camera_distance_mm=23.352,
+        lens="fisheye",
+        focal=0.2897,
+        gel_mm=22.852,
+        window_mm=0.0,
+        marker_radius_mm=0.4096,
+        threshold_grey=FITTED_THRESHOLD,
+    ),
+    pin_length_mm=0.605,
+    fitted=True,
+    tip_square=0.268,
+    tip_fourth=-0.275,
+)
+"""Version 2, fitted to the real sensor by benchmarks/fit_presets.py, on this dome. The window's
+thickness counts as gel."""
+
+TACTIP_331_FITTED = replace(
+    TACTIP_331,
+    optics=replace(
+        TACTIP_331.optics,
+        camera_distance_mm=23.486,
+        lens="fisheye",
+        focal=0.3388,
+        gel_mm=21.486,
+        window_mm=0.0,
+        marker_radius_mm=0.4057,
+        threshold_grey=FITTED_THRESHOLD,
+    ),
+    pin_length_mm=0.403,
+    fitted=True,
+    tip_square=0.957,
+    tip_fourth=-0.685,
+)
+"""Version 2, likewise."""
+
+
 class SimulatedTacTip(RenderedSensor):
-    """A skin-on-gel dome with pins; single-contact fields from finite elements."""
+    """A skin-on-gel dome with pins; single-contact fields from finite elements.
+
+    ``preset`` is the first of its ``versions``, and of an instance of the class the chosen one.
+    """
 
     preset: Preset
+    versions: tuple[Preset, ...]
     nuisances = NUISANCES
 
     def __init__(
         self,
         context: SensorContext,
         *,
+        version: int = 1,
         tier: str = "coupled",
         table: str = "",
         instance: int = 0,
@@ -74,6 +150,7 @@ class SimulatedTacTip(RenderedSensor):
 
         Args:
             context: The seed of the noise.
+            version: Of the preset, 1 or 2: whose lever, camera and pins the parameters start from.
             tier: How scenes become displacement fields.
             table: Path of a file of single-contact fields; "": the one that ships.
             instance: Number of the sensor instance; 0: the nominal one.
@@ -87,9 +164,15 @@ class SimulatedTacTip(RenderedSensor):
             **optical: Parameters of ``optics_from``; the others are the preset's.
 
         Raises:
-            UserError: ``instance`` and ``instances`` are both given, or ``friction`` with a tier
-                that knows no forces.
+            UserError: ``instance`` and ``instances`` are both given, there is no such version, or
+                ``friction`` is given with a tier that knows no forces.
         """
+        if not 1 <= version <= len(self.versions):
+            raise UserError(
+                f"{self.preset.name} has no version {version}; take one of 1 to "
+                f"{len(self.versions)}."
+            )
+        self.version, self.preset = version, self.versions[version - 1]
         if instance and instances > 1:
             raise UserError(
                 f"sensor.instances={instances} trains on {instances} sensor instances, so "
@@ -97,6 +180,8 @@ class SimulatedTacTip(RenderedSensor):
                 f"instance with --test sensor.instance={instance}."
             )
         self._tables = tables.read(Path(table)) if table else tables.shipped()
+        if self.preset.fitted:
+            self._tables = tables.holding_plates(self._tables)
         self.instance = instance
         self.pin_length = self.preset.pin_length_mm if pin_length is None else pin_length
         self.optics = optics_from(self.preset.optics, optical)
@@ -111,9 +196,11 @@ class SimulatedTacTip(RenderedSensor):
                 self.optics, self.pin_length, instance, ranges=ranges
             )
         self.friction = friction
-        self.mechanics = self._with_friction(self._mechanics(tier))
-        self.directions = layout(self.preset.pins)[~self.lost]
-        renderer = Renderer(self.optics, self.optics.camera_distance_mm - DOME_RADIUS_MM)
+        self.mechanics = self._with_friction(self._mechanics(tier, ships=not table))
+        self.directions = self.preset.layout()[~self.lost]
+        self.shares = self.preset.tip_shares()[~self.lost]
+        lift = self.optics.camera_distance_mm - DOME_RADIUS_MM
+        renderer = Renderer(self.optics, lift, self.shares)
         super().__init__(context, renderer, self.tips(UNTOUCHED)[0], threads)
         self.ranges = ranges
         self.instances: TrainingInstances | None = None
@@ -121,6 +208,7 @@ class SimulatedTacTip(RenderedSensor):
             from tactibench_sim.training_instances import TrainingInstances
 
             parameters = {
+                "version": version,
                 "tier": tier,
                 "table": table,
                 "pin_length": pin_length,
@@ -130,10 +218,10 @@ class SimulatedTacTip(RenderedSensor):
             make = partial(type(self), context, threads=1, **parameters)
             self.instances = TrainingInstances(make, context.seed, instances)
 
-    def _mechanics(self, tier: str) -> Mechanics:
+    def _mechanics(self, tier: str, *, ships: bool) -> Mechanics:
         if not self.instance:
             mechanics = mechanics_for(tier, self._tables)
-            if isinstance(mechanics, TableMechanics) and self._tables is tables.shipped():
+            if isinstance(mechanics, TableMechanics) and ships:
                 return TipMechanics(mechanics)  # a table of one's own holds the tips that it holds
             return mechanics
         from tactibench_sim.instances import instance_mechanics
@@ -251,11 +339,12 @@ class SimulatedTacTip(RenderedSensor):
             "pins": self.preset.pins,
             "lost_pins": np.flatnonzero(self.lost).tolist(),
             "pin_length_mm": self.pin_length,
-            "optics": asdict(self.optics),
+            "optics": self.optics.describe(),
             "dome_radius_mm": DOME_RADIUS_MM,
             "tables": {**self._tables.parameters, "sha256": self._tables.digest},
             "frames_per_second": FRAMES_PER_SECOND,
             **({"friction": self.friction} if self.friction else {}),
+            **({"version": self.version} if self.version > 1 else {}),
             **({"ranges": self.ranges} if self.instance and self.ranges > 1 else {}),
             **({} if self.instances is None else {"instances": self.instances.describe()}),
         }
@@ -265,9 +354,11 @@ class TacTip127(SimulatedTacTip):
     """127 pins, hexagonal."""
 
     preset = TACTIP_127
+    versions = TACTIP_127, TACTIP_127_FITTED
 
 
 class TacTip331(SimulatedTacTip):
     """331 pins in ten rings."""
 
     preset = TACTIP_331
+    versions = TACTIP_331, TACTIP_331_FITTED

@@ -93,10 +93,13 @@ def apply_optics(
     light, gel = 1 + step["light"], 1 + step["background"]
     seat = shares["seat_mm"] * TOLERANCES.seat_mm
     fill = shares["fill_mm"] * TOLERANCES.fill_mm
+    gel_mm = max(optics.gel_mm + fill, 0.0)
     shown = replace(
         optics,
-        camera_distance_mm=optics.camera_distance_mm + seat + fill,
-        gel_mm=max(optics.gel_mm + fill, 0.0),
+        camera_distance_mm=max(
+            optics.camera_distance_mm + seat + fill, nearest_camera(optics, gel_mm)
+        ),
+        gel_mm=gel_mm,
         principal_x=optics.principal_x + step["principal_x"],
         principal_y=optics.principal_y + step["principal_y"],
         roll_deg=optics.roll_deg + step["roll_deg"],
@@ -110,6 +113,15 @@ def apply_optics(
         background=optics.background * light * gel,
     )
     return shown, max(pin_length_mm + step["pin_length_mm"], 0.1 * pin_length_mm)
+
+
+def nearest_camera(optics: Optics, gel_mm: float) -> float:
+    """Return the least distance of the camera of an instance with so much gel, mm.
+
+    A tenth of the nominal sensor's air is left, which matters where the camera is right behind its
+    window.
+    """
+    return gel_mm + optics.window_mm + 0.1 * optics.air_mm
 
 
 def dome_factors(shares: Mapping[str, float], skin_mm: float = 1.0) -> tuple[float, float]:

@@ -52,6 +52,9 @@ def _show_spec(kind: str, spec: Any, origin: Any) -> None:
         allowed = f" ({', '.join(map(str, p.choices))})" if p.choices else _range(p)
         click.echo(f"  --param {kind}.{p.name}={p.default}{allowed}")
         click.echo(f"            {p.help}")
+    for version, values in getattr(spec, "versions", {}).items():
+        own = " ".join(f"{name}={value}" for name, value in values.items())
+        click.echo(f"  by default, with version={version}: {own}")
 
 
 def _describe_field(field: str, spec: Any) -> str:

@@ -212,7 +212,7 @@ def _request(
 
 
 def _label(spec: SensorSpec, values: dict[str, Value]) -> str:
-    defaults = {p.name: p.default for p in spec.parameters}
+    defaults = spec.defaults(values)
     other = [f"{name}={value}" for name, value in values.items() if value != defaults[name]]
     return f"{spec.name}({','.join(other)})" if other else spec.name
 

@@ -24,6 +24,8 @@ Value = bool | int | float | str
 KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
 ORIGINS = ("simulated", "real")
+VERSION = "version"
+"""Parameter by which a sensor is chosen among its versions."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder names
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
@@ -110,6 +112,10 @@ class _Spec:
         if len(set(names)) < len(names):
             raise ValueError(f"{self.name!r} has two parameters of the same name")
 
+    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:  # noqa: ARG002
+        """Return the value that every parameter has where only ``values`` are given."""
+        return {parameter.name: parameter.default for parameter in self.parameters}
+
     def settings(self, given: Mapping[str, str]) -> dict[str, Value]:
         """Return the values of all parameters: those given as text, the others at their defaults.
 
@@ -129,10 +135,8 @@ class _Spec:
                     f"{self.name!r} no longer has {name}={given[name]}; take {name}={instead} "
                     f"instead{f' (allowed: {allowed})' if allowed else ''}."
                 )
-        return {
-            name: parameter.parse(given[name]) if name in given else parameter.default
-            for name, parameter in known.items()
-        }
+        set_values = {name: known[name].parse(text) for name, text in given.items()}
+        return {**self.defaults(set_values), **set_values}
 
     def settings_of_record(self, stored: Mapping[str, object]) -> dict[str, Value]:
         """Return the settings that a record holds, in today's terms.
@@ -209,12 +213,23 @@ class SensorSpec(_Spec):
             ``Sensor.scenes``). Models are tested on them (``--test reference``), never trained. It
             is set as the other sensor is, as far as it has the same parameters.
         scenes: Words for the reference scenes, such as "finite-element scenes".
+        versions: Value of the parameter ``version`` -> defaults that differ in that version, by
+            name of the parameter.
     """
 
     origin: str = "simulated"
     needs_data: bool = False
     reference_of: str = ""
     scenes: str = ""
+    versions: Mapping[int, Mapping[str, Value]] = field(
+        default_factory=dict, hash=False, kw_only=True
+    )
+
+    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the value that every parameter has where only ``values`` are given."""
+        version = values.get(VERSION)
+        own = self.versions.get(version, {}) if isinstance(version, int) else {}
+        return {**super().defaults(values), **own}
 
     def load(self) -> Callable[..., Sensor]:
         """Import and return the class. Raises UserError when it cannot be used."""
@@ -228,6 +243,14 @@ class SensorSpec(_Spec):
             raise ValueError(f"{self.name!r} has origin {self.origin!r}; one of {ORIGINS}")
         if bool(self.reference_of) != bool(self.scenes):
             raise ValueError(f"{self.name!r} needs both reference_of and scenes, or neither")
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for version, values in self.versions.items():
+            if missing := {VERSION, *values} - set(known):
+                raise ValueError(
+                    f"version {version!r} of {self.name!r} sets {sorted(missing)}, which it lacks"
+                )
+            for name, value in values.items():
+                known[name].check(value)
 
 
 @dataclass(frozen=True)

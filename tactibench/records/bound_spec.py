@@ -52,7 +52,7 @@ class BoundSpec(Generic[SpecT]):
     @property
     def component(self) -> Component:
         """Return the name and values as a record holds them."""
-        defaults = {parameter.name: parameter.default for parameter in self.spec.parameters}
+        defaults = self.spec.defaults(self.values)
         settings = [name for name, value in self.values.items() if value != defaults[name]]
         return Component(name=self.name, parameters=dict(self.values), settings=settings)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import SensorSpec
+from tactibench.plugins.specs import VERSION, SensorSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.run.request import REFERENCE, TestOptions, data_folder, folder_label
@@ -110,10 +110,13 @@ def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> S
         )
     name = _reference_name(sensor, host) if options.reference else sensor.name
     tested: Sensor = BoundSpec.named(host.sensors, name, options.parameters)
+    over = set(sensor.values)
+    if VERSION in options.parameters:  # it has defaults of its own: take over what was set
+        over = set(sensor.component.settings or ())
     kept = {
         name: sensor.values[name]
         for name in tested.values
-        if name not in options.parameters and name in sensor.values
+        if name not in options.parameters and name in over
     }
     tested = BoundSpec(tested.spec, {**tested.values, **kept}, tested.origin)
     if INSTANCES in options.parameters and _has_several(tested):

@@ -19,6 +19,8 @@ from tactibench import (
     UserError,
     training_parameters,
 )
+from tactibench.plugins.discovery import Origin
+from tactibench.records.bound_spec import BoundSpec
 
 WIDTH = Parameter("width", 16, "channels", low=1, high=64)
 RATE = Parameter("rate", 0.5, "a rate")
@@ -158,3 +160,34 @@ def test_what_a_training_can_be_told_is_the_same_for_all_models() -> None:
     with pytest.raises(UserError, match="<= 10"):
         spec.settings({"mixing": "10.5"})
     assert training_parameters(mixing=False) == training_parameters(mixing=True)[:2]
+
+
+def versioned(versions: dict[int, dict[str, Any]]) -> SensorSpec:
+    version = Parameter("version", 1, "the version", choices=(1, 2))
+    return SensorSpec("s", "p.m:C", "a sensor", (version, WIDTH, RATE), versions=versions)
+
+
+def test_a_version_has_defaults_of_its_own() -> None:
+    spec = versioned({2: {"width": 32}})
+    assert spec.settings({}) == {"version": 1, "width": 16, "rate": 0.5}
+    assert spec.settings({"version": "2"}) == {"version": 2, "width": 32, "rate": 0.5}
+    assert spec.settings({"version": "2", "width": "16"})["width"] == 16
+    stored = {"width": 16, "rate": 0.5}  # a record from before there were versions
+    assert spec.settings_of_record(stored) == spec.settings({})
+
+
+def test_a_label_names_the_version_and_what_differs_from_it() -> None:
+    spec = versioned({2: {"width": 32}})
+    for texts, settings in (
+        ({}, []),
+        ({"version": "2"}, ["version"]),
+        ({"version": "2", "width": "16"}, ["version", "width"]),
+    ):
+        bound = BoundSpec(spec, spec.settings(texts), Origin("p", "p", "1"))
+        assert bound.component.settings == settings
+
+
+@pytest.mark.parametrize("values", [{"depth": 1}, {"width": 1000}])
+def test_a_version_sets_what_there_is_to_what_is_allowed(values: dict[str, Any]) -> None:
+    with pytest.raises((ValueError, UserError)):
+        versioned({2: values})

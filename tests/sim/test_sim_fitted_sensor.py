@@ -167,3 +167,53 @@ def test_a_calibration_is_written_and_read_alike(tmp_path):
 def test_what_cannot_be_pressed_is_refused(scene, said):
     with made() as sensor, pytest.raises(UserError, match=said):
         sensor.press(scene)
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Fitted127, "127"), (Fitted331, "331")])
+def test_pins_of_version_2_grow_by_the_magnification(kind, name):
+    """Areas of thresholded blobs, against the radii that the camera's projection gives."""
+    sensor = made(kind, size=512, version=2, calibration=name, drag=0.0, output="bw")
+    centre = sensor.rig.rest[0]
+    resting, (pressed,) = sensor.rest().image, [f.image for f in sensor.press_many([plate(3.5)])]
+    moved = sensor.moved([plate(3.5)])[0, 0]
+    before, after = area_at(resting, centre), area_at(pressed, centre + moved)
+    growth = sensor._changes([plate(3.5)], [0])[0, 0, 2]
+    assert growth > 1.1
+    assert after / before == pytest.approx(growth**2, abs=0.1)
+    old = made(kind, size=512, calibration=name, drag=0.0, output="bw")
+    (still,) = [f.image for f in old.press_many([plate(3.5)])]
+    at_rest = area_at(old.rest().image, centre)
+    assert area_at(still, centre + moved) == pytest.approx(at_rest, rel=0.1)  # whole pixels
+
+
+def area_at(image, place):
+    import cv2
+
+    bright = (image > 127).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(bright, connectivity=4)
+    column, row = np.round(place).astype(int)
+    return stats[labels[row, column], cv2.CC_STAT_AREA]
+
+
+@pytest.mark.parametrize("kind", [Fitted127, Fitted331])
+def test_the_binary_output_has_two_values(kind):
+    for version in (1, 2):
+        sensor = made(kind, version=version, output="bw", glare=1.0, glare_scatter=0.5)
+        (frame,) = sensor.press_many([plate(3.0, 10.0)])
+        for image in (sensor.rest().image, frame.image):
+            assert set(np.unique(image)) == {0, 255}
+    assert len(np.unique(made(kind).rest().image)) > 10
+
+
+def test_the_first_version_says_nothing_and_the_second_itself():
+    assert made().describe() == made(version=1).describe()
+    assert "version" not in made().describe()
+    assert made(version=2).describe()["version"] == 2
+    with pytest.raises(UserError, match="version 3"):
+        made(version=3)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_the_two_versions_move_the_pins_alike(version):
+    scenes = [plate(3.0, 12.0)] * 4
+    assert np.array_equal(made(version=version).moved(scenes), made().moved(scenes))

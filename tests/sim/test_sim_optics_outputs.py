@@ -9,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import correlate1d
 
+from tactibench import UserError
 from tactibench_sim.hooks import OPTICAL, tactibench_sensors
 from tactibench_sim.instances import SPREAD, Spread, lost_pins, perturb
 from tactibench_sim.optics.camera import Optics, optics_from
 from tactibench_sim.optics.noise import Noise, streams
-from tactibench_sim.optics.renderer import Renderer
+from tactibench_sim.optics.renderer import Renderer, glare
 from tactibench_sim.sensor import TACTIP_127, TACTIP_331
 
 DISCS = np.array([[[20.0, 44.0]], [[30.0, 36.0]], [[6.0, 5.0]]])
@@ -153,3 +154,32 @@ def test_lost_pins_are_the_individuals(instance, share):
     assert (lost <= lost_pins(127, min(1.0, share + 0.1), instance)).all()
     if share > 0.1:
         assert (lost != lost_pins(127, share, instance + 1)).any()
+
+
+def test_irregular_glare_is_drawn_from_its_seed():
+    def lit(**more):
+        return glare(Optics(size=256, glare=1.0, **more))
+
+    regular = lit()
+    assert np.array_equal(lit(glare_seed=5), regular)  # without scatter the seed says nothing
+    one, again, other = (lit(glare_scatter=0.7, glare_seed=s) for s in (1, 1, 2))
+    assert np.array_equal(one, again)
+    assert not np.array_equal(one, other)
+    assert not np.array_equal(one, regular)
+    assert one.max() <= 1
+    assert one.min() == 0
+    assert not glare(Optics(size=64, glare_scatter=1.0)).any()
+
+
+def test_little_scatter_is_nearly_regular():
+    regular, nearly = (glare(Optics(size=256, glare=1.0, glare_scatter=s)) for s in (0.0, 1e-6))
+    assert np.abs(regular - nearly).max() < 1e-2
+    # six arcs of 27 deg, whose thickness falls off as a parabola: two thirds of it in the mean
+    area = 6 * np.radians(27.0) * 0.47 * 2 / 3 * 0.017 * 256**2
+    assert regular.sum() == pytest.approx(area, rel=0.05)
+
+
+@pytest.mark.parametrize("wrong", [{"glare_scatter": -0.1}, {"glare_seed": -1}])
+def test_wrong_glare_is_refused(wrong):
+    with pytest.raises(UserError, match="glare_"):
+        Optics(**wrong)

@@ -98,3 +98,9 @@ def test_declared_beside_the_sensors_they_belong_to():
         names = {p.name for p in spec.parameters}
         nominal = {p.name for p in simulated[spec.reference_of].parameters}
         assert nominal - names == {"tier"}
+
+
+def test_pins_of_another_version_have_no_reference():
+    other = Reference331(context(), version=2)
+    with pytest.raises(UserError, match="take version 1"):
+        other.press(next(iter(other.scenes().values())))

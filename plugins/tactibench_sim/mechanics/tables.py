@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,12 @@ def _tables(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -
         by_radius[radius] = Table(radius, delta, polar, fields)
     corrections = Corrections.from_arrays(arrays, parameters.get("corrections"))
     return Tables(parameters, digest, by_radius, corrections)
+
+
+@lru_cache(maxsize=8)
+def holding_plates(nominal: Tables) -> Tables:
+    """Return the tables with plates that hold the skin (``Corrections.without_plates``)."""
+    return replace(nominal, corrections=nominal.corrections.without_plates())
 
 
 @cache

@@ -46,6 +46,8 @@ class Optics:
         many, the first at glare_start_deg (x towards y). glare_radius: their circle, sides.
         glare_width, glare_arc_deg: greatest thickness of an arc, sides, and its length. From the
         real rest frames: radius 0.47, six LEDs, arcs of 27 deg (127 pins) to a closed ring (331).
+    glare_scatter: how irregular the arcs are, 0: all alike, 1: lengths and thicknesses differ by
+        factors of up to 2. glare_seed: which irregular arcs.
     red, green, blue: of white light in output "rgb" (bluish LEDs, no white balance; assumed).
     threshold_side, threshold_grey: output "bw" is white where a pixel exceeds the Gaussian-weighted
         mean of the block around it by this much; 61 of 360 px and 5 as for the real Tac-VGNN frames
@@ -78,6 +80,8 @@ class Optics:
     glare_radius: float = 0.47
     glare_width: float = 0.017
     glare_arc_deg: float = 27.0
+    glare_scatter: float = 0.0
+    glare_seed: int = 0
     red: float = 0.92
     green: float = 0.98
     blue: float = 1.0
@@ -113,6 +117,13 @@ class Optics:
                 f"{self.brightness:g}; make the tips brighter."
             )
 
+    def describe(self) -> dict[str, Any]:
+        """Return all numbers, as records hold them; those of irregular glare where it is."""
+        out = asdict(self)
+        if not self.glare_scatter:
+            del out["glare_scatter"], out["glare_seed"]
+        return out
+
     @property
     def air_mm(self) -> float:
         """Distance from the camera to the window."""
@@ -138,6 +149,8 @@ _AT_LEAST = {
     "glare": 0,
     "leds": 0,
     "glare_arc_deg": 1,
+    "glare_scatter": 0,
+    "glare_seed": 0,
     "red": 1e-3,
     "green": 1e-3,
     "blue": 1e-3,

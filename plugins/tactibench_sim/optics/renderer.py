@@ -22,8 +22,15 @@ class Renderer:
     Points are (S, P, 3) mm in camera coordinates of ``Optics``, z being ``lift`` mm more.
     """
 
-    def __init__(self, optics: Optics, lift: float = 0.0) -> None:
-        self.optics, self.lift = optics, lift
+    def __init__(self, optics: Optics, lift: float = 0.0, shares: Array | float = 1.0) -> None:
+        """Compute what does not move.
+
+        Args:
+            optics: The camera.
+            lift: mm that z is more than in its coordinates.
+            shares: (P,) radii of the markers over ``marker_radius_mm``; 1: all alike.
+        """
+        self.optics, self.lift, self._shares = optics, lift, shares
         tint = np.array(optics.tint)
         self._luma = _LUMA * tint if len(tint) == 3 else tint
         levels = np.array([optics.background, optics.brightness - optics.background])
@@ -34,7 +41,8 @@ class Renderer:
 
     def project(self, points: Array) -> tuple[Array, Array, Array]:
         """Return pixel x, y and radius px, each (S, P). Raises UserError outside the gel."""
-        return project(self.optics, points, self.lift)
+        x, y, radius = project(self.optics, points, self.lift)
+        return x, y, radius * self._shares
 
     def clean(self, points: Array) -> Array:
         """Return (S, size, size) grey levels without noise or rounding.
@@ -119,14 +127,40 @@ def vignetting(optics: Optics) -> Array:
 
 
 def glare(optics: Optics) -> Array:
-    """Return the (H, W) white light of the LEDs' reflections: arcs that taper to their ends."""
+    """Return the (H, W) white light of the LEDs' reflections: arcs that taper to their ends.
+
+    With ``glare_scatter`` every arc has its own length, thickness, radius and place, and swells
+    where its LED is; all are drawn from ``glare_seed``.
+    """
     if not optics.glare or not optics.leds:
         return np.zeros((optics.size, optics.size))
     distance, azimuth = _polar(optics)
     pitch = 2 * np.pi / optics.leds
-    along = (azimuth - np.radians(optics.glare_start_deg) + pitch / 2) % pitch - pitch / 2
-    taper = 1 - (2 * along / np.radians(optics.glare_arc_deg)) ** 2
-    beside = abs(distance - optics.glare_radius) - optics.glare_width / 2 * taper
+    azimuth = azimuth - np.radians(optics.glare_start_deg)
+    length, width = np.radians(optics.glare_arc_deg), optics.glare_width
+    if not optics.glare_scatter:
+        along = (azimuth + pitch / 2) % pitch - pitch / 2
+        return _arc(optics, distance, along, length, width)
+    rng = np.random.default_rng(optics.glare_seed)
+    out = np.zeros((optics.size, optics.size))
+    for led in range(optics.leds):
+        longer, thicker, farther, turned = optics.glare_scatter * rng.uniform(-1.0, 1.0, 4)
+        bump, where = optics.glare_scatter * rng.uniform(0.0, 1.0), rng.uniform(-0.3, 0.3)
+        along = azimuth - led * pitch - turned * length / 4
+        along = (along + np.pi) % (2 * np.pi) - np.pi
+        own = length * 2**longer
+        swell = 1 + bump * np.exp(-(((along / own - where) / 0.05) ** 2))
+        away = distance - farther * width / 2
+        out = np.maximum(out, _arc(optics, away, along, own, width * 2**thicker * swell))
+    return out
+
+
+def _arc(
+    optics: Optics, distance: Array, along: Array, length: float, width: float | Array
+) -> Array:
+    """Return the (H, W) white light of arcs that begin and end at half their length, rad."""
+    taper = 1 - (2 * along / length) ** 2
+    beside = abs(distance - optics.glare_radius) - width / 2 * taper
     edge = optics.edge_px / optics.size
     ramp = np.clip((edge - beside) / (2 * edge), 0, 1) * (taper > 0)
     out: Array = optics.glare * ramp**2 * (3 - 2 * ramp)

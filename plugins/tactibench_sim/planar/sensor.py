@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +144,7 @@ class PlanarGrid(RenderedSensor):
             "markers": self.preset.markers**2,
             "lost_markers": np.flatnonzero(self.lost).tolist(),
             "pitch_mm": self.preset.pitch_mm,
-            "optics": asdict(self.optics),
+            "optics": self.optics.describe(),
             "surface": "flat",
             "deepest_mm": self.deepest_mm,
             "reach_mm": self.preset.reach_mm,

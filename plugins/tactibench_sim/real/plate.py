@@ -192,6 +192,14 @@ def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Arra
     Presses deeper than the tables are given their last depth. Raises UserError for a camera that
     cannot be.
     """
+    return changes(rig, x, labels, dragged)[..., :2]
+
+
+def changes(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Array:
+    """Return (S, P, 3): ``displacements``, and by what factor the pins are seen larger.
+
+    A pressed pin is nearer to the camera, which magnifies it more.
+    """
     depth = indentation(x, labels).clip(0.0, rig.plate.deepest)
     yaw, tilt = math.radians(x.yaw_deg), np.radians(labels.tilt + x.tilt_offset_deg)
     across = np.array([math.cos(yaw), math.sin(yaw), 0.0])
@@ -204,15 +212,21 @@ def displacements(rig: Rig, x: Unknowns, labels: Labels, dragged: Array) -> Arra
         pins, normal, along, pull, rig.plate.meridians(depth), rig.plate.polar_step, x.pin_length_mm
     )
     rest = (INNER_MM - x.pin_length_mm) * pins
-    return _seen(rig, x, tips) - _seen(rig, x, rest) + [x.rest_x, x.rest_y]
+    seen, before = _seen(rig, x, tips), _seen(rig, x, rest)
+    out = seen - before + [x.rest_x, x.rest_y, 0.0]
+    out[..., 2] = seen[..., 2] / before[..., 2]
+    return out
 
 
 def _seen(rig: Rig, x: Unknowns, tips: Array) -> Array:
-    """Return (..., 2) px of pin tips (..., 3) mm; a tip below the window is seen on it."""
+    """Return (..., 3) place and radius, px, of pin tips at (..., 3) mm.
+
+    A tip below the window is seen on it.
+    """
     inside = tips.copy()
     inside[..., 2] = np.maximum(inside[..., 2], APEX_MM - x.gel_mm + _ABOVE_WINDOW_MM)
     seen = project(rig.optics(x), inside, x.gel_mm + x.air_mm - APEX_MM)
-    return np.stack(seen[:2], axis=-1)
+    return np.stack(seen, axis=-1)
 
 
 @jit

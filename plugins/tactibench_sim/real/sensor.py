@@ -1,5 +1,9 @@
 """Simulated TacTips whose camera, pins and plate drag were fitted to real presses.
 
+Version 2 has pictures like the real ones: the white tips are as large at rest as in the real rest
+frame, and a pin that is pressed towards the camera is seen larger. In version 1 all tips are of one
+size and the discs never change.
+
 What no label says is drawn for every press of a plate: whether it drags the skin along and how far,
 and with ``spread`` which sensor instance is pressed. All instances have the same pins at rest.
 Spherical tips press as on the nominal dome.
@@ -9,9 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,19 +24,23 @@ from tactibench import Scene, SensorContext, UserError
 from tactibench_sim.mechanics import tables
 from tactibench_sim.mechanics.contact import tips_of
 from tactibench_sim.mechanics.dome import TableMechanics
+from tactibench_sim.optics.camera import optics_from
+from tactibench_sim.optics.lens import project
 from tactibench_sim.optics.noise import streams
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import places_at_rest
 from tactibench_sim.real import plate
 from tactibench_sim.real.calibration import Unknowns
 from tactibench_sim.real.calibration import calibration as fit_of
-from tactibench_sim.real.plate import APEX_MM, INNER_MM, Labels, Rig, directions, displacements
+from tactibench_sim.real.plate import APEX_MM, INNER_MM, Labels, Rig, changes, directions
 from tactibench_sim.rendered_sensor import RenderedSensor
+from tactibench_sim.sensor import TACTIP_127_FITTED, TACTIP_331_FITTED, Preset
 
 Array = npt.NDArray[np.float64]
 Images = npt.NDArray[np.uint8]
 
 STEEPEST_DEG = 45.0
+VERSIONS = (1, 2)
 _INSTANCES, _PRESSES = 7, 8
 """Streams of random numbers beside that of the camera's noise."""
 _MARKER_MM = {127: 0.36, 331: 0.47}
@@ -57,6 +65,7 @@ class FittedSensor(RenderedSensor):
     """
 
     pins = 331
+    preset: ClassVar[Preset] = TACTIP_331_FITTED
 
     def __init__(
         self,
@@ -67,7 +76,9 @@ class FittedSensor(RenderedSensor):
         spread: float = 0.0,
         individuals: int = 16,
         calibration: str = "",
+        version: int = 1,
         threads: int | None = None,
+        **optical: Any,
     ) -> None:
         """Read the calibration and draw the sensor instances.
 
@@ -80,11 +91,16 @@ class FittedSensor(RenderedSensor):
             individuals: Number of sensor instances, where spread is not 0.
             calibration: Name of a fit that ships (``calibration.SHIPPED``), or path of a file of
                 `sim real --keep`.
+            version: Of the pictures, 1 or 2.
             threads: Of ``press_many``.
+            **optical: Format of the frames and glare, parameters of ``optics_from``.
 
         Raises:
-            UserError: The file is no calibration, or of a dome without tables.
+            UserError: The file is no calibration, or of a dome without tables; or there is no such
+                version.
         """
+        if version not in VERSIONS:
+            raise UserError(f"fitted-{self.pins} has no version {version}; take 1 or 2.")
         fitted = fit_of(calibration)
         if fitted.kind not in plate.kinds():
             raise UserError(
@@ -92,6 +108,7 @@ class FittedSensor(RenderedSensor):
                 f"{', '.join(plate.kinds())}; make it again with `tactibench sim real`."
             )
         self.calibration, self.size = fitted, size
+        self.version = version
         self.drag, self.dragged, self.spread = drag, dragged, spread
         self.individuals = individuals if spread else 1
         scale = size / fitted.side
@@ -99,9 +116,15 @@ class FittedSensor(RenderedSensor):
         rest = size * places_at_rest(self.pins) + scale * np.array(fitted.rest_centre)
         self.rig = Rig(plate.plate(fitted.kind), rest, size)
         optics = replace(self.rig.optics(nominal), marker_radius_mm=_MARKER_MM[self.pins])
-        renderer = Renderer(optics, optics.camera_distance_mm - APEX_MM)
+        if version > 1:
+            optics = replace(optics, threshold_grey=self.preset.optics.threshold_grey)
+        optics, lift = optics_from(optics, optical), optics.camera_distance_mm - APEX_MM
+        renderer = Renderer(optics, lift)
         self._pins, self._length = directions(self.rig, nominal), nominal.pin_length_mm
         tips = (INNER_MM - self._length) * self._pins
+        if version > 1:
+            alike = renderer.project(tips[None])[2][0]
+            renderer = Renderer(optics, lift, _rest_radii(self.preset, size) / alike)
         super().__init__(context, renderer, tips, threads)
         self._discs = np.stack([axis[0] for axis in renderer.project(tips[None])])
         self._unknowns = self._instances(nominal)
@@ -125,9 +148,10 @@ class FittedSensor(RenderedSensor):
 
         Raises UserError for a press that the tables do not reach.
         """
-        return self._moved(scenes, range(first, first + len(scenes)))
+        return self._changes(scenes, range(first, first + len(scenes)))[..., :2]
 
-    def _moved(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> Array:
+    def _changes(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> Array:
+        """Return (S, P, 3): px that the pins move, and by what factor they are seen larger."""
         for scene in scenes:
             _refuse(scene, self.rig.plate.deepest)
         drawn = np.array([self._drawn(number) for number in numbers])
@@ -136,14 +160,14 @@ class FittedSensor(RenderedSensor):
         depth = np.array([scene.pose.depth for scene in scenes])
         tilt = np.array([scene.pose.tilt for scene in scenes])
         travel = self.drag * (2 * drawn[:, 2] - 1) * (drawn[:, 1] < self.dragged)
-        out = np.empty((len(scenes), *self.rig.rest.shape))
+        out = np.empty((len(scenes), len(self.rig.rest), 3))
         for number, turn in sorted(set(zip(instance.tolist(), yaw.tolist(), strict=True))):
             rows = np.flatnonzero((instance == number) & (yaw == turn))
             x = self._unknowns[number]
             x = replace(x, yaw_deg=x.yaw_deg + turn)
             labels = Labels(depth[rows], tilt[rows], travel[rows], np.zeros(len(rows)))
-            out[rows] = displacements(self.rig, x, labels, np.ones(len(rows)))
-        out[depth == 0] = 0.0  # a plate that does not touch drags nothing
+            out[rows] = changes(self.rig, x, labels, np.ones(len(rows)))
+        out[depth == 0] = 0.0, 0.0, 1.0  # a plate that does not touch drags nothing
         return out
 
     def describe(self) -> dict[str, Any]:
@@ -156,8 +180,9 @@ class FittedSensor(RenderedSensor):
             "spread": self.spread,
             "individuals": self.individuals,
             "calibration": self.calibration.content(),
-            "optics": asdict(self.renderer.optics),
+            "optics": self.renderer.optics.describe(),
             "tables": {"tips": tables.shipped().digest, "plates": plate.digest()},
+            **({"version": self.version} if self.version > 1 else {}),
         }
 
     def _images(self, scenes: Sequence[Scene], first: int) -> Images:
@@ -167,8 +192,12 @@ class FittedSensor(RenderedSensor):
         plates = [k for k, scene in enumerate(scenes) if scene.indenter.is_plate]
         spheres = [k for k, scene in enumerate(scenes) if not scene.indenter.is_plate]
         if plates:
-            moved = self._moved([scenes[k] for k in plates], [first + k for k in plates])
-            discs[:2, plates] += moved.transpose(2, 0, 1)
+            pressed = self._changes([scenes[k] for k in plates], [first + k for k in plates])
+            x, y, larger = pressed.transpose(2, 0, 1)
+            discs[0, plates] += x
+            discs[1, plates] += y
+            if self.version > 1:
+                discs[2, plates] *= larger
         if spheres:
             discs[:, spheres] = self.renderer.project(self.points([scenes[k] for k in spheres]))
         x, y, radius = discs
@@ -209,10 +238,20 @@ class Fitted127(FittedSensor):
     """127 pins, hexagonal."""
 
     pins = 127
+    preset = TACTIP_127_FITTED
 
 
 class Fitted331(FittedSensor):
     """331 pins in ten rings."""
+
+
+def _rest_radii(preset: Preset, size: int) -> Array:
+    """Return the (P,) radii, px, of the white tips at rest, as in the real rest frame."""
+    tips = (INNER_MM - preset.pin_length_mm) * preset.layout()
+    optics = replace(preset.optics, size=size)
+    radius = project(optics, tips, optics.camera_distance_mm - APEX_MM)[2]
+    out: Array = radius * preset.tip_shares()
+    return out
 
 
 def _as_indentation(x: Unknowns, scale: float) -> Unknowns:

@@ -116,8 +116,8 @@ def reference_tips(sensor: SimulatedTacTip, scene: ReferenceScene) -> Array:
     pin = along.argmax(axis=1)
     if (along[np.arange(len(pin)), pin] < 1 - _SAME).any():
         raise UserError(
-            "the sensor has pins where the reference scenes have none; take tactip-127 or "
-            "tactip-331."
+            "the sensor has pins where the reference scenes have none; take version 1 of "
+            "tactip-127 or tactip-331."
         )
     base = sensor.mechanics.inner * scene.directions[pin] + scene.displacement[pin]
     tips: Array = base - sensor.pin_length * scene.normals[pin]
