@@ -10,7 +10,7 @@ import pytest
 from tactibench import UserError
 from tactibench_sim import data_file, instances
 from tactibench_sim.mechanics import tables as dome_tables
-from tactibench_sim.mechanics import tip_tables
+from tactibench_sim.mechanics import drag_tables, tip_tables
 from tactibench_sim.planar import mechanics as planar
 from tactibench_sim.real import plate
 from tactibench_sim.reference_frames import scenes as reference
@@ -22,6 +22,8 @@ READERS = {
     "planar/pad.npz": planar,
     "reference_frames/scenes.npz": reference,
     "reference_frames/other_tips.npz": reference,
+    "reference_frames/sideways.npz": reference,
+    "mechanics/drag.npz": drag_tables,
     "real/plates.npz": plate,
 }
 PACKAGE = Path(str(files("tactibench_sim")))

@@ -61,7 +61,7 @@ def test_a_file(lines, scene, tmp_path):
         ("single@", "NAME=VALUE"),
         ("single@depth=2,depth=3", "twice"),
         ("single@depth=nan", "finite"),
-        ("plate@x=3,depth=2", "only yaw, tilt and depth"),
+        ("plate@x=3,depth=2", "only yaw, tilt, depth and dx, dy, dyaw"),
         ("nowhere.toml", "does not exist"),
     ],
 )

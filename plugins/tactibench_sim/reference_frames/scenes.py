@@ -21,7 +21,7 @@ that moved sideways and dragged the skin (scripts/fem/press_sideways.py).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
@@ -129,26 +129,7 @@ def shipped_other_tips() -> Reference:
 @cache
 def shipped_sideways() -> Reference:
     """Return the scenes of dragged skin that ship with the package."""
-    return data_file.read_shipped(__package__, SIDEWAYS, _read_sideways)
-
-
-def _read_sideways(path: Path) -> Reference:
-    return data_file.read(path, "the file of dragged scenes", "reinstall tactibench.", _sideways)
-
-
-def _sideways(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
-    scenes = []
-    pins = layout(LAYOUTS[-1])
-    for k, radius in enumerate(arrays["radius"]):
-        there = np.isfinite(arrays["depth"][k])
-        tips = np.column_stack([arrays["xy"][k], arrays["depth"][k]])[there]
-        u = arrays["u"][k].astype(np.float64)
-        x, y = arrays["move"][k].tolist()
-        friction = float(arrays["friction"][k])
-        unknown = np.full(u.shape, np.nan)
-        name = f"drag{k}"
-        scenes.append(ReferenceScene(name, tips, pins, u, unknown, float(radius), friction, (x, y)))
-    return Reference(tuple(scenes), parameters, digest)
+    return data_file.read_shipped(__package__, SIDEWAYS, read)
 
 
 def read(path: Path) -> Reference:
@@ -157,6 +138,8 @@ def read(path: Path) -> Reference:
 
 
 def _reference(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str) -> Reference:
+    if "move" in arrays:
+        return Reference(tuple(_slides(arrays)), parameters, digest)
     radius = parameters.get("radius", {})
     scenes = [
         scene
@@ -164,6 +147,18 @@ def _reference(arrays: data_file.Arrays, parameters: dict[str, Any], digest: str
         for scene in _scenes(name, arrays, radius.get(name, RADIUS_MM))
     ]
     return Reference(tuple(scenes), parameters, digest)
+
+
+def _slides(arrays: data_file.Arrays) -> Iterator[ReferenceScene]:
+    """Yield the scenes of dragged skin, each of one state."""
+    pins = layout(LAYOUTS[-1])
+    for k, radius in enumerate(arrays["radius"]):
+        there = np.isfinite(arrays["depth"][k])
+        tips = np.column_stack([arrays["xy"][k], arrays["depth"][k]])[there]
+        u = arrays["u"][k].astype(np.float64)
+        x, y = arrays["move"][k].tolist()
+        unknown, friction = np.full(u.shape, np.nan), float(arrays["friction"][k])
+        yield ReferenceScene(f"drag{k}", tips, pins, u, unknown, float(radius), friction, (x, y))
 
 
 def _scenes(
