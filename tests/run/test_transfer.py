@@ -186,7 +186,7 @@ def test_labels_are_fitted_and_their_direction_must_be_that_of_the_simulated_pla
     assert described["label_fit"]["presses"] == 90
     assert abs(described["label_fit"]["lean_deg"]) < 20
     simulated = {"data": None, "sensor": "fitted-127", "parameters": {"sensor": {"size": "64"}}}
-    with pytest.raises(UserError, match="deg of the frame .* but simulated plates towards 90"):
+    with pytest.raises(UserError, match=r"deg of the frame .* but simulated plates towards 90"):
         planned(**simulated, test=fitted)
 
 
