@@ -44,7 +44,7 @@ TOWARDS_DEG, MOST_AWAY_DEG = 90.0, 45.0
 fit begins there. 90 and 91 deg in the public recordings."""
 MOST_KNOWN, MOST_FROM_LABELS = 0.25, 0.5
 """Median relative errors, drag known and from the labels of moved presses. The public recordings
-have .15 and .18, .21 and .29. Copies of one: depths of half the presses permuted .55 and .68, tilts
+have .16 and .18, .22 and .28. Copies of one: depths of half the presses permuted .55 and .68, tilts
 permuted .42 and .53, moves permuted .24 and .93, moves of the other sign .50 and .65."""
 MOST_APART_MM = 0.25
 """Mean over the presses: .11 and .03 in the public recordings, .38 with depth labels of half and
