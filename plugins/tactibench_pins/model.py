@@ -58,7 +58,7 @@ _SHARED = 12
 """Components for transfer to other sensors; the next ones differ more between two sensors of one
 make than between two presses."""
 _UNLIKE = 0.003
-"""Noise in units of the layout for transfer: differences of sensors that no view shows."""
+"""Noise of single places, units of the layout, where several sensors are seen on the lattice."""
 _BATCH = 32
 
 
