@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-import numpy as np
-import numpy.typing as npt
 import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench_pins.displacements import Components
+from tactibench_pins.transfer import Differences
 
 _LAST = 0.1
 """Share of the usual size of the last layer's first weights: answers start near the mean."""
@@ -23,14 +22,14 @@ class Members(nn.Module):
 
     The displacements are first turned into K whitened components. While it trains, every member
     sees them with noise of its own, as if every pin had been found that much elsewhere. Hidden
-    layers after the first are residual: h <- (h + gelu(W h + b)) / sqrt 2. With ``show_through`` it
-    is also shown every frame through one of several views, as other sensors would see it.
+    layers after the first are residual: h <- (h + gelu(W h + b)) / sqrt 2. With
+    ``show_differences`` each frame is also shown as other sensors might see it.
     """
 
     mean: torch.Tensor
     basis: torch.Tensor
     noise: torch.Tensor
-    through: torch.Tensor
+    differences: torch.Tensor
 
     def __init__(self, pins: int, sizes: Sequence[int], members: int) -> None:
         """Make ``members`` networks.
@@ -45,7 +44,7 @@ class Members(nn.Module):
         self.register_buffer("mean", torch.zeros(2 * pins))
         self.register_buffer("basis", torch.zeros(2 * pins, sizes[0]))
         self.register_buffer("noise", torch.zeros(sizes[0]))
-        self.register_buffer("through", torch.zeros(0, 2 * pins, sizes[0]), persistent=False)
+        self.register_buffer("differences", torch.zeros(0, 0), persistent=False)
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
         for number, (inside, outside) in enumerate(pairwise(sizes)):
@@ -64,10 +63,10 @@ class Members(nn.Module):
         self.noise[:count] = noise_px * weights
 
     @torch.no_grad()
-    def show_through(self, views: Sequence[npt.NDArray[np.float64]]) -> None:
-        """Set views (2 P, 2 P) of displacements while it trains; after ``initialise``."""
-        seen = [torch.from_numpy(view.T).float() @ self.basis.cpu() for view in views]
-        self.through = torch.stack(seen).to(self.basis)
+    def show_differences(self, differences: Differences) -> None:
+        """Set smooth differences of fields while it trains; after ``initialise``."""
+        factor = differences.of_components(self.basis.cpu().double().numpy())
+        self.differences = torch.from_numpy(factor).to(self.basis)
 
     def forward(self, moved: torch.Tensor) -> torch.Tensor:
         hidden = self.hidden(moved)
@@ -78,23 +77,16 @@ class Members(nn.Module):
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
         """Return (M, B, U) the last hidden layer of every member."""
-        hidden = self._components(moved).expand(self.members, -1, -1)
+        components = (moved - self.mean) @ self.basis
+        hidden = components.expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)
+            if len(self.differences):
+                rms = moved.square().mean(dim=1).sqrt()[:, None]
+                hidden = hidden + rms * (torch.randn_like(hidden) @ self.differences.T)
         for number, (weight, bias) in enumerate(
             zip(self.weights[:-1], self.biases[:-1], strict=True)
         ):
             raw = F.gelu(torch.baddbmm(bias.view(self.members, 1, -1), hidden, weight))
             hidden = raw if number == 0 else (hidden + raw) * math.sqrt(0.5)
         return hidden
-
-    def _components(self, moved: torch.Tensor) -> torch.Tensor:
-        """Return (B, K) components; in training each frame is seen through one of the views."""
-        if not (self.training and len(self.through)):
-            return (moved - self.mean) @ self.basis
-        chosen = torch.randint(len(self.through), (len(moved),), device=moved.device)
-        out = torch.empty(len(moved), self.basis.shape[1], device=moved.device)
-        for number in range(len(self.through)):  # far less memory than one matrix a frame
-            rows = chosen == number
-            out[rows] = moved[rows] @ self.through[number]
-        return out - self.mean @ self.basis

@@ -33,10 +33,7 @@ from tactibench_pins.displacements import (
     restored_pins,
     saved_pins,
 )
-from tactibench_pins.transfer import (
-    Correction,
-    draw_views,
-)
+from tactibench_pins.transfer import Correction, Differences
 
 Array = npt.NDArray[np.float64]
 
@@ -61,8 +58,7 @@ _SHARED = 12
 """Components for transfer to other sensors; the next ones differ more between two sensors of one
 make than between two presses."""
 _UNLIKE = 0.003
-"""Noise in units of the layout for transfer: differences of sensors that no view shows."""
-_VIEWS = 16
+"""Noise of single places, units of the layout, where several sensors are seen on the lattice."""
 _BATCH = 32
 
 
@@ -119,8 +115,8 @@ class Pins(LearnedModel):
         components = Components.fit(moved, self._components)
         noise = _UNLIKE if isinstance(self._pins, LatticePins) else _NOISE_PX
         network.initialise(components, _WHITENING, noise)
-        if self.context.transfers:  # the same views for every training seed
-            network.show_through(draw_views(LATTICE, _VIEWS, np.random.default_rng(0)))
+        if self.context.transfers:
+            network.show_differences(Differences.on(LATTICE))
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
         return torch.from_numpy(displacements(self._pins, frames, self.name)).float()

@@ -28,14 +28,22 @@ def tactibench_sensors() -> list[SensorSpec]:
                 Parameter(
                     "pivot_mm",
                     0.0,
-                    "p of depth = label + offset + p (1 - cos tilt), see `tactibench data fit`",
+                    "p of depth = label + offset + p (1 - cos tilt) + q sin tilt, see "
+                    "`tactibench data fit`",
+                    low=-1000.0,
+                    high=1000.0,
+                ),
+                Parameter(
+                    "pivot_side_mm",
+                    0.0,
+                    "q of that depth",
                     low=-1000.0,
                     high=1000.0,
                 ),
                 Parameter(
                     "labels",
                     "auto",
-                    "given: read by depth_offset_mm and pivot_mm; fitted: both taken from the "
+                    "given: read by those three numbers; fitted: all taken from the "
                     "pins, as `tactibench data fit` does; auto: fitted where depths of two sensors "
                     "are compared and neither was given",
                     choices=("auto", "given", "fitted"),

@@ -11,7 +11,8 @@ from tactibench import Scene, UserError
 from tactibench.datasets import (
     ImportOptions,
     Recording,
-    indentation_options,
+    RecordingFit,
+    cached_fit,
     open_recording,
     plate_scenes,
 )
@@ -29,6 +30,7 @@ class RecordedPresses:
         rows: Row of the recording of every frame.
         columns: Role -> column that was read.
         options: Options by which labels were read.
+        label_fit: Where their offset and pivot come from the pins.
         subsets: Name of a frame -> subset of the split that was asked for; empty without one.
     """
 
@@ -40,6 +42,7 @@ class RecordedPresses:
     columns: Mapping[str, str]
     options: ImportOptions
     subsets: Mapping[str, str]
+    label_fit: RecordingFit | None = None
 
 
 def open_presses(
@@ -58,9 +61,17 @@ def open_presses(
     """
     recording = open_recording(folder, ImportOptions(frames=options.frames))
     scenes, columns = recording.scenes, dict(recording.columns)
+    label_fit = None
     if not any(scenes):
         if fit:
-            options = indentation_options(recording, options)
+            label_fit = cached_fit(recording, options)
+            pivot = label_fit.pivot
+            options = replace(
+                options,
+                offset_mm=pivot.offset_mm,
+                pivot_mm=pivot.pivot_mm,
+                pivot_side_mm=pivot.side_mm,
+            )
         scenes, roles = plate_scenes(recording, options)
         columns |= roles
     rows = tuple(row for row, scene in enumerate(scenes) if scene is not None)
@@ -75,6 +86,7 @@ def open_presses(
         columns,
         options,
         _split_subsets(recording, split) if split else {},
+        label_fit,
     )
 
 

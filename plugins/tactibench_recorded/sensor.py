@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
-from tactibench.datasets import ImportOptions, Recording
+from tactibench.datasets import ImportOptions, Recording, RecordingFit
 from tactibench_recorded.scenes import RecordedPresses, indenter_names, open_presses
 
 _THREADS = min(8, os.cpu_count() or 1)
@@ -29,12 +29,13 @@ class RecordedSensor(Sensor):
     The folder is of the Bristol convention, has a CSV file, is a Hugging Face image folder, or a
     data set. Scenes that it knows (data sets, tables with x_mm, y_mm and depth_mm) are taken as
     they are. Other labels are read as a plate's: depth = depth label + ``depth_offset_mm`` +
-    ``pivot_mm`` (1 - cos tilt), tilt = tilt label. The default offset is the travel of about 5 mm
-    between the labelled pose and first touch in the Tac-VGNN recordings; it moves every depth alike
-    and so changes no error within one recording. Where depths of two sensors are compared
-    (``context.indentation``) and neither number is given, or with ``labels`` "fitted", both are
-    fitted to the pins. ``split`` names a split of a data set, which then says what trains,
-    validates and tests. Everything is checked when the sensor is opened.
+    ``pivot_mm`` (1 - cos tilt) + ``pivot_side_mm`` sin tilt, tilt = tilt label. The default offset
+    is the travel of about 5 mm between the labelled pose and first touch in the Tac-VGNN
+    recordings; it moves every depth alike and so changes no error within one recording. Where
+    depths of two sensors are compared (``context.indentation``) and no number is given, or with
+    ``labels`` "fitted", all three are fitted to the pins; labels that the pins contradict are
+    refused. ``split`` names a split of a data set, which then says what trains, validates and
+    tests. Everything is checked when the sensor is opened.
 
     Raises:
         UserError: Something is missing or damaged; the sentence names file and row.
@@ -45,6 +46,7 @@ class RecordedSensor(Sensor):
         context: SensorContext,
         depth_offset_mm: float = OFFSET_MM,
         pivot_mm: float = PIVOT_MM,
+        pivot_side_mm: float = 0.0,
         labels: str = "auto",
         depth: str = "pose_2",
         tilt: str = "pose_6",
@@ -57,9 +59,14 @@ class RecordedSensor(Sensor):
                 "frames, or a data set."
             )
         options = ImportOptions(
-            frames=frames, depth=depth, tilt=tilt, offset_mm=depth_offset_mm, pivot_mm=pivot_mm
+            frames=frames,
+            depth=depth,
+            tilt=tilt,
+            offset_mm=depth_offset_mm,
+            pivot_mm=pivot_mm,
+            pivot_side_mm=pivot_side_mm,
         )
-        given = (depth_offset_mm, pivot_mm) != (OFFSET_MM, PIVOT_MM)
+        given = (depth_offset_mm, pivot_mm, pivot_side_mm) != (OFFSET_MM, PIVOT_MM, 0.0)
         fit = labels == "fitted" or (labels == "auto" and context.indentation and not given)
         self._presses = open_presses(context.data, options, fit=fit, split=split)
         self._row = {scene: number for number, scene in enumerate(self._presses.scenes)}
@@ -122,6 +129,7 @@ class RecordedSensor(Sensor):
         rest = None if recording.rest is None else recording.rest.name
         if recording.dataset is not None and self._rest_image is not None:
             rest = "rest"
+        aside, fit = options.pivot_side_mm, self._presses.label_fit
         return {
             "format": recording.format,
             "folder": recording.folder.resolve().name,
@@ -134,6 +142,8 @@ class RecordedSensor(Sensor):
             "columns": dict(self._presses.columns),
             "depth_offset_mm": float(options.offset_mm),
             "pivot_mm": float(options.pivot_mm),
+            **({"pivot_side_mm": float(aside)} if aside else {}),
+            **({} if fit is None else {"label_fit": _described(fit)}),
         }
 
     @property
@@ -153,6 +163,17 @@ class RecordedSensor(Sensor):
         if number is None:
             raise UserError(_not_recorded(self._presses, scene))
         return number
+
+
+def _described(fit: RecordingFit) -> dict[str, Any]:
+    """Return what records say of the fit of the labels, beside its numbers."""
+    pivot = fit.pivot
+    return {
+        "presses": pivot.presses,
+        "left_out": pivot.left_out,
+        "misfit": pivot.residual,
+        "lean_deg": fit.lean_deg,
+    }
 
 
 def _not_recorded(presses: RecordedPresses, scene: Scene) -> str:

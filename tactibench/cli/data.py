@@ -93,11 +93,12 @@ def _export_rows(export: Export) -> list[dict[str, Any]]:
 @click.option("--tilt", default="auto", metavar="COLUMN", help="Tilt label, deg; default: pose_6.")
 @json_option
 def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
-    """Fit a and p of indentation = depth label + a + p (1 - cos tilt) from the pins of FOLDER.
+    """Fit indentation = depth label + a + p (1 - cos tilt) + q sin tilt to the pins of FOLDER.
 
     A robot counts depth from a pose, not from first touch, and turns the sensor about a point that
     is not the dome's centre. Pins are followed in the least sheared presses of a flat plate; their
-    spread must vanish where the indentation does, at all tilts.
+    spread must vanish where the indentation does, at all tilts. A warning says where the pins
+    contradict the labels.
 
     \b
     tactibench data fit recordings/331
@@ -113,13 +114,18 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
         fit = fit_recording(recording, ImportOptions(depth=depth, tilt=tilt), advance)
     pivot, columns = fit.pivot, fit.columns
     terminal.say(
-        f"indentation = {columns['depth']} + a + p (1 - cos {columns['tilt']}), from "
+        f"indentation = {columns['depth']} + a + p (1 - cos {columns['tilt']}) + "
+        f"q sin {columns['tilt']}, from "
         f"{fit.pins} pins in {pivot.presses:,} of {len(recording):,} presses"
     )
+    contradiction = fit.contradiction()
+    if contradiction:
+        terminal.say(f"WARNING: {contradiction}; these labels give no indentation")
     offset = (f"{pivot.offset_mm:.3f}", f"{pivot.offset_std:.3f}", f"{pivot.offset_scatter:.3f}")
     turn = (f"{pivot.pivot_mm:.2f}", f"{pivot.pivot_std:.2f}", f"{pivot.pivot_scatter:.2f}")
+    side = (f"{pivot.side_mm:.2f}", f"{pivot.side_std:.2f}", "")
     heads: list[Head] = ["", *map(Column, ("mm", "one sigma", "of scatter"))]
-    print_table(terminal.out, table(heads, [("a", *offset), ("p", *turn)]))
+    print_table(terminal.out, table(heads, [("a", *offset), ("p", *turn), ("q", *side)]))
     terminal.say(f"median misfit of the pins' spread: {pivot.residual:.1%}")
     if fit.shear:
         terminal.say(f"shear taken out: {', '.join(fit.shear)}")
@@ -132,9 +138,11 @@ def fit(folder: Path, depth: str, tilt: str, json_file: Path | None) -> None:
     rows = [
         _row("offset", "all", pivot.offset_mm, "mm") | {"std": pivot.offset_std},
         _row("pivot", "all", pivot.pivot_mm, "mm") | {"std": pivot.pivot_std},
+        _row("pivot beside the axis", "all", pivot.side_mm, "mm") | {"std": pivot.side_std},
         _row("lean", "all", fit.lean_deg, "deg") | {"std": None},
         _row("misfit", "all", pivot.residual, "share") | {"std": None},
         _row("presses", "all", pivot.presses) | {"std": None},
+        _row("presses left out", "all", pivot.left_out) | {"std": None},
     ]
     save_json(json_file, rows)
 

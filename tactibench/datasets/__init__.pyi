@@ -7,8 +7,8 @@ from .importer import import_folder as import_folder
 from .labels import indentation as indentation
 from .labels import plate_scenes as plate_scenes
 from .pivot import RecordingFit as RecordingFit
+from .pivot import cached_fit as cached_fit
 from .pivot import fit_recording as fit_recording
-from .pivot import indentation_options as indentation_options
 from .pivot import presses_to_fit as presses_to_fit
 from .readers.formats import FORMATS as FORMATS
 from .readers.formats import find_format as find_format

@@ -23,25 +23,32 @@ ALIAS = dict(zip(NUMBERED + LETTERED, LETTERED + NUMBERED, strict=True))
 
 
 def indentation(
-    depth: npt.ArrayLike, tilt: npt.ArrayLike, offset_mm: float, pivot_mm: float
+    depth: npt.ArrayLike,
+    tilt: npt.ArrayLike,
+    offset_mm: float,
+    pivot_mm: float,
+    side_mm: float = 0.0,
 ) -> FloatArray:
-    """Return how deep a plate is in the dome, along its normal: z + a + p (1 - cos t).
+    """Return how far a plate came from first touch: z + a + p (1 - cos t) + q sin t.
 
     A robot turns the sensor about a point p away from the dome's centre, which lifts the centre by
-    p (1 - cos t). a is the travel between label 0 and first touch.
+    p (1 - cos t), and by q sin t where that point lies q beside the axis. a is the travel between
+    label 0 and first touch. This is the indentation of all data sets: the robot's own travel. What
+    holds a dome gives way under load; a simulated sensor takes that into account by itself.
 
     Args:
         depth: (N,) depth labels z, mm.
         tilt: (N,) tilt labels t, deg.
         offset_mm: a.
         pivot_mm: p.
+        side_mm: q.
 
     Returns:
         (N,) mm.
     """
     turned = np.radians(np.asarray(tilt, dtype=np.float64))
     lowered: FloatArray = np.asarray(depth, dtype=np.float64) + offset_mm
-    return lowered + pivot_mm * (1 - np.cos(turned))
+    return lowered + pivot_mm * (1 - np.cos(turned)) + side_mm * np.sin(turned)
 
 
 def signed_column(labels: Mapping[str, FloatArray], column: str) -> FloatArray:
@@ -66,7 +73,13 @@ def scenes_of(
     """
     values = {role: signed_column(labels, column) for role, column in columns.items()}
     if indenter == PLATE:
-        depth = indentation(values["depth"], values["tilt"], options.offset_mm, options.pivot_mm)
+        depth = indentation(
+            values["depth"],
+            values["tilt"],
+            options.offset_mm,
+            options.pivot_mm,
+            options.pivot_side_mm,
+        )
         return tuple(
             Scene(Indenter.plate(), Pose(yaw=options.yaw_deg, tilt=t, depth=d))
             for t, d in zip(values["tilt"].tolist(), depth.tolist(), strict=True)

@@ -1,14 +1,17 @@
 """Offset and pivot behind the labels of a plate, from how far its presses move the pins.
 
-indentation = z + a + p (1 - cos t), z the depth label, t the tilt label. The spread of a press is
-the root mean square displacement of its pins about their mean, which an even shift of all pins
+indentation = z + a + p (1 - cos t) + q sin t, z the depth label, t the tilt label. It is what the
+robot travels from first touch; what holds the dome may give way meanwhile. The spread of a press
+is the root mean square displacement of its pins about their mean, which an even shift of all pins
 leaves alone. It vanishes at first touch, grows with a power of the indentation, and depends on the
 tilt besides only through the perspective of the camera:
 
-    log spread = b + k log(z + a + p (1 - cos t)) + c1 t + c2 t^2 + c3 t^3 + c4 t^4 + shear
+    log spread = b + k log(z + a + p (1 - cos t) + q sin t) + c1 t + ... + c4 t^4 + shear
 
 Labels rarely reach first touch, and then the exponent k and the offset a cannot be told apart: k is
 taken from simulated plate presses of known indentation, and its uncertainty is part of the result.
+
+Labels that the pins contradict are refused: see ``RecordingFit.contradiction``.
 """
 
 from __future__ import annotations
@@ -16,15 +19,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from tactibench.datasets.labels import role_columns, signed_column
+from tactibench.datasets.labels import indentation, role_columns, signed_column
 from tactibench.datasets.readers.options import PLATE, ImportOptions
 from tactibench.datasets.readers.recording import Recording
+from tactibench.datasets.spreads import direction_of, lean_of, middle_of_spread, spread_of
 from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder
 from tactibench.records.files import read_json, write_json
@@ -34,7 +38,9 @@ FloatArray = npt.NDArray[np.float64]
 
 EXPONENT, EXPONENT_STD = 1.37, 0.05
 """k of plates on simulated domes with 331 (1.42) and 127 pins (1.32), 1 to 5 mm deep, up to 20 deg;
-with an offset of 5 mm the recordings of Tac-VGNN have 1.37 and 1.39."""
+with an offset of 5 mm the recordings of Tac-VGNN have 1.37 and 1.39. Simulated presses of the two
+calibrated sensors, whose base gives way, get their own offset back with it: 4.91 for 4.91 (331),
+5.00 for 5.02 mm (127)."""
 PIVOT_BIAS_STD = 1.2
 """mm by which p is off on those simulated presses: perspective changes more than a factor."""
 LEAST_SHEARED = 0.3
@@ -45,6 +51,19 @@ FEWEST = 50
 """Presses below which the fit is not stable."""
 FAINT = 0.05
 """A press that moves the pins by less than this share of the strongest does not touch for sure."""
+
+MOST_LEFT_OUT = 0.2
+"""Share of the presses that may move no pin; none does in the public recordings."""
+UNTOUCHED_MM = 0.5
+"""Indentation that labels may give at most to presses that move no pin, at their median."""
+LEAST_FOLLOWING = 0.6
+"""Correlation of sin t with the place about which the pins spread: .95 and .96 in the public
+recordings, 0 where tilts belong to other frames."""
+MOST_MISFIT = 0.1
+"""Of the spread: .025 and .029 in the public recordings, .14 and .15 where the depths of half the
+presses are permuted, .40 and .47 where all are, .49 in a recording whose fit left the sine out."""
+MOST_ASKEW_DEG = 45.0
+"""Between where the pins spread and where they lean from: 2 and 0 deg in the public recordings."""
 
 _BATCH = 64
 """Frames whose pins are followed at once."""
@@ -60,27 +79,33 @@ _TRAVEL = re.compile(r"(move|shear)_[123xyz]")
 
 @dataclass(frozen=True)
 class Pivot:
-    """Offset a and pivot p of a plate's labels.
+    """Offset a and pivot p, q of a plate's labels.
 
     Attributes:
         offset_mm: a.
-        pivot_mm: p.
+        pivot_mm: p, along the axis.
+        side_mm: q, beside it.
         offset_std: Standard deviation of a, mm.
         pivot_std: Standard deviation of p, mm.
+        side_std: Standard deviation of q, mm.
         offset_scatter: Share of ``offset_std`` that more presses make smaller, mm.
         pivot_scatter: Share of ``pivot_std`` that more presses make smaller, mm.
         residual: Median relative misfit of the spread.
         presses: Number of presses that were fitted.
+        left_out: Number of presses that were left out, because they do not move the pins.
     """
 
     offset_mm: float
     pivot_mm: float
+    side_mm: float
     offset_std: float
     pivot_std: float
+    side_std: float
     offset_scatter: float
     pivot_scatter: float
     residual: float
     presses: int
+    left_out: int
 
 
 @dataclass(frozen=True)
@@ -93,7 +118,10 @@ class RecordingFit:
         shear: Columns that say how the plate was dragged along.
         pins: Number of pins that were followed.
         lean_deg: Direction on the frame in which a positive tilt moves the contact, 0: right,
-            90: down.
+            90: down. From where the pins spread.
+        askew_deg: Angle between that direction and where the pins lean from.
+        following: Correlation of sin t with the place about which the pins spread.
+        untouched_mm: Median indentation of the presses that were left out; 0 without any.
     """
 
     pivot: Pivot
@@ -101,6 +129,9 @@ class RecordingFit:
     shear: tuple[str, ...]
     pins: int
     lean_deg: float
+    askew_deg: float
+    following: float
+    untouched_mm: float
 
     def options(self) -> dict[str, str]:
         """Return the options with which an import uses the fit."""
@@ -109,7 +140,35 @@ class RecordingFit:
             **{role: self.columns[role] for role in ("depth", "tilt")},
             "offset_mm": f"{self.pivot.offset_mm:.3f}",
             "pivot_mm": f"{self.pivot.pivot_mm:.2f}",
+            "pivot_side_mm": f"{self.pivot.side_mm:.3f}",
         }
+
+    def contradiction(self) -> str:
+        """Return in words how the pins contradict the labels; "" where they do not."""
+        pivot = self.pivot
+        total = pivot.presses + pivot.left_out
+        if pivot.left_out > MOST_LEFT_OUT * total:
+            return f"{pivot.left_out:,} of {total:,} presses do not move the pins"
+        if self.untouched_mm > UNTOUCHED_MM:
+            return (
+                f"{pivot.left_out:,} presses that do not move the pins would be "
+                f"{self.untouched_mm:.1f} mm deep at their median"
+            )
+        if pivot.residual > MOST_MISFIT:
+            return (
+                "the pins do not spread as the depth label says (median misfit "
+                f"{pivot.residual:.0%}, at most {MOST_MISFIT:.0%} is allowed)"
+            )
+        if self.following < LEAST_FOLLOWING:
+            return (
+                "the pins do not spread where the plate is tilted to (correlation "
+                f"{self.following:.2f}, at least {LEAST_FOLLOWING:g} is needed)"
+            )
+        if self.askew_deg > MOST_ASKEW_DEG:
+            return (
+                f"the direction of tilt is {self.askew_deg:.0f} deg from where the pins lean from"
+            )
+        return ""
 
 
 def presses_to_fit(recording: Recording) -> int:
@@ -143,46 +202,61 @@ def fit_recording(
     tracker = Tracker(rest)
     shear_columns = _changing(labels, _SHEAR)
     rows = _least_sheared(recording, _changing(labels, _TRAVEL))
-    spread, shift = np.empty(len(rows)), np.empty((len(rows), 2))
+    spread, shift, middle = np.empty(len(rows)), np.empty((len(rows), 2)), np.empty((len(rows), 2))
     for start in range(0, len(rows), _BATCH):
         batch = rows[start : start + _BATCH]
         tracks = tracker.track(np.stack([recording.image(int(row)) for row in batch]))
         moved = tracks.xy - tracker.rest
         spread[start : start + _BATCH] = spread_of(moved)
         shift[start : start + _BATCH] = moved.mean(axis=1)
+        middle[start : start + _BATCH] = middle_of_spread(moved, tracker.rest)
         advance(len(batch))
     depth, tilt = (signed_column(labels, columns[role])[rows] for role in ("depth", "tilt"))
     shear = None
     if shear_columns:
         shear = np.column_stack([labels[name][rows] for name in shear_columns])
+    pivot = fit_pivot(spread, depth, tilt, shear)
+    untouched = ~_touching(spread)
+    deep = indentation(depth, tilt, pivot.offset_mm, pivot.pivot_mm, pivot.side_mm)
+    towards, following = direction_of(middle[~untouched], tilt[~untouched])
+    askew = (towards - lean_of(shift, tilt, shear) + 180) % 360 - 180
     return RecordingFit(
-        fit_pivot(spread, depth, tilt, shear),
+        pivot,
         columns,
         shear_columns,
         len(tracker.rest),
-        lean_of(shift, tilt, shear),
+        lean_deg=towards,
+        askew_deg=abs(askew),
+        following=following,
+        untouched_mm=float(np.median(deep[untouched])) if untouched.any() else 0.0,
     )
 
 
-def indentation_options(recording: Recording, options: ImportOptions) -> ImportOptions:
-    """Return the options with the offset and pivot of ``fit_recording``, which the cache holds.
+def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
+    """Return ``fit_recording``, which is kept in the cache.
 
     Raises:
-        UserError: As ``fit_recording``.
+        UserError: As ``fit_recording``; or the pins contradict the labels.
     """
     columns = {"depth": options.depth, "tilt": options.tilt}
     code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
     key = digest({"recording": recording.sha256, "columns": columns, "code": code})
     path = cache_folder() / "fits" / f"{key[:24]}.json"
     try:
-        cached = read_json(path)
-        offset, pivot = float(cached["offset_mm"]), float(cached["pivot_mm"])
-    except (UserError, KeyError, TypeError, ValueError):
-        fit = fit_recording(recording, options).pivot
-        offset, pivot = fit.offset_mm, fit.pivot_mm
+        stored = read_json(path)
+        fit = RecordingFit(
+            **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
+        )
+    except (UserError, KeyError, TypeError):
+        fit = fit_recording(recording, options)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, {"offset_mm": offset, "pivot_mm": pivot})
-    return replace(options, offset_mm=offset, pivot_mm=pivot)
+        write_json(path, asdict(fit))
+    if contradiction := fit.contradiction():
+        raise UserError(
+            f"the labels of {recording.folder} give no indentation: {contradiction}; correct the "
+            "table or its columns, or state depth_offset_mm and pivot_mm yourself."
+        )
+    return fit
 
 
 def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tuple[str, ...]:
@@ -203,32 +277,8 @@ def _least_sheared(recording: Recording, travels: tuple[str, ...]) -> npt.NDArra
     return rows
 
 
-def spread_of(moved: FloatArray) -> FloatArray:
-    """Return the root mean square distance of pins' displacements from their mean.
-
-    Args:
-        moved: (N, P, 2) displacements of P pins, px.
-
-    Returns:
-        (N,) px.
-    """
-    centred = moved - moved.mean(axis=1, keepdims=True)
-    spread: FloatArray = np.sqrt((centred**2).sum(axis=2).mean(axis=1))
-    return spread
-
-
-def lean_of(shift: FloatArray, tilt: FloatArray, shear: FloatArray | None = None) -> float:
-    """Return where on the frame a positive tilt moves the contact, deg: 0 right, 90 down.
-
-    Args:
-        shift: (N, 2) mean displacement of a press's pins, px; they lean away from the contact.
-        tilt: (N,) deg.
-        shear: (N, S) labels of how the plate was dragged along.
-    """
-    columns = np.zeros((len(tilt), 0)) if shear is None else shear
-    terms = np.column_stack([np.ones(len(tilt)), np.sin(np.radians(tilt)), columns])
-    away = np.linalg.lstsq(terms, shift, rcond=None)[0][1]
-    return math.degrees(math.atan2(-away[1], -away[0]))
+def _touching(spread: FloatArray) -> npt.NDArray[np.bool_]:
+    return np.asarray(spread > FAINT * np.quantile(spread, 0.95))
 
 
 def fit_pivot(
@@ -248,7 +298,7 @@ def fit_pivot(
     Raises:
         UserError: Too few presses touch, or depth or tilt never changes.
     """
-    touching = spread > FAINT * np.quantile(spread, 0.95)
+    touching = _touching(spread)
     if np.count_nonzero(touching) < FEWEST:
         raise UserError(
             f"{np.count_nonzero(touching)} presses move the pins; at least {FEWEST} are needed to "
@@ -268,6 +318,8 @@ def fit_pivot(
     )
     return replace(
         best,
+        left_out=int(np.count_nonzero(~touching)),
+        side_std=math.hypot(best.side_std, (high.side_mm - low.side_mm) / 2),
         offset_std=math.hypot(best.offset_scatter, (high.offset_mm - low.offset_mm) / 2),
         pivot_std=math.hypot(
             best.pivot_scatter, (high.pivot_mm - low.pivot_mm) / 2, PIVOT_BIAS_STD
@@ -280,16 +332,16 @@ def _fit_exponent(
 ) -> Pivot:
     """Fit with one exponent; the tails of the residuals weigh linearly (soft l1)."""
     log = np.log(spread)
-    lifted = 1 - np.cos(np.radians(tilt))
+    lifted, aside = 1 - np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
     linear = _linear_terms(tilt / np.abs(tilt).max(), shear)
 
     def residuals(x: FloatArray) -> FloatArray:
-        indented = np.maximum(depth + x[0] + x[1] * lifted, _NEAREST_MM)
-        return np.asarray(exponent * np.log(indented) + linear @ x[2:] - log, dtype=np.float64)
+        indented = np.maximum(depth + x[0] + x[1] * lifted + x[2] * aside, _NEAREST_MM)
+        return np.asarray(exponent * np.log(indented) + linear @ x[3:] - log, dtype=np.float64)
 
-    start = np.zeros(2 + linear.shape[1])
+    start = np.zeros(3 + linear.shape[1])
     start[0] = 1.0 - depth.min()  # the shallowest press about 1 mm deep
-    start[2] = float(log.mean())
+    start[3] = float(log.mean())
     x, scale = start, 0.1
     for _ in range(_ROUNDS):
         solved = least_squares(residuals, x, loss="soft_l1", f_scale=scale, x_scale="jac")
@@ -299,20 +351,24 @@ def _fit_exponent(
     misfit = residuals(x)
     # Huber's sandwich for an M-estimate: psi of soft l1 is r / sqrt(1 + (r / scale)^2).
     tail = 1 + (misfit / scale) ** 2
-    slope = exponent / np.maximum(depth + x[0] + x[1] * lifted, _NEAREST_MM)
-    jacobian = np.column_stack([slope, slope * lifted, linear])
+    indented = np.maximum(depth + x[0] + x[1] * lifted + x[2] * aside, _NEAREST_MM)
+    slope = exponent / indented
+    jacobian = np.column_stack([slope, slope * lifted, slope * aside, linear])
     inverse = np.linalg.pinv((jacobian * tail[:, None] ** -1.5).T @ jacobian)
     half = jacobian * (misfit * tail**-0.5)[:, None]
     scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))
     return Pivot(
         offset_mm=float(x[0]),
         pivot_mm=float(x[1]),
+        side_mm=float(x[2]),
         offset_std=float(scatter[0]),
         pivot_std=float(scatter[1]),
+        side_std=float(scatter[2]),
         offset_scatter=float(scatter[0]),
         pivot_scatter=float(scatter[1]),
         residual=float(np.median(np.abs(misfit))),
         presses=len(spread),
+        left_out=0,
     )
 
 

@@ -74,6 +74,8 @@ def print_run(
         print_table(console, _main_table(run_table, record, published, comparable[:OTHERS]))
     if error := error_line(record):
         console.print(Text(error))
+    if labels := labels_line(record):
+        console.print(Text(labels))
     _print_notes(console, record, spec, published, len(comparable))
     further = _further_metrics(record, spec.run_tables)
     if further.rows:
@@ -106,6 +108,22 @@ def partial_line(record: Record) -> str:
         causes.append(f"limit {record.limits.limit}")
     cause = f" ({', '.join(causes)})" if causes else ""
     return f"PARTIAL{cause}: not for a board"
+
+
+def labels_line(record: Record) -> str:
+    """Return how the true indentation was made from the labels; "" where nothing was fitted."""
+    adapted = record.data.of_tested_sensor
+    described = {} if adapted is None else adapted.described
+    if "label_fit" not in described:
+        return ""
+    fit, columns = described["label_fit"], described.get("columns", {})
+    depth, tilt = columns.get("depth", "depth label"), columns.get("tilt", "tilt label")
+    return (
+        f"true indentation: {depth} {described['depth_offset_mm']:+.3f} "
+        f"{described['pivot_mm']:+.2f} (1 - cos {tilt}) "
+        f"{described.get('pivot_side_mm', 0.0):+.2f} sin {tilt} mm, fitted to the pins of "
+        f"{fit['presses']:,} presses ({fit['left_out']:,} left out, misfit {fit['misfit']:.1%})"
+    )
 
 
 def _print_heading(console: Console, record: Record) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from tactibench.report.run_report import partial_line
+from tactibench.records.record import AdaptedSensor
+from tactibench.report.run_report import labels_line, partial_line
 from tactibench.report.table import metric_number
 
 PROTOCOLS = ["exp1", "exp2", "exp3", "surface"]
@@ -155,3 +156,21 @@ def test_a_protocol_without_a_layout_is_listed_whole(record: Any, render: Any) -
 
 def test_markup_in_names_is_text(record: Any, render: Any) -> None:
     assert "[bold]x[/bold]" in render(record("exp1", signature="[bold]x[/bold]"))
+
+
+def test_a_run_states_how_its_true_indentation_was_made(record: Any) -> None:
+    whole = record("exp1")
+    described = {
+        "depth_offset_mm": 5.034,
+        "pivot_mm": 20.53,
+        "pivot_side_mm": -0.375,
+        "columns": {"depth": "pose_2", "tilt": "pose_6"},
+        "label_fit": {"presses": 1500, "left_out": 12, "misfit": 0.025, "lean_deg": 90.0},
+    }
+    tested = AdaptedSensor(described=described)
+    data = whole.data.model_copy(update={"of_tested_sensor": tested})
+    assert labels_line(whole.model_copy(update={"data": data})) == (
+        "true indentation: pose_2 +5.034 +20.53 (1 - cos pose_6) -0.38 sin pose_6 mm, fitted to "
+        "the pins of 1,500 presses (12 left out, misfit 2.5%)"
+    )
+    assert labels_line(whole) == ""

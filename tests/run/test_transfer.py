@@ -175,6 +175,22 @@ def test_a_simulated_sensor_trains_and_its_calibration_frames_test_nothing(
     assert any("3 frames calibrated" in line for line in plan_lines(after, stored=False))
 
 
+def test_labels_are_fitted_and_their_direction_must_be_that_of_the_simulated_plates(
+    planned: Plan, folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder's plates tilt towards the right of the frame, simulated ones downwards."""
+    monkeypatch.setattr("tactibench.datasets.pivot.MOST_MISFIT", 1.0)
+    fitted = TestOptions(parameters={"labels": "fitted"}, data=folders[1])
+    plan = planned(test=fitted)
+    assert plan.frames.test_identity is not None
+    described = plan.frames.test_identity["describe"]
+    assert described["label_fit"]["presses"] == 90
+    assert abs(described["label_fit"]["lean_deg"]) < 20
+    simulated = {"data": None, "sensor": "fitted-127", "parameters": {"sensor": {"size": "64"}}}
+    with pytest.raises(UserError, match=r"deg of the frame .* but simulated plates towards 90"):
+        planned(**simulated, test=fitted)
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [

@@ -9,8 +9,8 @@ import pytest
 
 from tactibench import UserError
 from tactibench_sim import data_file, instances
-from tactibench_sim.mechanics import tables as dome_tables
 from tactibench_sim.mechanics import drag_tables, tip_tables
+from tactibench_sim.mechanics import tables as dome_tables
 from tactibench_sim.planar import mechanics as planar
 from tactibench_sim.real import plate
 from tactibench_sim.reference_frames import scenes as reference
@@ -89,7 +89,7 @@ def test_a_changed_array_is_refused(made):
     names = sorted(set(content) - {"parameters", "sha256"})
     for name in (names[0], names[len(names) // 2], names[-1]):
         array = content[name].copy()
-        array.flat[-1] += 1
+        array.flat[0] += 1
         np.savez(path, **{**content, name: array})
         with pytest.raises(UserError, match=r"does not fit its own hash.*reinstall"):
             read(path)

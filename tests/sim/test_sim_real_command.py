@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,9 +13,15 @@ from click.testing import CliRunner
 
 from tactibench import UserError
 from tactibench_sim.commands.real import real
-from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.calibration import LabelFit, Unknowns
+from tactibench_sim.real.comparison import (
+    Errors,
+    _refuse_disagreement,
+    _refuse_misfit,
+    compare,
+)
 from tactibench_sim.real.plate import Labels, Rig, displacements, plate
-from tactibench_sim.real.recording import read
+from tactibench_sim.real.recording import Presses, read
 
 HEADER = "image_name,pose_2,pose_6,move_1,move_6"
 TRUTH = Unknowns(centre_x=180.0, centre_y=179.0, drag_per_mm=-0.6)
@@ -63,6 +71,68 @@ def test_presses_are_read_and_their_pins_followed(recording) -> None:
     )
 
 
+def corrupt(folder, target, change):
+    """A copy of a recording with another table; change: (N, 4) columns -> (N, 4)."""
+    names, *rows = (line.split(",") for line in (folder / "targets.csv").read_text().splitlines())
+    columns = change(np.array([row[1:] for row in rows], dtype=float))
+    lines = [",".join(names)]
+    lines += [",".join([row[0], *map(str, v)]) for row, v in zip(rows, columns, strict=True)]
+    (target / "targets.csv").write_text("\n".join(lines))
+    shutil.copytree(folder / "frames_bw", target / "frames_bw")
+    return target
+
+
+def permuted(columns, which):
+    out = columns.copy()
+    out[:, which] = np.random.default_rng(0).permutation(out[:, which])
+    return out
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            lambda c: permuted(c, 0),
+            "do not spread as the depth label says|no plate on the dome explains",
+        ),
+        (lambda c: permuted(c, 1), "do not spread where the plate is tilted to"),
+        (lambda c: c * [1, -1, 1, 1], "towards -90 deg of the frame"),
+    ],
+    ids=["depths of others", "tilts of others", "flipped tilt"],
+)
+def test_labels_that_the_pins_contradict_are_refused(
+    recording, tmp_path, monkeypatch, change, told
+) -> None:
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("tactibench.datasets.pivot.LEAST_SHEARED", 1.0)
+    monkeypatch.setattr("tactibench.datasets.pivot.FEWEST", 20)
+    monkeypatch.setattr("tactibench_sim.real.comparison.FEWEST", 10)
+    with pytest.raises(UserError, match=told):
+        compare(corrupt(recording[0], tmp_path, change))
+
+
+def test_a_fit_that_does_not_explain_the_pins_is_refused() -> None:
+    labels = Labels(*np.array([[-2.0, 5.0, 4.0, 0.0]] * 4).T)
+    presses = Presses(tuple("abcd"), labels, np.zeros((3, 2)), np.ones((4, 3, 2)), 360)
+
+    def off_by(share):
+        return Errors(presses.moved, presses.moved, np.full(4, share))
+
+    folder = Path("here")
+    _refuse_misfit(folder, presses, off_by(0.3), off_by(0.2))
+    with pytest.raises(UserError, match="no plate on the dome explains the pins of here"):
+        _refuse_misfit(folder, presses, off_by(0.6), off_by(0.5))
+    with pytest.raises(UserError, match="not dragged as move_1 and move_6 say"):
+        _refuse_misfit(folder, presses, off_by(0.6), off_by(0.2))
+
+
+def test_first_touch_found_in_two_ways_must_agree() -> None:
+    labels = Labels(*np.array([[-2.0, 5.0, 4.0, 0.0]] * 4).T)
+    _refuse_disagreement(Path("here"), labels, TRUTH, LabelFit(5.1, 20.0, 0.0))
+    with pytest.raises(UserError, match=r"0\.50 mm apart"):
+        _refuse_disagreement(Path("here"), labels, TRUTH, LabelFit(5.5, 20.0, 0.0))
+
+
 def test_too_few_presses_are_refused(recording) -> None:
     with pytest.raises(UserError, match="45 presses"):
         read(recording[0], 46)
@@ -110,6 +180,8 @@ def test_the_command_refuses_before_it_works(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_the_command_prints_a_table_and_draws(recording, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("tactibench.datasets.pivot.LEAST_SHEARED", 1.0)
+    monkeypatch.setattr("tactibench.datasets.pivot.FEWEST", 20)
     monkeypatch.setattr("tactibench_sim.real.comparison.FEWEST", 10)
     monkeypatch.setattr("tactibench_sim.real.comparison.kinds", lambda: ("50_stick",))
     picture = tmp_path / "p.png"
@@ -120,5 +192,6 @@ def test_the_command_prints_a_table_and_draws(recording, tmp_path, monkeypatch) 
     told = {(r["metric"], r["group"]): r["value"] for r in json.loads(numbers.read_text())}
     assert told["presses fitted", "all"] == 20
     assert told["presses", "all"] >= 10
+    assert told["presses", "all"] + told["presses", "fitted blocks, all"] == 45
     assert told["median relative error", "all"] < 0.2  # pins of 8 px: a third of a px
     assert cv2.imread(str(picture)) is not None

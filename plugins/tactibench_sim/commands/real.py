@@ -87,20 +87,32 @@ def _print(comparison: Comparison) -> None:
     )
     for name, value in vars(comparison.fit.unknowns).items():
         click.echo(f"  {name:16s} {value:9.3f} {comparison.spread[name]:8.3f}")
-    click.echo(
-        f"\n{'held-out presses':24s} {'n':>5s} {'relative':>9s} {'known':>6s} {'gain':>5s} "
-        f"{'px':>6s} {'of px':>6s}"
-    )
-    for row in comparison.rows:
+    labels = comparison.calibration.label_fit
+    if labels is not None:
         click.echo(
-            f"{row.group:24s} {row.presses:5d} {row.relative:9.3f} {row.known:6.3f} "
-            f"{row.gain:5.2f} {row.pixels:6.2f} {row.moved:6.2f}"
+            f"from the labels and the spread of the pins alone, as records state indentation: "
+            f"depth_offset_mm {labels.depth_offset_mm:.3f}, pivot_mm {labels.pivot_mm:.3f}, "
+            f"pivot_side_mm {labels.pivot_side_mm:.3f}"
         )
+    for title, rows in (
+        ("held-out blocks", comparison.rows),
+        ("fitted blocks", comparison.fitted_rows),
+    ):
+        click.echo(
+            f"\n{title:24s} {'n':>5s} {'relative':>9s} {'known':>6s} {'gain':>5s} "
+            f"{'px':>6s} {'of px':>6s}"
+        )
+        for row in rows:
+            click.echo(
+                f"{row.group:24s} {row.presses:5d} {row.relative:9.3f} {row.known:6.3f} "
+                f"{row.gain:5.2f} {row.pixels:6.2f} {row.moved:6.2f}"
+            )
     click.echo(
         "\nrelative: |simulated - real| / |real| over all pins, median over presses, from the "
         "labels alone\n"
         "known: where the frame decides whether the plate dragged the skin, which it did in "
         f"{comparison.dragged_share:.0%}\n"
+        "fitted blocks: all their presses, fitted or not\n"
         "gain: how much farther the real pins move than the simulated ones, drag known"
     )
 

@@ -78,6 +78,20 @@ class Unknowns:
         )
 
 
+@dataclass(frozen=True)
+class LabelFit:
+    """Numbers of `tactibench data fit` on the fitted recording: the indentation of all truths.
+
+    The unknowns' own depth_offset_mm, pivot_mm and pivot_side_mm say where simulated fields meet
+    the real ones best. Sensors and recordings state indentation as this fit does, so a fitted
+    sensor is pressed by the difference deeper.
+    """
+
+    depth_offset_mm: float
+    pivot_mm: float
+    pivot_side_mm: float
+
+
 WITHOUT = {"slip_mm": math.inf, "slip_power": 0.0, "give_per_mm": 0.0, "rest_x": 0.0, "rest_y": 0.0}
 """Unknowns that a calibration of version 1 does not have, at the values that change nothing."""
 
@@ -87,7 +101,8 @@ class Calibration:
     """The fit to a recording. Files are written by `tactibench sim real FOLDER --keep FILE`.
 
     recording: sha256. frames: names of those that were fitted to. side: of its frames, px.
-    rest_centre: mean of the pins at rest, px. kind: of the dome (``plate.kinds``).
+    rest_centre: mean of the pins at rest, px. kind: of the dome (``plate.kinds``). label_fit: None
+    for version 1, whose sensors count indentation from their own first touch.
     """
 
     recording: str
@@ -96,12 +111,14 @@ class Calibration:
     rest_centre: tuple[float, float]
     kind: str
     unknowns: Unknowns
+    label_fit: LabelFit | None = None
 
     def content(self) -> dict[str, Any]:
         """Return what a file holds; unknowns that change nothing are left out."""
         known = asdict(self.unknowns)
         needed = {name: v for name, v in known.items() if v != WITHOUT.get(name)}
-        return {**asdict(self), "unknowns": needed}
+        content = {**asdict(self), "unknowns": needed}
+        return {name: value for name, value in content.items() if value is not None}
 
     def write(self, path: Path) -> None:
         """Write a JSON file. Raises UserError where it cannot be written."""
@@ -117,6 +134,7 @@ class Calibration:
             content = json.loads(path.read_text(encoding="utf-8"))
             x, y = map(float, content["rest_centre"])
             unknowns = {**WITHOUT, **content["unknowns"]}
+            label_fit = content.get("label_fit")
             return cls(
                 str(content["recording"]),
                 tuple(map(str, content["frames"])),
@@ -124,6 +142,7 @@ class Calibration:
                 (x, y),
                 str(content["kind"]),
                 Unknowns(**{name: float(value) for name, value in unknowns.items()}),
+                label_fit and LabelFit(**{name: float(value) for name, value in label_fit.items()}),
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise UserError(

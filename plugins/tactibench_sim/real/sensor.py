@@ -30,7 +30,7 @@ from tactibench_sim.optics.noise import streams
 from tactibench_sim.optics.renderer import Renderer
 from tactibench_sim.pins import places_at_rest
 from tactibench_sim.real import plate
-from tactibench_sim.real.calibration import Unknowns
+from tactibench_sim.real.calibration import Calibration, Unknowns
 from tactibench_sim.real.calibration import calibration as fit_of
 from tactibench_sim.real.plate import APEX_MM, INNER_MM, Labels, Rig, changes, directions
 from tactibench_sim.rendered_sensor import RenderedSensor
@@ -112,7 +112,7 @@ class FittedSensor(RenderedSensor):
         self.drag, self.dragged, self.spread = drag, dragged, spread
         self.individuals = individuals if spread else 1
         scale = size / fitted.side
-        nominal = _as_indentation(fitted.unknowns, scale)
+        nominal = _as_indentation(fitted, scale)
         rest = size * places_at_rest(self.pins) + scale * np.array(fitted.rest_centre)
         self.rig = Rig(plate.plate(fitted.kind), rest, size)
         optics = replace(self.rig.optics(nominal), marker_radius_mm=_MARKER_MM[self.pins])
@@ -254,13 +254,17 @@ def _rest_radii(preset: Preset, size: int) -> Array:
     return out
 
 
-def _as_indentation(x: Unknowns, scale: float) -> Unknowns:
-    """Return the unknowns for labels that are indentation and tilt; yaw is the camera's roll."""
+def _as_indentation(fitted: Calibration, scale: float) -> Unknowns:
+    """Return the unknowns for labels that are indentation and tilt; yaw is the camera's roll.
+
+    Indentation is that of ``Calibration.label_fit``.
+    """
+    x, labels = fitted.unknowns, fitted.label_fit or fitted.unknowns
     return replace(
         x,
-        depth_offset_mm=0.0,
-        pivot_mm=0.0,
-        pivot_side_mm=0.0,
+        depth_offset_mm=x.depth_offset_mm - labels.depth_offset_mm,
+        pivot_mm=x.pivot_mm - labels.pivot_mm,
+        pivot_side_mm=x.pivot_side_mm - labels.pivot_side_mm,
         rest_x=0.0,
         rest_y=0.0,
         yaw_deg=x.yaw_deg - 90.0,

@@ -60,7 +60,10 @@ class ImportOptions:
     offset_mm: float = _option(
         0.0, "added to the depth column: its value at first touch, negated", **_MM
     )
-    pivot_mm: float = _option(0.0, "p of indentation = depth + offset + p (1 - cos tilt)", **_MM)
+    pivot_mm: float = _option(
+        0.0, "p of indentation = depth + offset + p (1 - cos tilt) + q sin tilt", **_MM
+    )
+    pivot_side_mm: float = _option(0.0, "q of that indentation", **_MM)
     yaw_deg: float = _option(
         0.0,
         "direction in the image in which the contact of a tilted plate moves",

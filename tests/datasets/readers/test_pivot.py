@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tac_vgnn import tac_vgnn_folder
@@ -15,7 +17,8 @@ from tactibench.datasets import (
     presses_to_fit,
 )
 from tactibench.datasets import pivot as pivot_module
-from tactibench.datasets.pivot import EXPONENT, fit_pivot, spread_of
+from tactibench.datasets.pivot import EXPONENT, Pivot, RecordingFit, fit_pivot
+from tactibench.datasets.spreads import direction_of, middle_of_spread, spread_of
 
 
 def presses(count=600, seed=0):
@@ -25,21 +28,32 @@ def presses(count=600, seed=0):
 
 def label(depth, tilt, offset, pivot):
     """The label that a robot writes at this indentation; the inverse of ``indentation``."""
-    return depth - offset - pivot * (1 - np.cos(np.radians(tilt)))
+    return label_beside(depth, tilt, offset, pivot, 0.0)
+
+
+def label_beside(depth, tilt, offset, pivot, side):
+    turned = np.radians(tilt)
+    return depth - offset - pivot * (1 - np.cos(turned)) - side * np.sin(turned)
 
 
 def test_indentation_is_the_written_formula():
     assert indentation(-1.0, 60.0, 5.0, 20.0) == pytest.approx(14.0)
     np.testing.assert_allclose(indentation([-1, 2], [0, 90], 3, 7), [2, 12])
+    np.testing.assert_allclose(indentation([0, 0], [30, -30], 3, 0, 2), [4, 2])
 
 
-@pytest.mark.parametrize(("offset", "pivot"), [(5.0, 20.0), (5.0, 0.0), (-2.0, -15.0)])
-def test_the_law_itself_gives_offset_and_pivot_back(offset, pivot):
+@pytest.mark.parametrize(
+    ("offset", "pivot", "side"),
+    [(5.0, 20.0, 0.0), (5.0, 0.0, 7.2), (-2.0, -15.0, -1.0)],
+)
+def test_the_law_itself_gives_offset_and_pivot_back(offset, pivot, side):
     depth, tilt, _ = presses()
     spread = 0.7 * depth**EXPONENT * np.exp(0.1 * tilt / 20 - 0.2 * (tilt / 20) ** 2)
-    fit = fit_pivot(spread, label(depth, tilt, offset, pivot), tilt)
+    fit = fit_pivot(spread, label_beside(depth, tilt, offset, pivot, side), tilt)
     assert fit.offset_mm == pytest.approx(offset, abs=1e-4)
     assert fit.pivot_mm == pytest.approx(pivot, abs=1e-2)
+    assert fit.side_mm == pytest.approx(side, abs=1e-3)
+    assert (fit.presses, fit.left_out) == (600, 0)
     assert fit.residual < 1e-5
 
 
@@ -67,6 +81,58 @@ def test_a_wrong_exponent_moves_the_offset_by_its_stated_error():
     depth, tilt, _ = presses()
     fit = fit_pivot(depth ** (EXPONENT + 0.05), label(depth, tilt, 5, 20), tilt)
     assert abs(fit.offset_mm - 5) == pytest.approx(fit.offset_std, rel=0.2)
+
+
+def test_presses_that_move_no_pin_are_left_out_and_counted():
+    depth, tilt, _ = presses()
+    spread = depth**EXPONENT
+    spread[:100] = 1e-3
+    fit = fit_pivot(spread, label(depth, tilt, 5, 20), tilt)
+    assert (fit.presses, fit.left_out) == (500, 100)
+    assert fit.offset_mm == pytest.approx(5, abs=1e-3)
+
+
+GOOD = RecordingFit(
+    Pivot(5, 20, 0.4, 0.1, 1, 0.1, 0.01, 0.5, 0.03, 1500, 0),
+    {"depth": "pose_2", "tilt": "pose_6"},
+    (),
+    331,
+    lean_deg=90.0,
+    askew_deg=1.0,
+    following=0.95,
+    untouched_mm=0.0,
+)
+
+
+@pytest.mark.parametrize(
+    ("fit", "told"),
+    [
+        (replace(GOOD, pivot=replace(GOOD.pivot, left_out=400)), "400 of 1,900 presses do not"),
+        (replace(GOOD, untouched_mm=2.0), "2.0 mm deep"),
+        (replace(GOOD, pivot=replace(GOOD.pivot, residual=0.4)), "misfit 40%"),
+        (replace(GOOD, following=0.1), "correlation 0.10"),
+        (replace(GOOD, askew_deg=170.0), "170 deg"),
+    ],
+)
+def test_pins_contradict_labels_in_words(fit, told):
+    assert GOOD.contradiction() == ""
+    assert told in fit.contradiction()
+
+
+def test_pins_spread_about_where_they_flee_from():
+    rng = np.random.default_rng(0)
+    rest = rng.uniform(-50, 50, (80, 2))
+    tilt = rng.uniform(-20, 20, 40)
+    contact = np.stack([0 * tilt, 100 * np.sin(np.radians(tilt))], axis=1)
+    away = rest - contact[:, None]
+    moved = 0.1 * away * np.exp(-(away**2).sum(axis=2, keepdims=True) / 800) + [2.0, -1.0]
+    middle = middle_of_spread(moved, rest)
+    towards, following = direction_of(middle, tilt)
+    assert towards == pytest.approx(90, abs=5)
+    assert following > 0.9
+    assert direction_of(middle, -tilt)[0] == pytest.approx(-90, abs=5)
+    assert direction_of(middle, rng.permutation(tilt))[1] < 0.5
+    assert not middle_of_spread(np.zeros((1, 80, 2)), rest).any()
 
 
 def test_outliers_hardly_matter():
@@ -131,6 +197,8 @@ def test_public_recordings(name, pivot, monkeypatch):
     assert fit.pivot.offset_mm == pytest.approx(5.0, abs=0.2)
     assert fit.pivot.pivot_mm == pytest.approx(pivot, abs=3)
     assert (fit.shear, fit.pins) == (("move_1", "move_6"), int(name))
+    assert fit.contradiction() == ""
+    assert fit.lean_deg == pytest.approx(90, abs=5)
     assert fit.options()["depth"] == "pose_2"
 
 
