@@ -46,7 +46,12 @@ class RecordedPresses:
 
 
 def open_presses(
-    folder: Path, options: ImportOptions, *, fit: bool = False, split: str = ""
+    folder: Path,
+    options: ImportOptions,
+    *,
+    fit: bool = False,
+    fit_side: bool = True,
+    split: str = "",
 ) -> RecordedPresses:
     """Open a folder; where it knows no scene, its labels are those of a plate.
 
@@ -54,6 +59,7 @@ def open_presses(
         folder: A recording of any format, or a data set.
         options: Folder of the frames, and how labels are read.
         fit: Whether to take the labels' offset and pivot from the pins instead.
+        fit_side: Whether q is fitted, too; it is 0 otherwise.
         split: Name of a split of a data set.
 
     Raises:
@@ -64,7 +70,7 @@ def open_presses(
     label_fit = None
     if not any(scenes):
         if fit:
-            label_fit = cached_fit(recording, options)
+            label_fit = cached_fit(recording, options, side=fit_side)
             pivot = label_fit.pivot
             options = replace(
                 options,

@@ -47,6 +47,7 @@ class RecordedSensor(Sensor):
         depth_offset_mm: float = OFFSET_MM,
         pivot_mm: float = PIVOT_MM,
         pivot_side_mm: float = 0.0,
+        fit_side: bool = True,
         labels: str = "auto",
         depth: str = "pose_2",
         tilt: str = "pose_6",
@@ -68,7 +69,7 @@ class RecordedSensor(Sensor):
         )
         given = (depth_offset_mm, pivot_mm, pivot_side_mm) != (OFFSET_MM, PIVOT_MM, 0.0)
         fit = labels == "fitted" or (labels == "auto" and context.indentation and not given)
-        self._presses = open_presses(context.data, options, fit=fit, split=split)
+        self._presses = open_presses(context.data, options, fit=fit, fit_side=fit_side, split=split)
         self._row = {scene: number for number, scene in enumerate(self._presses.scenes)}
         recording = self._recording
         states_radius = recording.dataset is not None or recording.header

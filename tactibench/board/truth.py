@@ -79,7 +79,9 @@ def truth_of(
         protocol=protocol,
         regime=record.regime,
         sensor=sensor,
-        test_sensor=resolve_test_sensor(options, protocol.spec, sensor, source.host),
+        test_sensor=_as_old_as(
+            record, resolve_test_sensor(options, protocol.spec, sensor, source.host)
+        ),
         cache=source.cache,
         data=source.data,
         test_data=options.data,
@@ -161,6 +163,25 @@ def _test_options(record: Record, source: Source) -> TestOptions:
     options = read_test_options(texts, hidden=HIDDEN in test.options)
     # A record holds the folder's last names alone.
     return options if options.data is None else replace(options, data=source.data)
+
+
+def _as_old_as(
+    record: Record, tested: BoundSpec[SensorSpec] | None
+) -> BoundSpec[SensorSpec] | None:
+    """Return the tested sensor without what it learned after the record was made.
+
+    The options of a record name what was asked for; a parameter that came later has the value
+    that stands for the time before it.
+    """
+    if tested is None or record.test_sensor is None:
+        return tested
+    held = record.test_sensor.parameters
+    older = {
+        p.name: p.before
+        for p in tested.spec.parameters
+        if p.before is not None and p.name not in held
+    }
+    return BoundSpec(tested.spec, {**tested.values, **older}, tested.origin)
 
 
 def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:

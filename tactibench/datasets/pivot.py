@@ -177,7 +177,11 @@ def presses_to_fit(recording: Recording) -> int:
 
 
 def fit_recording(
-    recording: Recording, options: ImportOptions, advance: Callable[[int], None] = lambda _: None
+    recording: Recording,
+    options: ImportOptions,
+    advance: Callable[[int], None] = lambda _: None,
+    *,
+    side: bool = True,
 ) -> RecordingFit:
     """Follow the pins of a recording, and fit offset and pivot.
 
@@ -185,6 +189,7 @@ def fit_recording(
         recording: Presses of a flat plate.
         options: Columns of depth and tilt.
         advance: Called with the number of frames that were read.
+        side: Whether q is fitted, too; it is 0 otherwise.
 
     Raises:
         UserError: There is no rest frame, frames have colours, or labels or presses do not suffice.
@@ -215,7 +220,7 @@ def fit_recording(
     shear = None
     if shear_columns:
         shear = np.column_stack([labels[name][rows] for name in shear_columns])
-    pivot = fit_pivot(spread, depth, tilt, shear)
+    pivot = fit_pivot(spread, depth, tilt, shear, side=side)
     untouched = ~_touching(spread)
     deep = indentation(depth, tilt, pivot.offset_mm, pivot.pivot_mm, pivot.side_mm)
     towards, following = direction_of(middle[~untouched], tilt[~untouched])
@@ -232,15 +237,15 @@ def fit_recording(
     )
 
 
-def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
-    """Return ``fit_recording``, which is kept in the cache.
+def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = True) -> RecordingFit:
+    """Return ``fit_recording``, which is kept in the cache. side: fit q; or else it is 0.
 
     Raises:
         UserError: As ``fit_recording``; or the pins contradict the labels.
     """
     columns = {"depth": options.depth, "tilt": options.tilt}
     code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
-    key = digest({"recording": recording.sha256, "columns": columns, "code": code})
+    key = digest({"recording": recording.sha256, "columns": columns, "code": code, "side": side})
     path = cache_folder() / "fits" / f"{key[:24]}.json"
     try:
         stored = read_json(path)
@@ -248,7 +253,7 @@ def cached_fit(recording: Recording, options: ImportOptions) -> RecordingFit:
             **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
         )
     except (UserError, KeyError, TypeError):
-        fit = fit_recording(recording, options)
+        fit = fit_recording(recording, options, side=side)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, asdict(fit))
     if contradiction := fit.contradiction():
@@ -286,6 +291,8 @@ def fit_pivot(
     depth: FloatArray,
     tilt: FloatArray,
     shear: FloatArray | None = None,
+    *,
+    side: bool = True,
 ) -> Pivot:
     """Fit offset and pivot to the spreads of presses.
 
@@ -294,6 +301,7 @@ def fit_pivot(
         depth: (N,) labels, mm; larger is deeper.
         tilt: (N,) labels, deg.
         shear: (N, S) labels of how the plate was dragged along.
+        side: Whether q is fitted, too; it is 0 otherwise.
 
     Raises:
         UserError: Too few presses touch, or depth or tilt never changes.
@@ -313,7 +321,7 @@ def fit_pivot(
                 "told apart; fit a recording in which it changes, or name another column."
             )
     best, low, high = (
-        _fit_exponent(spread, depth, tilt, columns, EXPONENT + change)
+        _fit_exponent(spread, depth, tilt, columns, EXPONENT + change, side)
         for change in (0.0, -EXPONENT_STD, EXPONENT_STD)
     )
     return replace(
@@ -328,20 +336,30 @@ def fit_pivot(
 
 
 def _fit_exponent(
-    spread: FloatArray, depth: FloatArray, tilt: FloatArray, shear: FloatArray, exponent: float
+    spread: FloatArray,
+    depth: FloatArray,
+    tilt: FloatArray,
+    shear: FloatArray,
+    exponent: float,
+    side: bool,
 ) -> Pivot:
     """Fit with one exponent; the tails of the residuals weigh linearly (soft l1)."""
     log = np.log(spread)
     lifted, aside = 1 - np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
     linear = _linear_terms(tilt / np.abs(tilt).max(), shear)
+    count = linear.shape[1]  # x: a, p, the linear terms and, where it is fitted, q
+
+    def indented(x: FloatArray) -> FloatArray:
+        deep = depth + x[0] + x[1] * lifted + (x[-1] * aside if side else 0.0)
+        return np.asarray(np.maximum(deep, _NEAREST_MM), dtype=np.float64)
 
     def residuals(x: FloatArray) -> FloatArray:
-        indented = np.maximum(depth + x[0] + x[1] * lifted + x[2] * aside, _NEAREST_MM)
-        return np.asarray(exponent * np.log(indented) + linear @ x[3:] - log, dtype=np.float64)
+        fitted = exponent * np.log(indented(x)) + linear @ x[2 : 2 + count]
+        return np.asarray(fitted - log, dtype=np.float64)
 
-    start = np.zeros(3 + linear.shape[1])
+    start = np.zeros(2 + count + side)
     start[0] = 1.0 - depth.min()  # the shallowest press about 1 mm deep
-    start[3] = float(log.mean())
+    start[2] = float(log.mean())
     x, scale = start, 0.1
     for _ in range(_ROUNDS):
         solved = least_squares(residuals, x, loss="soft_l1", f_scale=scale, x_scale="jac")
@@ -351,19 +369,19 @@ def _fit_exponent(
     misfit = residuals(x)
     # Huber's sandwich for an M-estimate: psi of soft l1 is r / sqrt(1 + (r / scale)^2).
     tail = 1 + (misfit / scale) ** 2
-    indented = np.maximum(depth + x[0] + x[1] * lifted + x[2] * aside, _NEAREST_MM)
-    slope = exponent / indented
-    jacobian = np.column_stack([slope, slope * lifted, slope * aside, linear])
+    slope = exponent / indented(x)
+    columns = [slope, slope * lifted, linear, *([slope * aside] if side else [])]
+    jacobian = np.column_stack(columns)
     inverse = np.linalg.pinv((jacobian * tail[:, None] ** -1.5).T @ jacobian)
     half = jacobian * (misfit * tail**-0.5)[:, None]
     scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))
     return Pivot(
         offset_mm=float(x[0]),
         pivot_mm=float(x[1]),
-        side_mm=float(x[2]),
+        side_mm=float(x[-1]) if side else 0.0,
         offset_std=float(scatter[0]),
         pivot_std=float(scatter[1]),
-        side_std=float(scatter[2]),
+        side_std=float(scatter[-1]) if side else 0.0,
         offset_scatter=float(scatter[0]),
         pivot_scatter=float(scatter[1]),
         residual=float(np.median(np.abs(misfit))),

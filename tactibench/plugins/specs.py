@@ -43,6 +43,7 @@ class Parameter:
         high: Largest allowed number.
         decode_only: For encoders: changes how maps are read, but not the maps that a model is
             trained on, so that trained weights stay valid.
+        before: The value of records that are older than the parameter; None: the default.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Parameter:
     low: float | None = None
     high: float | None = None
     decode_only: bool = False
+    before: Value | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
@@ -142,10 +144,11 @@ class _Spec:
         """Return the settings that a record holds, in today's terms.
 
         ``retired`` maps a parameter to values that went and the values that stand for them now;
-        a retired parameter that is none of today's is left out. Raises UserError as ``settings``.
+        a retired parameter that is none of today's is left out. One that the record is too old to
+        hold has its value of then (``Parameter.before``). Raises UserError as ``settings``.
         """
         today = {parameter.name for parameter in self.parameters}
-        given = {}
+        given = {p.name: str(p.before) for p in self.parameters if p.before is not None}
         for name, value in stored.items():
             if name in today or name not in self.retired:
                 text = str(value)
