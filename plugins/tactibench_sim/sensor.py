@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -328,6 +328,15 @@ class SimulatedTacTip(RenderedSensor):
         from tactibench_sim.detection import deviance  # few protocols ask for limits
 
         return deviance(tips_of([scene]), self.clean, self.renderer.variance, nuisances)
+
+    def calibrated_on(self) -> Mapping[str, Sequence[str]]:
+        """Return the frames of the recording that a fitted version was fitted to."""
+        if not self.preset.fitted:
+            return {}
+        from tactibench_sim.real.calibration import calibration  # plates alone need it otherwise
+
+        fitted = calibration(str(self.preset.pins))  # benchmarks/fit_presets.py takes its presses
+        return {fitted.recording: fitted.frames}
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the frames, but the seed."""

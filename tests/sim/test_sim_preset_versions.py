@@ -179,3 +179,10 @@ def test_presets_differ_in_what_was_fitted_alone():
             "marker_radius_mm",
             "threshold_grey",
         }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_second_version_names_the_frames_that_it_was_fitted_to(kind):
+    assert made(kind).calibrated_on() == {}
+    ((_, frames),) = made(kind, version=2).calibrated_on().items()
+    assert len(frames) == 400
