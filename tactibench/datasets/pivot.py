@@ -370,8 +370,7 @@ def _fit_exponent(
     # Huber's sandwich for an M-estimate: psi of soft l1 is r / sqrt(1 + (r / scale)^2).
     tail = 1 + (misfit / scale) ** 2
     slope = exponent / indented(x)
-    columns = [slope, slope * lifted, linear, *([slope * aside] if side else [])]
-    jacobian = np.column_stack(columns)
+    jacobian = np.column_stack([slope, slope * lifted, linear, *([slope * aside] if side else [])])
     inverse = np.linalg.pinv((jacobian * tail[:, None] ** -1.5).T @ jacobian)
     half = jacobian * (misfit * tail**-0.5)[:, None]
     scatter = np.sqrt(np.diag(inverse @ (half.T @ half) @ inverse))

@@ -56,7 +56,7 @@ class SceneKeys:
             UserError: A key of the scene is missing, or such an indenter cannot exist.
         """
         values = {key: getattr(self, key) for key in _POSE}
-        moves = [getattr(self, key) for key in _MOVE]
+        moves = (self.dx_mm, self.dy_mm, self.dyaw_deg)
         if self.indenter is None:
             if any(value is not None for value in (*values.values(), *moves)):
                 raise UserError(f"{where}: a pose needs the key 'indenter'; add it.")
