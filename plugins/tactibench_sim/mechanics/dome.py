@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -138,11 +139,15 @@ class TableMechanics:
         A tip of amplitude a and shape depth s carries a F(s), with F the tabulated force of a
         single contact at the apex; 0 where it carries nothing.
         """
-        tabulated = CubicSpline(self._depth, np.stack(self._force, axis=1))(loads.shape)
+        tabulated = self._force_of(loads.shape)
         own = loads.table[:, None, None]
         single = np.take_along_axis(tabulated, np.broadcast_to(own, (*loads.shape.shape, 1)), 2)
         out: Array = loads.amplitude * np.maximum(single[..., 0], 0.0)
         return out
+
+    @cached_property
+    def _force_of(self) -> CubicSpline:
+        return CubicSpline(self._depth, np.stack(self._force, axis=1))
 
     def _table_indices(self, tips: Tips) -> Index:
         table = np.searchsorted(self.radii, tips.radius).clip(max=len(self.radii) - 1)
