@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Images = npt.NDArray[np.uint8]
 
+Made = TypeVar("Made")
+
 _DOUBTFUL = 2.5
 """Pins at rest within this many spacings of one that was not seen may be one pin off."""
 
@@ -27,6 +29,42 @@ def rest_images(frames: Sequence[Frame]) -> list[Images]:
     by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
     different = {(image.shape, image.tobytes()): image for image in by_array.values()}
     return list(different.values())
+
+
+class BySensor(Generic[Made]):
+    """What is made once for every sensor whose frames are seen, told apart by their rest images."""
+
+    def __init__(self, make: Callable[[PinTracker], Made]) -> None:
+        """make: from the pins of a sensor."""
+        self._make = make
+        self._made: list[tuple[Images, Made]] = []
+
+    def number(self, frame: Frame) -> int:
+        """Return the number of the frame's sensor, 0 for the first one that was seen.
+
+        Raises:
+            UserError: for a frame without a rest image, or what ``make`` raises.
+        """
+        rest = frame.rest
+        if rest is None:
+            raise UserError(
+                "a frame carries no rest image, by which a sensor's pins are told from another's; "
+                "record one of the untouched sensor (init_0.png)."
+            )
+        for number, (other, _) in enumerate(self._made):
+            if other is rest or (other.shape == rest.shape and np.array_equal(other, rest)):
+                return number
+        self._made.append((rest, self._make(PinTracker.of([frame]))))
+        return len(self._made) - 1
+
+    def __getitem__(self, number: int) -> Made:
+        """Return what was made for a sensor."""
+        return self._made[number][1]
+
+    def rows(self, frames: Sequence[Frame]) -> dict[int, list[int]]:
+        """Return number -> rows of the frames of that sensor."""
+        numbers = [self.number(frame) for frame in frames]
+        return {n: [row for row, m in enumerate(numbers) if m == n] for n in sorted(set(numbers))}
 
 
 class PinTracker:

@@ -1,3 +1,6 @@
+from .family import SENSORS_A_WAY as SENSORS_A_WAY
+from .family import Clues as Clues
+from .family import FieldFamily as FieldFamily
 from .field import Field as Field
 from .field import contact_array as contact_array
 from .field import single_press_rows as single_press_rows
