@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.markers import AlignedPins, Similarity
-from tactibench.superposition import Field, Solution, solve
+from tactibench.superposition import Field, Solution, solve, variance
 from tactibench_superpose.model_error import ModelError
 
 Array = npt.NDArray[np.float64]
@@ -373,5 +373,7 @@ def _motions_of(rest: Array) -> Array:
 
 
 def _cost(solution: Solution, weight: Array) -> float:
+    """The misfit, and the nuisances' part in units of it."""
     misfit = (weight * solution.left[0] ** 2).sum()
-    return float(misfit + (solution.nuisances[0] ** 2).sum())
+    unusual = variance(misfit, len(weight)) * (solution.nuisances[0] ** 2).sum()
+    return float(misfit + unusual)

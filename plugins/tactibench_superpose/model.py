@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +44,7 @@ from tactibench_superpose.model_error import ModelError
 from tactibench_superpose.multi_contact import MultiContactPresses, learn_laws, rows_by_count
 from tactibench_superpose.spread import GROUPS, Clues, Spread, nominal_spread
 
+Known = TypeVar("Known")
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
@@ -147,6 +148,7 @@ class Superpose(Model):
         }
         self._context = context
         self._learned: _Learned | None = None
+        self._seen: BySensor[AlignedPins] | None = None
 
     def fit(
         self,
@@ -216,8 +218,9 @@ class Superpose(Model):
         own = self._with_rest([frames[int(row)] for row in rows])
         contacts = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
         sensors = np.array([self._sensors.number(frame) for frame in own], dtype=np.intp)
-        seen = self._pins(own)
-        moved = np.array([pins.moved for pins in seen]).reshape(len(seen), -1)
+        moved = np.empty((len(own), 2 * len(self._sensors[0].rest)))
+        for row, pins in enumerate(self._pins(own)):
+            moved[row] = pins.moved
         return SinglePresses(own, contacts, moved, sensors)
 
     def _learn_family(self, presses: SinglePresses) -> FieldFamily:
@@ -237,7 +240,7 @@ class Superpose(Model):
 
     def _see(self, pins: PinTracker) -> None:
         """Begin with the first training sensor, whose pins are the layout of all."""
-        self._sensors = BySensor(lambda own: AlignedPins(own, pins.rest))
+        self._seen = BySensor(lambda own: AlignedPins(own, pins.rest))
         self._sensors.number(Frame(pins.rest_image, 0.0, Pose(), pins.rest_image))
         self._shown: dict[int, tuple[Array, Array]] = {}
 
@@ -430,10 +433,18 @@ class Superpose(Model):
             )
         )
 
+    @property
+    def _sensors(self) -> BySensor[AlignedPins]:
+        return _known(self._seen)
+
     def _ready(self) -> _Learned:
-        if self._learned is None:
-            raise UserError("model 'superpose' has no weights yet; fit it or load them.")
-        return self._learned
+        return _known(self._learned)
+
+
+def _known(value: Known | None) -> Known:
+    if value is None:
+        raise UserError("model 'superpose' has no weights yet; fit it or load them.")
+    return value
 
 
 def _first_pins(frames: Sequence[Frame]) -> PinTracker:

@@ -10,4 +10,5 @@ from .neighbours import nominal_inverse_law as nominal_inverse_law
 from .neighbours import nominal_law as nominal_law
 from .newton import Solution as Solution
 from .newton import solve as solve
+from .newton import variance as variance
 from .residual import Residual as Residual

@@ -27,6 +27,9 @@ SENSORS_A_WAY = 3
 """Sensors that a training needs for every number, or else it would describe each by itself."""
 _ROUNDS = 4
 """Turns; the misfit settles after three."""
+_MOST, _ROUGH = 1500, 2.0
+"""Presses, and pitch of the lattice, of the fields by which z is learned: a few numbers a sensor
+need no more."""
 CLUES = 3
 """Numbers of a rest layout: its size, and the first ways in which layouts differ in shape."""
 _NOISE_PX = 0.012
@@ -85,17 +88,21 @@ class FieldFamily:
             rests: (S, 1 + Q) size and deviations of the rest layouts.
         """
         ways = min(WAYS, len(rests) // SENSORS_A_WAY)
-        clues = Clues.learn(rests)
-        field = Field.learn(contacts, values)
         if not ways:
-            return cls(field, clues, np.zeros((1 + CLUES, 0)), np.zeros((0, 0)))
-        z = _first_guess(contacts, values - field(contacts), sensors, len(rests), ways)
+            field = Field.learn(contacts, values)
+            return cls(field, Clues.learn(rests), np.zeros((1 + CLUES, 0)), np.zeros((0, 0)))
+        some = slice(None, None, -(-len(contacts) // _MOST))
+        rough = Field.learn(contacts[some], values[some], pitch=_ROUGH)
+        z = _first_guess(contacts, values - rough(contacts), sensors, len(rests), ways)
         for _ in range(_ROUNDS):
-            field = Field.learn(contacts, values, _shares(z)[sensors])
-            z = _whitened(_regress(field, contacts, values, sensors, len(rests)))
+            shares = _shares(z)[sensors[some]]
+            rough = Field.learn(contacts[some], values[some], shares, _ROUGH)
+            z = _whitened(_regress(rough, contacts, values, sensors, len(rests)))
         field = Field.learn(contacts, values, _shares(z)[sensors])
+        clues = Clues.learn(rests)
         seen = clues(rests)
-        slopes = np.linalg.solve(seen.T @ seen + _SHRINK * np.eye(1 + CLUES), seen.T @ z)
+        normal = seen.T @ seen + _SHRINK * np.eye(1 + CLUES)
+        slopes = np.asarray(np.linalg.solve(normal, seen.T @ z), dtype=np.float64)
         left = z - seen @ slopes
         covariance: Array = left.T @ left / len(left) + 1e-3 * np.eye(ways)
         return cls(field, clues, slopes, covariance)

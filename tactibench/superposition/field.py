@@ -57,7 +57,9 @@ class Field:
     """V, in which fields of a make of sensors vary."""
 
     @classmethod
-    def learn(cls, contacts: Array, values: Array, shares: Array | None = None) -> Self:
+    def learn(
+        cls, contacts: Array, values: Array, shares: Array | None = None, pitch: float = 1.0
+    ) -> Self:
         """Learn from single presses.
 
         Args:
@@ -65,6 +67,7 @@ class Field:
             values: (N, Q).
             shares: (N, 1 + V) how much of the mean, 1, and of every way of variation is in the
                 field of a press, the z of its sensor; None: the presses are of one sensor.
+            pitch: of the lattice, in units of ``PITCH_MM``.
 
         Raises:
             UserError: for fewer than twenty presses.
@@ -79,7 +82,7 @@ class Field:
         presses = _Presses.of(contacts, values, shares)
         low = np.append(contacts[:, :2].min(axis=0) - MARGIN_MM, 0.0)
         high = contacts.max(axis=0) + MARGIN_MM
-        knots = np.maximum(4, np.ceil((high - low) / PITCH_MM).astype(int) + 1)
+        knots = np.maximum(4, np.ceil((high - low) / (pitch * np.array(PITCH_MM))).astype(int) + 1)
         step = (high - low) / (knots - 1)
         axes = [a + s * np.arange(n) for a, s, n in zip(low, step, knots, strict=True)]
         weights = presses.weights(_best_ridge(contacts, values, shares))

@@ -2,7 +2,13 @@
 
 Beside the contacts a frame may depend on a few numbers that nobody asks for: what its sensor
 differs by from the mean of its make (``Field.ways``), and how the image has moved. They are fitted
-with the contacts, and each is known beforehand to be normal with deviation 1.
+with the contacts, and each is known beforehand to be normal with deviation 1. Against that stands a
+misfit whose size nobody knows beforehand: several contacts are superposed with errors far beyond
+the camera's noise. So the noise's variance counts as what the fit itself shows, at least 1:
+
+    misfit / s + Q log s + |n|^2,    s = max(misfit / Q, 1)
+
+is minimised, the likelihood of n with the best variance.
 """
 
 from __future__ import annotations
@@ -56,7 +62,7 @@ def solve(
 ) -> Solution:
     """Minimise the squared misfit over the contacts and the nuisances n.
 
-        sum_q weight_q (moved_q - sum_k field_q(contact_k; n) - (n motions)_q)^2 + |n|^2
+        misfit = sum_q weight_q (moved_q - sum_k field_q(contact_k; n) - (n motions)_q)^2
 
     Levenberg-Marquardt with one damping a frame; a step that does not help is taken back.
 
@@ -148,9 +154,20 @@ def _no_motions(moved: Array) -> Array:
     return np.empty((0, moved.shape[1]))
 
 
+def variance(misfit: Array, count: int) -> Array:
+    """Return the variance of the noise that a misfit of ``count`` values shows, at least 1."""
+    size: Array = np.maximum(misfit / count, 1.0)
+    return size
+
+
 def _cost(weights: Array, left: Array, nuisances: Array) -> Array:
-    cost: Array = (weights * left**2).sum(axis=1)
-    return cost + (nuisances**2).sum(axis=1) if nuisances.size else cost
+    """(S,) the misfit, or with nuisances minus twice the logarithm of their likelihood."""
+    misfit: Array = (weights * left**2).sum(axis=1)
+    if not nuisances.size:
+        return misfit
+    size = variance(misfit, left.shape[1])
+    cost: Array = misfit / size + left.shape[1] * np.log(size) + (nuisances**2).sum(axis=1)
+    return cost
 
 
 def _normal(slopes: Array, weights: Array, left: Array, nuisances: Array) -> tuple[Array, Array]:
@@ -158,9 +175,10 @@ def _normal(slopes: Array, weights: Array, left: Array, nuisances: Array) -> tup
     normal: Array = weighted @ slopes.transpose(0, 2, 1)
     pull: Array = (weighted @ left[..., None])[..., 0]
     if nuisances.size:
+        size = variance((weights * left**2).sum(axis=1), left.shape[1])[:, None]
         last = np.arange(normal.shape[1] - nuisances.shape[1], normal.shape[1])
-        normal[:, last, last] += 1.0
-        pull[:, last] -= nuisances
+        normal[:, last, last] += size
+        pull[:, last] -= size * nuisances
     return normal, pull
 
 
