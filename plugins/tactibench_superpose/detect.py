@@ -54,12 +54,14 @@ _NOISE = 8.0
 """chi^2 by displacement below which nothing more is looked for; a doubtful one counts less."""
 _TURNS, _ASIDE_MM, _SHARE = 6, 3.5, 0.75
 """A contact is parted in so many directions, so far to either side, at this share of its depth."""
-_MOTIONS = (2.0, 2.0, 0.05, 0.02)
+_MOTIONS = (2.0, 2.0, 0.05, 0.005)
 """Deviations of the image's motion: px along x and y, rad and logarithm of the size. A camera that
 was remounted moves so far; beyond, pins are taken for others anyway."""
-_MOTION_GAIN = 1.3
+_MOTION_GAIN = 1.6
 """Factor by which a motion of the image must lower the misfit: of presses of a camera that had not
 moved, single ones came to at most 1.09 and pairs, whose law is not exact, to 1.3."""
+_SUSPECT = 1.1
+"""The same from which a frame is searched once more with a motion."""
 _MOTION_ROUNDS, _MOTION_STEPS = 2, 2
 """A motion is taken back and looked for again so often; steps of the trial whether there is one."""
 _FIRST = 50.0
@@ -132,7 +134,7 @@ class Detector:
         still = self._search(image, moved, sure)
         tried = replace(self, motions=_motions_of(self.pins.rest))
         trial = tried._solve(still.moved, still.solution.contacts, still.weight, _MOTION_STEPS)
-        if still.cost < _MOTION_GAIN * _cost(trial, still.weight):
+        if still.cost < _SUSPECT * _cost(trial, still.weight):
             return still
         for _ in range(_MOTION_ROUNDS):
             found = tried._search(image, moved, sure)
@@ -142,7 +144,8 @@ class Detector:
             tried = replace(tried, pins=tried.pins.moved(motion))
         # Without the motion more contacts may have been taken for it: each must be worth its gain.
         more = len(still.share) - len(found.share)
-        return found if found.cost * _MOTION_GAIN < still.cost * self.gain**more else still
+        worth = _MOTION_GAIN if more <= 0 else 1.0
+        return found if found.cost * worth < still.cost * self.gain**more else still
 
     def _search(self, image: Image, moved: Array, sure: Flags) -> Found:
         """The contacts of one frame that moves no further than ``motions`` say.

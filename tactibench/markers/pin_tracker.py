@@ -20,6 +20,15 @@ Images = npt.NDArray[np.uint8]
 
 Made = TypeVar("Made")
 
+_GROUND, _PINS = 0.5, 0.97
+"""Quantiles of a frame that are ground and pins, which cover 5 to 20 % of it."""
+_FAINTEST_LIGHT = 0.05
+"""Share of the rest frame's light below which noise would be taken for pins."""
+_COVER = 1.25
+"""Factor by which brighter pins may cover more of a frame than at rest; beyond it a reflection is
+taken for pins. Blurred pins cover more and are darker."""
+_ALIKE = 0.05
+"""Light that differs by less is the rest frame's: pins that move under a lens differ as much."""
 _DOUBTFUL = 2.5
 """Pins at rest within this many spacings of one that was not seen may be one pin off."""
 
@@ -115,7 +124,23 @@ class PinTracker:
 
     def images(self, frames: Sequence[Frame]) -> Images:
         """Return (N, side, side) gray images."""
-        return gray_frames(frames, self.side)
+        return np.stack([self._lit(image) for image in gray_frames(frames, self.side)])
+
+    def _lit(self, image: Images) -> Images:
+        """Return an image (side, side) with the light of the rest image, where it has another."""
+        ground, contrast, cover = _light(image)
+        own_ground, own_contrast, own_cover = self._light
+        factor = contrast / own_contrast
+        if abs(factor - 1) < _ALIKE or factor < _FAINTEST_LIGHT:
+            return image
+        if factor > 1 and cover > _COVER * own_cover:
+            return image
+        lit = own_ground + (image.astype(np.float32) - ground) / np.float32(factor)
+        return np.rint(lit).clip(0, 255).astype(np.uint8)
+
+    @cached_property
+    def _light(self) -> tuple[float, float, float]:
+        return _light(self.rest_image)
 
     def displacements(self, images: Images) -> Array:
         """Return (N, 2 P) displacements of the pins, x of all before y of all, px."""
@@ -158,3 +183,11 @@ class PinTracker:
     @cached_property
     def _around(self) -> Flags:
         return self._distances < _DOUBTFUL * self.pitch
+
+
+def _light(image: Images) -> tuple[float, float, float]:
+    """Return the grey level of the ground, that of pins above it, and the share that they cover."""
+    ranks = [int(share * (image.size - 1)) for share in (_GROUND, _PINS)]
+    ground, pins = np.partition(image, ranks, axis=None)[ranks].astype(float)
+    contrast = max(pins - ground, 1.0)
+    return ground, contrast, float(np.mean(image > ground + contrast / 2))
