@@ -123,8 +123,11 @@ class PinTracker:
         return self.tracker.rest
 
     def images(self, frames: Sequence[Frame]) -> Images:
-        """Return (N, side, side) gray images."""
-        return np.stack([self._lit(image) for image in gray_frames(frames, self.side)])
+        """Return (N, side, side) gray images in the light of the rest image."""
+        images = gray_frames(frames, self.side)
+        for row, image in enumerate(images):
+            images[row] = self._lit(image)
+        return images
 
     def _lit(self, image: Images) -> Images:
         """Return an image (side, side) with the light of the rest image, where it has another."""
