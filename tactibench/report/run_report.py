@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -89,14 +90,23 @@ def print_run(
 
 
 def same_question(one: Record, other: Record) -> bool:
-    """Return whether two different runs answer one version of a protocol, tested alike."""
+    """Return whether two different runs answer one version of a protocol, tested alike.
+
+    They may have been shown different numbers of labelled presses.
+    """
     return (
         one.name != other.name
-        and one.test_sensor == other.test_sensor
+        and tested_sensor(one) == tested_sensor(other)
         and one.protocol.id == other.protocol.id
         and one.protocol.version == other.protocol.version
         and one.protocol.hash == other.protocol.hash
     )
+
+
+def tested_sensor(record: Record) -> list[Any]:
+    """Return all that tells a tested sensor from others; [] where it is the trained one."""
+    test = record.test_sensor
+    return [] if test is None else [test.identity, test.description, test.trained_on]
 
 
 def partial_line(record: Record) -> str:
@@ -160,7 +170,8 @@ def _print_warning(console: Console, record: Record) -> None:
 
 def _label(record: Record) -> str:
     """Return the model with its regime, as published rows are labelled."""
-    return f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+    label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+    return f"{label}, {record.shots:,} labelled presses" if record.shots else label
 
 
 def _main_table(

@@ -70,6 +70,10 @@ def _evaluation(plan: RunPlan) -> type[Evaluation]:
         from tactibench.run.few_shot import FewShotEvaluation
 
         return FewShotEvaluation
+    if plan.request.test.shots:
+        from tactibench.run.few_shot import AdaptedEvaluation
+
+        return AdaptedEvaluation
     if plan.spec.families:
         from tactibench.run.hard_cases import HardCaseEvaluation
 
