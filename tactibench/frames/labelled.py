@@ -75,8 +75,7 @@ def _out_of_range(answer: Answer, context: ModelContext) -> str:
     if isinstance(answer, Contacts):
         x, y = context.grid.axes()
         for place in answer.xy.tolist():
-            outside = (np.abs(place) > [np.abs(x).max(), np.abs(y).max()]) | ~np.isfinite(place)
-            if outside.any():
+            if (np.abs(place) > [np.abs(x).max(), np.abs(y).max()]).any():
                 return f"({place[0]:g}, {place[1]:g}), which is outside of the sensor"
     elif not abs(answer.tilt) <= 90:
         return f"tilt {answer.tilt:g}, but a plate tilts by less than 90 degrees"
