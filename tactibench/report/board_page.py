@@ -292,7 +292,8 @@ def _test_frames(record: Record, shots: bool) -> list[Block]:
         if shots:
             parts.append(
                 Prose(
-                    " Rows with labelled presses were shown so many of it before (`--test shots=N`)."
+                    " Rows with labelled presses were shown so many of it before "
+                    "(`--test shots=N`)."
                 )
             )
     return [Paragraph(tuple(parts))]

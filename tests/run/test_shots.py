@@ -1,4 +1,4 @@
-"""``--test shots=N``: labelled presses of the tested sensor, shown to ``adapt`` and to nothing else."""
+"""``--test shots=N``: labelled presses of the tested sensor, which ``adapt`` alone is shown."""
 
 from __future__ import annotations
 
