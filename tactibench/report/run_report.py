@@ -16,11 +16,11 @@ from rich.text import Text
 
 from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
-from tactibench.protocols.families import Axis
+from tactibench.protocols.families import UNTOUCHED, Axis
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
-from tactibench.report.numbers import duration, fixed, general, span
+from tactibench.report.numbers import duration, fixed, general, number, span
 from tactibench.report.run_speed import print_speed
 from tactibench.report.simulator_error import error_line
 from tactibench.report.table import (
@@ -348,12 +348,27 @@ def _print_hard_cases(console: Console, record: Record, axes: Sequence[Axis]) ->
         console.print(Text(line))
 
 
+def _under_faults(record: Record) -> str:
+    """Return the false contacts in empty frames under faults; "" where none were tested."""
+    whole = record.metric("false_per_1000", UNTOUCHED)
+    if whole is None:
+        return ""
+    shares = (
+        f"{m.group.partition(':')[2]} {number(m.value, 1)}"
+        for m in record.metrics
+        if m.metric == whole.metric and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
+    )
+    return f"  each under a fault: {metric_number(whole, 1, interval=True)} ({', '.join(shares)})"
+
+
 def _totals(record: Record) -> Iterator[str]:
     totals = {m.metric: m for m in record.metrics if m.group == "all"}
     for name, decimals in TOTALS.items():
         total = metric_number(totals.get(name), decimals, interval=decimals > 0)
         if total is not None:
             yield f"{NAMES[name]}: {total}"
+    if line := _under_faults(record):
+        yield line
     failures = record.data.failures
     for cause in () if failures is None else failures.causes:
         yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"
