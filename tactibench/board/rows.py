@@ -38,9 +38,12 @@ def model_text(record: Record) -> str:
     return text
 
 
-def label_of(record: Record) -> str:
-    """Return model, encoder where there is one, mixing and regime, in one line."""
-    text = model_text(record)
+def label_of(record: Record, *, shots: bool = True) -> str:
+    """Return model, encoder where there is one, mixing and regime, in one line.
+
+    shots: whether it says how many labelled presses of the tested sensor the model was shown.
+    """
+    text = model_text(record) if shots else record.model.text(without=MIXING)
     if record.encoder is not None:
         text += f" + {record.encoder.text()}"
     if mixing := mixing_of(record):
