@@ -39,7 +39,8 @@ from tactibench.report.writers.terminal import print_table
 OTHERS = 6
 """More stored runs than these would hide the run itself."""
 COUNTS = (Column("n", optional=True), Column("presses", optional=True))
-TOTALS = {"false_per_1000": 1, "not_finite": 0, "raised": 0}
+FALSE = "false_per_1000"
+TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
 """Decimals of the list of further metrics, by unit; 3 for every other."""
@@ -350,13 +351,13 @@ def _print_hard_cases(console: Console, record: Record, axes: Sequence[Axis]) ->
 
 def _under_faults(record: Record) -> str:
     """Return the false contacts in empty frames under faults; "" where none were tested."""
-    whole = record.metric("false_per_1000", UNTOUCHED)
+    whole = record.metric(FALSE, UNTOUCHED)
     if whole is None:
         return ""
     shares = (
         f"{m.group.partition(':')[2]} {number(m.value, 1)}"
         for m in record.metrics
-        if m.metric == whole.metric and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
+        if m.metric == FALSE and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
     )
     return f"  each under a fault: {metric_number(whole, 1, interval=True)} ({', '.join(shares)})"
 
@@ -367,8 +368,8 @@ def _totals(record: Record) -> Iterator[str]:
         total = metric_number(totals.get(name), decimals, interval=decimals > 0)
         if total is not None:
             yield f"{NAMES[name]}: {total}"
-    if line := _under_faults(record):
-        yield line
+        if name == FALSE and (line := _under_faults(record)):
+            yield line
     failures = record.data.failures
     for cause in () if failures is None else failures.causes:
         yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"
