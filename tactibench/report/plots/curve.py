@@ -74,6 +74,7 @@ def curve_figure(
     axes.set(yscale="log", xlabel=caption.presses, ylabel=f"{error.name}, {error.unit}")
     if few:
         axes.set_xscale("symlog", linthresh=few, linscale=0.5)
+        axes.set_xlim(-few / 2, 1.2 * max(drawn))
     else:
         axes.set_xscale("log")
     axes.xaxis.set_major_locator(FixedLocator(drawn or [1000]))
