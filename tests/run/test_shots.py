@@ -69,6 +69,7 @@ def test_few_presses_are_the_first_of_many(planned: Planned, adapting: list[int]
     assert few.scenes == many.scenes[:5]
 
 
+@pytest.mark.long
 def test_they_correct_the_answers_and_no_weights(run: Run, tiny: Any, adapting: list[int]) -> None:
     without, after = run(test=shifted()), run(test=shifted(10))
     assert depth_error(without) == pytest.approx(0.5, abs=0.05)
@@ -97,6 +98,7 @@ def test_the_record_the_plan_the_row_and_the_signature_say_it(
     assert {command_options(row.first) for row in rows} == {" --test sensor.offset=9.0"}
 
 
+@pytest.mark.long
 def test_answers_of_different_numbers_are_not_mixed(
     run: Run, planned: Planned, adapting: list[int]
 ) -> None:
