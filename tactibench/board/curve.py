@@ -65,9 +65,9 @@ def _steps(rows: Iterable[Row], error: Ranking) -> tuple[Step, ...]:
 def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) -> list[Curve]:
     """Return curves of at least two steps over instances of a sensor, by label.
 
-    A point is the mean over these instances; its ends are the least and the largest. Presses are
-    labelled ones of the instance: those that a model trained on others was shown, or those that a
-    model was trained on alone.
+    A point is the mean over these instances; its ends are the least and the largest. One of fewer
+    instances than the others of its curve is left out. Presses are labelled ones of the instance:
+    those that a model trained on others was shown, or those that a model was trained on alone.
 
     Args:
         records: with and without a tested sensor of their own.
@@ -97,11 +97,13 @@ def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) ->
             (f"{label_of(record, shots=False)}, {how}", record.model.name), {}
         )
         curve.setdefault(presses, {}).setdefault(instance, []).append(record)
-    return [
-        Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in sorted(steps)))
-        for (label, model), steps in sorted(points.items())
-        if len(steps) > 1
-    ]
+    found = []
+    for (label, model), steps in sorted(points.items()):
+        # Means over fewer instances than the others' would compare instances, not presses.
+        whole = [n for n in sorted(steps) if len(steps[n]) == max(map(len, steps.values()))]
+        if len(whole) > 1:
+            found.append(Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in whole)))
+    return found
 
 
 def _as_made(record: Record) -> bool:

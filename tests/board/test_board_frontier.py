@@ -140,7 +140,10 @@ def test_a_new_sensor_is_a_mean_over_instances_and_each_over_its_seeds(fabricate
             limits={"presses": presses},
             data={"train": presses},
         )
-        for instance, presses, error in [(1, 50, 0.9), (2, 50, 0.7), (1, 200, 0.3), (9, 50, 99.0)]
+        for instance, presses, error in [
+            *((1, 50, 0.9), (2, 50, 0.7), (1, 200, 0.3), (2, 200, 0.3)),
+            *((1, 1000, 0.1), (9, 50, 99.0)),
+        ]
     ]
     found = new_sensor_curves([*adapted, *alone, fabricate()], ERROR, "tactip-127")
     steps = {
