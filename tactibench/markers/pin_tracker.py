@@ -139,7 +139,8 @@ class PinTracker:
         if factor > 1 and cover > _COVER * own_cover:
             return image
         lit = own_ground + (image.astype(np.float32) - ground) / np.float32(factor)
-        return np.rint(lit).clip(0, 255).astype(np.uint8)
+        levels: Images = np.rint(lit).clip(0, 255).astype(np.uint8)
+        return levels
 
     @cached_property
     def _light(self) -> tuple[float, float, float]:
