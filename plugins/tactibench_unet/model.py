@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench import Answer, Contacts, Encoder, Frame, Grid, ModelContext, Pose, UserError
+from tactibench import (
+    Answer,
+    Contacts,
+    Encoder,
+    FitReport,
+    Frame,
+    Grid,
+    ModelContext,
+    Pose,
+    Progress,
+    UserError,
+)
 from tactibench.training import (
     RECIPES,
     Examples,
@@ -26,6 +37,7 @@ from tactibench.training import (
 from tactibench_unet.architecture import LEVELS, UNetNetwork, layer_features
 
 Image = npt.NDArray[np.uint8]
+Labelled = tuple[Sequence[Frame], Sequence[Answer]]
 
 _RECIPES = RECIPES | {
     "default": replace(
@@ -35,6 +47,12 @@ _RECIPES = RECIPES | {
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for
 infinite logits, and a short training leaves them too shallow; published is 1."""
+_PRIORS = {"nominal": "nominal mechanics", "addition": "plain addition"}
+"""Law of neighbours -> what a row says that the model knew before its frames."""
+_HELD_OUT = 400
+"""Mixed frames that are kept from the training, as many as validation presses of a protocol."""
+_SHARES = np.linspace(0, 0.3, 13)
+"""Least scores of a further contact that are tried, as shares of the highest one's."""
 
 
 class UNet(LearnedModel):
@@ -54,12 +72,13 @@ class UNet(LearnedModel):
         recipe: str = "default",
         width: int = 8,
         size: int = 128,
-        stem: int = 2,
+        stem: int = 4,
         epochs: int = 0,
         precision: str = "recipe",
-        mixing: float = 0.0,
+        mixing: float = -1.0,
         mirror: str = "recipe",
         rest: str = "recipe",
+        law: str = "nominal",
     ) -> None:
         if context.encoder is None:
             raise UserError("model 'unet' learns heatmaps and needs an encoder; name one.")
@@ -76,9 +95,14 @@ class UNet(LearnedModel):
             "channels": context.encoder.channels,
             "answer": context.answer,
         }
+        if mixing < 0 and context.answer == "plate":  # a plate has no neighbour
+            mixing = 0.0
         super().__init__(
             context, _RECIPES[recipe].with_choices(epochs, precision), architecture, mixing
         )
+        self._law = law
+        self._held_out: Labelled = ([], [])
+        self._least = 0.0
         self._encoder = context.encoder
         self._scale = PlateScale()
         self._headroom = _HEADROOM[recipe]
@@ -120,7 +144,8 @@ class UNet(LearnedModel):
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
         """Return the contacts of every map, or its plate pose (None without a contact)."""
-        contacts = self._encoder.decode_batch(outputs, self.context.grid)
+        decoded = self._encoder.decode_batch(outputs, self.context.grid)
+        contacts = [_without_bumps(each, self._least) for each in decoded]
         if self.context.answer == "plate":
             return [self._scale.plate(each) for each in contacts]
         return list(contacts)
@@ -135,7 +160,8 @@ class UNet(LearnedModel):
 
     def features(self, frame: Frame) -> dict[str, np.ndarray]:
         """Return layer -> (C, H, W) activations, in the order of the forward pass."""
-        return layer_features(self.network, self.inputs([frame]).to(self.context.device))
+        network = cast("UNetNetwork", self.network)
+        return layer_features(network, self.inputs([frame]).to(self.context.device))
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
@@ -153,17 +179,84 @@ class UNet(LearnedModel):
     def initialise(self, network: UNetNetwork, training: Examples) -> None:
         network.initialise(training.images, training.targets * self._headroom)
 
+    def mix(
+        self, frames: Sequence[Frame], truth: Sequence[Answer], count: int, rng: np.random.Generator
+    ) -> tuple[list[Frame], list[Contacts]]:
+        """Return mixed frames that are no more alike to real ones than the law of neighbours is.
+
+        As many again as ``_HELD_OUT`` are kept back, to choose what counts as a contact.
+        """
+        from tactibench.superposition import MISFIT, NeighbourLaw, mix
+
+        law = NeighbourLaw.none() if self._law == "addition" else None
+        mixed, contacts = mix(frames, truth, count + _HELD_OUT, rng, law, misfit=MISFIT)
+        self._held_out = mixed[count:], contacts[count:]
+        return mixed[:count], contacts[:count]
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: Labelled,
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Train, then choose how high a further contact must stand beside the highest.
+
+        It is chosen on the validation frames and mixed ones that were not learned from.
+        """
+        self._least, self._held_out = 0.0, ([], [])
+        report = super().fit(frames, truth, validation=validation, rng=rng, progress=progress)
+        mixed, contacts = self._held_out
+        if not mixed:
+            return report
+        predicted = self.predict([*validation[0], *mixed])
+        self._least = least_share(predicted, [*validation[1], *contacts])
+        notes = {"prior": _PRIORS[self._law], "least_share": self._least}
+        return replace(report, notes={**report.notes, **notes})
+
     def extra(self) -> dict[str, Any]:
         return {
+            "least_share": self._least,
             "depth_offset_mm": self._scale.offset,
             "headroom": self._headroom,
             "rest": None if self._rest is None else pack_image(self._rest),
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
+        self._least = extra["least_share"]
         self._scale = PlateScale(extra["depth_offset_mm"])
         self._headroom = extra["headroom"]
         self._rest = None if extra["rest"] is None else unpack_image(extra["rest"])
+
+
+def least_share(predicted: Sequence[Answer | None], truth: Sequence[Answer]) -> float:
+    """Return the share of the highest score below which a contact is best left out.
+
+    With it the number of contacts is most often right; of several such shares the least.
+    """
+    right = [
+        sum(
+            len(_without_bumps(contacts, share)) == len(true)
+            for contacts, true in zip(predicted, truth, strict=True)
+            if isinstance(contacts, Contacts) and isinstance(true, Contacts)
+        )
+        for share in _SHARES
+    ]
+    return float(_SHARES[int(np.argmax(right))])
+
+
+def _without_bumps(contacts: Contacts, share: float) -> Contacts:
+    """Return the contacts whose score is at least this share of the highest."""
+    if len(contacts) < 2 or not share:
+        return contacts
+    kept = contacts.score >= share * contacts.score.max()
+    return (
+        contacts
+        if kept.all()
+        else Contacts(contacts.xy[kept], contacts.depth[kept], contacts.score[kept])
+    )
 
 
 def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:

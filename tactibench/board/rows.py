@@ -22,8 +22,17 @@ TRIVIAL = frozenset({"mean", "nearest"})
 
 def mixing_of(record: Record) -> str:
     """Return the frames mixed out of single presses for every training frame, "" for none."""
-    share = record.model.parameters.get(MIXING)
+    share = record.training.notes.get(MIXING, record.model.parameters.get(MIXING))
     return f"{share:g}" if isinstance(share, int | float) and share > 0 else ""
+
+
+def prior_of(record: Record) -> str:
+    """Return what a model knew of contacts that press together before its frames, "" for nothing.
+
+    Records that do not say so are of models that mixed by the nominal mechanics.
+    """
+    said = record.training.notes.get("prior", "nominal mechanics" if mixing_of(record) else "")
+    return str(said)
 
 
 def label_of(record: Record) -> str:
