@@ -49,7 +49,8 @@ class UNetNetwork(nn.Module):
             cells: rows and columns of the heatmap.
             channels: maps of the encoder.
             images: of a frame: itself, or itself and the sensor at rest.
-            mirror: whether x, and y, of frames may be reversed while it is trained.
+            mirror: whether x, and y, of frames may be reversed: each at random while it is
+                trained; then the logits are means over the frame and the one with all reversed.
         """
         super().__init__()
         self.mirror = mirror
@@ -101,10 +102,14 @@ class UNetNetwork(nn.Module):
             self.head.bias.copy_(torch.logit(heat).repeat_interleave(self.step**2))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        if not (self.training and any(self.mirror)):
+        if not any(self.mirror):
             return self._logits(images)
-        flips = draw_flips(len(images), self.mirror, images.device)
-        return flip_maps(self._logits(flip_maps(images, flips)), flips)
+        if self.training:
+            flips = draw_flips(len(images), self.mirror, images.device)
+            return flip_maps(self._logits(flip_maps(images, flips)), flips)
+        axes = [axis for axis, mirrored in zip((-1, -2), self.mirror, strict=True) if mirrored]
+        seen, mirrored = self._logits(torch.cat([images, images.flip(axes)])).chunk(2)
+        return (seen + mirrored.flip(axes)) / 2
 
     def _logits(self, images: torch.Tensor) -> torch.Tensor:
         x = self.stem((images.float() - self.mean) * self.scale)

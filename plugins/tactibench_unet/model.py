@@ -44,6 +44,8 @@ _RECIPES = RECIPES | {
         RECIPES["default"], epochs=15, batch=32, optimiser="muon", learning_rate=1.2e-2
     )
 }
+_MIXED_EPOCHS = 12
+"""With mixed frames an epoch has twice the steps: main job and training stay about as short."""
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for
 infinite logits, and a short training leaves them too shallow; published is 1."""
@@ -97,6 +99,8 @@ class UNet(LearnedModel):
         }
         if mixing < 0 and context.answer == "plate":  # a plate has no neighbour
             mixing = 0.0
+        if mixing and recipe == "default":
+            epochs = epochs or _MIXED_EPOCHS
         super().__init__(
             context, _RECIPES[recipe].with_choices(epochs, precision), architecture, mixing
         )
@@ -221,6 +225,7 @@ class UNet(LearnedModel):
             "least_share": self._least,
             "depth_offset_mm": self._scale.offset,
             "headroom": self._headroom,
+            "mirror": list(self._mirror),
             "rest": None if self._rest is None else pack_image(self._rest),
         }
 
@@ -228,6 +233,8 @@ class UNet(LearnedModel):
         self._least = extra["least_share"]
         self._scale = PlateScale(extra["depth_offset_mm"])
         self._headroom = extra["headroom"]
+        in_x, in_y = extra["mirror"]
+        self._mirror = in_x, in_y
         self._rest = None if extra["rest"] is None else unpack_image(extra["rest"])
 
 
