@@ -43,10 +43,11 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     before=0.0,
                 ),
                 Parameter(
-                    "law",
-                    "nominal",
-                    "how mixed contacts act on each other: as in the nominal mechanics, or not",
-                    choices=("nominal", "addition"),
+                    "neighbours",
+                    "dome",
+                    "what mixed contacts do to each other: dome (mechanics of a nominal dome) or "
+                    "none (plain addition)",
+                    choices=("dome", "none"),
                 ),
             ),
             answers=("contacts", "plate"),

@@ -49,8 +49,8 @@ _MIXED_EPOCHS = 12
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for
 infinite logits, and a short training leaves them too shallow; published is 1."""
-_PRIORS = {"nominal": "nominal mechanics", "addition": "plain addition"}
-"""Law of neighbours -> what a row says that the model knew before its frames."""
+_PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
+"""Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
 _HELD_OUT = 400
 """Mixed frames that are kept from the training, as many as validation presses of a protocol."""
 _SHARES = np.linspace(0, 0.3, 13)
@@ -80,7 +80,7 @@ class UNet(LearnedModel):
         mixing: float = -1.0,
         mirror: str = "recipe",
         rest: str = "recipe",
-        law: str = "nominal",
+        neighbours: str = "dome",
     ) -> None:
         if context.encoder is None:
             raise UserError("model 'unet' learns heatmaps and needs an encoder; name one.")
@@ -104,7 +104,8 @@ class UNet(LearnedModel):
         super().__init__(
             context, _RECIPES[recipe].with_choices(epochs, precision), architecture, mixing
         )
-        self._law = law
+        self._neighbours = neighbours
+        self.prior = _PRIORS[neighbours]
         self._held_out: Labelled = ([], [])
         self._least = 0.0
         self._encoder = context.encoder
@@ -192,7 +193,7 @@ class UNet(LearnedModel):
         """
         from tactibench.superposition import MISFIT, NeighbourLaw, mix
 
-        law = NeighbourLaw.none() if self._law == "addition" else None
+        law = NeighbourLaw.none() if self._neighbours == "none" else None
         mixed, contacts = mix(frames, truth, count + _HELD_OUT, rng, law, misfit=MISFIT)
         self._held_out = mixed[count:], contacts[count:]
         return mixed[:count], contacts[:count]
@@ -217,8 +218,7 @@ class UNet(LearnedModel):
             return report
         predicted = self.predict([*validation[0], *mixed])
         self._least = least_share(predicted, [*validation[1], *contacts])
-        notes = {"prior": _PRIORS[self._law], "least_share": self._least}
-        return replace(report, notes={**report.notes, **notes})
+        return replace(report, notes={**report.notes, "least_share": self._least})
 
     def extra(self) -> dict[str, Any]:
         return {

@@ -21,18 +21,16 @@ TRIVIAL = frozenset({"mean", "nearest"})
 
 
 def mixing_of(record: Record) -> str:
-    """Return the frames mixed out of single presses for every training frame, "" for none."""
-    share = record.training.notes.get(MIXING, record.model.parameters.get(MIXING))
-    return f"{share:g}" if isinstance(share, int | float) and share > 0 else ""
+    """Return the frames mixed out of single presses for every training frame, "" for none.
 
-
-def prior_of(record: Record) -> str:
-    """Return what a model knew of contacts that press together before its frames, "" for nothing.
-
-    Records that do not say so are of models that mixed by the nominal mechanics.
+    With what they know of contacts that press together, where the record says it: "1, nominal
+    mechanics".
     """
-    said = record.training.notes.get("prior", "nominal mechanics" if mixing_of(record) else "")
-    return str(said)
+    notes = record.training.notes
+    share = notes.get(MIXING, record.model.parameters.get(MIXING))
+    if not isinstance(share, int | float) or share <= 0:
+        return ""
+    return f"{share:g}, {notes['prior']}" if "prior" in notes else f"{share:g}"
 
 
 def label_of(record: Record) -> str:

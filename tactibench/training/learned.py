@@ -45,6 +45,7 @@ class LearnedModel(Model):
             refused.
         mixing: frames with several contacts that ``fit`` makes from the single presses among its
             frames, as a share of the frames; below 0: one a frame, where the frames allow it.
+        prior: what mixed frames know of contacts that press together.
     """
 
     name: ClassVar[str]
@@ -62,6 +63,7 @@ class LearnedModel(Model):
         self.recipe = recipe
         self.architecture = architecture
         self.mixing = mixing
+        self.prior = "nominal mechanics"
         precision = resolve_precision("auto", context.device)
         self.timed_as = f"{precision}, batch 1, normalisation folded, channels_last"
         self._network: nn.Module | None = None
@@ -295,7 +297,7 @@ class LearnedModel(Model):
                 raise
             notes["not_mixed"] = str(error)
             return [], []
-        notes |= {"mixing": share, "mixed": len(mixed)}
+        notes |= {"mixing": share, "mixed": len(mixed), "prior": self.prior}
         return mixed, contacts
 
     def _build(self, seed: int) -> nn.Module:

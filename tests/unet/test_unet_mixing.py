@@ -55,7 +55,7 @@ def test_the_default_mixes_as_many_frames_as_it_has_presses(make_model, mixed):
 
 
 def test_plain_addition_is_said(make_model, mixed):
-    report = fit(make(make_model, law="addition"))
+    report = fit(make(make_model, neighbours="none"))
     assert report.notes["prior"] == "plain addition"
     assert not mixed[0][2].pair.any()
 
