@@ -11,6 +11,7 @@ from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench.training import draw_flips, flip_maps
+from tactibench_unet.nuisances import disturb
 
 LEVELS = 4
 
@@ -40,6 +41,7 @@ class UNetNetwork(nn.Module):
         *,
         images: int = 1,
         mirror: tuple[bool, bool] = (False, False),
+        faults: float = 0.0,
     ) -> None:
         """Build the layers.
 
@@ -51,9 +53,11 @@ class UNetNetwork(nn.Module):
             images: of a frame: itself, or itself and the sensor at rest.
             mirror: whether x, and y, of frames may be reversed: each at random while it is
                 trained; then the logits are means over the frame and the one with all reversed.
+            faults: share of the frames that it is trained on under faults of camera and light.
         """
         super().__init__()
         self.mirror = mirror
+        self.faults = faults
         self.step = 2 if stem == 4 else 1
         """Cells a side that one place of the first level gives."""
         self.cells = cells[0] // self.step, cells[1] // self.step
@@ -102,6 +106,12 @@ class UNetNetwork(nn.Module):
             self.head.bias.copy_(torch.logit(heat).repeat_interleave(self.step**2))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
+        images = images.float()
+        # Statistics of batch normalisation are measured over frames like those of the training.
+        if self.faults and self.stem[1].training:
+            images = disturb(images, self.faults)
+        if images.shape[1] > 1:
+            images = _relight(images)
         if not any(self.mirror):
             return self._logits(images)
         if self.training:
@@ -112,7 +122,7 @@ class UNetNetwork(nn.Module):
         return (seen + mirrored.flip(axes)) / 2
 
     def _logits(self, images: torch.Tensor) -> torch.Tensor:
-        x = self.stem((images.float() - self.mean) * self.scale)
+        x = self.stem((images - self.mean) * self.scale)
         x = _to_cells(x, self.cells)
         skips = []
         for block in self.down:
@@ -126,6 +136,16 @@ class UNetNetwork(nn.Module):
             x = block(torch.cat([skip, lift(x)], dim=1))
         logits: torch.Tensor = self.head(x)
         return F.pixel_shuffle(logits, self.step) if self.step > 1 else logits
+
+
+def _relight(images: torch.Tensor) -> torch.Tensor:
+    """Return frames (B, 2, S, S) in the light of their rest frames.
+
+    Contacts move bright pins and change the mean of a frame by less than 1 %.
+    """
+    frame, rest = images[:, :1], images[:, 1:]
+    light = rest.mean(dim=(2, 3), keepdim=True) / frame.mean(dim=(2, 3), keepdim=True).clamp_min(1)
+    return torch.cat([frame * light, rest], dim=1)
 
 
 def _to_cells(x: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:

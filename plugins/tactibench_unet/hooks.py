@@ -49,6 +49,13 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "none (plain addition)",
                     choices=("dome", "none"),
                 ),
+                Parameter(
+                    "faults",
+                    0.0,
+                    "share of the training frames under faults of camera and light",
+                    low=0.0,
+                    high=1.0,
+                ),
             ),
             answers=("contacts", "plate"),
             max_contacts=None,

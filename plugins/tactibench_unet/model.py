@@ -32,6 +32,7 @@ from tactibench.training import (
     heatmaps,
     image_tensor,
     pack_image,
+    resting_frames,
     unpack_image,
 )
 from tactibench_unet.architecture import LEVELS, UNetNetwork, layer_features
@@ -51,6 +52,8 @@ _HEADROOM = {"default": 0.7, "paper": 1.0}
 infinite logits, and a short training leaves them too shallow; published is 1."""
 _PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
 """Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
+_EMPTY = 0.05
+"""Empty frames to learn from under faults, as a share of the frames."""
 _HELD_OUT = 400
 """Mixed frames that are kept from the training, as many as validation presses of a protocol."""
 _SHARES = np.linspace(0, 0.3, 13)
@@ -81,6 +84,7 @@ class UNet(LearnedModel):
         mirror: str = "recipe",
         rest: str = "recipe",
         neighbours: str = "dome",
+        faults: float = 0.0,
     ) -> None:
         if context.encoder is None:
             raise UserError("model 'unet' learns heatmaps and needs an encoder; name one.")
@@ -105,6 +109,7 @@ class UNet(LearnedModel):
             context, _RECIPES[recipe].with_choices(epochs, precision), architecture, mixing
         )
         self._neighbours = neighbours
+        self._faults = faults
         self.prior = _PRIORS[neighbours]
         self._held_out: Labelled = ([], [])
         self._least = 0.0
@@ -126,6 +131,7 @@ class UNet(LearnedModel):
             shape["channels"],
             images=1 if self._rest is None else 2,
             mirror=self._mirror,
+            faults=self._faults,
         )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
@@ -167,6 +173,10 @@ class UNet(LearnedModel):
         """Return layer -> (C, H, W) activations, in the order of the forward pass."""
         network = cast("UNetNetwork", self.network)
         return layer_features(network, self.inputs([frame]).to(self.context.device))
+
+    def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Return rest images to say under faults, too, that nothing touches."""
+        return resting_frames(frames, _EMPTY) if self._faults else []
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
