@@ -199,10 +199,15 @@ class UNet(LearnedModel):
     ) -> tuple[list[Frame], list[Contacts]]:
         """Return mixed frames that are no more alike to real ones than the law of neighbours is.
 
-        As many again as ``_HELD_OUT`` are kept back, to choose what counts as a contact.
+        ``_HELD_OUT`` more are kept back, to choose what counts as a contact.
+
+        Raises:
+            UserError: for frames of which none can be made, and an encoder of single contacts.
         """
         from tactibench.superposition import MISFIT, NeighbourLaw, mix
 
+        pair = Contacts.truth([[-3.0, 0.0], [3.0, 0.0]], [1.0, 1.0])
+        self._encoder.encode(pair, self.context.grid)  # raises where it shows one contact only
         law = NeighbourLaw.none() if self._neighbours == "none" else None
         mixed, contacts = mix(frames, truth, count + _HELD_OUT, rng, law, misfit=MISFIT)
         self._held_out = mixed[count:], contacts[count:]

@@ -15,6 +15,8 @@ SHIFT_PX, ROTATION_DEG, BLUR_PX, NOISE = 1.2, 3.5, 1.2, 12.0
 """Most of each, of frames of 128 px: a little more than what a model is to bear."""
 GLARE_PX, LOST_PINS = 12.0, 4
 """Most of the radius of a reflection, and of the pins that lose their tip."""
+_OFTEN = 1 / 3
+"""Share of the frames that one fault hits: most are seen with one or two, as in use."""
 _PIN_PX = 3.0
 """Radius within which a lost pin is painted over."""
 _REFERENCE_PX = 128
@@ -23,8 +25,8 @@ _REFERENCE_PX = 128
 def disturb(images: Images, share: float) -> Images:
     """Return images (B, C, S, S), grey levels 0..255, with the first of some under faults.
 
-    Each of those has every fault at a random amount. The others, and rest frames, stay as they
-    are.
+    Those are moved, and each other fault hits one in three at a random amount. The other frames,
+    and rest frames, stay as they are.
     """
     count = round(share * len(images))
     if not count:
@@ -32,13 +34,14 @@ def disturb(images: Images, share: float) -> Images:
     frames = images[:count, :1]
     size = frames.shape[-1] / _REFERENCE_PX
     frames = _move(frames, SHIFT_PX * size, ROTATION_DEG)
-    frames = _blur(frames, BLUR_PX * size)
-    frames = _lose_pins(frames, _PIN_PX * size)
-    frames = _shine(frames, GLARE_PX * size)
-    low, high = (math.log(gain) for gain in GAIN)
-    frames = frames * _uniform(frames, low, high).exp()
-    # Most noise is small: the square of an even draw.
-    frames = frames + NOISE * _uniform(frames, 0, 1).square() * torch.randn_like(frames)
+    for fault in (
+        lambda each: _blur(each, BLUR_PX * size),
+        lambda each: _lose_pins(each, _PIN_PX * size),
+        lambda each: _shine(each, GLARE_PX * size),
+        _relight,
+        _add_noise,
+    ):
+        frames = torch.where(_uniform(frames, 0, 1) < _OFTEN, fault(frames), frames)
     under_faults = torch.cat([frames.round().clamp(0, 255), images[:count, 1:]], dim=1)
     return torch.cat([under_faults, images[count:]])
 
@@ -80,15 +83,24 @@ def _lose_pins(frames: Images, radius: float) -> Images:
     gone = torch.zeros_like(frames)
     for _ in range(LOST_PINS):
         gone = torch.maximum(gone, (_distance(frames, 0.8) < radius).float())
-    wanted = (_uniform(frames, 0, 1) < 0.5).float()
-    return torch.lerp(frames, ground, gone * wanted)
+    return torch.lerp(frames, ground, gone)
 
 
 def _shine(frames: Images, most_px: float) -> Images:
-    """Add a round reflection, white in its middle half, to every second frame."""
-    radius = _uniform(frames, -most_px, most_px).clamp_min(1e-3)
+    """Add a round reflection, white in its middle half."""
+    radius = _uniform(frames, 1, most_px)
     light = 255 * (2 - 2 * _distance(frames, 0.6) / radius).clamp(0, 1)
     return (frames + light).clamp_max(255)
+
+
+def _relight(frames: Images) -> Images:
+    low, high = (math.log(gain) for gain in GAIN)
+    return frames * _uniform(frames, low, high).exp()
+
+
+def _add_noise(frames: Images) -> Images:
+    """Add noise of a deviation of each frame's own, mostly small."""
+    return frames + NOISE * _uniform(frames, 0, 1).square() * torch.randn_like(frames)
 
 
 def _distance(frames: Images, share: float) -> torch.Tensor:
