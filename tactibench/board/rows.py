@@ -22,9 +22,16 @@ TRIVIAL = frozenset({"mean", "nearest"})
 
 
 def mixing_of(record: Record) -> str:
-    """Return the frames mixed out of single presses for every training frame, "" for none."""
-    share = record.model.parameters.get(MIXING)
-    return f"{share:g}" if isinstance(share, int | float) and share > 0 else ""
+    """Return the frames mixed out of single presses for every training frame, "" for none.
+
+    With what they know of contacts that press together, where the record says it: "1, nominal
+    mechanics".
+    """
+    notes = record.training.notes
+    share = notes.get(MIXING, record.model.parameters.get(MIXING))
+    if not isinstance(share, int | float) or share <= 0:
+        return ""
+    return f"{share:g}, {notes['prior']}" if "prior" in notes else f"{share:g}"
 
 
 def model_text(record: Record) -> str:

@@ -161,6 +161,9 @@ def _print_heading(console: Console, record: Record) -> None:
                 f"presses in {duration(training.seconds or 0.0)}"
             )
         )
+    if mixed := training.notes.get("mixed"):
+        prior = f"; prior knowledge: {known}" if (known := training.notes.get("prior")) else ""
+        console.print(Text(f"and on {mixed:,} frames mixed out of single presses{prior}"))
     _print_warning(console, record)
 
 

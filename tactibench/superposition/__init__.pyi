@@ -4,6 +4,7 @@ from .family import FieldFamily as FieldFamily
 from .field import Field as Field
 from .field import contact_array as contact_array
 from .field import single_press_rows as single_press_rows
+from .mixing import MISFIT as MISFIT
 from .mixing import mix as mix
 from .neighbours import NeighbourLaw as NeighbourLaw
 from .neighbours import nominal_inverse_law as nominal_inverse_law
