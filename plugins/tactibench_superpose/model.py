@@ -54,6 +54,8 @@ _HELD_OUT = 8
 """One of so many training presses with several contacts is left out of the law, to measure the
 errors of answers, and one of so many training sensors of the fields. With every fourth press left
 out the law is a quarter worse than the one from all."""
+_PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
+"""Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
 _KEPT = 4
 """Sensors whose fields stay in memory, 70 MB each where they vary."""
 
@@ -209,6 +211,9 @@ class Superpose(Model):
         progress.epoch(1, float(np.mean(residual**2)) if len(residual) else 0.0, None)
         count = len(single.frames)
         notes: dict[str, Any] = {"single_presses": count, "others": len(frames) - count}
+        neighbours = self._settings["neighbours"]
+        fitted = bool(groups) and neighbours == "dome"
+        notes["prior"] = "fitted to multi-contact labels" if fitted else _PRIORS[neighbours]
         if several > 1:
             notes |= {"sensors": several, "numbers_a_sensor": family.field.ways}
         return FitReport(1, time.perf_counter() - began, notes=notes)

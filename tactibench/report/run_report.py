@@ -162,8 +162,9 @@ def _print_heading(console: Console, record: Record) -> None:
             )
         )
     if mixed := training.notes.get("mixed"):
-        prior = f"; prior knowledge: {known}" if (known := training.notes.get("prior")) else ""
-        console.print(Text(f"and on {mixed:,} frames mixed out of single presses{prior}"))
+        console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
+    if prior := training.notes.get("prior"):
+        console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
     _print_warning(console, record)
 
 
