@@ -44,13 +44,13 @@ def make(make_model, **parameters):
     return make_model(epochs=1, grid=Grid.centred(16, 1.6), **parameters)
 
 
-def test_the_default_mixes_as_many_frames_as_it_has_presses(make_model, mixed):
+def test_the_default_mixes_half_as_many_frames_as_it_has_presses(make_model, mixed):
     report = fit(make(make_model))
     ((frames, count, law, misfit),) = mixed
-    assert (frames, count - 400, law) == (12, 12, None)
+    assert (frames, count - 400, law) == (12, 6, None)
     assert misfit > 0
-    assert report.notes["mixed"] == 12
-    assert report.notes["mixing"] == 1.0
+    assert report.notes["mixed"] == 6
+    assert report.notes["mixing"] == 0.5
     assert report.notes["prior"] == "nominal mechanics"
 
 
