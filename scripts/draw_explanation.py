@@ -44,7 +44,7 @@ HEADS = (
 def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
     """Rows of the sensor with most runs, trained and tested on it, parameters at their defaults.
 
-    Networks that read other maps, mix or add plainly have rows of their own on the boards.
+    Networks that read other maps, mix when asked to or add plainly have rows of their own there.
     """
     section = select_section(gather_records(protocol, board, None), None, protocol)
     return [row for row in section.rows if _model(row) not in TRIVIAL and _plain(row)]
@@ -53,7 +53,7 @@ def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
 def _plain(row: Row) -> bool:
     return (
         row.model == _model(row)
-        and not row.mixing
+        and "mixing" not in row.first.model.changed
         and not ({"depth", "offset", "axes"} & {row.encoder.partition(",")[0]})
     )
 

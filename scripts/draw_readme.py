@@ -90,7 +90,7 @@ def _plain(record: Record) -> bool:
         and record.sensor.test_sensor is None
         and not record.sensor.parameters.get("instance")
         and record.limits.presses is None
-        and not parameters.get("mixing")
+        and "mixing" not in record.model.changed
         and parameters.get("recipe", "default") == "default"
         and parameters.get("neighbours", "dome") == "dome"
         and encoder in (None, NETWORKS.get(record.model.name))

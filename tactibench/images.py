@@ -29,11 +29,19 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
         size: Height and width of the result, pixels.
 
     Raises:
-        UserError: An image is anything else, or holds NaN or infinity.
+        UserError: An image is anything else, holds NaN or infinity, or is no view of what its rest
+            frame shows: their sides have another ratio.
     """
     out = np.empty((len(frames), size, size), dtype=np.uint8)
     for number, (row, frame) in enumerate(zip(out, frames, strict=True), 1):
         image: npt.NDArray[Any] = frame.image
+        rest = image if frame.rest is None else frame.rest
+        if rest.shape != image.shape and not _same_ratio(_sides(image), _sides(rest)):
+            raise UserError(
+                f"frame {number} of {len(frames)} has the shape {image.shape}, but its rest frame "
+                f"{rest.shape}; another size of one view can be read, another crop cannot: take "
+                "both with the same settings of the camera."
+            )
         if not (image.ndim == 2 and image.dtype == np.uint8 and image.size):
             try:
                 image = _levels(_channels_last(np.asarray(image)))
@@ -64,9 +72,24 @@ def resized(image: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray
     return np.asarray(cv2.resize(image, shape[::-1], interpolation=how), dtype=np.uint8)
 
 
+def _sides(image: npt.NDArray[Any]) -> tuple[int, int]:
+    """Return height and width, whichever end the channels stand at."""
+    height, width = (*(image.shape[1:] if _channels_first(image) else image.shape), 1, 1)[:2]
+    return height, width
+
+
+def _same_ratio(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Return whether two images may show one view: sides in proportion, but for rounding."""
+    return 2 * abs(one[0] * other[1] - one[1] * other[0]) < max(sum(one), sum(other))
+
+
+def _channels_first(image: npt.NDArray[Any]) -> bool:
+    return image.ndim == 3 and image.shape[2] not in _COLOURS and image.shape[0] in _COLOURS
+
+
 def _channels_last(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return (H, W) or (H, W, 3), whichever end the channels stand at."""
-    if image.ndim == 3 and image.shape[2] not in _COLOURS and image.shape[0] in _COLOURS:
+    if _channels_first(image):
         image = np.moveaxis(image, 0, 2)
     good = image.ndim == 2 or (image.ndim == 3 and image.shape[2] in _COLOURS)
     if not good or not image.size:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench import Answer, Contacts, Frame, UserError
-from tactibench.markers import PinTracker, common_lattice, common_view, rest_images
+from tactibench.markers import BySensor, PinTracker, common_lattice, common_view, rest_images
 from tactibench.training import answers_from_vectors, pack_image, unpack_image
 
 Array = npt.NDArray[np.float64]
@@ -54,7 +54,7 @@ class LatticePins(OwnPins):
 
     def __init__(self, pins: PinTracker) -> None:
         super().__init__(pins)
-        self._sensors: list[tuple[Image, PinTracker, Callable[[Array], Array]]] = []
+        self._sensors = BySensor(lambda pins: (pins, common_view(pins.rest, LATTICE)))
 
     @property
     def places(self) -> int:
@@ -68,27 +68,10 @@ class LatticePins(OwnPins):
             UserError: for a frame without a rest image, or with one that shows no layout.
         """
         out = np.empty((len(frames), 2 * self.places))
-        sensors = [self._sensor(frame) for frame in frames]
-        for number in set(sensors):
-            rows = [row for row, other in enumerate(sensors) if other == number]
-            _, pins, view = self._sensors[number]
+        for number, rows in self._sensors.rows(frames).items():
+            pins, view = self._sensors[number]
             out[rows] = view(pins.displacements(pins.images([frames[row] for row in rows])))
         return out
-
-    def _sensor(self, frame: Frame) -> int:
-        """Number of the frame's sensor among those seen."""
-        rest = frame.rest
-        if rest is None:
-            raise UserError(
-                "a frame carries no rest image, by which a sensor's pins are told from another's; "
-                "record one of the untouched sensor (init_0.png)."
-            )
-        for number, (other, _, _) in enumerate(self._sensors):
-            if other is rest or (other.shape == rest.shape and np.array_equal(other, rest)):
-                return number
-        pins = PinTracker.of([frame])
-        self._sensors.append((rest, pins, common_view(pins.rest, LATTICE)))
-        return len(self._sensors) - 1
 
 
 def find_pins(frames: Sequence[Frame], targets: Array, transfers: bool) -> OwnPins:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from tactibench import Answer, Frame, ModelContext
+from tactibench import Answer, Frame, ModelContext, Stage
 from tactibench.training import (
     ANSWER_WIDTH,
     Examples,
@@ -85,6 +85,7 @@ class Pins(LearnedModel):
             architecture["transfers"] = True
         recipe = TRANSFER if context.transfers else RECIPE
         super().__init__(context, recipe.with_choices(epochs, precision), architecture)
+        self._timed_as_trained = self.timed_as
         self._pins: OwnPins | None = None
         self._correction: Correction | None = None
         self._places = self._components = 1
@@ -143,12 +144,15 @@ class Pins(LearnedModel):
         ones. Returns what was chosen, for the record.
         """
         self._correction = None
+        self.configurations, self.timed_as = type(self).configurations, self._timed_as_trained
         rows = self.usable_rows(truth)
         if not len(rows):
             return {"frames": 0}
         targets = self._scale.apply(answer_vectors(truth, self.context.answer, self.name)[rows])
         features, raw, _ = self._features([frames[row] for row in rows])
         self._correction = Correction.fit(features, targets - raw)
+        # Those are ways to compute the network, which is not corrected itself.
+        self.configurations, self.timed_as = {}, "float32, corrected"
         return {"frames": len(rows), "ridge": list(self._correction.ridges)}
 
     def evaluate(self, frames: Sequence[Frame]) -> npt.NDArray[Any]:
@@ -157,6 +161,12 @@ class Pins(LearnedModel):
             return super().evaluate(frames)
         features, raw, rms = self._features(frames)
         return np.column_stack([self._scale.invert(raw + self._correction(features)), rms])
+
+    def stages(self) -> Sequence[Stage]:
+        """Return the phases of the network, or those of corrected answers in float32."""
+        if self._correction is None:
+            return super().stages()
+        return [("forward", self.evaluate), ("decode", self.answers)]
 
     @torch.inference_mode()
     def _features(self, frames: Sequence[Frame]) -> tuple[Array, Array, Array]:

@@ -3,46 +3,87 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from scipy.optimize import linear_sum_assignment
 
-from tactibench import Answer, Contacts, FitReport, Frame, Model, ModelContext, Progress, UserError
-from tactibench.markers import PinTracker
+from tactibench import (
+    Answer,
+    Contacts,
+    FitReport,
+    Frame,
+    Model,
+    ModelContext,
+    Pose,
+    Progress,
+    UserError,
+)
+from tactibench.markers import AlignedPins, BySensor, PinTracker
 from tactibench.superposition import (
+    SENSORS_A_WAY,
     Field,
+    FieldFamily,
     NeighbourLaw,
     Residual,
-    Solution,
     contact_array,
     single_press_rows,
 )
+from tactibench.superposition import (
+    Clues as RestClues,
+)
 from tactibench.training import load_weights, save_weights
-from tactibench_superpose.detect import FIRM, Detector
+from tactibench_superpose.detect import FIRM, Detector, Found
 from tactibench_superpose.model_error import ModelError
 from tactibench_superpose.multi_contact import MultiContactPresses, learn_laws, rows_by_count
 from tactibench_superpose.spread import GROUPS, Clues, Spread, nominal_spread
 
+Known = TypeVar("Known")
 Array = npt.NDArray[np.float64]
-_Pins = tuple[npt.NDArray[np.uint8], Array, npt.NDArray[np.bool_]]
-"""Images (N, H, W), displacements (N, Q) px, and (N, P) whether a pin is surely itself."""
+Image = npt.NDArray[np.uint8]
 
 _QUIETEST_PX = 0.003
 """No displacement is believed to be known better than this."""
 _HELD_OUT = 8
 """One of so many training presses with several contacts is left out of the law, to measure the
-errors of answers. With every fourth left out the law is a quarter worse than the one from all."""
+errors of answers, and one of so many training sensors of the fields. With every fourth press left
+out the law is a quarter worse than the one from all."""
+_PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
+"""Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
+_KEPT = 4
+"""Sensors whose fields stay in memory, 70 MB each where they vary."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Pins:
+    """The pins of a frame."""
+
+    sensor: int
+    """Number of its sensor."""
+    image: Image
+    """(side, side) gray."""
+    moved: Array
+    """(Q,) px of the layout."""
+    sure: npt.NDArray[np.bool_]
+    """(P,) whether a pin is surely itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Learned:
-    detector: Detector
+    """All that a training ends with."""
+
+    family: FieldFamily
+    rest_image: Image
+    """Of the first training sensor, for frames that carry none; its pins are the layout of all."""
+    weight: Array
+    """(Q,) 1 / variance of the displacements, 1 / px^2."""
+    model_error: ModelError
     law: NeighbourLaw
     residual: Residual
     spread: Spread
@@ -52,6 +93,37 @@ class _Learned:
         return self.law.shift(equivalents) + self.residual.shift(equivalents)
 
 
+@dataclass(frozen=True, eq=False)
+class SinglePresses:
+    """Frames with one contact."""
+
+    frames: list[Frame]
+    contacts: Array
+    """(N, 3) mm."""
+    moved: Array
+    """(N, Q) px of the layout."""
+    sensors: npt.NDArray[np.intp]
+    """(N,) numbers."""
+
+    def parted(self, sensors: npt.NDArray[np.intp]) -> tuple[SinglePresses, SinglePresses]:
+        """Return the presses on other sensors than these, and those on these."""
+        there = np.isin(self.sensors, sensors)
+        return self._some(~there), self._some(there)
+
+    def with_others(self, other: SinglePresses) -> SinglePresses:
+        """Return these presses and others."""
+        return SinglePresses(
+            self.frames + other.frames,
+            np.concatenate([self.contacts, other.contacts]),
+            np.concatenate([self.moved, other.moved]),
+            np.concatenate([self.sensors, other.sensors]),
+        )
+
+    def _some(self, rows: npt.NDArray[np.bool_]) -> SinglePresses:
+        own = [frame for frame, there in zip(self.frames, rows, strict=True) if there]
+        return SinglePresses(own, self.contacts[rows], self.moved[rows], self.sensors[rows])
+
+
 class Superpose(Model):
     """Several contacts from fields that were learned from single presses.
 
@@ -59,6 +131,9 @@ class Superpose(Model):
     A frame is explained by as many contacts as it takes, found greedily and refined together by
     Gauss-Newton; each one found is the *equivalent* of a contact, from which its neighbours'
     influence is then taken back (``NeighbourLaw``).
+
+    Trained on several sensors of a make, it learns how their fields vary (``FieldFamily``). What a
+    sensor's rest frame and labelled presses of it leave open is fitted to every frame.
     """
 
     def __init__(
@@ -75,6 +150,7 @@ class Superpose(Model):
         }
         self._context = context
         self._learned: _Learned | None = None
+        self._seen: BySensor[AlignedPins] | None = None
 
     def fit(
         self,
@@ -85,7 +161,7 @@ class Superpose(Model):
         rng: np.random.Generator,
         progress: Progress,
     ) -> FitReport:
-        """Learn the field from the single presses, and the law from the others where it may.
+        """Learn the fields from the single presses, and the law from the others where it may.
 
         Nothing is drawn at random.
 
@@ -95,53 +171,121 @@ class Superpose(Model):
         del rng
         began = time.perf_counter()
         progress.start(1, 1)
-        rows = single_press_rows(truth)
-        pins = PinTracker.of(frames)
-        single = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
-        field = Field.learn(
-            single, pins.displacements(pins.images([frames[int(row)] for row in rows]))
-        )
-        held = single_press_rows(validation[1])
-        moved = pins.displacements(pins.images([validation[0][int(row)] for row in held]))
-        wanted = _contacts_of(validation[1], held) if len(held) else np.empty((0, 1, 3))
-        residual = moved - field(wanted[:, 0])
-        weight = np.full(field.coefficients.shape[-1], 1 / _QUIETEST_PX**2)
+        pins = _first_pins(frames)
+        self._see(pins)
+        single = self._single_presses(frames, truth)
+        tested = self._single_presses(*validation)
+        learned_from = single
+        if (several := len(np.unique(single.sensors))) >= 2 * SENSORS_A_WAY:
+            # Errors are those on sensors that the fields were not learned from.
+            strange = np.unique(single.sensors)[::_HELD_OUT]
+            learned_from, left_out = single.parted(strange)
+            tested = left_out.with_others(tested.parted(strange)[1])
+        family = self._learn_family(learned_from)
+        residual = self._unexplained(family, tested)
+        weight = np.full(2 * len(pins.rest), 1 / _QUIETEST_PX**2)
         if len(residual):
             # Robust: a pin that was mistaken for another in one frame is no noise.
             weight = 1 / np.maximum(1.4826 * np.median(np.abs(residual), axis=0), _QUIETEST_PX) ** 2
-        detector = Detector.of(
-            field, pins, weight, self._settings["gain"], self._settings["max_count"]
-        )
-        groups = self._explain_groups(detector, frames, truth)
-        if groups:
-            left = np.concatenate([group.left for group in groups])
-            detector = replace(detector, model_error=ModelError.learn(left, weight))
-        spread = nominal_spread()
+        unknown, spread = ModelError.unknown(weight), nominal_spread()
+        nothing = NeighbourLaw.none(), Residual.none()
+        self._use(_Learned(family, pins.rest_image, weight, unknown, *nothing, spread))
+        groups = self._explain_groups(frames, truth)
+        left = [group.left for group in groups]
+        model_error = ModelError.learn(np.concatenate(left), weight) if left else unknown
         # A law answers the presses that it was learned from better than others: errors are measured
         # on presses that were left out, and then the law is learned from all.
-        self._learned = _Learned(detector, *self._learn_laws(groups, _HELD_OUT), spread)
-        held_frames = [validation[0][int(row)] for row in held]
-        spread = spread.with_group(1, *self.errors(held_frames, wanted))
+        laws = self._learn_laws(groups, _HELD_OUT)
+        self._use(_Learned(family, pins.rest_image, weight, model_error, *laws, spread))
+        spread = spread.with_group(1, *self.errors(tested.frames, tested.contacts[:, None]))
         for rows in rows_by_count(truth):
-            tested = rows[::_HELD_OUT]
-            true = _contacts_of(truth, tested)
-            errors = self.errors([frames[int(row)] for row in tested], true)
+            some = rows[::_HELD_OUT]
+            true = _contacts_of(truth, some)
+            errors = self.errors([frames[int(row)] for row in some], true)
             spread = spread.with_group(min(true.shape[1], GROUPS), *errors)
-        self._learned = _Learned(detector, *self._learn_laws(groups), spread)
+        if learned_from is not single:
+            family = self._learn_family(single)
+        laws = self._learn_laws(groups)
+        self._use(_Learned(family, pins.rest_image, weight, model_error, *laws, spread))
         progress.step(float(np.mean(residual**2)) if len(residual) else 0.0)
         progress.epoch(1, float(np.mean(residual**2)) if len(residual) else 0.0, None)
-        notes = {"single_presses": len(single), "others": len(frames) - len(single)}
+        count = len(single.frames)
+        notes: dict[str, Any] = {"single_presses": count, "others": len(frames) - count}
+        neighbours = self._settings["neighbours"]
+        fitted = bool(groups) and neighbours == "dome"
+        notes["prior"] = "fitted to multi-contact labels" if fitted else _PRIORS[neighbours]
+        if several > 1:
+            notes |= {"sensors": several, "numbers_a_sensor": family.field.ways}
         return FitReport(1, time.perf_counter() - began, notes=notes)
 
+    def _single_presses(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> SinglePresses:
+        rows = single_press_rows(truth)
+        own = self._with_rest([frames[int(row)] for row in rows])
+        contacts = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
+        sensors = np.array([self._sensors.number(frame) for frame in own], dtype=np.intp)
+        moved = np.empty((len(own), 2 * len(self._sensors[0].rest)))
+        for row, pins in enumerate(self._pins(own)):
+            moved[row] = pins.moved
+        return SinglePresses(own, contacts, moved, sensors)
+
+    def _learn_family(self, presses: SinglePresses) -> FieldFamily:
+        numbers, sensors = np.unique(presses.sensors, return_inverse=True)
+        rests = np.array([self._sensors[int(number)].layout_clues for number in numbers])
+        return FieldFamily.learn(presses.contacts, presses.moved, sensors, rests)
+
+    def _unexplained(self, family: FieldFamily, presses: SinglePresses) -> Array:
+        """(N, Q) px that the fields of every sensor leave of its presses, its numbers known."""
+        left = np.empty_like(presses.moved)
+        for number in np.unique(presses.sensors):
+            own = presses.sensors == number
+            known = presses.contacts[own], presses.moved[own]
+            field = family.of_sensor(self._sensors[int(number)].layout_clues, *known)
+            left[own] = known[1] - field(known[0])
+        return left
+
+    def _see(self, pins: PinTracker) -> None:
+        """Begin with the first training sensor, whose pins are the layout of all."""
+        self._seen = BySensor(lambda own: AlignedPins(own, pins.rest))
+        self._sensors.number(Frame(pins.rest_image, 0.0, Pose(), pins.rest_image))
+        self._shown: dict[int, tuple[Array, Array]] = {}
+
+    def _use(self, learned: _Learned) -> None:
+        self._learned = learned
+        self._detector = lru_cache(_KEPT)(self._make_detector)
+
+    def _make_detector(self, sensor: int) -> Detector:
+        """Return the search in frames of a sensor, by its number."""
+        learned, pins = self._ready(), self._sensors[sensor]
+        field = learned.family.of_sensor(pins.layout_clues, *self._shown.get(sensor, (None, None)))
+        settings = self._settings
+        detector = Detector.of(field, pins, learned.weight, settings["gain"], settings["max_count"])
+        return replace(detector, model_error=learned.model_error)
+
+    def _with_rest(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Return frames that have a rest image, that of the first training sensor if need be."""
+        rest = self._sensors[0].pins.rest_image
+        return [frame if frame.rest is not None else replace(frame, rest=rest) for frame in frames]
+
     def _explain_groups(
-        self, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer]
+        self, frames: Sequence[Frame], truth: Sequence[Answer]
     ) -> list[MultiContactPresses]:
         """Explain the presses with several contacts; none where no law is wanted."""
         if self._settings["neighbours"] == "none":
             return []
         return [
-            MultiContactPresses.of(detector, frames, truth, rows) for rows in rows_by_count(truth)
+            MultiContactPresses.of(self._explain, frames, truth, rows)
+            for rows in rows_by_count(truth)
         ]
+
+    def _explain(self, frames: Sequence[Frame], contacts: Array) -> tuple[Array, Array]:
+        """Return the equivalents of true contacts in frames, and what these leave (``explain``)."""
+        own = self._with_rest(frames)
+        equivalents, left = np.empty_like(contacts), []
+        for number, rows in self._sensors.rows(own).items():
+            images = self._sensors[number].pins.images([own[row] for row in rows])
+            equivalents[rows], clear = self._detector(number).explain(images, contacts[rows])
+            left.append(clear)
+        return equivalents, np.concatenate(left)
 
     def _learn_laws(
         self, groups: Sequence[MultiContactPresses], held_out: int | None = None
@@ -157,10 +301,10 @@ class Superpose(Model):
         depth mm.
         """
         clues, errors = [], []
-        for (solution, share), true in zip(self._fit(self._pins(frames)), wanted, strict=True):
-            if len(share) != len(true):
+        for found, true in zip(self._fit(self._pins(frames)), wanted, strict=True):
+            if len(found.share) != len(true):
                 continue
-            contacts, clue = self._correct(solution, share)
+            contacts, clue = self._correct(found)
             apart = np.hypot(*(contacts[:, None, :2] - true[None, :, :2]).transpose(2, 0, 1))
             clues.append(clue)
             errors.append(contacts - true[linear_sum_assignment(apart)[1]])
@@ -185,52 +329,74 @@ class Superpose(Model):
         learned = self._ready()
         law = learned.law.pair.size + learned.law.crowd.size
         law += learned.residual.along.size + learned.residual.across.size
-        return int(learned.detector.field.coefficients.size + law)
+        return int(learned.family.field.coefficients.size + law)
 
-    def _pins(self, frames: Sequence[Frame]) -> _Pins:
-        pins = self._ready().detector.pins
-        images = pins.images(frames)
-        return images, *pins.track(images)
+    def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any] | None:
+        """Learn the numbers of a sensor from labelled single presses of it."""
+        self._shown = {}
+        self._use(self._ready())
+        if not self._ready().family.field.ways:
+            return None
+        presses = self._single_presses(frames, truth)
+        for number in np.unique(presses.sensors):
+            own = presses.sensors == number
+            self._shown[int(number)] = presses.contacts[own], presses.moved[own]
+        return {"single_presses": len(presses.frames)}
 
-    def _fit(self, pins: _Pins) -> list[tuple[Solution, Array]]:
-        return [self._ready().detector.find(*frame) for frame in zip(*pins, strict=True)]
+    def _pins(self, frames: Sequence[Frame]) -> list[_Pins]:
+        own = self._with_rest(frames)
+        out: list[_Pins | None] = [None] * len(own)
+        for number, rows in self._sensors.rows(own).items():
+            sensor = self._sensors[number]
+            images = sensor.pins.images([own[row] for row in rows])
+            for row, image, moved, sure in zip(rows, images, *sensor.track(images), strict=True):
+                out[row] = _Pins(number, image, moved, sure)
+        return [pins for pins in out if pins is not None]
 
-    def _contacts(self, solutions: list[tuple[Solution, Array]]) -> list[Contacts]:
+    def _fit(self, frames: Sequence[_Pins]) -> list[Found]:
+        return [self._detector(one.sensor).find(one.image, one.moved, one.sure) for one in frames]
+
+    def _contacts(self, frames: Sequence[Found]) -> list[Contacts]:
         spread, deepest = self._ready().spread, self._context.max_depth * 1.2
         out = []
-        for solution, share in solutions:
-            if not len(share):
+        for found in frames:
+            if not len(found.share):
                 out.append(Contacts.none())
                 continue
-            contacts, clues = self._correct(solution, share)
-            depth = contacts[:, 2].clip(0.0, deepest)
-            out.append(Contacts(contacts[:, :2], depth, share.clip(0, 1), spread.std(clues)))
+            contacts, clues = self._correct(found)
+            depth, share = contacts[:, 2].clip(0.0, deepest), found.share.clip(0, 1)
+            out.append(Contacts(contacts[:, :2], depth, share, spread.std(clues)))
         return out
 
-    def _correct(self, solution: Solution, share: Array) -> tuple[Array, Clues]:
+    def _correct(self, found: Found) -> tuple[Array, Clues]:
         """(K, 3) contacts behind the equivalents that were found, and the causes of their errors.
 
         Faint contacts do not shift the firm ones.
         """
-        learned, equivalents = self._ready(), solution.contacts
-        count, firm = equivalents.shape[1], share >= FIRM
+        learned, equivalents = self._ready(), found.solution.contacts
+        count, firm = equivalents.shape[1], found.share >= FIRM
         shift = learned.shift(equivalents)[0]
         if 0 < np.count_nonzero(firm) < count:
             shift[firm] = learned.shift(equivalents[:, firm])[0]
-        chi2 = float((learned.detector.weight * solution.left[0] ** 2).sum())
-        misfit = chi2 / max(solution.left.shape[1] - 3 * count, 1)
-        return solution.contacts[0] + shift, Clues.of(solution.normal[0], misfit, shift)
+        left = found.solution.left
+        chi2 = float((learned.weight * left[0] ** 2).sum())
+        misfit = chi2 / max(left.shape[1] - 3 * count, 1)
+        return equivalents[0] + shift, Clues.of(found.solution.normal[0], misfit, shift)
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""
         learned = self._ready()
-        field = learned.detector.field
+        family, field = learned.family, learned.family.field
         tensors = {
             "coefficients": field.coefficients,
             "low": field.low,
             "step": field.step,
-            "weight": learned.detector.weight,
-            "still": learned.detector.pins.rest_image,
+            "rests": family.clues.mean,
+            "clues": family.clues.axes,
+            "numbers": family.slopes,
+            "numbers_covariance": family.covariance,
+            "weight": learned.weight,
+            "still": learned.rest_image,
             "pair": learned.law.pair,
             "crowd": learned.law.crowd,
             "pairs": learned.residual.features,
@@ -238,7 +404,7 @@ class Superpose(Model):
             "pairs_across": learned.residual.across,
             "pairs_length": np.array(learned.residual.length),
             "spread": learned.spread.terms,
-            "unexplained": learned.detector.model_error.covariance,
+            "unexplained": learned.model_error.covariance,
         }
         save_weights(
             directory,
@@ -251,33 +417,44 @@ class Superpose(Model):
         """Read weights. Raises UserError for those of another model or other settings."""
         tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
         read = {name: value.numpy() for name, value in tensors.items()}
-        field = Field(read["coefficients"], read["low"], read["step"])
-        pins = PinTracker(read["still"])
-        detector = Detector.of(
-            field,
-            pins,
-            read["weight"],
-            self._settings["gain"],
-            self._settings["max_count"],
-        )
-        model_error = ModelError(read["unexplained"], np.sqrt(read["weight"]))
-        detector = replace(detector, model_error=model_error)
-        self._learned = _Learned(
-            detector,
-            NeighbourLaw(read["pair"], read["crowd"]),
-            Residual(
-                read["pairs"],
-                read["pairs_along"],
-                read["pairs_across"],
-                float(read["pairs_length"]),
-            ),
-            Spread(read["spread"]),
+        slopes, covariance = read["numbers"], read["numbers_covariance"]
+        field = Field(read["coefficients"], read["low"], read["step"], len(covariance))
+        weight = read["weight"]
+        self._see(PinTracker(read["still"]))
+        self._use(
+            _Learned(
+                FieldFamily(field, RestClues(read["rests"], read["clues"]), slopes, covariance),
+                read["still"],
+                weight,
+                ModelError(read["unexplained"], np.sqrt(weight)),
+                NeighbourLaw(read["pair"], read["crowd"]),
+                Residual(
+                    read["pairs"],
+                    read["pairs_along"],
+                    read["pairs_across"],
+                    float(read["pairs_length"]),
+                ),
+                Spread(read["spread"]),
+            )
         )
 
+    @property
+    def _sensors(self) -> BySensor[AlignedPins]:
+        return _known(self._seen)
+
     def _ready(self) -> _Learned:
-        if self._learned is None:
-            raise UserError("model 'superpose' has no weights yet; fit it or load them.")
-        return self._learned
+        return _known(self._learned)
+
+
+def _known(value: Known | None) -> Known:
+    if value is None:
+        raise UserError("model 'superpose' has no weights yet; fit it or load them.")
+    return value
+
+
+def _first_pins(frames: Sequence[Frame]) -> PinTracker:
+    """Return the pins of the first frame with a rest image. Raises UserError where none has one."""
+    return PinTracker.of([next((frame for frame in frames if frame.rest is not None), frames[0])])
 
 
 def _contacts_of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:

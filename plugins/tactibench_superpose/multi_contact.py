@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -16,7 +16,6 @@ from tactibench.superposition import (
     contact_array,
     nominal_inverse_law,
 )
-from tactibench_superpose.detect import Detector
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
@@ -37,12 +36,15 @@ class MultiContactPresses:
 
     @classmethod
     def of(
-        cls, detector: Detector, frames: Sequence[Frame], truth: Sequence[Answer], rows: Rows
+        cls,
+        explain: Callable[[Sequence[Frame], Array], tuple[Array, Array]],
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        rows: Rows,
     ) -> Self:
-        """Return presses whose frames are explained by their true contacts."""
-        images = detector.pins.images([frames[int(row)] for row in rows])
+        """Return presses whose frames are explained by their true contacts (``explain``)."""
         contacts = contact_array([truth[int(row)] for row in rows])
-        return cls(rows, contacts, *detector.explain(images, contacts))
+        return cls(rows, contacts, *explain([frames[int(row)] for row in rows], contacts))
 
     @property
     def shifts(self) -> Array:

@@ -11,15 +11,9 @@ from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench.training import draw_flips, flip_maps
+from tactibench_unet.nuisances import disturb
 
 LEVELS = 4
-LAYERS = {
-    "stem": "stem",
-    **{f"down.{level}": f"down {level + 1}" for level in range(LEVELS)},
-    "bottleneck": "bottleneck",
-    **{f"up.{level}": f"up {level + 1}" for level in reversed(range(LEVELS))},
-}
-"""Module -> its name in pictures, in the order of the forward pass."""
 
 
 class UNetNetwork(nn.Module):
@@ -29,6 +23,10 @@ class UNetNetwork(nn.Module):
     pooling or resizing for what is left. Level k has ``width * 2**k`` channels. Weights are those
     of Ronneberger et al. 2015 with batch normalisation and padded convolutions; the sigmoid of
     the last layer belongs to the loss (training) and to ``predict``.
+
+    With stride 4 a second convolution takes the place of the first level, the dearest one: the
+    levels start at every second cell, and the head gives the four cells of each (Shi et al. 2016,
+    sub-pixel convolution).
     """
 
     mean: torch.Tensor
@@ -43,35 +41,55 @@ class UNetNetwork(nn.Module):
         *,
         images: int = 1,
         mirror: tuple[bool, bool] = (False, False),
+        faults: float = 0.0,
     ) -> None:
         """Build the layers.
 
         Args:
             width: channels of the first level.
-            stem: stride of the first convolution.
+            stem: stride of the stem, 1, 2 or 4.
             cells: rows and columns of the heatmap.
             channels: maps of the encoder.
             images: of a frame: itself, or itself and the sensor at rest.
-            mirror: whether x, and y, of frames may be reversed while it is trained.
+            mirror: whether x, and y, of frames may be reversed: each at random while it is
+                trained; then the logits are means over the frame and the one with all reversed.
+            faults: share of the frames that it is trained on under faults of camera and light.
         """
         super().__init__()
-        self.cells = cells
         self.mirror = mirror
-        widths = [width * 2**level for level in range(LEVELS + 1)]
+        self.faults = faults
+        self.step = 2 if stem == 4 else 1
+        """Cells a side that one place of the first level gives."""
+        self.cells = cells[0] // self.step, cells[1] // self.step
+        first = self.step - 1
+        widths = [width * 2**level for level in range(first, LEVELS + 1)]
+        levels = len(widths) - 1
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
-        self.stem = _convolution(images, width, stride=stem)
+        self.stem = _convolution(images, width, stride=min(stem, 2))
+        if stem == 4:
+            self.stem.extend(_convolution(width, widths[0], stride=2))
         self.down = nn.ModuleList(
-            _block(width if level == 0 else widths[level - 1], widths[level])
-            for level in range(LEVELS)
+            _block(widths[max(level - 1, 0)], widths[level]) for level in range(levels)
         )
-        self.bottleneck = _block(widths[LEVELS - 1], widths[LEVELS])
+        self.bottleneck = _block(widths[levels - 1], widths[levels])
         self.lift = nn.ModuleList(
             nn.ConvTranspose2d(widths[level + 1], widths[level], 2, stride=2)
-            for level in range(LEVELS)
+            for level in range(levels)
         )
-        self.up = nn.ModuleList(_block(2 * widths[level], widths[level]) for level in range(LEVELS))
-        self.head = nn.Conv2d(width, channels, 1)
+        self.up = nn.ModuleList(_block(2 * widths[level], widths[level]) for level in range(levels))
+        self.head = nn.Conv2d(widths[0], channels * self.step**2, 1)
+
+    @property
+    def layers(self) -> dict[str, str]:
+        """Return module -> its name in pictures, in the order of the forward pass."""
+        levels = range(len(self.down))
+        return {
+            "stem": "stem",
+            **{f"down.{level}": f"down {level + 1}" for level in levels},
+            "bottleneck": "bottleneck",
+            **{f"up.{level}": f"up {level + 1}" for level in reversed(levels)},
+        }
 
     @torch.no_grad()
     def initialise(self, images: torch.Tensor, targets: torch.Tensor) -> None:
@@ -85,16 +103,26 @@ class UNetNetwork(nn.Module):
         self.scale.copy_(1 / values.std(correction=0).clamp_min(1.0))
         heat = targets.float().mean(dim=(0, 2, 3)).clamp(1e-3, 1 - 1e-3)
         if self.head.bias is not None:
-            self.head.bias.copy_(torch.logit(heat))
+            self.head.bias.copy_(torch.logit(heat).repeat_interleave(self.step**2))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        if not (self.training and any(self.mirror)):
+        images = images.float()
+        # Statistics of batch normalisation are measured over frames like those of the training.
+        if self.faults and self.stem[1].training:
+            images = disturb(images, self.faults)
+        if images.shape[1] > 1:
+            images = _relight(images)
+        if not any(self.mirror):
             return self._logits(images)
-        flips = draw_flips(len(images), self.mirror, images.device)
-        return flip_maps(self._logits(flip_maps(images, flips)), flips)
+        if self.training:
+            flips = draw_flips(len(images), self.mirror, images.device)
+            return flip_maps(self._logits(flip_maps(images, flips)), flips)
+        axes = [axis for axis, mirrored in zip((-1, -2), self.mirror, strict=True) if mirrored]
+        seen, mirrored = self._logits(torch.cat([images, images.flip(axes)])).chunk(2)
+        return (seen + mirrored.flip(axes)) / 2
 
     def _logits(self, images: torch.Tensor) -> torch.Tensor:
-        x = self.stem((images.float() - self.mean) * self.scale)
+        x = self.stem((images - self.mean) * self.scale)
         x = _to_cells(x, self.cells)
         skips = []
         for block in self.down:
@@ -107,7 +135,17 @@ class UNetNetwork(nn.Module):
         ):
             x = block(torch.cat([skip, lift(x)], dim=1))
         logits: torch.Tensor = self.head(x)
-        return logits
+        return F.pixel_shuffle(logits, self.step) if self.step > 1 else logits
+
+
+def _relight(images: torch.Tensor) -> torch.Tensor:
+    """Return frames (B, 2, S, S) in the light of their rest frames.
+
+    Contacts move bright pins and change the mean of a frame by less than 1 %.
+    """
+    frame, rest = images[:, :1], images[:, 1:]
+    light = rest.mean(dim=(2, 3), keepdim=True) / frame.mean(dim=(2, 3), keepdim=True).clamp_min(1)
+    return torch.cat([frame * light, rest], dim=1)
 
 
 def _to_cells(x: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:
@@ -132,7 +170,9 @@ def _block(channels: int, width: int) -> nn.Sequential:
 
 
 @torch.inference_mode()
-def layer_features(network: nn.Module, images: torch.Tensor) -> dict[str, npt.NDArray[np.float32]]:
+def layer_features(
+    network: UNetNetwork, images: torch.Tensor
+) -> dict[str, npt.NDArray[np.float32]]:
     """Return layer -> (C, H, W) activations of the first image, after normalisation and ReLU."""
     activations: dict[str, npt.NDArray[np.float32]] = {}
 
@@ -144,7 +184,7 @@ def layer_features(network: nn.Module, images: torch.Tensor) -> dict[str, npt.ND
 
     hooks = [
         network.get_submodule(module).register_forward_hook(keep(name))
-        for module, name in LAYERS.items()
+        for module, name in network.layers.items()
     ]
     try:
         network(images[:1])

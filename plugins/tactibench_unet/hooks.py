@@ -19,7 +19,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("recipe", "default", "training recipe", choices=("default", "paper")),
                 Parameter("width", 8, "channels of the first level", choices=(8, 16, 32, 64)),
                 Parameter("size", 128, "frames are resized to this, px", choices=(64, 96, 128)),
-                Parameter("stem", 2, "stride of the first convolution", choices=(1, 2)),
+                Parameter("stem", 4, "stride of the first convolutions", choices=(1, 2, 4)),
                 Parameter(
                     "mirror",
                     "recipe",
@@ -32,10 +32,34 @@ def tactibench_models() -> Iterable[ModelSpec]:
                     "show the network the sensor at rest too, auto: where every frame brings it",
                     choices=("recipe", "auto", "never"),
                 ),
-                *training_parameters(mixing=True),
+                *training_parameters(mixing=False),
+                Parameter(
+                    "mixing",
+                    -1.0,
+                    "extra multi-contact frames made from single presses, share of the presses; "
+                    "-1: the recipe's, where the frames allow it",
+                    low=-1.0,
+                    high=10.0,
+                    before=0.0,
+                ),
+                Parameter(
+                    "neighbours",
+                    "dome",
+                    "what mixed contacts do to each other: dome (mechanics of a nominal dome) or "
+                    "none (plain addition)",
+                    choices=("dome", "none"),
+                ),
+                Parameter(
+                    "faults",
+                    0.0,
+                    "share of the training frames under faults of camera and light",
+                    low=0.0,
+                    high=1.0,
+                ),
             ),
             answers=("contacts", "plate"),
             max_contacts=None,
             uses_encoder=True,
+            recipes={"paper": {"stem": 2, "mixing": 0.0}},
         )
     ]

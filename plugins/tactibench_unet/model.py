@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench import Answer, Contacts, Encoder, Frame, Grid, ModelContext, Pose, UserError
+from tactibench import (
+    Answer,
+    Contacts,
+    Encoder,
+    FitReport,
+    Frame,
+    Grid,
+    ModelContext,
+    Pose,
+    Progress,
+    UserError,
+)
 from tactibench.training import (
     RECIPES,
     Examples,
@@ -21,20 +32,32 @@ from tactibench.training import (
     heatmaps,
     image_tensor,
     pack_image,
+    resting_frames,
     unpack_image,
 )
 from tactibench_unet.architecture import LEVELS, UNetNetwork, layer_features
 
 Image = npt.NDArray[np.uint8]
+Labelled = tuple[Sequence[Frame], Sequence[Answer]]
 
 _RECIPES = RECIPES | {
     "default": replace(
         RECIPES["default"], epochs=15, batch=32, optimiser="muon", learning_rate=1.2e-2
     )
 }
+_MIXED_EPOCHS = 8
+"""With mixed frames an epoch has half as many steps again: the training stays as short."""
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for
 infinite logits, and a short training leaves them too shallow; published is 1."""
+_PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
+"""Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
+_EMPTY = 0.05
+"""Empty frames to learn from under faults, as a share of the frames."""
+_HELD_OUT = 400
+"""Mixed frames that are kept from the training, as many as validation presses of a protocol."""
+_SHARES = np.linspace(0, 0.3, 13)
+"""Least scores of a further contact that are tried, as shares of the highest one's."""
 
 
 class UNet(LearnedModel):
@@ -54,12 +77,14 @@ class UNet(LearnedModel):
         recipe: str = "default",
         width: int = 8,
         size: int = 128,
-        stem: int = 2,
+        stem: int = 4,
         epochs: int = 0,
         precision: str = "recipe",
-        mixing: float = 0.0,
+        mixing: float = -1.0,
         mirror: str = "recipe",
         rest: str = "recipe",
+        neighbours: str = "dome",
+        faults: float = 0.0,
     ) -> None:
         if context.encoder is None:
             raise UserError("model 'unet' learns heatmaps and needs an encoder; name one.")
@@ -76,9 +101,18 @@ class UNet(LearnedModel):
             "channels": context.encoder.channels,
             "answer": context.answer,
         }
+        if mixing < 0 and context.answer == "plate":  # a plate has no neighbour
+            mixing = 0.0
+        if mixing and recipe == "default":
+            epochs = epochs or _MIXED_EPOCHS
         super().__init__(
             context, _RECIPES[recipe].with_choices(epochs, precision), architecture, mixing
         )
+        self._neighbours = neighbours
+        self._faults = faults
+        self.prior = _PRIORS[neighbours]
+        self._held_out: Labelled = ([], [])
+        self._least = 0.0
         self._encoder = context.encoder
         self._scale = PlateScale()
         self._headroom = _HEADROOM[recipe]
@@ -97,6 +131,7 @@ class UNet(LearnedModel):
             shape["channels"],
             images=1 if self._rest is None else 2,
             mirror=self._mirror,
+            faults=self._faults,
         )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
@@ -120,7 +155,8 @@ class UNet(LearnedModel):
 
     def answers(self, outputs: np.ndarray) -> list[Answer | None]:
         """Return the contacts of every map, or its plate pose (None without a contact)."""
-        contacts = self._encoder.decode_batch(outputs, self.context.grid)
+        decoded = self._encoder.decode_batch(outputs, self.context.grid)
+        contacts = [_without_bumps(each, self._least) for each in decoded]
         if self.context.answer == "plate":
             return [self._scale.plate(each) for each in contacts]
         return list(contacts)
@@ -135,7 +171,12 @@ class UNet(LearnedModel):
 
     def features(self, frame: Frame) -> dict[str, np.ndarray]:
         """Return layer -> (C, H, W) activations, in the order of the forward pass."""
-        return layer_features(self.network, self.inputs([frame]).to(self.context.device))
+        network = cast("UNetNetwork", self.network)
+        return layer_features(network, self.inputs([frame]).to(self.context.device))
+
+    def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Return rest images to say under faults, too, that nothing touches."""
+        return resting_frames(frames, _EMPTY) if self._faults else []
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
@@ -153,17 +194,91 @@ class UNet(LearnedModel):
     def initialise(self, network: UNetNetwork, training: Examples) -> None:
         network.initialise(training.images, training.targets * self._headroom)
 
+    def mix(
+        self, frames: Sequence[Frame], truth: Sequence[Answer], count: int, rng: np.random.Generator
+    ) -> tuple[list[Frame], list[Contacts]]:
+        """Return mixed frames that are no more alike to real ones than the law of neighbours is.
+
+        ``_HELD_OUT`` more are kept back, to choose what counts as a contact.
+
+        Raises:
+            UserError: for frames of which none can be made, and an encoder of single contacts.
+        """
+        from tactibench.superposition import MISFIT, NeighbourLaw, mix
+
+        pair = Contacts.truth([[-3.0, 0.0], [3.0, 0.0]], [1.0, 1.0])
+        self._encoder.encode(pair, self.context.grid)  # raises where it shows one contact only
+        law = NeighbourLaw.none() if self._neighbours == "none" else None
+        mixed, contacts = mix(frames, truth, count + _HELD_OUT, rng, law, misfit=MISFIT)
+        self._held_out = mixed[count:], contacts[count:]
+        return mixed[:count], contacts[:count]
+
+    def fit(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        *,
+        validation: Labelled,
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> FitReport:
+        """Train, then choose how high a further contact must stand beside the highest.
+
+        It is chosen on the validation frames and mixed ones that were not learned from.
+        """
+        self._least, self._held_out = 0.0, ([], [])
+        report = super().fit(frames, truth, validation=validation, rng=rng, progress=progress)
+        mixed, contacts = self._held_out
+        if not mixed:
+            return report
+        predicted = self.predict([*validation[0], *mixed])
+        self._least = least_share(predicted, [*validation[1], *contacts])
+        return replace(report, notes={**report.notes, "least_share": self._least})
+
     def extra(self) -> dict[str, Any]:
         return {
+            "least_share": self._least,
             "depth_offset_mm": self._scale.offset,
             "headroom": self._headroom,
+            "mirror": list(self._mirror),
             "rest": None if self._rest is None else pack_image(self._rest),
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
+        self._least = extra["least_share"]
         self._scale = PlateScale(extra["depth_offset_mm"])
         self._headroom = extra["headroom"]
+        in_x, in_y = extra["mirror"]
+        self._mirror = in_x, in_y
         self._rest = None if extra["rest"] is None else unpack_image(extra["rest"])
+
+
+def least_share(predicted: Sequence[Answer | None], truth: Sequence[Answer]) -> float:
+    """Return the share of the highest score below which a contact is best left out.
+
+    With it the number of contacts is most often right; of several such shares the least.
+    """
+    right = [
+        sum(
+            len(_without_bumps(contacts, share)) == len(true)
+            for contacts, true in zip(predicted, truth, strict=True)
+            if isinstance(contacts, Contacts) and isinstance(true, Contacts)
+        )
+        for share in _SHARES
+    ]
+    return float(_SHARES[int(np.argmax(right))])
+
+
+def _without_bumps(contacts: Contacts, share: float) -> Contacts:
+    """Return the contacts whose score is at least this share of the highest."""
+    if len(contacts) < 2 or not share:
+        return contacts
+    kept = contacts.score >= share * contacts.score.max()
+    return (
+        contacts
+        if kept.all()
+        else Contacts(contacts.xy[kept], contacts.depth[kept], contacts.score[kept])
+    )
 
 
 def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:

@@ -1,17 +1,29 @@
-"""Learning curves: the error of one configuration against the presses that it learned from."""
+"""Learning curves: the error of one configuration against the presses that it learned from.
+
+On a new sensor they are labelled presses of it: a model that was trained on others adapts to them,
+or one is trained on them alone.
+"""
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tactibench.board.rows import PooledMetric, Row
+from tactibench.board.rows import PooledMetric, Row, label_of
 from tactibench.protocols.board_spec import Ranking
+from tactibench.records.record import Record, Value
+
+INSTANCE, INSTANCES = "instance", "instances"
+"""Parameters of a sensor: which one of its make it is, and of how many the training presses are."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A point of a curve. presses: that the model learned from, without those that stop it."""
+    """A point of a curve. presses: that the model learned from, without those that stop it.
+
+    seeds: training seeds; on a new sensor, runs on its instances.
+    """
 
     presses: int
     error: PooledMetric | None
@@ -48,6 +60,93 @@ def _steps(rows: Iterable[Row], error: Ranking) -> tuple[Step, ...]:
         for row in rows
     ]
     return tuple(sorted(steps, key=lambda step: step.presses))
+
+
+def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) -> list[Curve]:
+    """Return curves of at least two steps over instances of a sensor, by label.
+
+    A point is the mean over these instances; its ends are the least and the largest. One of fewer
+    instances than the others of its curve is left out. Presses are labelled ones of the instance:
+    those that a model trained on others was shown, or those that a model was trained on alone.
+
+    Args:
+        records: with and without a tested sensor of their own.
+        error: what is drawn.
+        sensor: name of the sensor; runs with other settings of it are left out.
+    """
+    records = [record for record in records if record.sensor.name == sensor and _as_made(record)]
+    shown = [(record, instance) for record in records if (instance := _unseen_instance(record))]
+    known = {instance for _, instance in shown}
+    own = [
+        (record, instance)
+        for record in records
+        if record.test_sensor is None
+        and (instance := record.sensor.parameters.get(INSTANCE, 0)) in known
+    ]
+    points: dict[tuple[str, str], dict[int, dict[Value, list[Record]]]] = {}
+    for record, instance in (*shown, *own):
+        if record.test_sensor is None:
+            how, presses = "this sensor alone", record.data.train
+        else:
+            count = record.sensor.parameters.get(INSTANCES, 0)
+            how, presses = (
+                f"trained on {count} others" if count else "trained on another",
+                record.shots,
+            )
+        curve = points.setdefault(
+            (f"{label_of(record, shots=False)}, {how}", record.model.name), {}
+        )
+        curve.setdefault(presses, {}).setdefault(instance, []).append(record)
+    found = []
+    for (label, model), steps in sorted(points.items()):
+        # Means over fewer instances than the others' would compare instances, not presses.
+        whole = [n for n in sorted(steps) if len(steps[n]) == max(map(len, steps.values()))]
+        if len(whole) > 1:
+            found.append(Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in whole)))
+    return found
+
+
+def _as_made(record: Record) -> bool:
+    """Return whether nothing but the instance of the sensors was set."""
+    which, own = {INSTANCE, INSTANCES}, record.sensor.parameters
+    tested = own if record.test_sensor is None else record.test_sensor.parameters
+    others = {name for name in {*own, *tested} if own.get(name) != tested.get(name)}
+    return {*record.sensor.changed, *others} <= which
+
+
+def _unseen_instance(record: Record) -> Value:
+    """Return the number of the instance that a model was tested on and not trained on; 0: none."""
+    test = record.test_sensor
+    if test is None or test.name != record.sensor.name:
+        return 0
+    instance = test.parameters.get(INSTANCE, 0)
+    return 0 if instance == record.sensor.parameters.get(INSTANCE, 0) else instance
+
+
+def _mean_step(presses: int, by_instance: dict[Value, list[Record]], error: Ranking) -> Step:
+    """Pool the runs of one point: seeds of an instance first, then instances."""
+    rows = [
+        [row for record in runs if (row := record.metric(error.metric, error.group)) is not None]
+        for runs in by_instance.values()
+    ]
+    values = [
+        statistics.fmean(row.value for row in seeds if row.value is not None)
+        for seeds in rows
+        if any(row.value is not None for row in seeds)
+    ]
+    runs = sum(map(len, by_instance.values()))
+    if not values:
+        return Step(presses, None, runs)
+    sizes = [row.clusters for seeds in rows for row in seeds]
+    pooled = PooledMetric(
+        statistics.fmean(values),
+        min(values),
+        max(values),
+        statistics.stdev(values) if len(values) > 1 else None,
+        (min(sizes), max(sizes)),
+        rows[0][0].unit,
+    )
+    return Step(presses, pooled, runs)
 
 
 def counts(curves: Sequence[Curve]) -> list[int]:

@@ -20,7 +20,8 @@ def row_key(record: Record) -> list[Any]:
     """Return all that two records must share to be seeds of one row, as JSON values."""
     encoder = None if record.encoder is None else record.encoder.identity
     model = record.model.identity
-    return [section_key(record), model, encoder, record.regime, record.limits.presses]
+    key = [section_key(record), model, encoder, record.regime, record.limits.presses]
+    return [*key, record.shots] if record.shots else key
 
 
 def section_key(record: Record) -> list[Any]:
@@ -69,7 +70,7 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
     seeds = [tuple(sorted(group, key=lambda r: r.seed)) for group in groups.values()]
     labels = Counter(_shown(records[0]) for records in seeds)
     rows = [Row(records, _mark(records[0], labels)) for records in seeds]
-    return sorted(rows, key=lambda row: (row.label, row.presses or 0))
+    return sorted(rows, key=lambda row: (row.first.shots, row.label, row.presses or 0))
 
 
 def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:

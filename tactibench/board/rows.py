@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tactibench.records.record import Record
+from tactibench.run.request import SHOTS
 
 MIXING = "mixing"
 """The parameter of a model that trains on contacts mixed out of single presses."""
@@ -21,14 +22,35 @@ TRIVIAL = frozenset({"mean", "nearest"})
 
 
 def mixing_of(record: Record) -> str:
-    """Return the frames mixed out of single presses for every training frame, "" for none."""
-    share = record.model.parameters.get(MIXING)
-    return f"{share:g}" if isinstance(share, int | float) and share > 0 else ""
+    """Return the frames mixed out of single presses for every training frame, "" for none.
+
+    With what they know of contacts that press together, where the record says it: "1, nominal
+    mechanics".
+    """
+    notes = record.training.notes
+    share = notes.get(MIXING, record.model.parameters.get(MIXING))
+    if not isinstance(share, int | float) or share <= 0:
+        return ""
+    return f"{share:g}, {notes['prior']}" if "prior" in notes else f"{share:g}"
 
 
-def label_of(record: Record) -> str:
-    """Return model, encoder where there is one, mixing and regime, in one line."""
+def model_text(record: Record) -> str:
+    """Return the model with its parameters, and what it was shown of the tested sensor.
+
+    Mixing is left out; it has a column of its own.
+    """
     text = record.model.text(without=MIXING)
+    if record.shots:
+        text += f", {record.shots:,} labelled presses"
+    return text
+
+
+def label_of(record: Record, *, shots: bool = True) -> str:
+    """Return model, encoder where there is one, mixing and regime, in one line.
+
+    shots: whether it says how many labelled presses of the tested sensor the model was shown.
+    """
+    text = model_text(record) if shots else record.model.text(without=MIXING)
     if record.encoder is not None:
         text += f" + {record.encoder.text()}"
     if mixing := mixing_of(record):
@@ -43,9 +65,12 @@ def trained_on(record: Record) -> str:
 
 
 def command_options(record: Record) -> str:
-    """Return the options that ask for what a run was tested on: " --test reference", or ""."""
+    """Return the options that ask for what a run was tested on: " --test reference", or "".
+
+    Labelled presses are no part of the test; a row says how many it was shown.
+    """
     test = record.test_sensor
-    options = [] if test is None else test.options
+    options = [] if test is None else [o for o in test.options if not o.startswith(f"{SHOTS}=")]
     return "".join(" --hidden-seed" if text == "hidden" else f" --test {text}" for text in options)
 
 
@@ -106,8 +131,8 @@ class Row:
 
     @property
     def model(self) -> str:
-        """The model with its parameters, without mixing, which has a column of its own."""
-        return self.first.model.text(without=MIXING) + self.mark
+        """The model with its parameters and what it was shown of the tested sensor."""
+        return model_text(self.first) + self.mark
 
     @property
     def encoder(self) -> str:

@@ -93,11 +93,18 @@ def _mark(section: Section) -> str:
 
 
 def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
+    """Return the records of ``all_records`` that were tested on what they were trained for.
+
+    Others belong to tables of their own. Raises UserError.
+    """
+    return trained_for(all_records(protocol, board, runs))
+
+
+def all_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     """Return committed records of one version of a protocol, and complete runs of a store.
 
     protocol: its id, for the present version, or the label of an earlier one. Of one row and seed
-    the newest run is taken. Runs that were tested on something else than they were trained for
-    belong to tables of their own and are left out. Raises UserError.
+    the newest run is taken. Raises UserError.
     """
     loaded = load_protocol(protocol)
     name = loaded.spec.id
@@ -106,7 +113,7 @@ def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record
     for record in sorted(stored, key=lambda record: (record.created, record.name)):
         if record.protocol.id == name and not record.partial:
             records[slot(record)] = record
-    return trained_for(r for r in records.values() if r.protocol.hash == loaded.hash)
+    return [r for r in records.values() if r.protocol.hash == loaded.hash]
 
 
 def select_section(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:

@@ -69,6 +69,11 @@ def truth_of(
     """
     protocol = _without_sensor_settings(protocol)
     options = _test_options(record, source)
+    if protocol.spec.transfer is None and options.shots != record.shots:
+        raise UserError(
+            f"{record.name} says that its model was shown {record.shots:,} labelled presses of the "
+            f"tested sensor, but its options ask for {options.shots:,}; submit the run again."
+        )
     if protocol.spec.transfer is not None and options.data is None:
         raise UserError(
             f"{record.name}: the truth of {protocol.spec.id!r} is in the recording that was "

@@ -146,7 +146,7 @@ def _list_weights() -> list[Row]:
 def _weights_label(weights: CachedWeights, host: PluginHost) -> str:
     """Return the model with the parameters that are not at their defaults, as far as known."""
     spec = host.models.specs.get(weights.model)
-    defaults = {p.name: p.default for p in spec.parameters} if spec else {}
+    defaults = spec.defaults(weights.parameters) if spec else {}
     other = [
         f"{name}={value}"
         for name, value in weights.parameters.items()

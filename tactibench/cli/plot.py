@@ -124,21 +124,34 @@ def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
 @plot.command()
 @click.argument("protocol")
 @board_options
+@click.option(
+    "--new-sensor",
+    is_flag=True,
+    help="Against the labelled presses of an instance that no training saw; --sensor: its name.",
+)
 def curve(
     protocol: str,
+    *,
     out: Path | None,
     board_folder: Path,
     runs: Path | None,
     sensor: str | None,
     json_file: Path | None,
+    new_sensor: bool,
 ) -> None:
     """Show the learning curves of PROTOCOL: the error that orders its board against presses.
 
-    From runs with `--presses N` and the whole run of the same configuration.
+    From runs with `--presses N` and the whole run of the same configuration. With --new-sensor,
+    from runs that were tested on other instances of the sensor than they were trained on, after N
+    labelled presses, beside runs that were trained on N presses of the instance alone.
 
     \b
     tactibench run exp1 --model unet --presses 250
     tactibench plot curve exp1 --store runs --out curve.png
+    tactibench run exp1 --model kernel --param sensor.instances=16 \\
+        --test sensor.instance=1 --test shots=50
+    tactibench run exp1 --model kernel --param sensor.instance=1 --presses 50
+    tactibench plot curve exp1 --new-sensor --store runs --out new.png
     """
     from tactibench.board.curve import curves
     from tactibench.board.ranking import ranking_error
@@ -148,6 +161,9 @@ def curve(
     from tactibench.report.writers.terminal import print_table
 
     error = ranking_error(protocol)
+    if new_sensor:
+        _new_sensor_curve(protocol, board_folder, runs, sensor, out, json_file)
+        return
     section = _section(gather_records(protocol, board_folder, runs), sensor, protocol)
     learning = curves(section.rows, error)
     if not learning:
@@ -163,6 +179,41 @@ def curve(
         from tactibench.report.plots.curve import curve_figure
 
         _save(terminal, curve_figure(learning, error, measured_on=subject), out)
+    save_json(json_file, curve_rows(learning, error))
+
+
+def _new_sensor_curve(
+    protocol: str,
+    board_folder: Path,
+    runs: Path | None,
+    sensor: str | None,
+    out: Path | None,
+    json_file: Path | None,
+) -> None:
+    from tactibench.board.curve import new_sensor_curves
+    from tactibench.board.ranking import ranking_error
+    from tactibench.board.sections import all_records
+    from tactibench.cli.output import Terminal
+    from tactibench.protocols.loader import load_protocol
+    from tactibench.report.plot_tables import curve_rows, new_sensor_table
+    from tactibench.report.writers.terminal import print_table
+
+    error = ranking_error(protocol)
+    name = sensor or load_protocol(protocol).spec.defaults.sensor
+    learning = new_sensor_curves(all_records(protocol, board_folder, runs), error, name)
+    if not learning:
+        raise UserError(
+            f"no run of {protocol} on sensor {name!r} was tested on another instance than it was "
+            f"trained on; make some with `tactibench run {protocol} --test sensor.instance=1`."
+        )
+    subject = f"{protocol}, simulated sensor {name}, instances that no training saw"
+    terminal = Terminal()
+    _say_subject(terminal, "", subject)
+    print_table(terminal.out, new_sensor_table(learning, error))
+    if out is not None:
+        from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
+
+        _save(terminal, curve_figure(learning, error, NEW_SENSOR, measured_on=subject), out)
     save_json(json_file, curve_rows(learning, error))
 
 

@@ -40,9 +40,10 @@ if TYPE_CHECKING:
     "--test",
     "tests",
     multiple=True,
-    metavar="reference|sensor.NAME=VALUE|data=FOLDER",
+    metavar="reference|sensor.NAME=VALUE|shots=N|data=FOLDER",
     help="Test on other frames than the model is trained for: the sensor's reference scenes, a "
-    "sensor with other parameters, or (protocol transfer) the recording of another sensor.",
+    "sensor with other parameters, after N labelled single presses of it, or (protocol transfer) "
+    "the recording of another sensor.",
 )
 @click.option(
     "--hidden-seed",

@@ -27,13 +27,21 @@ from tactibench.frames.source import (
 )
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.draws import SceneSet, draw_scenes, pressable
+from tactibench.protocols.draws import (
+    LABELLED_STREAM,
+    SceneSet,
+    draw_labelled,
+    draw_scenes,
+    pressable,
+)
 from tactibench.protocols.schema import Protocol, Split
 from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
 from tactibench.records.bound_spec import BoundSpec
 
 Rows = dict[str, Sequence[int]]
 """Draw -> numbers of its presses."""
+FEW_SHOT = "shots"
+"""Name of the labelled presses of the tested sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +125,7 @@ class SensorFrames:
         """Return the frames of scenes, to be made when they are opened.
 
         Args:
-            role: "fit", "validation" or "test".
+            role: "fit", "validation", "test" or "few-shot".
             name: of the draw or family.
             scenes: of every frame.
             names: of every frame, unique in the set.
@@ -195,6 +203,7 @@ class DrawnFrames(FrameSource):
                 self._frame_set(self.training, "validation", split.draw, validation, VALIDATION),
             ),
             test=self.test_frames(),
+            few_shot=self._labelled_frames() if request.shots else None,
             rejected=self.rejected(),
             sensor_identity=self.training.identity,
             test_identity=None if request.test_sensor is None else self.testing.identity,
@@ -211,6 +220,21 @@ class DrawnFrames(FrameSource):
         return tuple(
             self._frame_set(self.testing, "test", name, kept, TEST)
             for name, kept in spread_over_sets(rows, self.request.test_count).items()
+        )
+
+    def _labelled_frames(self) -> FrameSet:
+        """Return labelled presses of the tested sensor; a hidden seed draws the test alone."""
+        request = self.request
+        frames = SensorFrames(self.spec, request.tested, request.cache)
+        scenes = draw_labelled(frames.pressed, request.shots).scenes
+        return frames.frame_set(
+            "few-shot",
+            FEW_SHOT,
+            scenes,
+            [f"{FEW_SHOT}-{row}" for row in range(len(scenes))],
+            WHOLE,
+            stream=LABELLED_STREAM,
+            groups=["all"] * len(scenes),
         )
 
     def rejected(self) -> int:

@@ -21,7 +21,7 @@ from tactibench.frames.hard_scenes import case_scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, FrameSet, spread
 from tactibench.plugins.base import Sensor
-from tactibench.protocols.families import Family, case
+from tactibench.protocols.families import Family, case, untouched
 from tactibench.protocols.schema import Workspace
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.files import arrays_hash
@@ -34,16 +34,20 @@ FAULT_STREAM = 1_000
 
 
 class Row(NamedTuple):
-    """One frame: a press of one case of a family."""
+    """One frame: a press of one case of a family.
+
+    untouched: whether the fault is done to a frame in which nothing presses.
+    """
 
     family: str
     value: float
     press: int
+    untouched: bool = False
 
     @property
     def group(self) -> str:
         """Return the name of the case."""
-        return case(self.family, self.value)
+        return untouched(self.family) if self.untouched else case(self.family, self.value)
 
     @property
     def name(self) -> str:
@@ -72,10 +76,12 @@ class HardCaseFrames(DrawnFrames):
             )
         kept = spread(self._rows, self.request.test_count)
         sets: list[FrameSet] = []
-        for family in self.spec.families:
-            rows = [row for row in kept if row.family == family.name]
-            if rows:
-                sets += self._family_sets(family, rows)
+        for untouched_frames in (False, True):
+            of_kind = [row for row in kept if row.untouched == untouched_frames]
+            for family in self.spec.families:
+                rows = [row for row in of_kind if row.family == family.name]
+                if rows:
+                    sets += self._family_sets(family, rows)
         return tuple(sets)
 
     def rejected(self) -> int:
@@ -90,13 +96,24 @@ class HardCaseFrames(DrawnFrames):
 
     @cached_property
     def _rows(self) -> list[Row]:
-        """Every frame of every case."""
-        return [
+        """Every frame of every case, and then those in which nothing presses under a fault."""
+        rows = [
             Row(family.name, value, press)
             for family in self.spec.families
             for value in family.pressed_values
             for press in range(self._presses(family))
         ]
+        cases = self.spec.cases
+        if cases is None or cases.empty is None:
+            return rows
+        # Every frame has one fault, so that no two are of one press. Families take turns, and in
+        # each its values.
+        faults = [self.spec.family(name) for name in cases.untouched]
+        for press in range(self._presses(self.spec.family(cases.empty))):
+            turn, which = divmod(press, len(faults))
+            values = faults[which].values
+            rows.append(Row(faults[which].name, values[turn % len(values)], press, True))
+        return rows
 
     @property
     def _space(self) -> Workspace:
@@ -132,13 +149,16 @@ class HardCaseFrames(DrawnFrames):
         return self._frame_set_of(frames, family, rows, scenes, presses)
 
     def _faulty(self, family: Family, rows: Sequence[Row]) -> FrameSet:
-        """Frames of the base family with a fault."""
+        """Frames of the base family, or those in which nothing presses, with a fault."""
         base = self._base
+        if rows[0].untouched:
+            assert self.spec.cases is not None  # noqa: S101 - the schema asks for it
+            base = self.spec.family(str(self.spec.cases.empty))
         count = self._presses(base)
         whole = self._pressed(base, [Row(base.name, base.values[0], k) for k in range(count)])
         return FaultyFrameSet(
             role="test",
-            name=family.name,
+            name=untouched(family.name) if rows[0].untouched else family.name,
             scenes=tuple(whole.scenes[row.press] for row in rows),
             groups=tuple(row.group for row in rows),
             names=tuple(row.name for row in rows),

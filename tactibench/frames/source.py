@@ -53,6 +53,7 @@ class FrameRequest:
         quick: whether a few presses are enough, to prove the path.
         limit: at most so many test presses; None: all.
         presses: learn from so many presses only; None: from all.
+        shots: so many labelled single presses of the tested sensor are shown before the test.
     """
 
     protocol: LoadedProtocol
@@ -67,6 +68,7 @@ class FrameRequest:
     quick: bool = False
     limit: int | None = None
     presses: int | None = None
+    shots: int = 0
 
     @property
     def spec(self) -> Protocol:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from tactibench.errors import UserError
-from tactibench.frames.drawn_presses import SensorFrames
+from tactibench.frames.drawn_presses import FEW_SHOT, SensorFrames
 from tactibench.frames.recorded import Division, Recording, Sets, divide, training_sets
 from tactibench.frames.source import (
     QUICK_FIT,
@@ -25,7 +25,7 @@ from tactibench.protocols.draws import draw_plates, draw_shots
 from tactibench.protocols.schema import RECORDED
 from tactibench.protocols.split import FIT, VALIDATION
 
-PLATES, FEW_SHOT = "plates", "shots"
+PLATES = "plates"
 MOST_AWAY_DEG = 45.0
 """Between the frame's directions in which a positive tilt moves the contact, in training and test;
 in the public recordings it is off by 1 deg."""

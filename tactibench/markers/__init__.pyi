@@ -1,8 +1,11 @@
+from .aligned_pins import AlignedPins as AlignedPins
+from .aligned_pins import Similarity as Similarity
 from .common_view import common_lattice as common_lattice
 from .common_view import common_view as common_view
 from .common_view import kriging_weights as kriging_weights
 from .graph import PinGraph as PinGraph
 from .graph import pin_graph as pin_graph
+from .pin_tracker import BySensor as BySensor
 from .pin_tracker import PinTracker as PinTracker
 from .pin_tracker import rest_images as rest_images
 from .tracker import Tracker as Tracker

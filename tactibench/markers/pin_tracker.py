@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,17 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Images = npt.NDArray[np.uint8]
 
+Made = TypeVar("Made")
+
+_GROUND, _PINS = 0.5, 0.97
+"""Quantiles of a frame that are ground and pins, which cover 5 to 20 % of it."""
+_FAINTEST_LIGHT = 0.05
+"""Share of the rest frame's light below which noise would be taken for pins."""
+_COVER = 1.25
+"""Factor by which brighter pins may cover more of a frame than at rest; beyond it a reflection is
+taken for pins. Blurred pins cover more and are darker."""
+_ALIKE = 0.05
+"""Light that differs by less is the rest frame's: pins that move under a lens differ as much."""
 _DOUBTFUL = 2.5
 """Pins at rest within this many spacings of one that was not seen may be one pin off."""
 
@@ -27,6 +38,42 @@ def rest_images(frames: Sequence[Frame]) -> list[Images]:
     by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
     different = {(image.shape, image.tobytes()): image for image in by_array.values()}
     return list(different.values())
+
+
+class BySensor(Generic[Made]):
+    """What is made once for every sensor whose frames are seen, told apart by their rest images."""
+
+    def __init__(self, make: Callable[[PinTracker], Made]) -> None:
+        """make: from the pins of a sensor."""
+        self._make = make
+        self._made: list[tuple[Images, Made]] = []
+
+    def number(self, frame: Frame) -> int:
+        """Return the number of the frame's sensor, 0 for the first one that was seen.
+
+        Raises:
+            UserError: for a frame without a rest image, or what ``make`` raises.
+        """
+        rest = frame.rest
+        if rest is None:
+            raise UserError(
+                "a frame carries no rest image, by which a sensor's pins are told from another's; "
+                "record one of the untouched sensor (init_0.png)."
+            )
+        for number, (other, _) in enumerate(self._made):
+            if other is rest or (other.shape == rest.shape and np.array_equal(other, rest)):
+                return number
+        self._made.append((rest, self._make(PinTracker.of([frame]))))
+        return len(self._made) - 1
+
+    def __getitem__(self, number: int) -> Made:
+        """Return what was made for a sensor."""
+        return self._made[number][1]
+
+    def rows(self, frames: Sequence[Frame]) -> dict[int, list[int]]:
+        """Return number -> rows of the frames of that sensor."""
+        numbers = [self.number(frame) for frame in frames]
+        return {n: [row for row, m in enumerate(numbers) if m == n] for n in sorted(set(numbers))}
 
 
 class PinTracker:
@@ -52,8 +99,8 @@ class PinTracker:
         if len(rests) > 1:
             raise UserError(
                 f"the frames are of {len(rests)} sensor instances, but here pins are followed from "
-                "one rest frame; train on one (sensor.instances=0), or train kernel, pins, nearest "
-                "or unet without mixing."
+                "one rest frame; train on one (sensor.instances=0), or train superpose, kernel, "
+                "pins, nearest or unet."
             )
         rest = rests[0] if rests else None
         if rest is None and otherwise is not None:
@@ -76,8 +123,28 @@ class PinTracker:
         return self.tracker.rest
 
     def images(self, frames: Sequence[Frame]) -> Images:
-        """Return (N, side, side) gray images."""
-        return gray_frames(frames, self.side)
+        """Return (N, side, side) gray images in the light of the rest image."""
+        images = gray_frames(frames, self.side)
+        for row, image in enumerate(images):
+            images[row] = self._lit(image)
+        return images
+
+    def _lit(self, image: Images) -> Images:
+        """Return an image (side, side) with the light of the rest image, where it has another."""
+        ground, contrast, cover = _light(image)
+        own_ground, own_contrast, own_cover = self._light
+        factor = contrast / own_contrast
+        if abs(factor - 1) < _ALIKE or factor < _FAINTEST_LIGHT:
+            return image
+        if factor > 1 and cover > _COVER * own_cover:
+            return image
+        lit = own_ground + (image.astype(np.float32) - ground) / np.float32(factor)
+        levels: Images = np.rint(lit).clip(0, 255).astype(np.uint8)
+        return levels
+
+    @cached_property
+    def _light(self) -> tuple[float, float, float]:
+        return _light(self.rest_image)
 
     def displacements(self, images: Images) -> Array:
         """Return (N, 2 P) displacements of the pins, x of all before y of all, px."""
@@ -120,3 +187,11 @@ class PinTracker:
     @cached_property
     def _around(self) -> Flags:
         return self._distances < _DOUBTFUL * self.pitch
+
+
+def _light(image: Images) -> tuple[float, float, float]:
+    """Return the grey level of the ground, that of pins above it, and the share that they cover."""
+    ranks = [int(share * (image.size - 1)) for share in (_GROUND, _PINS)]
+    ground, pins = np.partition(image, ranks, axis=None)[ranks].astype(float)
+    contrast = max(pins - ground, 1.0)
+    return ground, contrast, float(np.mean(image > ground + contrast / 2))

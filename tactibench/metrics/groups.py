@@ -2,7 +2,9 @@
 
 A group named by a number is a *condition* (a true distance, mm): only metrics of separation are
 shown for each. The other groups (dual, triple) are *kinds*: metrics of contacts are shown for each.
-Both end with "all". Catch trials are in neither, nor in "all".
+Both end with "all". Catch trials are in neither, nor in "all". Frames in which nothing presses
+under a fault ("untouched:dim") are kinds and not in "all": they ask for false contacts alone, which
+would count little in a mean with all others.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy.typing as npt
 
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import CATCH, PlateTrials, Trials
+from tactibench.protocols.families import UNTOUCHED, family_of
 from tactibench.stats.clusters import Labels
 from tactibench.stats.intervals import Estimate
 
@@ -34,9 +37,15 @@ def condition(name: str) -> float | None:
 
 
 def members(trials: Trials, name: str) -> Mask:
-    """Return (N,) whether each trial belongs to a group; "all" is everything but catch trials."""
-    group = np.array(trials.group, dtype=object)
-    return np.asarray(group != CATCH if name == "all" else group == name, dtype=bool)
+    """Return (N,) whether each trial belongs to a group; "all" is everything that stands not apart.
+
+    Catch trials stand apart, and frames in which nothing presses under a fault.
+    """
+    if name == "all":
+        inside = [g != CATCH and family_of(g) != UNTOUCHED for g in trials.group]
+    else:
+        inside = [g == name for g in trials.group]
+    return np.array(inside, dtype=bool)
 
 
 def by_condition(trials: Trials) -> Groups:

@@ -11,7 +11,7 @@ from tactibench.errors import UserError
 from tactibench.metrics.groups import Mask, by_kind, mean_metric, members
 from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import NOT_FINITE, RAISED, Trials
-from tactibench.protocols.families import Axis, family_of
+from tactibench.protocols.families import UNTOUCHED, Axis, family_of
 from tactibench.stats.cases import DOUBLE, doubling, mean_ratio
 from tactibench.stats.intervals import Estimate, positive_mean_interval, rate_interval
 
@@ -89,12 +89,21 @@ def _ratios(trials: Trials, error: FloatArray, axis: Axis) -> Iterator[Estimate]
 
 
 def false_per_1000(trials: Trials, _rng: np.random.Generator) -> Rows:
-    """Yield the predictions per 1,000 frames in which nothing presses."""
+    """Yield the predictions per 1,000 frames in which nothing presses.
+
+    "all": without a fault. Where frames are under faults, too: those of each fault, and all of
+    these together, "untouched".
+    """
     empty = trials.true_counts == 0
-    rate = rate_interval(trials.predicted_counts[empty], trials.press[empty], level=trials.level)
-    limits = (rate.value, rate.low, rate.high)
-    value, low, high = (None if x is None else THOUSAND * x for x in limits)
-    yield "all", Estimate(value, low, high, rate.n, rate.clusters)
+    faulted = np.array([family_of(group) == UNTOUCHED for group in trials.group], dtype=bool)
+    groups = dict.fromkeys(group for group in trials.group if family_of(group) == UNTOUCHED)
+    masks = {group: members(trials, group) for group in groups}
+    whole = {UNTOUCHED: faulted} if masks else {}
+    for name, mask in {**masks, **whole, "all": empty & ~faulted}.items():
+        rate = rate_interval(trials.predicted_counts[mask], trials.press[mask], level=trials.level)
+        limits = (rate.value, rate.low, rate.high)
+        value, low, high = (None if x is None else THOUSAND * x for x in limits)
+        yield name, Estimate(value, low, high, rate.n, rate.clusters)
 
 
 def _count(trials: Trials, kind: int) -> Rows:
@@ -146,7 +155,8 @@ SPECS = (
         "false_per_1000",
         "per 1,000 frames",
         "lower",
-        "predictions in frames without a true contact / such frames x 1000",
+        "predictions in frames without a true contact / such frames x 1000; all: without a fault; "
+        "untouched: under a fault",
         false_per_1000,
     ),
     MetricSpec(

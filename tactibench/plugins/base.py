@@ -191,10 +191,11 @@ class Model(ABC):
     ) -> Mapping[str, Any] | None:
         """Correct the answers by a few labelled frames of the sensor that is tested.
 
-        Start from the state that ``fit`` or ``load`` left, so that nothing stays of an earlier
-        call. Without frames, ``predict`` answers as it was trained. Draw nothing at random. Return
-        the settings chosen, as JSON values for the record. Default: None, the model cannot adapt;
-        it is scored as it was trained.
+        They are single presses where contacts are asked for, however many contacts a test frame
+        holds (``--test shots=N``). Start from the state that ``fit`` or ``load`` left, so that
+        nothing stays of an earlier call. Without frames, ``predict`` answers as it was trained.
+        Draw nothing at random. Return the settings chosen, as JSON values for the record. Default:
+        None, the model cannot adapt; it is scored as it was trained.
         """
         return None
 

@@ -25,6 +25,7 @@ KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
 ORIGINS = ("simulated", "real")
 VERSION = "version"
+RECIPE = "recipe"
 """Parameter by which a sensor is chosen among its versions."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder names
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
@@ -171,6 +172,8 @@ class ModelSpec(_Spec):
         encoders: Kinds of encoder that it can be trained through.
         default_encoder: Name of the encoder that it takes when the user names none; "": the
             protocol's.
+        recipes: Value of the parameter ``recipe`` -> defaults that differ in that recipe, by name
+            of the parameter.
     """
 
     answers: tuple[str, ...] = ("contacts",)
@@ -178,6 +181,13 @@ class ModelSpec(_Spec):
     uses_encoder: bool = False
     encoders: tuple[str, ...] = ("heat",)
     default_encoder: str = ""
+    recipes: Mapping[str, Mapping[str, Value]] = field(
+        default_factory=dict, hash=False, kw_only=True
+    )
+
+    def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the value that every parameter has where only ``values`` are given."""
+        return {**super().defaults(values), **self.recipes.get(str(values.get(RECIPE)), {})}
 
     def load(self) -> Callable[..., Model]:
         """Import and return the class. Raises UserError when it cannot be used."""
@@ -199,6 +209,7 @@ class ModelSpec(_Spec):
                 f"{self.name!r} has default_encoder {self.default_encoder!r}; the name of an "
                 "encoder, of a model that uses one"
             )
+        _check_variants(self, RECIPE, self.recipes)
 
 
 @dataclass(frozen=True)
@@ -246,14 +257,7 @@ class SensorSpec(_Spec):
             raise ValueError(f"{self.name!r} has origin {self.origin!r}; one of {ORIGINS}")
         if bool(self.reference_of) != bool(self.scenes):
             raise ValueError(f"{self.name!r} needs both reference_of and scenes, or neither")
-        known = {parameter.name: parameter for parameter in self.parameters}
-        for version, values in self.versions.items():
-            if missing := {VERSION, *values} - set(known):
-                raise ValueError(
-                    f"version {version!r} of {self.name!r} sets {sorted(missing)}, which it lacks"
-                )
-            for name, value in values.items():
-                known[name].check(value)
+        _check_variants(self, VERSION, self.versions)
 
 
 @dataclass(frozen=True)
@@ -332,6 +336,18 @@ def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
 
 def _is_name(value: object) -> bool:
     return isinstance(value, str) and _NAME.fullmatch(value) is not None
+
+
+def _check_variants(spec: _Spec, by: str, variants: Mapping[Any, Mapping[str, Value]]) -> None:
+    """Raise for defaults, by the value of a parameter, of parameters that the spec has not."""
+    known = {parameter.name: parameter for parameter in spec.parameters}
+    for variant, values in variants.items():
+        if missing := {by, *values} - set(known):
+            raise ValueError(
+                f"{by} {variant!r} of {spec.name!r} sets {sorted(missing)}, which it lacks"
+            )
+        for name, value in values.items():
+            known[name].check(value)
 
 
 def _check_count(name: str, most: int | None) -> None:

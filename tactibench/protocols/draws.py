@@ -15,6 +15,9 @@ from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 
 TIPS = {"single": 1, "dual": 2, "triple": 3}
 """The indenters that a draw may name."""
+LABELLED_STREAM = 2_000_000
+"""Of the labelled presses that are shown of a tested sensor; protocols draw from streams below a
+million."""
 PATIENCE = 10_000
 """Candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""
 
@@ -127,6 +130,24 @@ def draw_shots(spec: Protocol, pool: int) -> tuple[int, ...]:
     seed = np.random.SeedSequence(spec.data_seed, spawn_key=(spec.transfer.stream,))
     order = np.random.default_rng(seed).permutation(pool)
     return tuple(order[: max(spec.transfer.shots)].tolist())
+
+
+def draw_labelled(spec: Protocol, count: int) -> SceneSet:
+    """Return single presses that a model is shown of the sensor that tests it.
+
+    They lie in the ranges of the presses that the split divides, and are none of these: they come
+    from a stream of their own. The first k of them are those of k presses. Raises UserError where
+    the split divides no single presses.
+    """
+    assert spec.split is not None  # noqa: S101 - a protocol that draws divides its draws
+    singles = spec.draw(spec.split.draw)
+    if singles.indenter != "single":
+        raise UserError(
+            f"protocol {spec.id!r} divides presses of indenter {singles.indenter!r}, so it has no "
+            "ranges of single presses to show; leave --test shots out."
+        )
+    shown = singles.model_copy(update={"count": count, "stream": LABELLED_STREAM})
+    return _drawn(shown, spec.workspace, spec.data_seed)
 
 
 class SensorShape(StructuralType):

@@ -62,6 +62,15 @@ NEEDS: dict[str, frozenset[str]] = {
 """Lengths that stay the same in all cases of a family, by what it presses."""
 
 
+UNTOUCHED = "untouched"
+"""Begins the groups of frames in which nothing presses, each under a fault: "untouched:dim"."""
+
+
+def untouched(family: str) -> str:
+    """Return the group of frames in which nothing presses, under the fault of a family."""
+    return f"{UNTOUCHED}:{family}"
+
+
 def case(family: str, value: float) -> str:
     """Return the group of one case: "grazing:0.05"."""
     return f"{family}:{value:g}"
@@ -110,11 +119,14 @@ class Cases(Strict):
     """The settings that all families share.
 
     presses: of every case. base: family whose frames the faults are done to, and whose one case is
-    the easy one of every family of faults and of sensors.
+    the easy one of every family of faults and of sensors. empty: family in which nothing presses.
+    untouched: families whose faults are done to its frames, too, one to a frame.
     """
 
     presses: Presses
     base: Name
+    empty: Name | None = None
+    untouched: Names = ()
 
 
 class Family(Strict):

@@ -13,6 +13,7 @@ from tactibench.contacts import Grid
 from tactibench.errors import did_you_mean
 from tactibench.protocols.families import (
     FAMILIES,
+    UNTOUCHED,
     Axis,
     Cases,
     Family,
@@ -343,6 +344,23 @@ def _about_families(spec: Protocol) -> Iterator[str]:
             f"cases.base {base.name!r} must be pressed by the sensor as it is, and as often as any "
             "case: faults are done to its frames"
         )
+    yield from _about_untouched(spec, spec.cases, names)
+
+
+def _about_untouched(spec: Protocol, cases: Cases, names: list[str]) -> Iterator[str]:
+    if (cases.empty is None) != (not cases.untouched):
+        yield "cases.empty and cases.untouched belong together"
+        return
+    yield from _repeated("cases.untouched", cases.untouched)
+    if UNTOUCHED in names:
+        yield f"no family may be named {UNTOUCHED!r}: groups of cases.untouched begin so"
+    for name in (*cases.untouched, *([] if cases.empty is None else [cases.empty])):
+        if name not in names:
+            yield f"[cases]: no family is named {name!r}; {_near(name, names)}"
+        elif name == cases.empty and spec.family(name).press != "nothing":
+            yield f"cases.empty {name!r} must press 'nothing'"
+        elif name != cases.empty and spec.family(name).fault is None:
+            yield f"cases.untouched names {name!r}, which is no family of a fault"
 
 
 def _near(name: str, names: list[str]) -> str:

@@ -346,6 +346,16 @@ class Record(_Strict):
         return self
 
     @property
+    def shots(self) -> int:
+        """The labelled presses of the tested sensor that were shown before every answer.
+
+        0 where there were none, or where groups of answers say their own numbers.
+        """
+        seen = self.data.of_tested_sensor
+        counts = [] if seen is None else seen.labelled_frames or []
+        return counts[0] if len(counts) == 1 else 0
+
+    @property
     def test_sensor(self) -> TestSensor | None:
         """The sensor that pressed the test scenes, where it was not the sensor itself."""
         return self.sensor.test_sensor

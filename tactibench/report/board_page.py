@@ -228,7 +228,7 @@ def _page_section(
     rows = ordered(name, section.rows)
     blocks: list[Block | None] = [
         *_other_version(first, protocol),
-        *_test_frames(first),
+        *_test_frames(first, any(row.first.shots for row in rows)),
         *_scene_counts(first),
         *_simulator_error(rows),
     ]
@@ -263,8 +263,11 @@ def _other_version(record: Record, protocol: LoadedProtocol) -> list[Block]:
     return [prose(text)]
 
 
-def _test_frames(record: Record) -> list[Block]:
-    """Return how many frames of how many presses, where the protocol's draws are not tested."""
+def _test_frames(record: Record, shots: bool) -> list[Block]:
+    """Return how many frames of how many presses, where the protocol's draws are not tested.
+
+    shots: whether some rows were shown labelled presses of the tested sensor.
+    """
     tested = record.test_sensor
     if tested is None:
         return []
@@ -286,6 +289,13 @@ def _test_frames(record: Record) -> list[Block]:
     else:
         text = f"Trained on the sensor itself and tested on {counted}: "
         parts = [Prose(text), Text(command_options(record)[1:], "code"), Prose(".")]
+        if shots:
+            parts.append(
+                Prose(
+                    " Rows with labelled presses were shown so many of it before "
+                    "(`--test shots=N`)."
+                )
+            )
     return [Paragraph(tuple(parts))]
 
 

@@ -105,6 +105,20 @@ def curve_steps_table(curves: Sequence[Curve], error: Ranking) -> Table:
     )
 
 
+def new_sensor_table(curves: Sequence[Curve], error: Ranking) -> Table:
+    """Return every step of curves on a new sensor: mean, the best and the worst instance."""
+    rows: list[list[Cell]] = []
+    for curve in curves:
+        for k, step in enumerate(curve.steps):
+            number = metric_number(step.error, error.decimals)
+            rows.append(["" if k else curve.label, f"{step.presses:,}", number, str(step.seeds)])
+    return table(
+        ("", Column("labelled presses"), f"error, {error.unit}", Column("runs")),
+        rows,
+        title=f"{error.name} on a new sensor: mean over instances [best, worst]",
+    )
+
+
 def curve_rows(curves: Sequence[Curve], error: Ranking) -> JsonRows:
     """Return a tidy row for every step of every curve."""
     return [

@@ -9,17 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
 from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
-from tactibench.protocols.families import Axis
+from tactibench.protocols.families import UNTOUCHED, Axis
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
-from tactibench.report.numbers import duration, fixed, general, span
+from tactibench.report.numbers import duration, fixed, general, number, span
 from tactibench.report.run_speed import print_speed
 from tactibench.report.simulator_error import error_line
 from tactibench.report.table import (
@@ -38,7 +39,8 @@ from tactibench.report.writers.terminal import print_table
 OTHERS = 6
 """More stored runs than these would hide the run itself."""
 COUNTS = (Column("n", optional=True), Column("presses", optional=True))
-TOTALS = {"false_per_1000": 1, "not_finite": 0, "raised": 0}
+FALSE = "false_per_1000"
+TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
 """Decimals of the list of further metrics, by unit; 3 for every other."""
@@ -89,14 +91,23 @@ def print_run(
 
 
 def same_question(one: Record, other: Record) -> bool:
-    """Return whether two different runs answer one version of a protocol, tested alike."""
+    """Return whether two different runs answer one version of a protocol, tested alike.
+
+    They may have been shown different numbers of labelled presses.
+    """
     return (
         one.name != other.name
-        and one.test_sensor == other.test_sensor
+        and tested_sensor(one) == tested_sensor(other)
         and one.protocol.id == other.protocol.id
         and one.protocol.version == other.protocol.version
         and one.protocol.hash == other.protocol.hash
     )
+
+
+def tested_sensor(record: Record) -> list[Any]:
+    """Return all that tells a tested sensor from others; [] where it is the trained one."""
+    test = record.test_sensor
+    return [] if test is None else [test.identity, test.description, test.trained_on]
 
 
 def partial_line(record: Record) -> str:
@@ -150,6 +161,10 @@ def _print_heading(console: Console, record: Record) -> None:
                 f"presses in {duration(training.seconds or 0.0)}"
             )
         )
+    if mixed := training.notes.get("mixed"):
+        console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
+    if prior := training.notes.get("prior"):
+        console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
     _print_warning(console, record)
 
 
@@ -160,7 +175,8 @@ def _print_warning(console: Console, record: Record) -> None:
 
 def _label(record: Record) -> str:
     """Return the model with its regime, as published rows are labelled."""
-    return f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+    label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
+    return f"{label}, {record.shots:,} labelled presses" if record.shots else label
 
 
 def _main_table(
@@ -337,12 +353,27 @@ def _print_hard_cases(console: Console, record: Record, axes: Sequence[Axis]) ->
         console.print(Text(line))
 
 
+def _under_faults(record: Record) -> str:
+    """Return the false contacts in empty frames under faults; "" where none were tested."""
+    whole = record.metric(FALSE, UNTOUCHED)
+    if whole is None:
+        return ""
+    shares = (
+        f"{m.group.partition(':')[2]} {number(m.value, 1)}"
+        for m in record.metrics
+        if m.metric == FALSE and m.group.startswith(f"{UNTOUCHED}:") and m.value is not None
+    )
+    return f"  each under a fault: {metric_number(whole, 1, interval=True)} ({', '.join(shares)})"
+
+
 def _totals(record: Record) -> Iterator[str]:
     totals = {m.metric: m for m in record.metrics if m.group == "all"}
     for name, decimals in TOTALS.items():
         total = metric_number(totals.get(name), decimals, interval=decimals > 0)
         if total is not None:
             yield f"{NAMES[name]}: {total}"
+        if name == FALSE and (line := _under_faults(record)):
+            yield line
     failures = record.data.failures
     for cause in () if failures is None else failures.causes:
         yield f"  {cause.frames:,} x {cause.cause} (first: {cause.first})"

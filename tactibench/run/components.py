@@ -50,6 +50,12 @@ class Components:
         return model
 
     @property
+    def adapts(self) -> bool:
+        """Return whether the model can be shown labelled presses of the tested sensor."""
+        loaded: Any = self.model.spec.load()
+        return loaded.adapt is not Model.adapt
+
+    @property
     def shows_surface(self) -> bool:
         """Return whether the first map of the model, if it has any, is the deformed surface."""
         return self.encoder is None or self.encoder.spec.shows_surface
@@ -138,6 +144,14 @@ def _regime(request: RunRequest, protocol: Protocol) -> str:
             f"{', '.join(protocol.regimes)}."
         )
     return regime
+
+
+def cannot_adapt(model: str) -> UserError:
+    """Return the error of a model that has no use for labelled presses of the tested sensor."""
+    return UserError(
+        f"model {model} cannot adapt to labelled presses of another sensor; leave --test shots "
+        "out, or take a model that writes adapt, such as kernel."
+    )
 
 
 def _one_contact_only(subject: str, regime: str) -> UserError:

@@ -21,10 +21,13 @@ from tactibench.run.predict import cached_predictions
 from tactibench.run.record import make_record
 from tactibench.run.reporter import Reporter
 from tactibench.run.score import score_arrays
+from tactibench.run.timing import Speed
 from tactibench.run.train import train_model
 
 
-def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = False) -> StoredRun:
+def execute(
+    plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = False, timed: bool = True
+) -> StoredRun:
     """Carry a plan out and store the run. Interrupted work is continued by the same call.
 
     Args:
@@ -32,6 +35,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         store: folder of the run store.
         reporter: shows the work.
         fresh: ask the model again, even if its predictions for these frames are kept.
+        timed: measure how long an answer takes; many runs of one model need that once.
 
     Raises:
         UserError: before any work for metrics that do not exist or do not fit; later for a model
@@ -51,7 +55,7 @@ def execute(plan: RunPlan, store: Path, reporter: Reporter, *, fresh: bool = Fal
         from tactibench.run.published_predictions import published_arrays
 
         truth |= published_arrays(plan.published, plan.protocol.test_frames, test.names, test.truth)
-    speed = evaluation.time(predictions)
+    speed = evaluation.time(predictions) if timed else Speed()
     metrics = score_arrays(plan.spec, truth, predictions.arrays, maps)
     record = make_record(plan, weights, evaluation, predictions, speed, metrics)
     arrays = {
@@ -70,6 +74,10 @@ def _evaluation(plan: RunPlan) -> type[Evaluation]:
         from tactibench.run.few_shot import FewShotEvaluation
 
         return FewShotEvaluation
+    if plan.request.test.shots:
+        from tactibench.run.few_shot import AdaptedEvaluation
+
+        return AdaptedEvaluation
     if plan.spec.families:
         from tactibench.run.hard_cases import HardCaseEvaluation
 

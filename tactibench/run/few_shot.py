@@ -1,7 +1,10 @@
-"""Tests of a protocol that changes the sensor: after few labelled frames of the tested one.
+"""Tests after a few labelled frames of the tested sensor.
 
-Every test frame is answered once for each number of labelled frames; those answers are a group of
-their own, named by that number. A model that cannot adapt is shown none and has the group "0".
+A protocol that changes the sensor names several numbers of labelled frames. Every test frame is
+answered once for each; those answers are a group of their own, named by that number. A model that
+cannot adapt is shown none and has the group "0".
+
+Another protocol is asked for one number with ``--test shots=N``. Its groups stay what they are.
 """
 
 from __future__ import annotations
@@ -10,10 +13,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from tactibench.contacts import Answer, Frame
+from tactibench.frames.labelled import check_labelled
 from tactibench.frames.presses import true_answers
 from tactibench.plugins.base import Model
 from tactibench.records.answers import pack
 from tactibench.records.store import Arrays
+from tactibench.run.components import cannot_adapt
 from tactibench.run.evaluation import Evaluation, TestFrames, truth_arrays
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import Answers, HeatMaps, Predictions, predict_frames
@@ -21,6 +26,37 @@ from tactibench.run.reporter import Reporter
 from tactibench.run.train import open_frames
 
 Row = TypeVar("Row")
+
+
+class AdaptedEvaluation(Evaluation):
+    """The test of a model that was shown labelled presses of the tested sensor."""
+
+    def __init__(self, plan: RunPlan, model: Model, test: TestFrames, reporter: Reporter) -> None:
+        super().__init__(plan, model, test, reporter)
+        few_shot = plan.frames.few_shot
+        assert few_shot is not None  # noqa: S101 - a plan with shots has them
+        presses = open_frames(few_shot, reporter)
+        labels = true_answers(plan.spec, [presses])
+        check_labelled(presses.frames, labels, test.frames[0], plan.context())
+        self.count = len(presses)
+        with reporter.task("adapt", self.count) as advance:
+            chosen = model.adapt(list(presses.frames), labels)
+            advance(self.count)
+        # A model may say so only when it is asked, by its parameters or its training.
+        if chosen is None:
+            raise cannot_adapt(plan.components.model.label)
+        self.chosen = chosen
+
+    def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
+        """Return what the model was shown of the tested sensor, and what it chose."""
+        return {
+            "of_tested_sensor": {
+                "rest_image": True,
+                "unlabelled_frames": 0,
+                "labelled_frames": [self.count],
+                "adapted": [{"shots": self.count, **self.chosen}],
+            }
+        }
 
 
 class FewShotEvaluation(Evaluation):
@@ -37,6 +73,7 @@ class FewShotEvaluation(Evaluation):
             presses = open_frames(few_shot, reporter)
             self.counts = transfer.shots
             self.frames, self.labels = presses.frames, true_answers(plan.spec, [presses])
+            check_labelled(self.frames, self.labels, test.frames[0], plan.context())
 
     def predict(self) -> Predictions:
         """Return answers after each number of labelled frames; heatmaps are those without any.

@@ -16,7 +16,7 @@ from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import LoadedProtocol, load_protocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.identity import code_hash, digest, installed_versions
-from tactibench.run.components import Components, resolve_components
+from tactibench.run.components import Components, cannot_adapt, resolve_components
 from tactibench.run.machine import choose_device, fingerprint_hash, machine
 from tactibench.run.request import RunRequest, data_folder
 from tactibench.run.test_sensor import describe_target, resolve_test_sensor
@@ -120,6 +120,8 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
     components = resolve_components(request, spec, host)
     test_sensor = resolve_test_sensor(test, spec, components.sensor, host)
     components = replace(components, test_sensor=test_sensor)
+    if test.shots and not components.adapts:
+        raise cannot_adapt(components.model.label)
     hidden = None
     if test.hidden:
         from tactibench.protocols.hidden_seed import committed_seed
@@ -139,6 +141,7 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
             quick=request.quick,
             limit=request.limit,
             presses=request.presses,
+            shots=test.shots,
         )
     ).plan()
     published = _published_predictions(request, protocol, frames)
@@ -195,6 +198,8 @@ def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
         if frames.calibrated:
             shots += f"; {frames.calibrated} frames calibrated the simulator and are left out"
         lines.insert(2, shots)
+    elif frames.few_shot is not None:
+        lines.insert(2, f"  shots: {_describe_sets(plan, (frames.few_shot,))}, with labels")
     return lines
 
 
@@ -202,7 +207,8 @@ def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
     """``generate 3,600 (singles); take 400 (singles, validation) from the cache``."""
     counts_by_way: dict[str, dict[str, int]] = {}
     for frames in sets:
-        sensor = plan.components.tested if frames.role == "test" else plan.components.sensor
+        trains = frames.role in {"fit", "validation"}
+        sensor = plan.components.sensor if trains else plan.components.tested
         if sensor.spec.needs_data:
             way = "read {} frames"
         elif frames.cached:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from tactibench.errors import UserError, did_you_mean
 
-REFERENCE, HIDDEN, DATA = "reference", "hidden", "data"
+REFERENCE, HIDDEN, DATA, SHOTS = "reference", "hidden", "data", "shots"
 KINDS = ("model", "sensor", "encoder")
+MOST_SHOTS = 10_000
+"""Labelled presses of a tested sensor: more are a training of its own."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class TestOptions:
         parameters: of the tested sensor, in place of those of the training.
         hidden: test on presses drawn from a seed that is kept secret.
         data: folder of another sensor's recording.
+        shots: labelled single presses of the tested sensor that the model is shown before the test.
     """
 
     __test__ = False  # not a test case, whatever its name
@@ -29,6 +32,7 @@ class TestOptions:
     parameters: Mapping[str, str] = field(default_factory=dict)
     hidden: bool = False
     data: Path | None = None
+    shots: int = 0
 
     def __bool__(self) -> bool:
         return bool(self.texts)
@@ -41,6 +45,7 @@ class TestOptions:
             *([REFERENCE] if self.reference else []),
             *([HIDDEN] if self.hidden else []),
             *(f"sensor.{name}={value}" for name, value in self.parameters.items()),
+            *([f"{SHOTS}={self.shots}"] if self.shots else []),
         ]
 
 
@@ -108,13 +113,14 @@ def read_parameters(texts: tuple[str, ...]) -> dict[str, dict[str, str]]:
 
 
 def read_test_options(texts: tuple[str, ...], *, hidden: bool = False) -> TestOptions:
-    """Return the options of ``("reference",)``, ``("sensor.instance=1",)``, ``("data=folder",)``.
+    """Return the options of ``("sensor.instance=1", "shots=50")``, ``("reference",)`` and the like.
 
     Raises:
         UserError: for a text that is not understood or is given twice.
     """
     parameters: dict[str, str] = {}
     folder: Path | None = None
+    shots: int | None = None
     for text in texts:
         name, equals, value = text.partition("=")
         kind, _, parameter = name.partition(".")
@@ -127,11 +133,16 @@ def read_test_options(texts: tuple[str, ...], *, hidden: bool = False) -> TestOp
                 raise UserError("--test data is given twice; a run is tested on one recording.")
             folder = Path(value)
             continue
+        if name == SHOTS:
+            if shots is not None:
+                raise UserError("--test shots is given twice; give it once.")
+            shots = _read_shots(value)
+            continue
         if not equals:
             raise UserError(
                 f"--test {text!r} is neither the word {REFERENCE!r} nor sensor.NAME=VALUE, for "
-                "example sensor.instance=1, nor data=FOLDER; "
-                f"{did_you_mean(text, [REFERENCE, DATA])}"
+                "example sensor.instance=1, nor shots=N, nor data=FOLDER; "
+                f"{did_you_mean(text, [REFERENCE, DATA, SHOTS])}"
             )
         if kind != "sensor" or not parameter:
             raise UserError(
@@ -141,4 +152,13 @@ def read_test_options(texts: tuple[str, ...], *, hidden: bool = False) -> TestOp
         if parameter in parameters:
             raise UserError(f"--test sensor.{parameter} is given twice; give it once.")
         parameters[parameter] = value
-    return TestOptions(REFERENCE in texts, parameters, hidden, folder)
+    return TestOptions(REFERENCE in texts, parameters, hidden, folder, shots or 0)
+
+
+def _read_shots(text: str) -> int:
+    if not text.isdecimal() or int(text) > MOST_SHOTS:
+        raise UserError(
+            f"--test shots={text} is no number of presses; write a whole number from 0 to "
+            f"{MOST_SHOTS:,}, for example --test shots=50."
+        )
+    return int(text)

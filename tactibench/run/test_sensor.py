@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import VERSION, SensorSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
-from tactibench.run.request import REFERENCE, TestOptions, data_folder, folder_label
+from tactibench.run.request import REFERENCE, SHOTS, TestOptions, data_folder, folder_label
 
 Sensor = BoundSpec[SensorSpec]
 
@@ -28,6 +29,8 @@ def resolve_test_sensor(
     Raises:
         UserError: for options that do not fit the protocol or the sensor.
     """
+    if options.shots:
+        _check_shots(options, protocol)
     if protocol.transfer is not None:
         return _recorded_target(options, protocol, sensor, host)
     if of := sensor.spec.reference_of:
@@ -53,7 +56,7 @@ def _one_instance(sensor: Sensor) -> Sensor:
 
 def describe_target(tested: Sensor, options: TestOptions) -> str:
     """Return what a model is tested on, such as "another individual (instance=1)"."""
-    if not options:
+    if not replace(options, shots=0):
         return "the nominal sensor"
     values = [f"{name}={tested.values[name]}" for name in options.parameters]
     settings = f" ({', '.join(values)})" if values else ""
@@ -92,6 +95,27 @@ def target_record(
     return record
 
 
+def _check_shots(options: TestOptions, protocol: Protocol) -> None:
+    """Refuse labelled presses where there are none to be shown."""
+    leave_out = f"leave --test {SHOTS} out"
+    if protocol.transfer is not None:
+        counts = ", ".join(map(str, protocol.transfer.shots))
+        raise UserError(
+            f"protocol {protocol.id!r} shows {counts} labelled frames of its own accord; "
+            f"{leave_out}."
+        )
+    if protocol.families:
+        raise UserError(
+            f"protocol {protocol.id!r} tests many sensors at once, so no labelled presses of one "
+            f"can be shown; {leave_out}."
+        )
+    if options.reference:
+        raise UserError(
+            f"--test {REFERENCE} has its few scenes for the test alone and none to be shown with "
+            f"labels; {leave_out}."
+        )
+
+
 def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> Sensor:
     if options.data is not None:
         raise UserError(
@@ -127,6 +151,11 @@ def _changed_sensor(options: TestOptions, sensor: Sensor, host: PluginHost) -> S
     if _has_several(tested):
         tested = _one_instance(tested)
     same = tested.name == sensor.name and tested.values == sensor.values
+    if same and options.shots:
+        raise UserError(
+            f"--test {SHOTS}={options.shots} shows presses of another sensor than the trained one; "
+            "name it with --test sensor.NAME=VALUE, for example sensor.instance=1."
+        )
     if same and not (options.hidden and not options.parameters):
         raise UserError(
             f"--test {' --test '.join(options.texts)} is what the training frames are made with "

@@ -1,10 +1,15 @@
+from .family import SENSORS_A_WAY as SENSORS_A_WAY
+from .family import Clues as Clues
+from .family import FieldFamily as FieldFamily
 from .field import Field as Field
 from .field import contact_array as contact_array
 from .field import single_press_rows as single_press_rows
+from .mixing import MISFIT as MISFIT
 from .mixing import mix as mix
 from .neighbours import NeighbourLaw as NeighbourLaw
 from .neighbours import nominal_inverse_law as nominal_inverse_law
 from .neighbours import nominal_law as nominal_law
 from .newton import Solution as Solution
 from .newton import solve as solve
+from .newton import variance as variance
 from .residual import Residual as Residual

@@ -3,6 +3,12 @@
 It is learned from single presses. Gaussian-process regression (kriging) with a Matern-5/2 kernel
 gives the field; a cubic spline on a regular lattice keeps it, so that a value costs 64 products a
 pin, whatever the number of presses.
+
+Sensors of one make have fields that differ by a few numbers z of each sensor (module ``family``),
+
+    u(c; z) = F_0(c) + sum_k z_k F_k(c)
+
+with a mean F_0 and V ways F_k in which they vary. The field of one sensor is the case V = 0.
 """
 
 from __future__ import annotations
@@ -13,10 +19,10 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from tactibench.contacts import Answer, Contacts
 from tactibench.errors import UserError
+from tactibench.superposition.compiled import evaluate
 
 Array = npt.NDArray[np.float64]
 Lattice = npt.NDArray[np.float32]
@@ -42,51 +48,100 @@ class Field:
     """Q quantities as functions of x, y and depth; they are 0 without contact."""
 
     coefficients: Lattice
-    """(X, Y, D, Q) of the cubic B-splines."""
+    """(X, Y, D, (1 + V) Q) of the cubic B-splines, the mean before what varies."""
     low: Array
     """(3,) mm, the first knot of each axis."""
     step: Array
     """(3,) mm between knots."""
+    ways: int = 0
+    """V, in which fields of a make of sensors vary."""
 
     @classmethod
-    def learn(cls, contacts: Array, values: Array) -> Self:
-        """Learn from single presses: contacts (N, 3) mm, values (N, Q).
+    def learn(
+        cls, contacts: Array, values: Array, shares: Array | None = None, pitch: float = 1.0
+    ) -> Self:
+        """Learn from single presses.
+
+        Args:
+            contacts: (N, 3) mm.
+            values: (N, Q).
+            shares: (N, 1 + V) how much of the mean, 1, and of every way of variation is in the
+                field of a press, the z of its sensor; None: the presses are of one sensor.
+            pitch: of the lattice, in units of ``PITCH_MM``.
 
         Raises:
             UserError: for fewer than twenty presses.
         """
+        if shares is None:
+            shares = np.ones((len(contacts), 1))
         if len(contacts) < FEWEST:
             raise UserError(
                 f"a field of single presses is learned from {len(contacts)} presses; it needs at "
                 f"least {FEWEST}: raise the training count."
             )
-        places, targets = _with_resting(contacts, values)
+        presses = _Presses.of(contacts, values, shares)
         low = np.append(contacts[:, :2].min(axis=0) - MARGIN_MM, 0.0)
         high = contacts.max(axis=0) + MARGIN_MM
-        knots = np.maximum(4, np.ceil((high - low) / PITCH_MM).astype(int) + 1)
+        knots = np.maximum(4, np.ceil((high - low) / (pitch * np.array(PITCH_MM))).astype(int) + 1)
         step = (high - low) / (knots - 1)
         axes = [a + s * np.arange(n) for a, s, n in zip(low, step, knots, strict=True)]
-        weights = kriging(_kernel(places, places), targets, _best_ridge(contacts, values))
+        weights = presses.weights(_best_ridge(contacts, values, shares))
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         lattice = np.concatenate(
-            [
-                _kernel(part, places) @ weights
-                for part in np.array_split(nodes, len(nodes) // 500 + 1)
-            ]
+            [presses.fields(part, weights) for part in np.array_split(nodes, len(nodes) // 500 + 1)]
         )
-        return cls(_spline(lattice.reshape(*knots, -1)), low, step)
+        return cls(_spline(lattice.reshape(*knots, -1)), low, step, shares.shape[1] - 1)
 
-    def __call__(self, contacts: npt.ArrayLike) -> Array:
-        """Return (..., Q) values of contacts (..., 3) mm."""
-        return self.slopes(contacts)[..., 0, :]
+    @property
+    def quantities(self) -> int:
+        """Q."""
+        return int(self.coefficients.shape[3]) // (1 + self.ways)
+
+    @property
+    def high(self) -> Array:
+        """(3,) mm, the last knot of each axis."""
+        high: Array = self.low + self.step * (np.array(self.coefficients.shape[:3]) - 1)
+        return high
+
+    def __call__(self, contacts: npt.ArrayLike, z: Array | None = None) -> Array:
+        """Return (..., Q) values of contacts (..., 3) mm for z (V,); None: those of the mean."""
+        values = self.slopes(contacts)[..., 0, :, :]
+        if z is None or not self.ways:
+            return values[..., 0, :]
+        out: Array = np.concatenate([np.ones(1), z]) @ values
+        return out
 
     def slopes(self, contacts: npt.ArrayLike) -> Array:
-        """Return (..., 4, Q): the values and their derivatives by x, y and depth, 1/mm."""
+        """Return the values and their derivatives by x, y and depth, 1/mm.
+
+        Args:
+            contacts: (..., 3) mm.
+
+        Returns:
+            (..., 4, 1 + V, Q) of the mean and of every way of variation.
+        """
         given: Array = np.asarray(contacts, dtype=np.float64)
         flat = np.ascontiguousarray(given.reshape(-1, 3))
         out = np.empty((len(flat), 4, self.coefficients.shape[3]), dtype=np.float32)
-        _evaluate(self.coefficients, self.low, self.step, flat, out)
-        return out.reshape(*given.shape[:-1], *out.shape[1:]).astype(np.float64)
+        evaluate(self.coefficients, self.low, self.step, flat, out)
+        shape = (*given.shape[:-1], 4, 1 + self.ways, self.quantities)
+        return out.reshape(shape).astype(np.float64)
+
+    def turned(self, origin: Array, axes: Array) -> Self:
+        """Return the fields u(c; origin + axes z'), which vary with z' (W,).
+
+        Args:
+            origin: (V,) z of the new mean.
+            axes: (V, W) columns by which z varies.
+        """
+        mixing = np.zeros((1 + self.ways, 1 + axes.shape[1]))
+        mixing[0, 0], mixing[1:, 0], mixing[1:, 1:] = 1.0, origin, axes
+        knots = self.coefficients.shape[:3]
+        parts = self.coefficients.reshape(*knots, 1 + self.ways, -1)
+        mixed = np.einsum("vw,xydvq->xydwq", mixing.astype(np.float32), parts)
+        return type(self)(
+            np.ascontiguousarray(mixed).reshape(*knots, -1), self.low, self.step, axes.shape[1]
+        )
 
 
 def matern(a: Array, b: Array, length: float) -> Array:
@@ -114,34 +169,54 @@ def _kernel(a: Array, b: Array) -> Array:
     return matern(a, b, LENGTH_MM)
 
 
-def _best_ridge(contacts: Array, values: Array) -> float:
+@dataclass(frozen=True, eq=False)
+class _Presses:
+    """Presses with their values, and places at which nothing presses, where every field is 0."""
+
+    places: Array
+    """(M, 3) mm."""
+    targets: Array
+    """(M, Q)."""
+    shares: Array
+    """(M, 1 + V)."""
+
+    @classmethod
+    def of(cls, contacts: Array, values: Array, shares: Array) -> Self:
+        sides = [
+            np.linspace(low, high, _RESTING)
+            for low, high in zip(contacts.min(axis=0)[:2], contacts.max(axis=0)[:2], strict=True)
+        ]
+        x, y = (axis.ravel() for axis in np.meshgrid(*sides))
+        resting = np.stack([x, y, 0 * x], axis=1)
+        fields = shares.shape[1]
+        return cls(
+            np.concatenate([contacts, *[resting] * fields]),
+            np.concatenate([values, np.zeros((fields * len(resting), values.shape[1]))]),
+            np.concatenate([shares, np.repeat(np.eye(fields), len(resting), axis=0)]),
+        )
+
+    def weights(self, ridge: float) -> Array:
+        """(M, Q) weights of kriging: the fields are independent, their covariances add up."""
+        kernel = _kernel(self.places, self.places) * (self.shares @ self.shares.T)
+        return kriging(kernel, self.targets, ridge)
+
+    def fields(self, contacts: Array, weights: Array) -> Array:
+        """(N, (1 + V) Q) of contacts (N, 3) mm, every field after the other."""
+        kernel = _kernel(contacts, self.places)
+        return np.concatenate([kernel @ (share[:, None] * weights) for share in self.shares.T], 1)
+
+
+def _best_ridge(contacts: Array, values: Array, shares: Array) -> float:
     """The ridge with the least squared error on every tenth press, learned from at most 1,500."""
     held = np.arange(len(contacts)) % _HELD_OUT == 0
     learned = np.flatnonzero(~held)[:1500]
-    places, targets = _with_resting(contacts[learned], values[learned])
+    presses = _Presses.of(contacts[learned], values[learned], shares[learned])
     test = np.flatnonzero(held)[:200]
-    kernel = _kernel(contacts[test], places)
+    kernel = _kernel(contacts[test], presses.places) * (shares[test] @ presses.shares.T)
     errors = [
-        float(
-            ((kernel @ kriging(_kernel(places, places), targets, ridge) - values[test]) ** 2).sum()
-        )
-        for ridge in RIDGES
+        float(((kernel @ presses.weights(ridge) - values[test]) ** 2).sum()) for ridge in RIDGES
     ]
     return RIDGES[int(np.argmin(errors))]
-
-
-def _with_resting(contacts: Array, values: Array) -> tuple[Array, Array]:
-    """Presses with their values, and places over their range at which nothing presses."""
-    sides = [
-        np.linspace(low, high, _RESTING)
-        for low, high in zip(contacts.min(axis=0)[:2], contacts.max(axis=0)[:2], strict=True)
-    ]
-    x, y = (axis.ravel() for axis in np.meshgrid(*sides))
-    resting = np.stack([x, y, 0 * x], axis=1)
-    return (
-        np.concatenate([contacts, resting]),
-        np.concatenate([values, np.zeros((len(resting), values.shape[1]))]),
-    )
 
 
 def _spline(lattice: Array) -> Lattice:
@@ -151,50 +226,6 @@ def _spline(lattice: Array) -> Lattice:
         lattice = spline_filter1d(lattice, order=3, axis=axis, mode="mirror")
     out: Lattice = np.ascontiguousarray(lattice, dtype=np.float32)
     return out
-
-
-@njit(cache=True, fastmath=True, nogil=True)  # type: ignore[untyped-decorator]
-def _evaluate(coefficients: Lattice, low: Array, step: Array, places: Array, out: Lattice) -> None:
-    """Fill out (M, 4, Q): the value and its slopes along three axes, at places (M, 3).
-
-    coefficients: (X, Y, D, Q). Places outside the knots count as the nearest one inside; beyond the
-    ends the coefficients go on as their mirror image, as scipy's ``spline_filter`` has it.
-    """
-    weight, slope = np.empty((3, 4)), np.empty((3, 4))
-    index = np.empty((3, 4), np.int64)
-    for m in range(len(places)):
-        for axis in range(3):
-            last = coefficients.shape[axis] - 1
-            place = min(max((places[m, axis] - low[axis]) / step[axis], 0.0), float(last))
-            cell = min(int(place), last - 1)
-            t = place - cell
-            s = 1 - t
-            weight[axis, 0] = s**3 / 6
-            weight[axis, 1] = (4 - 3 * t * t * (1 + s)) / 6
-            weight[axis, 2] = (4 - 3 * s * s * (1 + t)) / 6
-            weight[axis, 3] = t**3 / 6
-            half = 0.5 / step[axis]
-            slope[axis, 0] = -s * s * half
-            slope[axis, 1] = t * (3 * t - 4) * half
-            slope[axis, 2] = s * (4 - 3 * s) * half
-            slope[axis, 3] = t * t * half
-            for k in range(4):
-                knot = abs(cell - 1 + k)
-                index[axis, k] = knot if knot <= last else 2 * last - knot
-        out[m] = 0
-        for i in range(4):
-            for j in range(4):
-                for k in range(4):
-                    value = np.float32(weight[0, i] * weight[1, j] * weight[2, k])
-                    along_x = np.float32(slope[0, i] * weight[1, j] * weight[2, k])
-                    along_y = np.float32(weight[0, i] * slope[1, j] * weight[2, k])
-                    along_d = np.float32(weight[0, i] * weight[1, j] * slope[2, k])
-                    row = coefficients[index[0, i], index[1, j], index[2, k]]
-                    for q in range(len(row)):
-                        out[m, 0, q] += value * row[q]
-                        out[m, 1, q] += along_x * row[q]
-                        out[m, 2, q] += along_y * row[q]
-                        out[m, 3, q] += along_d * row[q]
 
 
 def single_press_rows(truth: Sequence[Answer]) -> npt.NDArray[np.intp]:

@@ -1,4 +1,15 @@
-"""Least squares of several contacts whose fields add up, by damped Gauss-Newton."""
+"""Least squares of several contacts whose fields add up, by damped Gauss-Newton.
+
+Beside the contacts a frame may depend on a few numbers that nobody asks for: what its sensor
+differs by from the mean of its make (``Field.ways``), and how the image has moved. They are fitted
+with the contacts, and each is known beforehand to be normal with deviation 1. Against that stands a
+misfit whose size nobody knows beforehand: several contacts are superposed with errors far beyond
+the camera's noise. So the noise's variance counts as what the fit itself shows, at least 1:
+
+    misfit / s + Q log s + |n|^2,    s = max(misfit / Q, 1)
+
+is minimised, the likelihood of n with the best variance.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.superposition.compiled import fit_frame
 from tactibench.superposition.field import Field
 
 Array = npt.NDArray[np.float64]
 
 _STEPS = 12
-"""At most so many steps a frame; it ends earlier when a step is shorter than
-``_SMALLEST_STEP_MM``."""
-_LONGEST = (0.8, 0.8, 0.8)
-"""mm that one step may move a contact in x, y and depth."""
-_SMALLEST_STEP_MM = 2e-4
-_DAMPING = 1e-4
-"""Levenberg-Marquardt damping at the start; it adapts from frame to frame."""
+"""At most so many steps a frame."""
 _SHALLOWEST_MM = 0.02
 """A contact may not become shallower: at depth 0 its place has no effect, and the step no
 direction."""
@@ -33,7 +39,9 @@ class Solution:
     left: Array
     """(S, Q) displacements that they do not explain."""
     normal: Array
-    """(S, 3 K, 3 K) normal matrices."""
+    """(S, 3 K, 3 K) information on the contacts, the nuisances being as unknown as they are."""
+    nuisances: Array
+    """(S, M) the field's ways of variation, then the image's motions."""
 
 
 def solve(
@@ -43,8 +51,11 @@ def solve(
     weight: Array,
     steps: int = _STEPS,
     whitener: Array | None = None,
+    motions: Array | None = None,
 ) -> Solution:
-    """Minimise sum_q weight_q (moved_q - sum_k field_q(contact_k))^2 over the contacts.
+    """Minimise the squared misfit over the contacts and the nuisances n.
+
+        misfit = sum_q weight_q (moved_q - sum_k field_q(contact_k; n) - (n motions)_q)^2
 
     Levenberg-Marquardt with one damping a frame; a step that does not help is taken back.
 
@@ -57,54 +68,45 @@ def solve(
         whitener: (Q, M) by which residuals are multiplied before they are weighted, for
             displacements whose errors are not independent; weight is then (M,) or (S, M), and
             ``left`` of the solution (S, M).
+        motions: (R, Q) displacements by each motion of the image; None: it has not moved.
     """
+    motions = np.empty((0, moved.shape[1])) if motions is None else motions
+    whitener = np.empty((0, 0)) if whitener is None else np.ascontiguousarray(whitener)
+    frames, count = start.shape[:2]
+    contacts = np.array(start, dtype=np.float64, order="C")
+    nuisances = np.zeros((frames, field.ways + len(motions)))
+    left = np.empty((frames, whitener.shape[1] if len(whitener) else moved.shape[1]))
+    size = 3 * count + nuisances.shape[1]
+    normal = np.empty((frames, size, size))
     low = np.array([*field.low[:2], _SHALLOWEST_MM])
-    high = field.low + field.step * (np.array(field.coefficients.shape[:3]) - 1)
-    contacts = start.clip(low, high)
-    frames, count = contacts.shape[:2]
-    damping = np.full(frames, _DAMPING)
-    left, slopes = _residual(field, moved, contacts, whitener)
-    weights = np.broadcast_to(weight, left.shape)
-    cost = (weights * left**2).sum(axis=1)
-    normal, pull = _normal(slopes, weights, left)
-    active = np.arange(frames)
-    for _ in range(steps):
-        scale = np.diagonal(normal[active], axis1=1, axis2=2)
-        # A floor, so that a contact too shallow to be felt stays where it is.
-        damp = damping[active, None] * (scale + 1e-3 * scale.max(axis=1, keepdims=True))
-        matrix = normal[active].copy()
-        matrix[:, np.arange(3 * count), np.arange(3 * count)] += damp + 1e-12
-        step = np.linalg.solve(matrix, pull[active][..., None])[..., 0].reshape(-1, count, 3)
-        longest = (np.abs(step) / _LONGEST).max(axis=(1, 2))
-        step /= np.maximum(longest, 1.0)[:, None, None]
-        tried = (contacts[active] + step).clip(low, high)
-        new_left, new_slopes = _residual(field, moved[active], tried, whitener)
-        new_cost = (weights[active] * new_left**2).sum(axis=1)
-        better = new_cost <= cost[active]
-        moving = np.abs(tried - contacts[active]).max(axis=(1, 2)) > _SMALLEST_STEP_MM
-        took = active[better]
-        contacts[took], left[took], cost[took] = tried[better], new_left[better], new_cost[better]
-        if len(took):
-            normal[took], pull[took] = _normal(new_slopes[better], weights[took], new_left[better])
-        damping[active] = np.where(better, damping[active] / 8, damping[active] * 10)
-        active = active[moving & (damping[active] < 1e6)]
-        if not len(active):
-            break
-    return Solution(contacts, left, normal)
+    known = field.coefficients, field.low, field.step, field.ways, low, field.high
+    weights = np.broadcast_to(np.asarray(weight, dtype=np.float64), left.shape)
+    for k in range(frames):
+        fit_frame(
+            known,
+            motions,
+            np.ascontiguousarray(moved[k], dtype=np.float64),
+            np.ascontiguousarray(weights[k]),
+            whitener,
+            steps,
+            contacts[k],
+            nuisances[k],
+            left[k],
+            normal[k],
+        )
+    return Solution(contacts, left, _information(normal, 3 * count), nuisances)
 
 
-def _residual(
-    field: Field, moved: Array, contacts: Array, whitener: Array | None
-) -> tuple[Array, Array]:
-    """Residuals (S, Q), and the slopes by every contact's x, y and depth (S, 3 K, Q)."""
-    values = field.slopes(contacts)
-    slopes = values[:, :, 1:].reshape(len(contacts), -1, values.shape[-1])
-    left = moved - values[:, :, 0].sum(axis=1)
-    return (left, slopes) if whitener is None else (left @ whitener, slopes @ whitener)
+def variance(misfit: float, count: int) -> float:
+    """Return the variance of the noise that a misfit of ``count`` values shows, at least 1."""
+    return max(misfit / count, 1.0)
 
 
-def _normal(slopes: Array, weights: Array, left: Array) -> tuple[Array, Array]:
-    weighted = slopes * weights[:, None]
-    normal: Array = weighted @ slopes.transpose(0, 2, 1)
-    pull: Array = (weighted @ left[..., None])[..., 0]
-    return normal, pull
+def _information(normal: Array, count: int) -> Array:
+    """The information on the first ``count`` parameters, the others eliminated (Schur)."""
+    if normal.shape[1] == count:
+        return normal
+    across = normal[:, :count, count:]
+    others = np.linalg.solve(normal[:, count:, count:], across.transpose(0, 2, 1))
+    information: Array = normal[:, :count, :count] - across @ others
+    return information

@@ -30,6 +30,8 @@ from tactibench.testing.runner import (
 from tactibench.testing.subjects import FIT, ModelSubject, difference
 
 BATCH = 8
+SHOWN = 10
+"""Labelled frames that a model adapts to."""
 EXACT = 1e-6
 """Largest difference, in mm, deg and score, between answers of the same weights."""
 CLOSE = 1e-3
@@ -254,6 +256,31 @@ def stages(subject: ModelSubject) -> None:
         if not isinstance(value, list):
             raise Failed(f"the last stage gave a {type(value).__name__}, no list")
         subject.check_answers(value, len(frames))
+
+
+def adapt(subject: ModelSubject) -> None:
+    """Labelled frames give equal answers when they are shown again; none take their effect back."""
+    model, shown, asked = subject.trained(), subject.examples[:SHOWN], subject.test_examples.frames
+    if model.adapt([], []) is None:
+        raise NotApplicable("the model cannot adapt")
+    try:
+        with must_work(f"adapt to {len(shown.frames)} labelled frames"):
+            chosen = model.adapt(shown.frames, shown.truth)
+        if chosen is None:
+            raise NotApplicable("the model cannot adapt")
+        try:
+            json.dumps(dict(chosen), allow_nan=False)
+        except (ValueError, TypeError) as error:
+            raise Failed(f"what adapt returned cannot be written as JSON: {error}") from error
+        once = subject.predict(model, asked)
+        for count in (SHOWN // 2, SHOWN):
+            model.adapt(shown.frames[:count], shown.truth[:count])
+        gap = difference(subject.predict(model, asked), once)
+        require(gap <= EXACT, f"after other labelled frames, answers differ by {gap:.3g}")
+    finally:
+        model.adapt([], [])
+    gap = difference(subject.predict(model, asked), subject.answers)
+    require(gap <= EXACT, f"without labelled frames, answers differ by {gap:.3g} from before")
 
 
 def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:

@@ -201,8 +201,8 @@ def _train_epoch(run: _Training, epoch: int, progress: Progress) -> float:
                 )
             total += current * len(rows)
             progress.step(current)
-    if run.mean is not None:
-        run.measure_statistics()
+        if run.mean is not None:
+            run.measure_statistics()
     return total / len(run.examples)
 
 

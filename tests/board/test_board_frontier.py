@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from changed_record import changed_record
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactibench.board.curve import counts, curves
+from tactibench.board.curve import counts, curves, new_sensor_curves
 from tactibench.board.frontier import Point, Range, frontiers, line
 from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ranking_error
@@ -108,3 +109,56 @@ def test_a_curve_needs_two_numbers_of_presses(fabricate):
     assert curve.label == "unet + hertz (single)"
     assert [(step.presses, step.seeds) for step in curve.steps] == [(250, 2), (3600, 1)]
     assert counts([curve]) == [250, 3600]
+
+
+def on_instance(fabricate, instance, shots, error, seed=0, count=16):
+    """A record of a model that was trained on others and shown so many presses of an instance."""
+    record = fabricate(sensor={"instances": count}, error=error, seed=seed)
+    tested = {
+        "name": "tactip-127",
+        "parameters": {"instance": instance, "instances": 0, "tier": "auto"},
+        "asked": [f"sensor.instance={instance}"],
+        "on": f"another individual (instance={instance})",
+        "presses": 1000,
+    }
+    seen = {"of_tested_sensor": {"labelled_frames": [shots]}} if shots else {}
+    return changed_record(record, {"sensor.tested": tested, **{f"data.{k}": seen[k] for k in seen}})
+
+
+def test_a_new_sensor_is_a_mean_over_instances_and_each_over_its_seeds(fabricate):
+    adapted = [
+        on_instance(fabricate, instance, shots, error, seed)
+        for instance, shots, seed, error in [
+            *((1, 0, 0, 0.10), (1, 0, 1, 0.20), (2, 0, 0, 0.35)),
+            *((1, 50, 0, 0.04), (2, 50, 0, 0.08)),
+        ]
+    ]
+    alone = [
+        fabricate(
+            sensor={"instance": instance},
+            error=error,
+            limits={"presses": presses},
+            data={"train": presses},
+        )
+        for instance, presses, error in [
+            *((1, 50, 0.9), (2, 50, 0.7), (1, 200, 0.3), (2, 200, 0.3)),
+            *((1, 1000, 0.1), (9, 50, 99.0)),
+        ]
+    ]
+    found = new_sensor_curves([*adapted, *alone, fabricate()], ERROR, "tactip-127")
+    steps = {
+        curve.label: [(s.presses, s.error.value, s.error.low, s.error.high) for s in curve.steps]
+        for curve in found
+    }
+    name = "unet + hertz (single), "
+    assert list(steps) == [f"{name}this sensor alone", f"{name}trained on 16 others"]
+    assert steps[f"{name}trained on 16 others"] == [
+        pytest.approx((0, 0.25, 0.15, 0.35)),
+        pytest.approx((50, 0.06, 0.04, 0.08)),
+    ]
+    assert steps[f"{name}this sensor alone"] == [
+        pytest.approx((50, 0.8, 0.7, 0.9)),
+        pytest.approx((200, 0.3, 0.3, 0.3)),
+    ]
+    assert new_sensor_curves([*adapted, *alone], ERROR, "tactip-331") == []
+    assert new_sensor_curves([*alone, fabricate()], ERROR, "tactip-127") == []

@@ -24,6 +24,14 @@ def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate
     assert mixing_of(fabricate(settings={"mixing": 0.0})) == ""
 
 
+def test_a_row_says_what_its_mixed_frames_know_and_not_what_was_asked_for(fabricate):
+    record = fabricate(settings={"mixing": -1.0})
+    assert mixing_of(record) == ""
+    notes = {"mixing": 1.0, "mixed": 3600, "prior": "plain addition"}
+    training = record.training.model_copy(update={"notes": notes})
+    assert mixing_of(record.model_copy(update={"training": training})) == "1, plain addition"
+
+
 def test_a_record_without_a_readable_signature_keeps_its_names(fabricate):
     assert label_of(fabricate(signature="?", settings={"width": 8})) == "unet + hertz (single)"
 

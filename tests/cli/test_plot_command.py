@@ -71,6 +71,7 @@ def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board
         (["plot", "frontier", "exp1", "--out", "f.pdf"], "f.pdf is no PNG file; call it f.png"),
         (["plot", "frontier", "exp1", "--out", "no/f.png"], "the folder no is not there"),
         (["plot", "frontier", "exp1", "--board", "no"], "there is no board in no"),
+        (["plot", "curve", "exp1", "--new-sensor"], "was tested on another instance than it was"),
         (["plot", "curve", "exp2"], "there is no complete run of exp2"),
         (["plot", "curve", "exp1", "--sensor", "tactip-127, instance=1"], "run exp1 --presses N"),
     ],

@@ -114,3 +114,38 @@ def test_what_is_unclear_is_refused_by_number_and_reason(grey, image, words):
     with pytest.raises(UserError, match=r"frame 2 of 3") as caught:
         gray_frames([frame(grey), frame(image), frame(grey)], 8)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("image", "rest"),
+    [
+        ((128, 168), (128, 128)),
+        ((128, 120), (128, 128)),
+        ((128, 127), (128, 128)),
+        ((256, 256), (128, 127)),
+        ((3, 90, 64), (64, 64, 3)),
+        ((64, 64), (64, 90)),
+    ],
+)
+def test_a_frame_of_another_crop_than_its_rest_frame_is_refused(image, rest) -> None:
+    for one, other in ((image, rest), (rest, image)):
+        frame = Frame(np.zeros(one, np.uint8), 0.0, Pose(), np.zeros(other, np.uint8))
+        with pytest.raises(UserError, match="another crop cannot"):
+            gray_frames([frame], 32)
+
+
+@pytest.mark.parametrize(
+    ("image", "rest"),
+    [
+        ((256, 256), (128, 128)),
+        ((128, 128, 3), (64, 64)),
+        ((3, 48, 64), (96, 128)),
+        ((101, 135), (480, 640)),
+        ((64, 64, 1), (64, 64)),
+    ],
+)
+def test_another_size_or_depth_of_colour_than_the_rest_frame_is_read(image, rest) -> None:
+    levels = np.random.default_rng(0).integers(0, 256, image, dtype=np.uint8)
+    for one, other in ((levels, np.zeros(rest, np.uint8)), (levels, None)):
+        read = gray_frames([Frame(one, 0.0, Pose(), other)], 32)
+        np.testing.assert_array_equal(read, gray_frames([Frame(levels, 0.0, Pose())], 32))

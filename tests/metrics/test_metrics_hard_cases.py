@@ -148,6 +148,30 @@ def test_false_contacts_are_those_of_empty_frames() -> None:
     )
 
 
+def test_false_contacts_under_faults_stand_apart() -> None:
+    nothing, one = contacts(), contacts((0, 0, 2))
+    groups = ("empty:0",) * 100 + ("untouched:dim",) * 50 + ("untouched:shift",) * 50
+    made = Trials(
+        (nothing,) * 200 + (one,),
+        (nothing,) * 99 + (one,) * 3 + (nothing,) * 98 + (one,),
+        np.append(np.tile(np.arange(100), 2), 200),
+        (*groups, "plain:0"),
+        axes=(EMPTY,),
+    )
+    found = rows(made)
+    rates = {g: row.value for (name, g), row in found.items() if name == "false_per_1000"}
+    assert rates == {
+        "all": 10.0,
+        "untouched": 20.0,
+        "untouched:dim": 40.0,
+        "untouched:shift": 0.0,
+    }
+    assert found["false_per_1000", "untouched"].clusters == 100
+    # Two of 100 frames under a fault would be seen in a mean over all cases.
+    assert found["ospa_mm", "all"].value == pytest.approx(3 / 101)
+    assert found["ospa_mm", "untouched:dim"].value == pytest.approx(2 * 3 / 50)
+
+
 def test_failures_are_counted_by_family_and_score_as_misses() -> None:
     base = trials({"plain:0": [0.1] * 4, "shift:1": [0.1] * 4})
     gone = tuple(contacts() if k in (4, 5, 6) else p for k, p in enumerate(base.predictions))

@@ -162,6 +162,18 @@ def test_what_a_training_can_be_told_is_the_same_for_all_models() -> None:
     assert training_parameters(mixing=False) == training_parameters(mixing=True)[:2]
 
 
+def test_a_recipe_has_defaults_of_its_own_that_a_user_may_change() -> None:
+    recipe = Parameter("recipe", "default", "the recipe", choices=("default", "paper"))
+    spec = ModelSpec("m", "a:B", "", (recipe, WIDTH), recipes={"paper": {"width": 64}})
+    assert spec.settings({})["width"] == 16
+    assert spec.settings({"recipe": "paper"})["width"] == 64
+    assert spec.settings({"recipe": "paper", "width": "32"})["width"] == 32
+    with pytest.raises(ValueError, match="recipe 'paper' of 'm' sets"):
+        ModelSpec("m", "a:B", "", (recipe, WIDTH), recipes={"paper": {"depth": 1}})
+    with pytest.raises(ValueError, match="sets"):  # no such choice of recipe to be made
+        ModelSpec("m", "a:B", "", (WIDTH,), recipes={"paper": {"width": 64}})
+
+
 def versioned(versions: dict[int, dict[str, Any]]) -> SensorSpec:
     version = Parameter("version", 1, "the version", choices=(1, 2))
     return SensorSpec("s", "p.m:C", "a sensor", (version, WIDTH, RATE), versions=versions)

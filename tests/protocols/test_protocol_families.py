@@ -106,6 +106,11 @@ def test_a_family_that_cannot_be_is_refused(
         ({"test": {"group": "all"}}, "has group = 'case'"),
         ({"test": {"sets": ["singles"]}}, "tests sets = ['families']"),
         ({"cases": {"base": "grazing"}}, "must press scenes and have one value"),
+        ({"cases": {"untouched": []}}, "cases.empty and cases.untouched belong together"),
+        ({"cases": {"untouched": ["dimm"]}}, "named 'dimm'; did you mean 'dim'"),
+        ({"cases": {"untouched": ["deep"]}}, "names 'deep', which is no family of a fault"),
+        ({"cases": {"untouched": ["dim", "dim"]}}, "cases.untouched holds 'dim' 2 times"),
+        ({"cases": {"empty": "plain"}}, "cases.empty 'plain' must press 'nothing'"),
     ],
 )
 def test_tables_that_do_not_fit_are_refused(

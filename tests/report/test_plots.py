@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +17,17 @@ from matplotlib.image import imread
 from report_material import DISTANCES, exp2_metrics
 from scipy.optimize import minimize
 
-from tactibench.board.curve import curves
+from tactibench.board.curve import Curve, Step, curves
 from tactibench.board.frontier import frontiers
 from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ranking_error
-from tactibench.board.rows import Row
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.contacts import Contacts, Grid
 from tactibench.metrics.threshold import fit_threshold
 from tactibench.protocols.published import load_published, published_means
 from tactibench.records.record import Metric
 from tactibench.report.plots import style
-from tactibench.report.plots.curve import curve_figure
+from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
 from tactibench.report.plots.distance import (
     Series,
     by_distance,
@@ -302,6 +303,19 @@ def test_a_learning_curve_has_its_values_and_bars(fabricate: Any) -> None:
     assert list(axes.lines[0].get_ydata()) == [0.2, 0.05]
     assert list(axes.lines[0].get_xdata()) == [250, 3600]
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["250", "3,600"]
+
+
+def test_none_has_a_place_on_the_axis_of_labelled_presses() -> None:
+    pooled = PooledMetric(0.2, 0.1, 0.3, None, (1000, 1000), "mm")
+    steps = tuple(Step(n, replace(pooled, value=0.2 - n / 1e4), 8) for n in (0, 10, 1000))
+    figure = curve_figure([Curve("kernel", "kernel", steps)], ERROR, NEW_SENSOR)
+    axes = figure.axes[0]
+    assert list(axes.lines[0].get_xdata()) == [0, 10, 1000]
+    places = [float(x) for x, _ in axes.transData.transform([(n, 0.1) for n in (0, 10, 1000)])]
+    assert np.all(np.isfinite(places))
+    assert places[0] + 20 < places[1] < places[2] - 20
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["0", "10", "1,000"]
+    assert axes.get_xlabel() == "labelled presses of the new sensor"
 
 
 def test_the_extent_reaches_the_outer_borders_of_the_cells() -> None:

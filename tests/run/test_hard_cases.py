@@ -77,6 +77,7 @@ def test_every_case_has_its_frames_and_presses_are_shared(
     spec = read_protocol(Path(hard)).spec
     groups = [group for wanted in frames.test for group in wanted.groups]
     expected = {g for axis in spec.axes for g in (*axis.groups, axis.reference) if g}
+    expected |= {"untouched:dim", "untouched:glare", "untouched:blur", "untouched:shift"}
     assert set(groups) == expected
     assert groups.count("grazing:0.05") == 3
     assert groups.count("empty:0") == 4
@@ -103,6 +104,33 @@ def test_faults_are_done_to_the_plain_frames_and_rest_stays(
     for group, frames in found.items():
         for one, other in zip(frames, again[group], strict=True):
             assert np.array_equal(one.image, other.image)
+
+
+def test_every_empty_frame_is_tested_again_under_one_fault(
+    planned: Callable[..., RunPlan], hard: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[tuple[str, float]] = []
+    for name in FAULTS:
+        monkeypatch.setitem(
+            FAULTS,
+            name,
+            lambda image, amount, _, name=name: done.append((name, amount)) or image,  # type: ignore[func-returns-value]
+        )
+    text = Path(hard).read_text(encoding="utf-8").replace("presses = 4", "presses = 13")
+    Path(hard).write_text(text, encoding="utf-8")
+    plan = planned(hard)
+    sets = [one for one in plan.frames.test if one.name.startswith("untouched:")]
+    assert [one.name.partition(":")[2] for one in sets] == [
+        *("blur", "noise", "dim", "glare", "lost-pins", "shift")
+    ]
+    pressed = sorted(press for one in sets for press in one.clusters)
+    assert pressed == sorted(f"empty-{k}" for k in range(13))
+    assert all(
+        len(true) == 0 for one in sets for true in one.open(lambda _: None).truth("contacts", 20.0)
+    )
+    first = [("blur", 0.5), ("blur", 1.0), ("noise", 4), ("noise", 8), ("gain", 0.7), ("gain", 0.5)]
+    first += [("gain", 0.35), ("glare", 2), ("glare", 4), ("lost-pins", 0.01), ("lost-pins", 0.03)]
+    assert done == [*first, ("shift", 0.25), ("shift", 0.5)]
 
 
 def test_frames_of_another_fault_have_another_hash(

@@ -180,7 +180,7 @@ def test_a_reference_that_has_no_scenes(planned: Planned, tmp_path: Any) -> None
     ("text", "said"),
     [
         ("refrence", "did you mean 'reference'?"),
-        ("zzz", "known: data, reference."),
+        ("zzz", "known: data, reference, shots."),
         ("instance=1", "changes no sensor; write sensor.NAME=VALUE"),
         ("model.width=2", "changes no sensor"),
         ("sensor.=2", "changes no sensor"),

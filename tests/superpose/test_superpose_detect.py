@@ -39,8 +39,15 @@ def field():
 
 def detector(field, gain=1.3, most=6, sigma=SIGMA):
     pins = SimpleNamespace(rest=PINS * 4 + 40, pitch=PITCH, retrack=nothing_found)
+    pins.moved = lambda motion: pins
     weight = np.full(field.coefficients.shape[-1], 1 / sigma**2)
     return Detector.of(field, pins, weight, gain, most)
+
+
+def find(search, moved, sure):
+    """The solution, and the share of every contact."""
+    found = search.find(IMAGE, moved, sure)
+    return found.solution, found.share
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +87,7 @@ def test_doubtful_pins_do_not_hide_a_contact(usual, field, seed, share):
     rng = np.random.default_rng(seed)
     wanted = np.array([[*rng.uniform(-5, 5, 2), rng.uniform(0.5, 5)]])
     sure = rng.uniform(size=len(PINS)) >= share
-    solution, _ = usual.find(IMAGE, field(wanted)[0] + noise(seed), sure)
+    solution, _ = find(usual, field(wanted)[0] + noise(seed), sure)
     np.testing.assert_allclose(solution.contacts[0], wanted, atol=0.1)
 
 
@@ -88,7 +95,7 @@ def test_doubtful_pins_do_not_hide_a_contact(usual, field, seed, share):
 def test_a_contact_shallower_than_the_first_training_press_is_found(field, depth):
     wanted = np.array([[1.0, -2.0, depth]])
     fine = detector(field, sigma=SIGMA / 5)
-    solution, _ = fine.find(IMAGE, push(wanted)[0] + noise(0) / 5, SURE)
+    solution, _ = find(fine, push(wanted)[0] + noise(0) / 5, SURE)
     assert solution.contacts.shape == (1, 1, 3)
     assert np.hypot(*(solution.contacts[0, 0, :2] - wanted[0, :2])) < 1.0
 
@@ -97,7 +104,7 @@ def test_a_contact_shallower_than_the_first_training_press_is_found(field, depth
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_as_many_are_found_as_there_are(usual, field, count, seed):
     wanted = far_apart(count) + np.random.default_rng(seed).uniform(-0.8, 0.8, (count, 3))
-    solution, taken = usual.find(IMAGE, field(wanted).sum(axis=0) + noise(seed), SURE)
+    solution, taken = find(usual, field(wanted).sum(axis=0) + noise(seed), SURE)
     assert len(taken) == count == solution.contacts.shape[1]
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
     assert ((taken > 0) & (taken <= 1)).all()
@@ -108,27 +115,27 @@ def test_as_many_are_found_as_there_are(usual, field, count, seed):
 def test_two_near_ones_are_not_taken_for_one(usual, field, distance, angle):
     half = distance / 2 * np.array([np.cos(angle), np.sin(angle)])
     wanted = np.array([[*(0.5 - half), 2.0], [*(0.5 + half), 3.0]])
-    solution, taken = usual.find(IMAGE, field(wanted).sum(axis=0) + noise(9), SURE)
+    solution, taken = find(usual, field(wanted).sum(axis=0) + noise(9), SURE)
     assert len(taken) == 2
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
 
 
 def test_noise_and_nothing_are_no_contact(usual):
     for moved in (np.zeros(2 * len(PINS)), *(noise(seed) for seed in range(20))):
-        solution, taken = usual.find(IMAGE, moved, SURE)
+        solution, taken = find(usual, moved, SURE)
         assert len(taken) == 0
         assert solution.contacts.shape == (1, 0, 3)
         np.testing.assert_array_equal(solution.left[0], moved)
 
 
 def test_a_touch_too_shallow_is_no_contact(usual, field):
-    _, taken = usual.find(IMAGE, field([1.0, 1.0, 0.05]), SURE)
+    _, taken = find(usual, field([1.0, 1.0, 0.05]), SURE)
     assert len(taken) == 0
 
 
 @pytest.mark.parametrize("most", [1, 2])
 def test_no_more_than_are_allowed(field, most):
-    solution, taken = detector(field, most=most).find(IMAGE, field(far_apart(4)).sum(axis=0), SURE)
+    solution, taken = find(detector(field, most=most), field(far_apart(4)).sum(axis=0), SURE)
     assert len(taken) == solution.contacts.shape[1] == most
 
 
@@ -137,7 +144,7 @@ def test_two_fits_are_never_closer_than_told(usual, field):
     several = 0
     for seed in range(20):
         wanted = rng.uniform([-5, -5, 1], [5, 5, 5], (2, 3))
-        solution, taken = usual.find(IMAGE, field(wanted).sum(axis=0) + noise(seed), SURE)
+        solution, taken = find(usual, field(wanted).sum(axis=0) + noise(seed), SURE)
         found = solution.contacts[0]
         apart = np.hypot(*(found[:, None, :2] - found[None, :, :2]).transpose(2, 0, 1))
         # Moved apart on the way, they may end a little closer.
@@ -150,14 +157,14 @@ def test_a_higher_gain_asks_more_of_a_further_contact(field):
     """A weak second contact beside a strong one."""
     strong, weak = np.array([-4.0, -4.0, 5.0]), np.array([4.5, 4.5, 0.5])
     moved = field(strong) + field(weak) + noise(5)
-    counts = [len(detector(field, gain).find(IMAGE, moved, SURE)[1]) for gain in (1.05, 1.3, 100.0)]
+    counts = [len(find(detector(field, gain), moved, SURE)[1]) for gain in (1.05, 1.3, 100.0)]
     assert counts[:2] == [2, 2]
     assert counts[2] == 1
 
 
 def test_what_is_left_is_the_noise(usual, field):
     disturbed = noise(6)
-    solution, _ = usual.find(IMAGE, field(far_apart(2)).sum(axis=0) + disturbed, SURE)
+    solution, _ = find(usual, field(far_apart(2)).sum(axis=0) + disturbed, SURE)
     chi2 = ((solution.left[0] / SIGMA) ** 2).sum()
     assert chi2 < ((disturbed / SIGMA) ** 2).sum() + 1
     assert chi2 > 0.8 * (len(disturbed) - 6)
@@ -174,8 +181,8 @@ def test_doubtful_pins_are_named_by_the_contacts_that_were_found(usual, field):
     mistaken = (places - (PINS * 4 + 40)).T.reshape(-1)
     doubtful = SURE.copy()
     doubtful[pair] = False
-    clean, _ = usual.find(IMAGE, moved, SURE)
-    solution, taken = usual.find(IMAGE, mistaken, doubtful)
+    clean, _ = find(usual, moved, SURE)
+    solution, taken = find(usual, mistaken, doubtful)
     assert len(taken) == 2
     # Both pins count again, each at its own place.
     np.testing.assert_allclose(solution.contacts, clean.contacts, atol=2e-3)
@@ -190,7 +197,7 @@ def test_a_doubtful_pin_that_was_seen_nowhere_near_is_left_out(usual, field):
     lost[[30, 30 + len(PINS)]] += 0.5 * PITCH
     doubtful = SURE.copy()
     doubtful[30] = False
-    solution, taken = usual.find(IMAGE, lost, doubtful)
+    solution, taken = find(usual, lost, doubtful)
     assert len(taken) == 2
     np.testing.assert_allclose(in_order(solution.contacts[0], wanted), wanted, atol=0.1)
 
@@ -199,7 +206,7 @@ def test_a_doubtful_pin_that_was_seen_nowhere_near_is_left_out(usual, field):
 def test_pins_that_went_anywhere_are_no_contact(usual, seed):
     """As in a frame of another sensor: none is sure, and nothing explains where they are."""
     moved = np.random.default_rng(seed).uniform(-PITCH / 2, PITCH / 2, 2 * len(PINS))
-    _, taken = usual.find(IMAGE, moved, ~SURE)
+    _, taken = find(usual, moved, ~SURE)
     assert len(taken) == 0
 
 
@@ -231,8 +238,8 @@ def test_what_two_contacts_usually_leave_is_no_third_one(usual, learned_from_pai
     rng = np.random.default_rng(100 + seed)
     contacts = pair(rng)
     moved = field(contacts).sum(axis=0) + interplay(contacts, rng) + noise(seed)
-    assert len(usual.find(IMAGE, moved, SURE)[1]) > 2
-    solution, taken = learned_from_pairs.find(IMAGE, moved, SURE)
+    assert len(find(usual, moved, SURE)[1]) > 2
+    solution, taken = find(learned_from_pairs, moved, SURE)
     assert len(taken) == 2
     apart = np.linalg.norm(
         in_order(solution.contacts[0], contacts)[:, :2] - contacts[:, :2], axis=1
@@ -245,7 +252,7 @@ def test_a_third_contact_elsewhere_is_still_found(learned_from_pairs, field, see
     rng = np.random.default_rng(200 + seed)
     contacts = np.array([*pair(rng), [0.0, 5.5, 3.0]])
     moved = field(contacts).sum(axis=0) + interplay(contacts, rng) + noise(seed)
-    solution, taken = learned_from_pairs.find(IMAGE, moved, SURE)
+    solution, taken = find(learned_from_pairs, moved, SURE)
     assert len(taken) >= 3
     apart = np.linalg.norm(solution.contacts[0][:, :2] - contacts[2, :2], axis=1)
     assert apart.min() < 0.8

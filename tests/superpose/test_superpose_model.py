@@ -69,14 +69,14 @@ def test_pins_that_crowd_are_followed_again(fitted, presses):
     """Between two deep tips blobs merge; the contacts say where each pin is to be looked for."""
     model = fitted[0]
     frames, truth = presses["crowded"]
-    detector = model._ready().detector
-    images = detector.pins.images(frames)
+    detector = model._detector(0)
+    images = detector.pins.pins.images(frames)
     moved, sure = detector.pins.track(images)
     rows = np.flatnonzero(~sure.all(axis=1))
     assert len(rows) >= 4
     before, after = [], []
     for row in rows:
-        found, _ = detector.find(images[row], moved[row], sure[row])
+        found = detector.find(images[row], moved[row], sure[row]).solution
         explained = detector.field(found.contacts[0]).sum(axis=0)
         before.append(np.hypot(*(moved[row] - explained).reshape(2, -1)).max())
         after.append(np.hypot(*found.left[0].reshape(2, -1)).max())

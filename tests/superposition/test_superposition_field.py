@@ -66,7 +66,7 @@ def test_the_lattice_covers_the_presses_and_a_margin(known, learned):
 
 def test_slopes_are_those_of_the_values(known, learned):
     contacts = known[1][0]
-    slopes = learned.slopes(contacts)
+    slopes = learned.slopes(contacts)[:, :, 0]
     np.testing.assert_array_equal(slopes[:, 0], learned(contacts))
     h = 5e-3
     for axis in range(3):
@@ -102,7 +102,7 @@ def test_a_cubic_is_reproduced_inside_the_lattice():
     field = Field(_spline((x * (y + d))[..., None]), np.zeros(3), np.ones(3))
     places = np.random.default_rng(2).uniform(12, 17, (50, 3))
     x, y, d = places.T
-    found = field.slopes(places)[..., 0]
+    found = field.slopes(places)[..., 0, 0]
     np.testing.assert_allclose(found, np.stack([x * (y + d), y + d, x, x], axis=1), rtol=2e-4)
 
 
@@ -121,7 +121,9 @@ def test_knots_hold_the_kriging_of_scikit_learn(random_contacts, push_pins):
     resting = np.stack([x, y, 0 * x], axis=1)
     nodes = field.low + field.step * rng.integers(0, field.coefficients.shape[:3], (200, 3))
     process = GaussianProcessRegressor(
-        Matern(30.0, nu=2.5), alpha=_best_ridge(contacts, values), optimizer=None
+        Matern(30.0, nu=2.5),
+        alpha=_best_ridge(contacts, values, np.ones((len(contacts), 1))),
+        optimizer=None,
     )
     process.fit(
         np.concatenate([contacts, resting]),
@@ -136,7 +138,7 @@ def test_noise_is_smoothed(known):
     ridges, errors = [], []
     for sigma in (0.0, 0.02, 0.2):
         noisy = values + sigma * rng.normal(size=values.shape)
-        ridges.append(_best_ridge(contacts, noisy))
+        ridges.append(_best_ridge(contacts, noisy, np.ones((len(contacts), 1))))
         errors.append(rms(Field.learn(contacts, noisy)(others) - expected))
     assert set(ridges) <= set(RIDGES)
     assert ridges[0] < ridges[1] < ridges[2]
@@ -163,13 +165,13 @@ def test_beyond_the_lattice_its_edge_holds(learned, place, axis, beyond, side):
 def test_any_leading_shape(learned, known):
     contacts = known[1][0][:24]
     count = learned.coefficients.shape[-1]
-    block = learned.slopes(contacts.reshape(2, 3, 4, 3))
+    block = learned.slopes(contacts.reshape(2, 3, 4, 3))[..., 0, :]
     assert block.shape == (2, 3, 4, 4, count)
-    np.testing.assert_array_equal(block.reshape(24, 4, count), learned.slopes(contacts))
+    np.testing.assert_array_equal(block.reshape(24, 4, count), learned.slopes(contacts)[..., 0, :])
     np.testing.assert_array_equal(learned(contacts[0]), learned(contacts)[0])
     assert learned(contacts.tolist()).shape == (24, count)
     assert learned(np.empty((0, 3))).shape == (0, count)
-    assert learned.slopes(np.empty((5, 0, 3))).shape == (5, 0, 4, count)
+    assert learned.slopes(np.empty((5, 0, 3))).shape == (5, 0, 4, 1, count)
 
 
 def test_order_of_presses_hardly_matters(known, learned):

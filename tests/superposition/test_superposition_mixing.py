@@ -9,7 +9,7 @@ from tactibench import Frame, PlatePose, Pose, UserError
 from tactibench.markers import PinTracker
 from tactibench.superposition import NeighbourLaw, contact_array, mix
 from tactibench.superposition.field import FEWEST
-from tactibench.superposition.mixing import CLOSEST_MM, MOST
+from tactibench.superposition.mixing import CLOSEST_MM, MOST, _unexplained
 
 
 def made(singles, count=24, seed=3, **more):
@@ -156,6 +156,27 @@ def test_a_law_of_neighbours_moves_the_pins(singles):
     moved = (tracker.displacements(tracker.images(made_frames)) for made_frames, _ in (none, law))
     ways = [np.abs(each).sum(axis=1) for each in moved]
     assert (np.abs(ways[0] - ways[1]) > 0.1).any()
+
+
+def test_a_misfit_is_at_right_angles_to_every_motion_of_the_contacts(field):
+    """Moving them, or pressing deeper, would explain nothing of it: equivalents fit best."""
+    rng = np.random.default_rng(4)
+    contacts = rng.uniform([-5, -5, 1], [5, 5, 4], (30, 2, 3))
+    low, high = np.array([-5.0, -5, 1]), np.array([5.0, 5, 4])
+    errors = _unexplained(field, contacts, 0.3, low, high, rng)
+    slopes = field.slopes(contacts)[:, :, 1:].reshape(30, 6, -1)
+    moved = errors.shape[1] * 2 // 3
+    along = np.einsum("nkq,nq->nk", slopes[..., :moved], errors[:, :moved])
+    length = np.linalg.norm(slopes[..., :moved], axis=2)
+    size = np.linalg.norm(errors[:, :moved], axis=1, keepdims=True)
+    assert np.median(size) > 0.1
+    assert np.abs(along / (length * size + 1e-9))[length > 1].max() < 0.01
+
+
+def test_a_misfit_moves_pins_and_leaves_the_truth(singles):
+    none, some = (made(singles, 12, misfit=share) for share in (0.0, 0.3))
+    assert any((a.image != b.image).any() for a, b in zip(none[0], some[0], strict=True))
+    assert {len(one) for one in some[1]} <= {2, MOST}
 
 
 def test_a_colour_sensor_gives_gray_frames_with_a_rest_image_alike(singles):

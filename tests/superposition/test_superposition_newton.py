@@ -203,3 +203,57 @@ def test_the_inputs_are_left_as_they_are(field):
     solve(field, moved, start, weight)
     for array, copy in zip((moved, start, weight), copies, strict=True):
         np.testing.assert_array_equal(array, copy)
+
+
+def shifted(moved, right, down):
+    """The displacements in an image that has moved."""
+    half = moved.shape[1] // 2
+    return moved + np.repeat([right, down], half)
+
+
+SHIFTS = np.repeat(np.eye(2), 61, axis=1)
+
+
+def test_a_motion_of_the_image_is_found_beside_the_contacts(field):
+    wanted = KNOWN[None, :2]
+    moved = shifted(summed(field, wanted), 0.7, -0.3)
+    weight = np.full(122, 1e4)
+    start = near(wanted, np.random.default_rng(0))
+    found = solve(field, moved, start, weight, motions=SHIFTS)
+    np.testing.assert_allclose(found.contacts, wanted, atol=2e-3)
+    np.testing.assert_allclose(found.nuisances, [[0.7, -0.3]], atol=2e-3)
+    assert np.abs(solve(field, moved, start, weight).contacts - wanted).max() > 0.05
+
+
+def test_without_contacts_only_the_motion_is_fitted(field):
+    moved = shifted(np.zeros((1, 122)), 0.5, 0.2)
+    found = solve(field, moved, np.zeros((1, 0, 3)), np.full(122, 1e4), motions=SHIFTS)
+    assert found.contacts.shape == (1, 0, 3)
+    np.testing.assert_allclose(found.nuisances, [[0.5, 0.2]], atol=1e-3)
+
+
+def test_where_nothing_tells_them_nuisances_are_as_expected(field):
+    moved = shifted(summed(field, KNOWN[None, :1]), 0.5, 0.2)
+    found = solve(field, moved, KNOWN[None, :1], np.full(122, 1e-9), motions=SHIFTS)
+    np.testing.assert_allclose(found.nuisances, 0, atol=1e-5)
+
+
+def test_a_misfit_that_noise_does_not_explain_weakens_what_a_frame_says(field):
+    rng = np.random.default_rng(1)
+    moved = summed(field, KNOWN[None, :1]) + 0.5 * rng.normal(size=(1, 122))
+    weak, strong = (
+        solve(field, shifted(moved, 0.3, 0.0), KNOWN[None, :1], np.full(122, w), motions=SHIFTS)
+        for w in (4.0, 1e8)
+    )
+    # Noise of half a px, or claimed to be a ten-thousandth: what it is shows in the misfit.
+    np.testing.assert_allclose(strong.nuisances, weak.nuisances, atol=0.02)
+
+
+def test_information_is_what_is_left_when_the_motion_is_unknown(field):
+    contact = KNOWN[None, :1]
+    weight = np.full(122, 100.0)
+    found = solve(field, summed(field, contact), contact, weight, motions=SHIFTS)
+    slopes = np.concatenate([jacobian(field, found.contacts[0]), SHIFTS])
+    whole = (slopes * weight) @ slopes.T + np.diag([0, 0, 0, 1, 1])
+    expected = np.linalg.inv(np.linalg.inv(whole)[:3, :3])
+    np.testing.assert_allclose(found.normal[0], expected, rtol=1e-2, atol=1e-3 * expected.max())

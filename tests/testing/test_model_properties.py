@@ -121,6 +121,18 @@ stages_for_one_frame = with_attributes(
 )
 
 
+def adapting(step: Callable[[Any, int], Any], chosen: Any = None) -> Break:
+    """A model that labelled frames move. step: its mean answer as trained and now, how many."""
+
+    def adapt(self: Any, frames: Any, _: Any) -> Any:
+        if not hasattr(self, "as_trained"):
+            self.as_trained = self.mean_answer
+        self.mean_answer = step(self, len(frames))
+        return {"frames": len(frames)} if chosen is None or not frames else chosen
+
+    return with_attributes(adapt=adapt)
+
+
 ANY, BOTH = {"max_contacts": None}, {"answers": ("contacts", "plate")}
 BROKEN = [
     ("target", lambda _: type("NoModel", (), {}), {}),
@@ -154,6 +166,13 @@ BROKEN = [
     ("maps", maps_of_another_grid, {}),
     ("maps", maps_that_say_something_else, {}),
     ("stages", stages_for_one_frame, {}),
+    ("adapt", adapting(lambda self, count: self.mean_answer + 0.1 * count), {}),
+    (
+        "adapt",
+        adapting(lambda self, count: self.mean_answer + 0.1 if count else self.as_trained),
+        {},
+    ),
+    ("adapt", adapting(lambda self, _: self.as_trained, {"shift": np.zeros(3)}), {}),
 ]
 
 
@@ -186,7 +205,14 @@ def test_the_good_one_holds_them_all(host: Any) -> None:
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
     assert report.ok
     skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
-    assert skipped == {"every_answer", "several", "maps"}
+    assert skipped == {"every_answer", "several", "maps", "adapt"}
+
+
+def test_a_model_that_adapts_and_forgets_is_good(host: Any, target: Any) -> None:
+    forgets = adapting(lambda self, count: self.as_trained + 0.1 * count)
+    built = host("model", forgets(target("model")))
+    subject = subject_of("model", "good_model", host=built, parameters=SMALL)
+    assert examine(PROPERTIES["adapt"], subject).outcome == PASSED
 
 
 @pytest.mark.parametrize(("name", "broken", "fields"), BROKEN)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from drawn_presses import presses
 
-from tactibench_unet.architecture import LAYERS, UNetNetwork, layer_features
+from tactibench_unet.architecture import UNetNetwork, layer_features
 
 
 def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():
@@ -14,7 +14,7 @@ def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():
     images = torch.randint(0, 255, (2, 1, 128, 128), dtype=torch.uint8)
     before = network(images)
     found = layer_features(network, images)
-    assert list(found) == list(LAYERS.values())
+    assert list(found) == list(network.layers.values())
     assert {name: values.shape for name, values in found.items()} == {
         "stem": (8, 64, 64),
         "down 1": (8, 64, 64),
@@ -38,4 +38,5 @@ def test_all_layers_are_shown_with_their_shapes_and_no_hook_stays():
 def test_the_model_shows_them_of_a_frame(make_model):
     model = make_model()
     frame = presses(1, 0)[0][0]
-    assert list(model.features(frame)) == list(LAYERS.values())
+    levels = [f"down {level}" for level in (1, 2, 3)]
+    assert list(model.features(frame)) == ["stem", *levels, "bottleneck", "up 3", "up 2", "up 1"]

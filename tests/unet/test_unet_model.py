@@ -54,7 +54,7 @@ def test_weights_are_read_with_the_headroom_they_were_trained_in(make_model, tra
 
 
 @pytest.mark.parametrize("size", [64, 96, 128])
-@pytest.mark.parametrize("stem", [1, 2])
+@pytest.mark.parametrize("stem", [1, 2, 4])
 def test_every_size_and_stem_gives_maps_on_the_grid(make_model, size, stem):
     model = make_model(size=size, stem=stem)
     assert model.maps(presses(1, 5)[0]).shape == (1, 1, 64, 64)
@@ -76,13 +76,37 @@ def test_a_grid_that_is_not_square_is_filled(make_model):
     assert model.maps(presses(2, 5)[0]).shape == (2, 1, 32, 48)
 
 
-def test_the_default_network_has_four_levels_and_a_bottleneck(make_model):
+def test_the_published_network_has_four_levels_and_a_bottleneck(make_model):
     """Channels 16, 32, 64, 128, bottleneck 256; 1.9 million weights."""
-    model = make_model(width=16)
+    model = make_model(width=16, stem=2)
     assert [block[0].out_channels for block in model.network.down] == [16, 32, 64, 128]
     assert model.network.bottleneck[0].out_channels == 256
     assert model.network.head.kernel_size == (1, 1)
     assert 1.85e6 < model.parameter_count() < 2.0e6
+
+
+def test_a_stem_of_stride_4_takes_the_place_of_the_first_level(make_model):
+    """A constant head gives a constant map, and each of its four outputs one cell in four."""
+    network = make_model(width=16, stem=4).network
+    assert [block[0].out_channels for block in network.down] == [32, 64, 128]
+    assert network.head.out_channels == 4
+    with torch.no_grad():
+        network.head.weight.zero_()
+        network.head.bias.copy_(torch.arange(4.0))
+    maps = network(torch.zeros(1, 1, 64, 64, dtype=torch.uint8))
+    assert torch.equal(maps[0, 0, :2, :2], torch.tensor([[0.0, 1.0], [2.0, 3.0]]))
+    assert maps.shape == (1, 1, 64, 64)
+
+
+def test_every_map_starts_at_its_mean_heat(make_model):
+    heat = torch.rand(6, 1, 64, 64) * 0.1
+    for stem in (2, 4):
+        network = make_model(stem=stem).network
+        network.initialise(torch.zeros(6, 1, 64, 64), heat)
+        with torch.no_grad():
+            network.head.weight.zero_()
+        maps = network(torch.zeros(1, 1, 64, 64, dtype=torch.uint8)).sigmoid()
+        assert torch.allclose(maps, heat.mean().expand_as(maps), atol=1e-5)
 
 
 def test_several_contacts_are_learned_from(make_model):

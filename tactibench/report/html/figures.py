@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from tactibench.report.hard_cases import doubling_table
 from tactibench.report.html.report_data import ReportBoard
 from tactibench.report.numbers import fixed, number, plural, significant
 from tactibench.report.plot_tables import curve_steps_table, frontier_table
-from tactibench.report.plots.curve import curve_figure
+from tactibench.report.plots.curve import LEARNING, curve_figure
 from tactibench.report.plots.distance import (
     Series,
     distance_figure,
@@ -226,7 +226,9 @@ def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
         return None
     options = _batch_options(
         section.curves,
-        lambda part: curve_figure(part, error, title="", measured_on=section.title),
+        lambda part: curve_figure(
+            part, error, replace(LEARNING, title=""), measured_on=section.title
+        ),
         lambda part: curve_steps_table(part, error),
     )
     caption = "Error against the presses that a model learned from; bars: 95 % over presses."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
@@ -22,22 +23,42 @@ from tactibench.report.plots.style import (
 
 DODGE = 0.012
 """Between the curves, as a share of the presses, so that bars stand beside each other."""
-TITLE = "Learning curve; bars: 95 % over presses, mean of the seeds"
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Title and horizontal axis of learning curves."""
+
+    title: str
+    presses: str
+
+
+LEARNING = Caption(
+    "Learning curve; bars: 95 % over presses, mean of the seeds",
+    "presses that the model learned from",
+)
+NEW_SENSOR = Caption(
+    "What a new sensor costs; mean over instances, bars: the best and the worst",
+    "labelled presses of the new sensor",
+)
 
 
 def curve_figure(
-    curves: Sequence[Curve], error: Ranking, *, title: str = TITLE, measured_on: str = ""
+    curves: Sequence[Curve], error: Ranking, caption: Caption = LEARNING, *, measured_on: str = ""
 ) -> Figure:
-    """Draw every curve with its 95 % intervals over presses."""
+    """Draw every curve with its bars; none and few presses stand on a linear part of the axis."""
     figure = new_figure(8.0, 5.2)
     axes = figure.subplots()
     middle = (len(curves) - 1) / 2
+    drawn = counts(curves)
+    # A logarithmic axis has no place for 0: below half the fewest presses it is linear.
+    few = min(filter(None, drawn), default=2) / 2 if 0 in drawn else 0.0
     looks = row_looks([curve.model for curve in curves])
     for k, (curve, look) in enumerate(zip(curves, looks, strict=True)):
         known = [(step.presses, step.error) for step in curve.steps if step.error is not None]
         y = [pooled.value for _, pooled in known]
         axes.errorbar(
-            [presses * (1 + DODGE * (k - middle)) for presses, _ in known],
+            [presses + max(presses, few) * DODGE * (k - middle) for presses, _ in known],
             y,
             error_bars(
                 y, [pooled.low for _, pooled in known], [pooled.high for _, pooled in known]
@@ -50,18 +71,18 @@ def curve_figure(
             capsize=2.5,
             label=short_label(curve.label),
         )
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="presses that the model learned from",
-        ylabel=f"{error.name}, {error.unit}",
-    )
-    axes.xaxis.set_major_locator(FixedLocator(counts(curves) or [1000]))
+    axes.set(yscale="log", xlabel=caption.presses, ylabel=f"{error.name}, {error.unit}")
+    if few:
+        axes.set_xscale("symlog", linthresh=few, linscale=0.5)
+        axes.set_xlim(-few / 2, 1.2 * max(drawn))
+    else:
+        axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator(drawn or [1000]))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axes.xaxis.set_minor_locator(NullLocator())
     log_ticks(axes.yaxis, subs=(1, 2, 3, 5))
     plain(axes)
     if curves:
         legend_below(figure, 2)
-    headline(figure, title, measured_on)
+    headline(figure, caption.title, measured_on)
     return figure

@@ -307,3 +307,10 @@ def test_a_record_of_an_earlier_version_is_verified(tmp_path: Path) -> None:
     verdict = verify(path, Source(trusted_host(), tmp_path))
     assert verdict.record.protocol.label == "stability@1"
     assert verdict.frames == 7300
+
+
+def test_labelled_presses_that_no_option_asked_for_are_refused(submitted, source) -> None:
+    seen = {"of_tested_sensor": {"labelled_frames": [50]}}
+    path = edited(submitted(), lambda record: record["data"].update(seen))
+    with pytest.raises(UserError, match=r"shown 50 labelled presses .* its options ask for 0"):
+        verify(path, source)

@@ -1,0 +1,187 @@
+"""Pins of one sensor seen on the layout of another one of its make.
+
+A camera that is turned, shifted or nearer shows the same pins elsewhere. The similarity that takes
+the pins at rest to those of a reference layout undoes it, for places and for displacements alike;
+what is left is how the two sensors differ in themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.errors import UserError
+from tactibench.markers.pin_tracker import PinTracker
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Images = npt.NDArray[np.uint8]
+
+_ROUNDS = 20
+"""Turns of matching pins and fitting the similarity; a few suffice."""
+_NEAR = 0.4
+"""Spacings within which a pin is the reference's: half a spacing would be as near to another."""
+_FEWEST = 0.7
+"""Share of the reference's pins that must be found; the public ranges lose at most 0.3 of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """The map x -> matrix x + shift of places (..., 2) px: a turn, an even stretch and a shift.
+
+    Attributes:
+        matrix: (2, 2).
+        shift: (2,) px.
+    """
+
+    matrix: Array
+    shift: Array
+
+    @classmethod
+    def identity(cls) -> Self:
+        """Return the map that leaves every place."""
+        return cls(np.eye(2), np.zeros(2))
+
+    @classmethod
+    def of(cls, shift: Array, turn: float, stretch: float, about: Array) -> Self:
+        """Return the turn by ``turn`` rad, x towards y, and stretch by e^stretch, then the shift.
+
+        about: (2,) px, the place that is only shifted.
+        """
+        cosine, sine = np.cos(turn), np.sin(turn)
+        matrix = np.exp(stretch) * np.array([[cosine, -sine], [sine, cosine]])
+        return cls(matrix, shift + about - matrix @ about)
+
+    @classmethod
+    def between(cls, start: Array, end: Array) -> Self:
+        """Return the map that takes places (N, 2) to others with the least squared misfit.
+
+        Complex linear regression: end = a start + b, with a and b complex.
+        """
+        first, last = (places[:, 0] + 1j * places[:, 1] for places in (start, end))
+        off = first - first.mean()
+        a = np.vdot(off, last) / np.vdot(off, off).real
+        b = last.mean() - a * first.mean()
+        return cls(np.array([[a.real, -a.imag], [a.imag, a.real]]), np.array([b.real, b.imag]))
+
+    def __call__(self, places: Array) -> Array:
+        """Return where places (..., 2) come to lie."""
+        return places @ self.matrix.T + self.shift
+
+    def back(self, places: Array) -> Array:
+        """Return where places (..., 2) come from."""
+        return (places - self.shift) @ np.linalg.inv(self.matrix).T
+
+    def after(self, first: Similarity) -> Similarity:
+        """Return the map that does ``first``, then this."""
+        return Similarity(self.matrix @ first.matrix, self(first.shift))
+
+
+class AlignedPins:
+    """The pins of one sensor on a reference layout, with P pins in its order.
+
+    Attributes:
+        pins: of the sensor, in its own frames.
+        view: from the reference layout to the sensor's frames.
+    """
+
+    def __init__(self, pins: PinTracker, layout: Array) -> None:
+        """Find every pin of a reference layout (P, 2) px among those of the sensor.
+
+        Raises:
+            UserError: where the two layouts do not fit.
+        """
+        self.pins = pins
+        self._layout = layout
+        if np.array_equal(pins.rest, layout):
+            self.view, self._own = Similarity.identity(), np.arange(len(layout))
+            self._there = np.ones(len(layout), dtype=np.bool_)
+        else:
+            self.view, self._own, self._there = _match(pins.rest, layout)
+        self._rest = np.where(self._there[:, None], self.view.back(pins.rest[self._own]), layout)
+
+    def moved(self, motion: Similarity) -> AlignedPins:
+        """Return the same pins in frames that have moved by so much, in px of the layout."""
+        other = object.__new__(AlignedPins)
+        other.__dict__.update(self.__dict__)
+        other.view = self.view.after(motion)
+        return other
+
+    @property
+    def rest(self) -> Array:
+        """(P, 2) px of the layout, the pins at rest."""
+        return self._rest
+
+    @property
+    def layout_clues(self) -> Array:
+        """(1 + 2 P,) how this sensor differs at rest: log size, and deviations from the layout, px.
+
+        The deviations are x of all pins before y of all.
+        """
+        deviation = (self._rest - self._layout).T.reshape(-1)
+        return np.append(self._stretch, deviation)
+
+    @property
+    def _stretch(self) -> float:
+        """Logarithm of the factor from the layout to the sensor's frames."""
+        return float(np.log(np.linalg.det(self.view.matrix)) / 2)
+
+    def track(self, images: Images) -> tuple[Array, Flags]:
+        """Return displacements (N, 2 P) px of the layout, and (N, P) whether a pin is surely there.
+
+        Args:
+            images: (N, side, side) gray, of the sensor.
+        """
+        moved, sure = self.pins.track(images)
+        return self._seen(moved), sure[:, self._own] & self._there
+
+    def retrack(self, images: Images, moved: Array) -> tuple[Array, Flags]:
+        """Return ``track`` of frames in which displacements (N, 2 P) are roughly known."""
+        places = self._rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
+        own = np.repeat(self.pins.rest[None], len(moved), axis=0)
+        own[:, self._own[self._there]] = self.view(places)[:, self._there]
+        start = (own - self.pins.rest).transpose(0, 2, 1).reshape(len(moved), -1)
+        again, seen = self.pins.retrack(images, start)
+        return self._seen(again), seen[:, self._own] & self._there
+
+    @property
+    def pitch(self) -> float:
+        """Median distance of a pin at rest from its nearest neighbour, px of the layout."""
+        return self.pins.pitch / float(np.exp(self._stretch))
+
+    def _seen(self, moved: Array) -> Array:
+        """Displacements on the layout of those in the sensor's frames (N, 2 P')."""
+        own = self.pins.rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
+        places = self.view.back(own[:, self._own]) - self._rest
+        places[:, ~self._there] = 0.0
+        return places.transpose(0, 2, 1).reshape(len(moved), -1)
+
+
+def _match(rest: Array, layout: Array) -> tuple[Similarity, npt.NDArray[np.intp], Flags]:
+    """The similarity from a layout (P, 2) to pins (P', 2), each pin's number there, and if any."""
+    from scipy.spatial import cKDTree
+
+    spread = [np.sqrt(np.square(xy - xy.mean(axis=0)).sum(axis=1).mean()) for xy in (layout, rest)]
+    stretch = np.eye(2) * spread[1] / spread[0]
+    view = Similarity(stretch, rest.mean(axis=0) - stretch @ layout.mean(axis=0))
+    tree = cKDTree(rest)
+    reach = _NEAR * float(np.median(tree.query(rest, k=2)[0][:, 1]))
+    for _ in range(_ROUNDS):
+        apart, own = tree.query(view(layout))
+        there = apart < reach
+        there &= np.bincount(own[there], minlength=len(rest))[own] == 1
+        if np.count_nonzero(there) < max(_FEWEST * len(layout), 3):
+            raise UserError(
+                f"the rest frame shows {len(rest)} pins, of which {np.count_nonzero(there)} lie "
+                f"where the {len(layout)} of the training sensor are; test on a sensor of the same "
+                "make, or train on this one."
+            )
+        fitted = Similarity.between(layout[there], rest[own[there]])
+        settled = np.allclose(fitted(layout), view(layout), atol=1e-9)
+        view = fitted
+        if settled:
+            break
+    return view, own, there

@@ -1,0 +1,182 @@
+"""The loops of a superposition fit, compiled: fields at places, and least squares of one frame.
+
+They stand in a file of their own because numba's cache on disk follows changes of one file only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Array = npt.NDArray[np.float64]
+Lattice = npt.NDArray[np.float32]
+
+_DAMPING = 1e-4
+"""Levenberg-Marquardt damping at the start; it adapts."""
+_STUCK = 1e6
+"""Damping at which no step helps."""
+_LONGEST_MM = 0.8
+"""mm that one step may move a contact in x, y or depth."""
+_SMALLEST_STEP_MM = 2e-4
+"""A frame ends when its step is shorter."""
+_SMALLEST_NUISANCE = 1e-3
+"""The same of a nuisance, in its deviations."""
+
+
+@njit(cache=True, fastmath=True, nogil=True)  # type: ignore[untyped-decorator]
+def evaluate(coefficients: Lattice, low: Array, step: Array, places: Array, out: Lattice) -> None:
+    """Fill out (M, 4, C): the value and its slopes along three axes, at places (M, 3).
+
+    coefficients: (X, Y, D, C). Places outside the knots count as the nearest one inside; beyond the
+    ends the coefficients go on as their mirror image, as scipy's ``spline_filter`` has it.
+    """
+    weight, slope = np.empty((3, 4)), np.empty((3, 4))
+    index = np.empty((3, 4), np.int64)
+    for m in range(len(places)):
+        for axis in range(3):
+            last = coefficients.shape[axis] - 1
+            place = min(max((places[m, axis] - low[axis]) / step[axis], 0.0), float(last))
+            cell = min(int(place), last - 1)
+            t = place - cell
+            s = 1 - t
+            weight[axis, 0] = s**3 / 6
+            weight[axis, 1] = (4 - 3 * t * t * (1 + s)) / 6
+            weight[axis, 2] = (4 - 3 * s * s * (1 + t)) / 6
+            weight[axis, 3] = t**3 / 6
+            half = 0.5 / step[axis]
+            slope[axis, 0] = -s * s * half
+            slope[axis, 1] = t * (3 * t - 4) * half
+            slope[axis, 2] = s * (4 - 3 * s) * half
+            slope[axis, 3] = t * t * half
+            for k in range(4):
+                knot = abs(cell - 1 + k)
+                index[axis, k] = knot if knot <= last else 2 * last - knot
+        out[m] = 0
+        for i in range(4):
+            for j in range(4):
+                for k in range(4):
+                    value = np.float32(weight[0, i] * weight[1, j] * weight[2, k])
+                    along_x = np.float32(slope[0, i] * weight[1, j] * weight[2, k])
+                    along_y = np.float32(weight[0, i] * slope[1, j] * weight[2, k])
+                    along_d = np.float32(weight[0, i] * weight[1, j] * slope[2, k])
+                    row = coefficients[index[0, i], index[1, j], index[2, k]]
+                    for q in range(len(row)):
+                        out[m, 0, q] += value * row[q]
+                        out[m, 1, q] += along_x * row[q]
+                        out[m, 2, q] += along_y * row[q]
+                        out[m, 3, q] += along_d * row[q]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit_frame(  # type: ignore[no-untyped-def]
+    field, motions, moved, weight, whitener, steps, contacts, nuisances, left, normal
+):
+    """Move contacts and nuisances of one frame to the least cost; see ``newton.solve``.
+
+    field: coefficients, low, step, ways of variation, and the least and greatest x, y and depth.
+    motions: (R, Q). moved: (Q,). weight: (M,). whitener: (Q, M), or (0, 0): M is Q. Filled are
+    contacts (K, 3), nuisances (N,), left (M,) and normal (3 K + N, 3 K + N).
+    """
+    low, high = field[4], field[5]
+    count, others = 3 * len(contacts), len(nuisances)
+    for k in range(len(contacts)):
+        for axis in range(3):
+            contacts[k, axis] = min(max(contacts[k, axis], low[axis]), high[axis])
+    size = count + others
+    pull, diagonal = np.empty(size), np.empty(size)
+    rows = _look(field, motions, moved, whitener, contacts, nuisances)
+    left[:] = rows[0]
+    cost, noise = _cost_of(left, weight, nuisances)
+    _fill_normal(rows, weight, nuisances, noise, normal, pull)
+    damping = _DAMPING
+    for _ in range(steps if size else 0):
+        greatest = 0.0
+        for i in range(size):
+            diagonal[i] = normal[i, i]
+            greatest = max(greatest, diagonal[i])
+        matrix = normal.copy()
+        for i in range(size):
+            # A floor, so that a contact too shallow to be felt stays where it is.
+            matrix[i, i] += damping * (diagonal[i] + 1e-3 * greatest) + 1e-12
+        step = np.linalg.solve(matrix, pull)
+        longest = 1.0
+        for i in range(count):
+            longest = max(longest, abs(step[i]) / _LONGEST_MM)
+        step /= longest
+        tried, other = contacts.copy(), nuisances + step[count:]
+        moving = False
+        for k in range(len(contacts)):
+            for axis in range(3):
+                place = contacts[k, axis] + step[3 * k + axis]
+                tried[k, axis] = min(max(place, low[axis]), high[axis])
+                moving |= abs(tried[k, axis] - contacts[k, axis]) > _SMALLEST_STEP_MM
+        for i in range(others):
+            moving |= abs(step[count + i]) > _SMALLEST_NUISANCE
+        rows = _look(field, motions, moved, whitener, tried, other)
+        new_cost, new_noise = _cost_of(rows[0], weight, other)
+        if new_cost <= cost:
+            contacts[:], nuisances[:], left[:] = tried, other, rows[0]
+            cost = new_cost
+            _fill_normal(rows, weight, nuisances, new_noise, normal, pull)
+            damping /= 8
+        else:
+            damping *= 10
+        if not moving or damping >= _STUCK:
+            break
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore[no-untyped-def]
+    """Return (1 + 3 K + N, M): what is left, and the slopes of what explains it."""
+    coefficients, low, step, ways = field[0], field[1], field[2], field[3]
+    width, count = len(moved), len(contacts)
+    rows = np.zeros((1 + 3 * count + len(nuisances), width))
+    rows[0] = moved
+    parts = np.empty((count, 4, coefficients.shape[3]), np.float32)
+    evaluate(coefficients, low, step, contacts, parts)
+    for k in range(count):
+        for q in range(width):
+            value = np.float64(parts[k, 0, q])
+            for v in range(ways):
+                part = parts[k, 0, (1 + v) * width + q]
+                value += nuisances[v] * part
+                rows[1 + 3 * count + v, q] += part
+            rows[0, q] -= value
+        for axis in range(3):
+            for q in range(width):
+                slope = np.float64(parts[k, 1 + axis, q])
+                for v in range(ways):
+                    slope += nuisances[v] * parts[k, 1 + axis, (1 + v) * width + q]
+                rows[1 + 3 * k + axis, q] = slope
+    for r in range(len(motions)):
+        rows[1 + 3 * count + ways + r] = motions[r]
+        rows[0] -= nuisances[ways + r] * motions[r]
+    return rows @ whitener if len(whitener) else rows
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cost_of(left, weight, nuisances):  # type: ignore[no-untyped-def]
+    """Return the cost, and the variance of the noise that the misfit shows (1 without nuisances).
+
+    Without nuisances the misfit itself is the cost: the least of both is in one place.
+    """
+    misfit = (weight * left * left).sum()
+    if not len(nuisances):
+        return misfit, 1.0
+    noise = max(misfit / len(left), 1.0)
+    return misfit / noise + len(left) * np.log(noise) + (nuisances**2).sum(), noise
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_normal(rows, weight, nuisances, noise, normal, pull):  # type: ignore[no-untyped-def]
+    """Fill the normal matrix and its right-hand side."""
+    size, others = len(pull), len(nuisances)
+    slopes = rows[1:]
+    weighted = slopes * weight
+    normal[:] = weighted @ slopes.T
+    pull[:] = weighted @ rows[0]
+    for n in range(others):
+        i = size - others + n
+        normal[i, i] += noise
+        pull[i] -= noise * nuisances[n]

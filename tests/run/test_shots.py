@@ -1,0 +1,203 @@
+"""``--test shots=N``: labelled presses of the tested sensor, which ``adapt`` alone is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactibench import Contacts, Frame, Grid, ModelContext, PlatePose, Pose, UserError
+from tactibench.board.grouping import rows_of
+from tactibench.board.rows import command_options
+from tactibench.frames.labelled import check_labelled
+from tactibench.records.store import StoredRun
+from tactibench.run.plan import RunPlan, plan_lines
+from tactibench.run.request import TestOptions, read_test_options
+
+Planned = Callable[..., RunPlan]
+Run = Callable[..., StoredRun]
+
+
+def shifted(shots: int = 0, **more: Any) -> TestOptions:
+    """A tested sensor whose depths read half a millimetre too large."""
+    return TestOptions(parameters={"offset": "9.0"}, shots=shots, **more)
+
+
+@pytest.fixture
+def adapting(tiny: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The tiny model learns the tested sensor's mean offset of depth; numbers of presses shown."""
+    shown: list[int] = []
+
+    def adapt(self: Any, frames: Any, truth: Any) -> Mapping[str, Any]:
+        shown.append(len(frames))
+        read = [self._read(frame)[0][2] for frame in frames]
+        self.offset = float(np.mean([t.depth[0] for t in truth]) - np.mean(read))
+        return {"offset": self.offset}
+
+    monkeypatch.setattr(tiny.TinyModel, "adapt", adapt)
+    return shown
+
+
+def depth_error(run: StoredRun) -> float | None:
+    return run.record.value("mae_mm", "z")
+
+
+@pytest.mark.parametrize("protocol", ["exp1", "exp2", "exp3"])
+def test_single_presses_of_the_tested_sensor_that_test_nothing(
+    planned: Planned, adapting: list[int], protocol: str
+) -> None:
+    plan = planned(protocol, test=shifted(12))
+    shots = plan.frames.few_shot
+    assert shots is not None
+    assert len(shots.scenes) == 12
+    assert {len(scene.indenter.offsets) for scene in shots.scenes} == {1}
+    space = plan.spec.workspace
+    for scene in shots.scenes:
+        assert space.depth_min_mm <= scene.pose.depth <= space.depth_max_mm
+        assert max(abs(scene.pose.x), abs(scene.pose.y)) <= space.half_width_mm
+    others = {scene for frames in plan.frames for scene in frames.scenes}
+    assert not others & set(shots.scenes)
+    assert shots.recipe.identity["parameters"] == {"offset": 9.0}  # type: ignore[attr-defined]
+
+
+def test_few_presses_are_the_first_of_many(planned: Planned, adapting: list[int]) -> None:
+    few, many = (planned(test=shifted(n)).frames.few_shot for n in (5, 12))
+    assert few is not None
+    assert many is not None
+    assert few.scenes == many.scenes[:5]
+
+
+@pytest.mark.long
+def test_they_correct_the_answers_and_no_weights(run: Run, tiny: Any, adapting: list[int]) -> None:
+    without, after = run(test=shifted()), run(test=shifted(10))
+    assert depth_error(without) == pytest.approx(0.5, abs=0.05)
+    assert depth_error(after) < 0.05  # type: ignore[operator]
+    assert adapting == [10]
+    assert len(tiny.TinyModel.fits) == 1
+    assert without.record.identity.weights_hash == after.record.identity.weights_hash
+    assert without.record.identity.data == after.record.identity.data
+
+
+def test_the_record_the_plan_the_row_and_the_signature_say_it(
+    run: Run, planned: Planned, adapting: list[int]
+) -> None:
+    record = run(test=shifted(10)).record
+    seen = record.data.of_tested_sensor
+    assert seen is not None
+    assert (seen.labelled_frames, record.shots) == ([10], 10)
+    assert seen.adapted[0]["shots"] == 10
+    assert "|test:sensor.offset=9.0,shots=10|" in record.signature
+    assert "-on-offset-9.0-shots-10-s0-" in record.name
+    plan = "\n".join(plan_lines(planned(test=shifted(11)), False))
+    assert "  shots: generate 11 (shots) frames on tactip-127" in plan
+    other = run(test=shifted()).record
+    rows = rows_of([record, other])
+    assert [row.label for row in rows] == ["tiny (single)", "tiny, 10 labelled presses (single)"]
+    assert {command_options(row.first) for row in rows} == {" --test sensor.offset=9.0"}
+
+
+@pytest.mark.long
+def test_answers_of_different_numbers_are_not_mixed(
+    run: Run, planned: Planned, adapting: list[int]
+) -> None:
+    plans = [planned(test=shifted(n)) for n in (0, 5, 10)]
+    assert len({plan.predictions_file for plan in plans}) == 3
+    assert len({plan.name for plan in plans}) == 3
+    first = run(test=shifted(5), store="one")
+    again = run(test=shifted(5), store="two")
+    assert first.record.identity.predictions_hash == again.record.identity.predictions_hash
+    assert run(test=shifted(0), store="two").record.shots == 0
+
+
+def test_none_is_the_run_without_the_option(planned: Planned) -> None:
+    assert read_test_options(("sensor.offset=9.0", "shots=0")) == shifted()
+    assert planned(test=shifted()).frames.few_shot is None
+
+
+def test_options_are_read_as_they_are_written() -> None:
+    options = read_test_options(("sensor.instance=1", "shots=50"))
+    assert options.shots == 50
+    assert read_test_options(tuple(options.texts)) == options
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (("shots=-1",), "is no number of presses"),
+        (("shots=ten",), "is no number of presses"),
+        (("shots=",), "is no number of presses"),
+        (("shots=10001",), "from 0 to 10,000"),
+        (("shots=5", "shots=5"), "given twice"),
+        (("shot=5",), "changes no sensor"),
+    ],
+)
+def test_wrong_numbers(texts: tuple[str, ...], said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        read_test_options(texts)
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"test": TestOptions(shots=5)}, "presses of another sensor than the trained one"),
+        ({"test": TestOptions(reference=True, shots=5)}, "few scenes for the test alone"),
+        ({"protocol": "stability", "test": shifted(5)}, "tests many sensors at once"),
+    ],
+)
+def test_where_none_can_be_shown(
+    planned: Planned, adapting: list[int], asked: dict[str, Any], said: str
+) -> None:
+    if asked.pop("protocol", None):
+        from tactibench.protocols.loader import protocol_files
+
+        asked["protocol"] = str(protocol_files()["stability"])
+    with pytest.raises(UserError, match=said):
+        planned(**asked)
+
+
+def test_a_model_that_cannot_adapt_is_refused(planned: Planned) -> None:
+    with pytest.raises(UserError, match="model tiny cannot adapt to labelled presses"):
+        planned(test=shifted(5))
+
+
+def test_a_model_that_says_so_when_it_is_asked(
+    run: Run, tiny: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiny.TinyModel, "adapt", lambda *_: None)
+    with pytest.raises(UserError, match="cannot adapt to labelled presses"):
+        run(test=shifted(5))
+
+
+REST = np.full((4, 4), 7, np.uint8)
+
+
+def labelled(
+    rest: np.ndarray | None = REST, xy: tuple[float, float] = (1.0, -2.0), depth: float = 2.0
+) -> tuple[list[Frame], list[Any]]:
+    frame = Frame(REST, 0.0, Pose(), rest)
+    return [frame, frame], [Contacts(np.array([xy]), np.array([depth]), np.ones(1))] * 2
+
+
+@pytest.mark.parametrize(
+    ("presses", "said"),
+    [
+        (([], []), "0 labelled frames"),
+        ((labelled()[0], labelled()[1][:1]), "2 labelled frames and 1 labels"),
+        (labelled(rest=REST + 1), "of another sensor"),
+        (labelled(rest=None), "of another sensor"),
+        (labelled(depth=2000.0), "depth 2000, but presses are up to 6 mm"),
+        (labelled(depth=0.002), "labels are in mm, not in m"),
+        (labelled(xy=(1000.0, 0.0)), "outside of the sensor"),
+        ((labelled()[0], [PlatePose(2.0, 400.0)] * 2), "tilt 400"),
+    ],
+)
+def test_labelled_presses_that_would_teach_something_wrong(
+    presses: tuple[list[Frame], list[Any]], said: str
+) -> None:
+    tested = Frame(REST, 0.0, Pose(), REST.copy())
+    context = ModelContext("contacts", Grid.centred(64, 0.4), 6.0)
+    check_labelled(*labelled(), tested, context)
+    with pytest.raises(UserError, match=said):
+        check_labelled(*presses, tested, context)

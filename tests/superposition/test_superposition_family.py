@@ -1,0 +1,101 @@
+"""Fields of sensors that differ: learned together, and told by rest frames and few presses."""
+
+import numpy as np
+import pytest
+
+from tactibench.superposition import Field, FieldFamily, solve
+
+SENSORS, PRESSES = 24, 30
+SIGMA = 0.01  # px
+
+
+def sensor(number):
+    """Size and stretch of a sensor; the size is seen at rest, the stretch is not."""
+    return np.random.default_rng([5, number]).uniform(-1, 1, 2) * [0.4, 0.15]
+
+
+def displacements(push_pins, contacts, number):
+    """(N, Q) px: the size acts like depth, the stretch on what moves along x."""
+    size, stretch = sensor(number)
+    noise = SIGMA * np.random.default_rng([6, number]).normal(size=(len(contacts), 122))
+    plain, deeper = (push_pins(contacts[:, None] * [1, 1, d]) for d in (1.0, 1.3))
+    return plain * np.repeat([1 + stretch, 1.0], 61) + size * (deeper - plain) + noise
+
+
+@pytest.fixture(scope="module")
+def family(random_contacts, push_pins):
+    contacts = random_contacts(SENSORS * PRESSES, np.random.default_rng(0))
+    numbers = np.repeat(np.arange(SENSORS), PRESSES)
+    rows = [numbers == number for number in range(SENSORS)]
+    values = [displacements(push_pins, contacts[own], n) for n, own in enumerate(rows)]
+    return FieldFamily.learn(contacts, np.concatenate(values), numbers, rests(range(SENSORS)))
+
+
+def rests(numbers):
+    """(S, 1 + Q): the size, and pins that differ by it."""
+    shape = np.sin(np.arange(122))
+    return np.array([np.append(sensor(n)[0], 0.3 * sensor(n)[0] * shape) for n in numbers])
+
+
+@pytest.fixture(scope="module")
+def unseen(random_contacts, push_pins):
+    """Contacts and displacements on a sensor that is in no training."""
+    contacts = random_contacts(60, np.random.default_rng(1))
+    return contacts, displacements(push_pins, contacts, 100)
+
+
+def misfit(field, unseen):
+    return float(np.sqrt(np.mean((field(unseen[0]) - unseen[1]) ** 2)))
+
+
+def test_what_is_known_of_a_sensor_brings_its_field_nearer(family, unseen, push_pins):
+    mean, seen, shown = [], [], []
+    contacts = unseen[0]
+    for number in range(100, 110):
+        own, rest = displacements(push_pins, contacts, number), rests([number])[0]
+        mean.append(misfit(family.field, (contacts, own)))
+        seen.append(misfit(family.of_sensor(rest), (contacts, own)))
+        shown.append(misfit(family.of_sensor(rest, contacts[:10], own[:10]), (contacts, own)))
+    mean, seen, shown = np.mean(mean), np.mean(seen), np.mean(shown)
+    assert seen < 0.8 * mean
+    assert shown < 0.75 * seen
+    assert shown < 3 * SIGMA
+
+
+def test_a_frame_tells_what_was_not_known(family, unseen):
+    contacts, moved = unseen
+    weight = np.full(122, 1 / SIGMA**2)
+    start = contacts[:, None] + [0.4, -0.4, 0.3]
+    field = family.of_sensor(rests([100])[0])
+    fixed = field.turned(np.zeros(field.ways), np.zeros((field.ways, 0)))
+    errors = [
+        np.abs(solve(f, moved, start, weight).contacts[:, 0] - contacts).mean()
+        for f in (field, fixed)
+    ]
+    assert errors[0] < 0.6 * errors[1]
+
+
+def test_labelled_presses_leave_less_unknown(family, unseen):
+    rest = rests([100])[0]
+    before, after = (
+        np.abs(family.of_sensor(rest, *known).slopes([0.0, 0.0, 3.0])[0, 1:]).sum()
+        for known in ((), (unseen[0][:20], unseen[1][:20]))
+    )
+    assert after < 0.5 * before
+
+
+def test_one_sensor_has_one_field(random_contacts, push_pins):
+    contacts = random_contacts(60, np.random.default_rng(2))
+    values = push_pins(contacts[:, None])
+    alone = FieldFamily.learn(contacts, values, np.zeros(60, dtype=int), np.zeros((1, 123)))
+    assert alone.field.ways == 0
+    own = alone.of_sensor(np.ones(123), contacts, values)
+    np.testing.assert_array_equal(own.coefficients, Field.learn(contacts, values).coefficients)
+
+
+def test_turned_fields_are_the_same_sums(family):
+    rng, field = np.random.default_rng(3), family.field
+    origin, axes = rng.normal(size=field.ways), rng.normal(size=(field.ways, 2))
+    contact, z = np.array([1.0, -2.0, 2.5]), rng.normal(size=2)
+    turned = field.turned(origin, axes)
+    np.testing.assert_allclose(turned(contact, z), field(contact, origin + axes @ z), atol=1e-4)

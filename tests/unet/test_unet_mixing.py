@@ -1,0 +1,110 @@
+"""The U-Net mixes by its recipe, where the frames allow it, and counts by what it held out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drawn_presses import presses
+from silent import Epochs
+
+import tactibench.superposition
+from tactibench import Contacts, Grid, UserError
+from tactibench.plugins.host import PluginHost
+from tactibench_unet.model import least_share
+
+SPEC = PluginHost().models["unet"]
+
+
+@pytest.fixture
+def mixed(monkeypatch):
+    """Replace mixing by two contacts of one spot; returns what it was asked for."""
+    asked = []
+
+    def mix(frames, truth, count, rng, law=None, misfit=0.0):
+        asked.append((len(truth), count, law, misfit))
+        pair = Contacts.truth([[-4.0, 0.0], [4.0, 0.0]], [2.0, 3.0])
+        return [frames[0]] * count, [pair] * count
+
+    monkeypatch.setattr(tactibench.superposition, "mix", mix)
+    return asked
+
+
+def fit(model, count=12, answers=None):
+    frames, truth = presses(count, 1)
+    return model.fit(
+        frames,
+        answers or truth,
+        validation=presses(4, 2),
+        rng=np.random.default_rng(0),
+        progress=Epochs(),
+    )
+
+
+def make(make_model, **parameters):
+    return make_model(epochs=1, grid=Grid.centred(16, 1.6), **parameters)
+
+
+def test_the_default_mixes_half_as_many_frames_as_it_has_presses(make_model, mixed):
+    report = fit(make(make_model))
+    ((frames, count, law, misfit),) = mixed
+    assert (frames, count - 400, law) == (12, 6, None)
+    assert misfit > 0
+    assert report.notes["mixed"] == 6
+    assert report.notes["mixing"] == 0.5
+    assert report.notes["prior"] == "nominal mechanics"
+
+
+def test_plain_addition_is_said(make_model, mixed):
+    report = fit(make(make_model, neighbours="none"))
+    assert report.notes["prior"] == "plain addition"
+    assert not mixed[0][2].pair.any()
+
+
+def test_the_paper_mixes_nothing():
+    assert SPEC.settings({"recipe": "paper"})["mixing"] == 0.0
+    assert SPEC.settings({"recipe": "paper"})["stem"] == 2
+    assert SPEC.settings({})["mixing"] == -1.0
+
+
+def test_a_record_from_before_is_of_a_model_that_did_not_mix():
+    assert SPEC.settings_of_record({})["mixing"] == 0.0
+
+
+def test_frames_that_cannot_be_mixed_are_learned_as_they_are(make_model):
+    """They carry no rest image; whoever asks for mixing is told so."""
+    report = fit(make(make_model), count=24)
+    assert "rest image" in report.notes["not_mixed"]
+    assert "prior" not in report.notes
+    with pytest.raises(UserError, match="rest image"):
+        fit(make(make_model, mixing=1.0), count=24)
+
+
+def test_further_contacts_must_stand_as_high_as_the_held_out_frames_ask(
+    make_model, mixed, tmp_path, monkeypatch
+):
+    model = make(make_model)
+    monkeypatch.setattr("tactibench_unet.model.least_share", lambda *_: 0.25)
+    fit(model)
+    monkeypatch.setattr(
+        model._encoder.__class__,
+        "decode_batch",
+        lambda *_: [Contacts([[0, 0], [4, 0], [0, 4]], [4, 1, 0.9], [0.8, 0.2, 0.19])],
+    )
+    assert len(model.read_maps(np.zeros((1, 1, 16, 16)))[0]) == 2
+    model.save(tmp_path)
+    other = make(make_model)
+    other.load(tmp_path)
+    assert len(other.read_maps(np.zeros((1, 1, 16, 16)))[0]) == 2
+
+
+def contacts(*scores):
+    return Contacts(np.zeros((len(scores), 2)), np.ones(len(scores)), scores)
+
+
+def test_the_least_share_is_the_smallest_that_counts_best():
+    """Bumps reach a tenth of their contact, and one true contact is a fifth of its neighbour."""
+    predicted = [contacts(0.8, 0.08), contacts(0.5, 0.03), contacts(0.9, 0.18), contacts(0.4)]
+    truth = [contacts(1), contacts(1), contacts(1, 1), contacts(1)]
+    assert 0.1 < least_share(predicted, truth) <= 0.2
+    assert least_share(predicted[2:], truth[2:]) == 0.0
+    assert least_share([], []) == 0.0
