@@ -28,21 +28,19 @@ from tactibench import (
 from tactibench.markers import AlignedPins, BySensor, PinTracker
 from tactibench.superposition import (
     SENSORS_A_WAY,
-    Field,
     FieldFamily,
     NeighbourLaw,
     Residual,
     contact_array,
     single_press_rows,
 )
-from tactibench.superposition import (
-    Clues as RestClues,
-)
 from tactibench.training import load_weights, save_weights
 from tactibench_superpose.detect import FIRM, Detector, Found
+from tactibench_superpose.learned import Learned
 from tactibench_superpose.model_error import ModelError
 from tactibench_superpose.multi_contact import MultiContactPresses, learn_laws, rows_by_count
-from tactibench_superpose.spread import GROUPS, Clues, Spread, nominal_spread
+from tactibench_superpose.single_presses import SinglePresses
+from tactibench_superpose.spread import GROUPS, Clues, nominal_spread
 
 Known = TypeVar("Known")
 Array = npt.NDArray[np.float64]
@@ -74,56 +72,6 @@ class _Pins:
     """(P,) whether a pin is surely itself."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Learned:
-    """All that a training ends with."""
-
-    family: FieldFamily
-    rest_image: Image
-    """Of the first training sensor, for frames that carry none; its pins are the layout of all."""
-    weight: Array
-    """(Q,) 1 / variance of the displacements, 1 / px^2."""
-    model_error: ModelError
-    law: NeighbourLaw
-    residual: Residual
-    spread: Spread
-
-    def shift(self, equivalents: Array) -> Array:
-        """Return (1, K, 3) mm from equivalents (1, K, 3) to their contacts."""
-        return self.law.shift(equivalents) + self.residual.shift(equivalents)
-
-
-@dataclass(frozen=True, eq=False)
-class SinglePresses:
-    """Frames with one contact."""
-
-    frames: list[Frame]
-    contacts: Array
-    """(N, 3) mm."""
-    moved: Array
-    """(N, Q) px of the layout."""
-    sensors: npt.NDArray[np.intp]
-    """(N,) numbers."""
-
-    def parted(self, sensors: npt.NDArray[np.intp]) -> tuple[SinglePresses, SinglePresses]:
-        """Return the presses on other sensors than these, and those on these."""
-        there = np.isin(self.sensors, sensors)
-        return self._some(~there), self._some(there)
-
-    def with_others(self, other: SinglePresses) -> SinglePresses:
-        """Return these presses and others."""
-        return SinglePresses(
-            self.frames + other.frames,
-            np.concatenate([self.contacts, other.contacts]),
-            np.concatenate([self.moved, other.moved]),
-            np.concatenate([self.sensors, other.sensors]),
-        )
-
-    def _some(self, rows: npt.NDArray[np.bool_]) -> SinglePresses:
-        own = [frame for frame, there in zip(self.frames, rows, strict=True) if there]
-        return SinglePresses(own, self.contacts[rows], self.moved[rows], self.sensors[rows])
-
-
 class Superpose(Model):
     """Several contacts from fields that were learned from single presses.
 
@@ -149,7 +97,7 @@ class Superpose(Model):
             "max_count": max_count,
         }
         self._context = context
-        self._learned: _Learned | None = None
+        self._learned: Learned | None = None
         self._seen: BySensor[AlignedPins] | None = None
 
     def fit(
@@ -189,14 +137,14 @@ class Superpose(Model):
             weight = 1 / np.maximum(1.4826 * np.median(np.abs(residual), axis=0), _QUIETEST_PX) ** 2
         unknown, spread = ModelError.unknown(weight), nominal_spread()
         nothing = NeighbourLaw.none(), Residual.none()
-        self._use(_Learned(family, pins.rest_image, weight, unknown, *nothing, spread))
+        self._use(Learned(family, pins.rest_image, weight, unknown, *nothing, spread))
         groups = self._explain_groups(frames, truth)
         left = [group.left for group in groups]
         model_error = ModelError.learn(np.concatenate(left), weight) if left else unknown
         # A law answers the presses that it was learned from better than others: errors are measured
         # on presses that were left out, and then the law is learned from all.
         laws = self._learn_laws(groups, _HELD_OUT)
-        self._use(_Learned(family, pins.rest_image, weight, model_error, *laws, spread))
+        self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))
         spread = spread.with_group(1, *self.errors(tested.frames, tested.contacts[:, None]))
         for rows in rows_by_count(truth):
             some = rows[::_HELD_OUT]
@@ -206,7 +154,7 @@ class Superpose(Model):
         if learned_from is not single:
             family = self._learn_family(single)
         laws = self._learn_laws(groups)
-        self._use(_Learned(family, pins.rest_image, weight, model_error, *laws, spread))
+        self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))
         progress.step(float(np.mean(residual**2)) if len(residual) else 0.0)
         progress.epoch(1, float(np.mean(residual**2)) if len(residual) else 0.0, None)
         count = len(single.frames)
@@ -249,7 +197,7 @@ class Superpose(Model):
         self._sensors.number(Frame(pins.rest_image, 0.0, Pose(), pins.rest_image))
         self._shown: dict[int, tuple[Array, Array]] = {}
 
-    def _use(self, learned: _Learned) -> None:
+    def _use(self, learned: Learned) -> None:
         self._learned = learned
         self._detector = lru_cache(_KEPT)(self._make_detector)
 
@@ -385,27 +333,7 @@ class Superpose(Model):
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""
-        learned = self._ready()
-        family, field = learned.family, learned.family.field
-        tensors = {
-            "coefficients": field.coefficients,
-            "low": field.low,
-            "step": field.step,
-            "rests": family.clues.mean,
-            "clues": family.clues.axes,
-            "numbers": family.slopes,
-            "numbers_covariance": family.covariance,
-            "weight": learned.weight,
-            "still": learned.rest_image,
-            "pair": learned.law.pair,
-            "crowd": learned.law.crowd,
-            "pairs": learned.residual.features,
-            "pairs_along": learned.residual.along,
-            "pairs_across": learned.residual.across,
-            "pairs_length": np.array(learned.residual.length),
-            "spread": learned.spread.terms,
-            "unexplained": learned.model_error.covariance,
-        }
+        tensors = self._ready().arrays()
         save_weights(
             directory,
             {name: torch.from_numpy(np.array(value)) for name, value in tensors.items()},
@@ -416,33 +344,15 @@ class Superpose(Model):
     def load(self, directory: Path) -> None:
         """Read weights. Raises UserError for those of another model or other settings."""
         tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
-        read = {name: value.numpy() for name, value in tensors.items()}
-        slopes, covariance = read["numbers"], read["numbers_covariance"]
-        field = Field(read["coefficients"], read["low"], read["step"], len(covariance))
-        weight = read["weight"]
-        self._see(PinTracker(read["still"]))
-        self._use(
-            _Learned(
-                FieldFamily(field, RestClues(read["rests"], read["clues"]), slopes, covariance),
-                read["still"],
-                weight,
-                ModelError(read["unexplained"], np.sqrt(weight)),
-                NeighbourLaw(read["pair"], read["crowd"]),
-                Residual(
-                    read["pairs"],
-                    read["pairs_along"],
-                    read["pairs_across"],
-                    float(read["pairs_length"]),
-                ),
-                Spread(read["spread"]),
-            )
-        )
+        learned = Learned.of({name: value.numpy() for name, value in tensors.items()})
+        self._see(PinTracker(learned.rest_image))
+        self._use(learned)
 
     @property
     def _sensors(self) -> BySensor[AlignedPins]:
         return _known(self._seen)
 
-    def _ready(self) -> _Learned:
+    def _ready(self) -> Learned:
         return _known(self._learned)
 
 
@@ -454,7 +364,8 @@ def _known(value: Known | None) -> Known:
 
 def _first_pins(frames: Sequence[Frame]) -> PinTracker:
     """Return the pins of the first frame with a rest image. Raises UserError where none has one."""
-    return PinTracker.of([next((frame for frame in frames if frame.rest is not None), frames[0])])
+    with_rest = [frame for frame in frames if frame.rest is not None]
+    return PinTracker.of(with_rest[:1] or frames)
 
 
 def _contacts_of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:

@@ -40,8 +40,14 @@ EXPLAINED = {
     "direction",
     ("superposition/neighbours.py", "_robust"): "Huber's weight of a residual of 0 is 1; one of a "
     "NaN is NaN",
-    ("superposition/newton.py", "solve"): "a pin field that feels nothing gives a matrix of 0; a "
-    "NaN in it stays",
+    (
+        "superposition/family.py",
+        "Clues.learn",
+    ): "max(x, ...) with x first keeps a NaN; sensors that look alike at rest",
+    (
+        "superposition/compiled.py",
+        "fit_frame",
+    ): "a pin field that feels nothing gives a matrix of 0; a NaN in it stays",
     ("superposition/picture.py", "_background"): KEEPS + "0 / 0 where no image shows skin is 0, "
     "and not used where any does",
     ("superposition/residual.py", "Residual.learn"): KEEPS + "pairs that add up exactly leave 0",
@@ -79,6 +85,7 @@ EXPLAINED = {
 EXPECTED = Counter(
     {
         ("tactibench_unet/architecture.py", "UNetNetwork.initialise"): 2,
+        ("superposition/family.py", "Clues.learn"): 2,
         ("tactibench_superpose/spread.py", "_fit_terms"): 3,
         ("tactibench_heatmaps/axes.py", "_peak"): 3,
     }

@@ -1,0 +1,76 @@
+"""What ``superpose`` has learned, and the arrays that are kept of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.superposition import Clues, Field, FieldFamily, NeighbourLaw, Residual
+from tactibench_superpose.model_error import ModelError
+from tactibench_superpose.spread import Spread
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """All that a training ends with."""
+
+    family: FieldFamily
+    rest_image: Image
+    """Of the first training sensor, for frames that carry none; its pins are the layout of all."""
+    weight: Array
+    """(Q,) 1 / variance of the displacements, 1 / px^2."""
+    model_error: ModelError
+    law: NeighbourLaw
+    residual: Residual
+    spread: Spread
+
+    def shift(self, equivalents: Array) -> Array:
+        """Return (1, K, 3) mm from equivalents (1, K, 3) to their contacts."""
+        return self.law.shift(equivalents) + self.residual.shift(equivalents)
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return all of it by name."""
+        family, residual = self.family, self.residual
+        return {
+            "coefficients": family.field.coefficients,
+            "low": family.field.low,
+            "step": family.field.step,
+            "rests": family.clues.mean,
+            "clues": family.clues.axes,
+            "numbers": family.slopes,
+            "numbers_covariance": family.covariance,
+            "weight": self.weight,
+            "still": self.rest_image,
+            "pair": self.law.pair,
+            "crowd": self.law.crowd,
+            "pairs": residual.features,
+            "pairs_along": residual.along,
+            "pairs_across": residual.across,
+            "pairs_length": np.array(residual.length),
+            "spread": self.spread.terms,
+            "unexplained": self.model_error.covariance,
+        }
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """Return what arrays of ``arrays`` hold."""
+        covariance, weight = arrays["numbers_covariance"], arrays["weight"]
+        field = Field(arrays["coefficients"], arrays["low"], arrays["step"], len(covariance))
+        clues = Clues(arrays["rests"], arrays["clues"])
+        pairs = arrays["pairs"], arrays["pairs_along"], arrays["pairs_across"]
+        return cls(
+            FieldFamily(field, clues, arrays["numbers"], covariance),
+            arrays["still"],
+            weight,
+            ModelError(arrays["unexplained"], np.sqrt(weight)),
+            NeighbourLaw(arrays["pair"], arrays["crowd"]),
+            Residual(*pairs, float(arrays["pairs_length"])),
+            Spread(arrays["spread"]),
+        )
