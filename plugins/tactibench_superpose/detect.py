@@ -76,7 +76,7 @@ class Found:
     """The contacts of a frame, and what they were found in."""
 
     solution: Solution
-    """Of the one frame."""
+    """The contacts of the one frame, their nuisances, and the misfit."""
     share: Array
     """(K,) of the misfit that each contact explains."""
     moved: Array

@@ -1,4 +1,4 @@
-"""What ``superpose`` has learned, and the arrays that are kept of it."""
+"""The weights of ``superpose``: everything that a training ends with, and its arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ class Learned:
 
     family: FieldFamily
     rest_image: Image
-    """Of the first training sensor, for frames that carry none; its pins are the layout of all."""
+    """(side, side) gray, the first training sensor at rest, for frames that carry no rest image.
+
+    Its pins are the layout of all sensors.
+    """
     weight: Array
     """(Q,) 1 / variance of the displacements, 1 / px^2."""
     model_error: ModelError

@@ -7,6 +7,7 @@ what is left is how the two sensors differ in themselves.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Self
 
@@ -105,8 +106,7 @@ class AlignedPins:
 
     def moved(self, motion: Similarity) -> AlignedPins:
         """Return the same pins in frames that have moved by so much, in px of the layout."""
-        other = object.__new__(AlignedPins)
-        other.__dict__.update(self.__dict__)
+        other = copy(self)
         other.view = self.view.after(motion)
         return other
 

@@ -41,7 +41,7 @@ def rest_images(frames: Sequence[Frame]) -> list[Images]:
 
 
 class BySensor(Generic[Made]):
-    """What is made once for every sensor whose frames are seen, told apart by their rest images."""
+    """One object for every sensor whose frames are seen; a rest image tells sensors apart."""
 
     def __init__(self, make: Callable[[PinTracker], Made]) -> None:
         """make: from the pins of a sensor."""

@@ -16,7 +16,7 @@ from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 TIPS = {"single": 1, "dual": 2, "triple": 3}
 """The indenters that a draw may name."""
 LABELLED_STREAM = 2_000_000
-"""Of the labelled presses that are shown of a tested sensor; protocols draw from streams below a
+"""Random stream of the labelled presses of a tested sensor; protocols draw from streams below a
 million."""
 PATIENCE = 10_000
 """Candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""

@@ -40,7 +40,7 @@ _SHRINK = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Clues:
-    """What the rest layouts of sensors tell: their sizes and shapes, in deviations."""
+    """Size and shape of rest layouts, as numbers of deviation 1 over the training sensors."""
 
     mean: Array
     """(1 + Q,) of the logarithm of the size, and of the pins' deviations from the layout, px."""
