@@ -60,8 +60,8 @@ LEAST_FOLLOWING = 0.6
 """Correlation of sin t with the place about which the pins spread: .95 and .96 in the public
 recordings, 0 where tilts belong to other frames."""
 MOST_MISFIT = 0.1
-"""Misfit as a share of the spread: .025 and .029 in the public recordings, .14 and .15 where the depths of half the
-presses are permuted, .40 and .47 where all are, .49 in a recording whose fit left the sine out."""
+"""Share of the spread: .025 and .029 in the public recordings, .14 and .15 where half of the
+depths are permuted, .40 and .47 where all are, .49 in a recording whose fit left the sine out."""
 MOST_ASKEW_DEG = 45.0
 """Between where the pins spread and where they lean from: 2 and 0 deg in the public recordings."""
 
