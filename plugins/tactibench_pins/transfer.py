@@ -42,7 +42,7 @@ LENGTHS = (0.15, 0.3, 0.6, 1.2)
 """Units of the layout, from the pitch of the pins to the whole sensor."""
 SHARE = 0.06
 """Share of a field that differs at each length, 0.12 together. Simulated plates of a calibrated
-sensor are .13 to .18 off the real ones; chosen on the presses to which the sensors were calibrated."""
+sensor are .13 to .18 off the real ones. Chosen on the presses of the calibrations."""
 _JITTER = 1e-6
 """On the covariance's diagonal, which long lengths make singular."""
 
