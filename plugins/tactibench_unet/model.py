@@ -55,7 +55,7 @@ _PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
 _EMPTY = 0.05
 """Empty frames to learn from under faults, as a share of the frames."""
 _HELD_OUT = 400
-"""Mixed frames that are kept from the training, as many as validation presses of a protocol."""
+"""Mixed frames that are kept from the training, at most: validation presses of a protocol."""
 _SHARES = np.linspace(0, 0.3, 13)
 """Least scores of a further contact that are tried, as shares of the highest one's."""
 
@@ -199,7 +199,7 @@ class UNet(LearnedModel):
     ) -> tuple[list[Frame], list[Contacts]]:
         """Return mixed frames that are no more alike to real ones than the law of neighbours is.
 
-        ``_HELD_OUT`` more are kept back, to choose what counts as a contact.
+        As many more, at most ``_HELD_OUT``, are kept back to choose what counts as a contact.
 
         Raises:
             UserError: for frames of which none can be made, and an encoder of single contacts.
@@ -209,7 +209,8 @@ class UNet(LearnedModel):
         pair = Contacts.truth([[-3.0, 0.0], [3.0, 0.0]], [1.0, 1.0])
         self._encoder.encode(pair, self.context.grid)  # raises where it shows one contact only
         law = NeighbourLaw.none() if self._neighbours == "none" else None
-        mixed, contacts = mix(frames, truth, count + _HELD_OUT, rng, law, misfit=MISFIT)
+        made = count + min(_HELD_OUT, count)
+        mixed, contacts = mix(frames, truth, made, rng, law, misfit=MISFIT)
         self._held_out = mixed[count:], contacts[count:]
         return mixed[:count], contacts[:count]
 
