@@ -1,3 +1,4 @@
+from .aligned_images import AlignedImages as AlignedImages
 from .aligned_pins import AlignedPins as AlignedPins
 from .aligned_pins import Similarity as Similarity
 from .common_view import common_lattice as common_lattice

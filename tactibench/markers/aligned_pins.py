@@ -140,12 +140,29 @@ class AlignedPins:
 
     def retrack(self, images: Images, moved: Array) -> tuple[Array, Flags]:
         """Return ``track`` of frames in which displacements (N, 2 P) are roughly known."""
+        start = (self.place(moved) - self.pins.rest).transpose(0, 2, 1).reshape(len(moved), -1)
+        again, seen = self.pins.retrack(images, start)
+        return self._seen(again), seen[:, self._own] & self._there
+
+    def place(self, moved: Array) -> Array:
+        """Return (N, P', 2) px in the sensor's frames, its P' pins displaced by (N, 2 P).
+
+        Those that the layout does not have stay at rest.
+        """
         places = self._rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
         own = np.repeat(self.pins.rest[None], len(moved), axis=0)
         own[:, self._own[self._there]] = self.view(places)[:, self._there]
-        start = (own - self.pins.rest).transpose(0, 2, 1).reshape(len(moved), -1)
-        again, seen = self.pins.retrack(images, start)
-        return self._seen(again), seen[:, self._own] & self._there
+        return own
+
+    def in_layout_order(self, values: Array) -> Array:
+        """Return (N, P) values of the layout's pins of those of the sensor's (N, P'), else 0."""
+        return np.where(self._there, values[:, self._own], 0.0)
+
+    def in_own_order(self, values: Array) -> Array:
+        """Return (N, P') values of the sensor's pins of those of the layout's (N, P), else 0."""
+        own = np.zeros((len(values), len(self.pins.rest)))
+        own[:, self._own[self._there]] = values[:, self._there]
+        return own
 
     @property
     def pitch(self) -> float:
