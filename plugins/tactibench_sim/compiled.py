@@ -7,6 +7,9 @@ from typing import Any
 
 from numba import njit
 
+COMPILED = ("C", "W")
+"""Requirements on an array; one that is read-only or strided would compile the loops anew."""
+
 
 def jit(function: Callable[..., Any]) -> Any:
     """Compile without the interpreter's lock, on the first call or from the cache on disk.
