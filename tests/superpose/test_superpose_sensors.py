@@ -49,10 +49,10 @@ def shown(host):
 
 @pytest.fixture(scope="module")
 def of_many(host, make, fit):
-    """A model of 240 presses on 8 sensors."""
+    """A model of 480 presses on 16 sensors."""
     model = make()
-    report = fit(model, *pressed(host, 240, 3, instances=8))
-    assert report.notes["sensors"] > 6
+    report = fit(model, *pressed(host, 480, 3, instances=16))
+    assert report.notes["sensors"] > 12
     return model
 
 

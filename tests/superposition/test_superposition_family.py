@@ -5,7 +5,7 @@ import pytest
 
 from tactibench.superposition import Field, FieldFamily, solve
 
-SENSORS, PRESSES = 24, 20
+SENSORS, PRESSES = 24, 30
 SIGMA = 0.01  # px
 
 
