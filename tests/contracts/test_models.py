@@ -30,7 +30,7 @@ TINY: dict[str, dict[str, str]] = {
     "cnn": {"width": "8", "size": "64", "epochs": "6"},
     "mixture": {"width": "16", "epochs": "20"},
     "pins": {"members": "2", "width": "32", "epochs": "20"},
-    "unet": {"width": "8", "size": "64", "epochs": "8", "mixing": "0.1"},
+    "unet": {"width": "8", "size": "64", "epochs": "10"},
     "vgnn": {"width": "16", "layers": "2", "epochs": "12"},
 }
 """Enough epochs that some frames are answered with a contact: others could not be compared."""
