@@ -51,6 +51,7 @@ def test_a_sensor_at_rest_is_no_contact(make_cnn):
     assert [len(found) for found in model.predict(presses(50, 8)[0])] == [1] * 50
 
 
+@pytest.mark.long
 def test_training_frames_without_contact_are_learned_from(make_cnn):
     frames, truth = presses(200, 1)
     _, empty = resting(20, 3)
