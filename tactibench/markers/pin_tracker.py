@@ -100,7 +100,7 @@ class PinTracker:
             raise UserError(
                 f"the frames are of {len(rests)} sensor instances, but here pins are followed from "
                 "one rest frame; train on one (sensor.instances=0), or train superpose, vgnn, "
-                "mixture, kernel, pins, nearest or unet without contact mixing."
+                "mixture, kernel, pins, nearest or unet."
             )
         rest = rests[0] if rests else None
         if rest is None and otherwise is not None:
