@@ -99,8 +99,8 @@ class PinTracker:
         if len(rests) > 1:
             raise UserError(
                 f"the frames are of {len(rests)} sensor instances, but here pins are followed from "
-                "one rest frame; train on one (sensor.instances=0), or train superpose, kernel, "
-                "pins, nearest or unet."
+                "one rest frame; train on one (sensor.instances=0), or train superpose, vgnn, "
+                "mixture, kernel, pins, nearest or unet."
             )
         rest = rests[0] if rests else None
         if rest is None and otherwise is not None:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, Pose
 from tactibench.errors import UserError
-from tactibench.markers import AlignedPins, BySensor, PinTracker
+from tactibench.markers import AlignedPins, AlignedSensors
 from tactibench.superposition.family import FieldFamily
 from tactibench.superposition.field import FEWEST, Field, contact_array, single_press_rows
 from tactibench.superposition.neighbours import NeighbourLaw, nominal_law
@@ -122,20 +122,19 @@ def _learn_sensors(frames: Sequence[Frame], contacts: Array) -> list[_Sensor]:
 
     Their fields are learned together, on the layout of the first one.
     """
-    layout = PinTracker.of(frames[:1]).rest
-    by_sensor = BySensor(lambda pins: AlignedPins(pins, layout))
-    values = np.empty((len(frames), 3 * len(layout)))
+    by_sensor = AlignedSensors.of(frames)
+    values = np.empty((len(frames), 3 * len(by_sensor.first.rest)))
     numbers = np.empty(len(frames), dtype=np.intp)
     looks: list[tuple[PinPicture, Array]] = []
     by_number = by_sensor.rows(frames)
-    drawn = [n for n, rows in by_number.items() if len(rows) >= FEWEST]
-    if not drawn:
+    if max(map(len, by_number.values())) < FEWEST:
         raise UserError(
             f"contact mixing needs {FEWEST} single presses on a sensor and found {len(frames)} on "
             f"{len(by_number)} sensors; raise the training count, or leave mixing out."
         )
-    for number, rows in by_number.items():
-        pins = by_sensor[number]
+    all_pins = [by_sensor[number] for number in by_number]
+    for number, rows in enumerate(by_number.values()):
+        pins = all_pins[number]
         images = pins.pins.images([frames[row] for row in rows])
         moved, _ = pins.track(images)
         places = pins.place(moved)
@@ -145,11 +144,12 @@ def _learn_sensors(frames: Sequence[Frame], contacts: Array) -> list[_Sensor]:
         looks.append((picture, resting))
         growth = pins.in_layout_order(sizes / resting - 1)
         values[rows], numbers[rows] = np.concatenate([moved, growth], axis=1), number
-    clues = np.array([by_sensor[number].layout_clues for number in range(len(looks))])
+    clues = np.array([pins.layout_clues for pins in all_pins])
     family = FieldFamily.learn(contacts, values, numbers, clues)
     return [
-        _Sensor(by_sensor[n], *looks[n], family, contacts[numbers == n], values[numbers == n])
-        for n in drawn
+        _Sensor(all_pins[n], *looks[n], family, contacts[rows], values[rows])
+        for n, rows in enumerate(by_number.values())
+        if len(rows) >= FEWEST
     ]
 
 
