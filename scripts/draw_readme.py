@@ -44,8 +44,14 @@ class Model:
     records: dict[str, list[Record]] = field(default_factory=dict)
 
     def mean(self, protocol: str, metric: str, group: str) -> float | None:
-        """Return the mean over training seeds, None where there is no record or no value."""
-        values = [record.value(metric, group) for record in self.records.get(protocol, [])]
+        """Return the mean over training seeds, of the protocol's newest version that has a record.
+
+        None where there is no record or no value.
+        """
+        records = self.records.get(protocol, [])
+        newest = max((record.protocol.version for record in records), default=0)
+        of_newest = [record for record in records if record.protocol.version == newest]
+        values = [record.value(metric, group) for record in of_newest]
         known = [value for value in values if value is not None]
         return statistics.fmean(known) if known else None
 
