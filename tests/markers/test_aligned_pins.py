@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tactibench import Frame, Pose, UserError
+from tactibench.frames.faults import FAULTS
 from tactibench.markers import AlignedPins, AlignedSensors, PinTracker, Similarity
 
 SIZE = 200
@@ -90,6 +91,14 @@ def test_pins_are_seen_in_the_light_of_the_rest_frame(layout, pins_of, light):
     lit = pins.images([Frame(dim, 0.0, Pose())])[0].astype(int)
     assert np.abs(np.median(lit) - np.median(pins.rest_image)) <= 1
     assert np.abs(lit.max() - pins.rest_image.max()) < 12
+
+
+@pytest.mark.parametrize(("fault", "value"), [("blur", 1.0), ("lost-pins", 0.2), ("glare", 8.0)])
+def test_what_is_no_other_light_stays_to_the_last_bit(layout, pins_of, fault, value):
+    """It changes how bright pins are and not the ground."""
+    pins = pins_of(layout)
+    spoiled = FAULTS[fault](pins.rest_image, value, np.random.default_rng(1))
+    np.testing.assert_array_equal(pins.images([Frame(spoiled, 0.0, Pose())])[0], spoiled)
 
 
 def test_usual_light_stays_to_the_last_bit(layout, pins_of):
