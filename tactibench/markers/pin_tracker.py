@@ -29,7 +29,7 @@ _COVER = 1.25
 taken for pins. Blurred pins cover more and are darker."""
 _ALIKE = 0.05
 """Light that differs by less is the rest frame's: pins that move under a lens differ as much."""
-_SAME_GROUND, _LEVELS = 0.1, 1.5
+_SAME_GROUND, _LEVELS = 0.05, 1.0
 """Share of its grey level, and whole levels, by which the ground may differ from what the pins'
 light says: levels are whole numbers, and a dark ground has few."""
 _SATURATED = 250

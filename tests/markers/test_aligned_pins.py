@@ -87,7 +87,7 @@ def test_pins_that_do_not_fit_are_refused(layout, pins_of):
 @pytest.mark.parametrize("light", [0.3, 0.6, 1.4])
 def test_pins_are_seen_in_the_light_of_the_rest_frame(layout, pins_of, light):
     pins = pins_of(layout)
-    dim = np.rint(light * pins.rest_image.clip(0, 180)).astype(np.uint8)
+    dim = np.rint(light * pins.rest_image).clip(0, 255).astype(np.uint8)
     lit = pins.images([Frame(dim, 0.0, Pose())])[0].astype(int)
     assert np.abs(np.median(lit) - np.median(pins.rest_image)) <= 1
     assert np.abs(lit.max() - pins.rest_image.max()) < 12
