@@ -45,6 +45,7 @@ _PRESENT = 0.5
 class CNN(LearnedModel):
     """Regression baseline: a contact and the probability that there is one, or a plate pose.
 
+    It sees the frame in the light of the sensor at rest, and the sensor at rest beside it.
     That there may be no contact is learned from the sensor at rest, as the frames bring it, and
     from training frames without contact. A frame with several contacts is refused.
     """

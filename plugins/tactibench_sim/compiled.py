@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 def plain(array: Array) -> Array:
-    """Return the array, a copy where it is read-only or strided: loops are compiled for no such."""
+    """Return the array, or a contiguous writeable copy: loops are compiled for such arrays only."""
     return np.require(array, requirements=("C", "W"))
 
 

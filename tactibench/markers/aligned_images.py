@@ -32,8 +32,8 @@ class _Sensor:
 class AlignedImages:
     """Images in which the pins at rest lie, as nearly as a similarity can, on a reference layout.
 
-    Frames of the reference sensor stay as they are. So do those of a sensor whose pins cannot be
-    found or lie otherwise, and frames without a rest image are taken for the reference sensor's.
+    Frames of the reference sensor stay as they are, and frames without a rest image are taken for
+    its own. So do all frames where the reference sensor shows no pins.
 
     Attributes:
         rest: (size, size) gray, the reference sensor at rest.
@@ -53,7 +53,11 @@ class AlignedImages:
         return cls(_sized(rests[0], size)) if frames and len(rests) == len(frames) else None
 
     def __call__(self, frames: Sequence[Frame]) -> Images:
-        """Return (N, 2, size, size): every frame, and its sensor at rest."""
+        """Return (N, 2, size, size): every frame, and its sensor at rest.
+
+        Raises:
+            UserError: for a sensor whose pins are not those of the reference.
+        """
         out = np.empty((len(frames), 2, *self.rest.shape), dtype=np.uint8)
         out[:, 0], out[:, 1] = gray_frames(frames, len(self.rest)), self.rest
         for row, frame in enumerate(frames):
@@ -70,19 +74,20 @@ class AlignedImages:
                 return known
         size = len(self.rest)
         own, view = _sized(rest, size), None
-        if not np.array_equal(own, self.rest):
-            try:
-                pins = PinTracker.of([Frame(rest, 0.0, Pose(), rest)])
-                view = _resizing(pins.side, size).after(AlignedPins(pins, self._layout).view)
-            except UserError:
-                view = None
+        if self._layout is not None and not np.array_equal(own, self.rest):
+            pins = PinTracker.of([Frame(rest, 0.0, Pose(), rest)])
+            view = _resizing(pins.side, size).after(AlignedPins(pins, self._layout).view)
         seen = own if view is None else _seen_from(own, view)
         self._sensors.append(_Sensor(rest, view, seen))
         return self._sensors[-1]
 
     @cached_property
-    def _layout(self) -> npt.NDArray[np.float64]:
-        return PinTracker(self.rest).rest
+    def _layout(self) -> npt.NDArray[np.float64] | None:
+        """(P, 2) px of the reference sensor's pins; None: it shows none."""
+        try:
+            return PinTracker(self.rest).rest
+        except UserError:
+            return None
 
 
 def _sized(rest: Images, size: int) -> Images:

@@ -25,6 +25,9 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Images = npt.NDArray[np.uint8]
 
+_TURNS_DEG = (0, 6, -6, 12, -12, 18, -18)
+"""Of a camera, from which the match starts; that with most pins is taken. A start may be off by 4
+degrees: farther, pins at the rim lie nearer to others. 30 degrees are half a hexagon's symmetry."""
 _ROUNDS = 20
 """Turns of matching pins and fitting the similarity; a few suffice."""
 _NEAR = 0.4
@@ -256,23 +259,35 @@ class AlignedSensors(BySensor[AlignedPins]):
 
 def _match(rest: Array, layout: Array) -> tuple[Similarity, npt.NDArray[np.intp], Flags]:
     """The similarity from a layout (P, 2) to pins (P', 2), each pin's number there, and if any."""
+    middle = layout.mean(axis=0)
+    shift = rest.mean(axis=0) - middle
+    spread = [np.sqrt(np.square(xy - xy.mean(axis=0)).sum(axis=1).mean()) for xy in (layout, rest)]
+    stretch = float(np.log(spread[1] / spread[0]))
+    starts = (Similarity.of(shift, turn, stretch, middle) for turn in np.radians(_TURNS_DEG))
+    found = max((_settle(rest, layout, start) for start in starts), key=lambda each: each[2].sum())
+    common = np.count_nonzero(found[2])
+    if common < max(_FEWEST * len(layout), 3):
+        raise UserError(
+            f"the rest frame shows {len(rest)} pins, of which {common} lie where the {len(layout)} "
+            "of the training sensor are; test on a sensor of the same make, or train on this one."
+        )
+    return found
+
+
+def _settle(
+    rest: Array, layout: Array, view: Similarity
+) -> tuple[Similarity, npt.NDArray[np.intp], Flags]:
+    """``_match`` from a first view, which may find too few pins."""
     from scipy.spatial import cKDTree
 
-    spread = [np.sqrt(np.square(xy - xy.mean(axis=0)).sum(axis=1).mean()) for xy in (layout, rest)]
-    stretch = np.eye(2) * spread[1] / spread[0]
-    view = Similarity(stretch, rest.mean(axis=0) - stretch @ layout.mean(axis=0))
     tree = cKDTree(rest)
     reach = _NEAR * float(np.median(tree.query(rest, k=2)[0][:, 1]))
     for _ in range(_ROUNDS):
         apart, own = tree.query(view(layout))
         there = apart < reach
         there &= np.bincount(own[there], minlength=len(rest))[own] == 1
-        if np.count_nonzero(there) < max(_FEWEST * len(layout), 3):
-            raise UserError(
-                f"the rest frame shows {len(rest)} pins, of which {np.count_nonzero(there)} lie "
-                f"where the {len(layout)} of the training sensor are; test on a sensor of the same "
-                "make, or train on this one."
-            )
+        if np.count_nonzero(there) < 3:  # too few for a turn, a stretch and a shift
+            break
         fitted = Similarity.between(layout[there], rest[own[there]])
         settled = np.allclose(fitted(layout), view(layout), atol=1e-9)
         view = fitted

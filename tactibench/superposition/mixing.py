@@ -90,14 +90,14 @@ def mix(
 
 @dataclass(frozen=True, eq=False)
 class _Sensor:
-    """What frames of one sensor are drawn with; P pins of the layout, P' of its own."""
+    """Look and field of one sensor, with P pins of the layout and P' of its own."""
 
     pins: AlignedPins
     picture: PinPicture
     sizes: Array
-    """(P',) of the pins at rest."""
+    """(P',) of its pins at rest."""
     family: FieldFamily
-    """Of displacements on the layout, px, and growth of the pins, (3 P,)."""
+    """Displacements on the layout, px, and growth of the pins, (3 P,)."""
     contacts: Array
     """(N, 3) mm of its presses."""
     values: Array

@@ -32,6 +32,18 @@ def drawn() -> Callable[..., npt.NDArray[np.uint8]]:
 
 
 @pytest.fixture
+def hexagon() -> Callable[[float, float], Array]:
+    """(61, 2) px in a frame of ``size`` px: pins ``pitch`` px apart, around the middle."""
+
+    def _hexagon(pitch: float, size: float) -> Array:
+        steps = range(-4, 5)
+        axial = np.array([(i, j) for i in steps for j in steps if abs(i + j) <= 4])
+        return pitch * axial @ np.array([[1.0, 0.0], [0.5, np.sqrt(3) / 2]]) + size / 2
+
+    return _hexagon
+
+
+@pytest.fixture
 def rings() -> Array:
     """(331, 2) px: ten rings of 6 k pins 11 to 14 px apart in a frame of 360 px."""
     rows = [np.zeros((1, 2))]

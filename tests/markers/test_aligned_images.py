@@ -3,18 +3,15 @@
 import numpy as np
 import pytest
 
-from tactibench import Frame, Pose
+from tactibench import Frame, Pose, UserError
 from tactibench.markers import AlignedImages, Similarity
 
 SIZE = 120
 
 
 @pytest.fixture
-def layout():
-    """(61, 2) px: a hexagon around the middle."""
-    steps = range(-4, 5)
-    axial = np.array([(i, j) for i in steps for j in steps if abs(i + j) <= 4])
-    return 10.2 * axial @ [[1.0, 0.0], [0.5, np.sqrt(3) / 2]] + SIZE / 2
+def layout(hexagon):
+    return hexagon(10.2, SIZE)
 
 
 @pytest.fixture
@@ -40,7 +37,9 @@ def test_the_reference_sensor_is_seen_as_it_is(layout, draw):
         np.testing.assert_array_equal(still, rest)
 
 
-@pytest.mark.parametrize(("degrees", "stretch", "shift"), [(5, 0.0, (3, -4)), (-2, 0.05, (0, 0))])
+@pytest.mark.parametrize(
+    ("degrees", "stretch", "shift"), [(5, 0.0, (3, -4)), (-2, 0.05, (0, 0)), (15, 0.0, (0, 2))]
+)
 def test_a_remounted_camera_shows_the_same_images(layout, draw, degrees, stretch, shift):
     view = Similarity.of(np.array(shift), np.radians(degrees), stretch, np.full(2, SIZE / 2))
     moved = layout + np.random.default_rng(1).uniform(-1.8, 1.8, layout.shape)
@@ -62,13 +61,16 @@ def test_frames_of_another_size_are_seen_at_the_same_place(layout, draw):
     assert difference(image, draw(layout)) < 8
 
 
-def test_what_has_no_pins_or_others_is_seen_as_it_is(layout, draw):
-    black = np.zeros((SIZE, SIZE), np.uint8)
-    others = draw(layout[::2])
-    aligned = AlignedImages(draw(layout))
-    seen = aligned([frame(black, black), frame(others, others)])
-    np.testing.assert_array_equal(seen[0], [black, black])
-    np.testing.assert_array_equal(seen[1], [others, others])
+def test_sensors_without_pins_are_seen_as_they_are(layout, draw):
+    black, other = np.zeros((SIZE, SIZE), np.uint8), draw(layout)
+    ((image, still),) = AlignedImages(black)([frame(other, other)])
+    np.testing.assert_array_equal([image, still], [other, other])
+
+
+def test_other_pins_are_refused(layout, draw):
+    others, aligned = draw(layout[::2]), AlignedImages(draw(layout))
+    with pytest.raises(UserError, match="same make"):
+        aligned([frame(others, others)])
 
 
 def test_there_are_none_where_a_frame_has_no_rest_image(layout, draw):

@@ -15,11 +15,8 @@ def turned(degrees=5.0, stretch=0.06, shift=(4.0, -7.0)):
 
 
 @pytest.fixture
-def layout():
-    """(61, 2) px: a hexagon around the middle."""
-    steps = range(-4, 5)
-    axial = np.array([(i, j) for i in steps for j in steps if abs(i + j) <= 4])
-    return 17.0 * axial @ [[1.0, 0.0], [0.5, np.sqrt(3) / 2]] + SIZE / 2
+def layout(hexagon):
+    return hexagon(17.0, SIZE)
 
 
 @pytest.fixture
@@ -61,6 +58,12 @@ def test_a_turned_nearer_camera_sees_the_same_displacements(layout, pins_of, dra
     assert seen.all()
     np.testing.assert_allclose(again, moved, atol=0.05)
     assert aligned.layout_clues[0] == pytest.approx(0.06, abs=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [-20, -9, 4, 9, 15, 20])
+def test_a_turn_of_the_camera_is_found(layout, pins_of, degrees):
+    aligned = AlignedPins(pins_of(turned(degrees)(layout)), layout)
+    np.testing.assert_allclose(aligned.view(layout), turned(degrees)(layout), atol=0.05)
 
 
 def test_a_motion_since_rest_is_undone(layout, pins_of, drawn):
