@@ -5,15 +5,16 @@
 
 Trains every model on `exp2`, or takes it from the cache: once on single presses, once also on the
 pairs and triangles of regime `multiple`. Both are asked about the same presses. Pairs of the
-training are level and triangles have sides of 8 mm; the others differ. Prints the mean OSPA of both, and the
-mean difference, press by press, with its 95 % interval: above 0, regime `multiple` is worse. Presses
-come from a seed of their own.
+training are level and triangles have sides of 8 mm; the others differ. Prints the mean OSPA of
+both, and the mean difference, press by press, with its 95 % interval: above 0, regime `multiple` is
+worse. Presses come from a seed of their own.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -167,10 +168,9 @@ def _scenes(
             raise RuntimeError("no press fits the workspace")
 
 
-def _values(answers: object, truth: list[Contacts], gate: float) -> FloatArray:
+def _values(answers: Sequence[Any], truth: Sequence[Contacts], gate: float) -> FloatArray:
     """(N,) OSPA, mm."""
-    predictions = tuple(answers)  # type: ignore[call-overload]
-    names = ("all",) * len(truth)
+    predictions, names = tuple(answers), ("all",) * len(truth)
     return ospa(Trials(tuple(truth), predictions, np.arange(len(truth)), names, gate=gate)).values
 
 
