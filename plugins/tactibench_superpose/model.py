@@ -54,8 +54,8 @@ errors of answers, and one of so many training sensors of the fields. With every
 out the law is a quarter worse than the one from all."""
 _PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
 """Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
-_KEPT = 4
-"""Sensors whose fields stay in memory, 70 MB each where they vary."""
+_KEPT = 2
+"""Sensors whose fields stay in memory, 100 MB each where they vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +302,12 @@ class Superpose(Model):
         return [pins for pins in out if pins is not None]
 
     def _fit(self, frames: Sequence[_Pins]) -> list[Found]:
-        return [self._detector(one.sensor).find(one.image, one.moved, one.sure) for one in frames]
+        found: list[Found | None] = [None] * len(frames)
+        # Sensor by sensor, because the fields of few stay in memory.
+        for row in sorted(range(len(frames)), key=lambda row: frames[row].sensor):
+            one = frames[row]
+            found[row] = self._detector(one.sensor).find(one.image, one.moved, one.sure)
+        return [each for each in found if each is not None]
 
     def _contacts(self, frames: Sequence[Found]) -> list[Contacts]:
         spread, deepest = self._ready().spread, self._context.max_depth * 1.2
