@@ -204,7 +204,7 @@ class Presses:
         )
 
     def weights(self, ridge: float) -> Array:
-        """Return (M, Q) weights of kriging: the fields are independent, their covariances add up."""
+        """Return (M, Q) weights of kriging: fields are independent, their covariances add up."""
         kernel = _kernel(self.places, self.places) * (self.shares @ self.shares.T)
         return kriging(kernel, self.targets, ridge)
 
