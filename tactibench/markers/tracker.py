@@ -33,6 +33,9 @@ THERE = 0.7
 BLURRED = 2.0
 """A frame that is left with more than the rest frame by this factor is tried with softer edges;
 sharp frames of one to three contacts come to 1.5, and a blur of 0.5 px to 2.1."""
+FITTED = 2.5
+"""Blur is believed where it leaves no more than this factor: 1.5 px comes to 2.0, and the pins of
+2 px, which run into each other, to 5."""
 BLUR_STEP_PX, BLUR_STEPS = 0.25, 6
 """Steps in which the blur is sought, and most of them: beyond 1.5 px pins merge, and softer discs
 cost ten times a sharp frame."""
@@ -251,7 +254,7 @@ def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: 
     """
     dark, contrast, edge, residual = look
     disc, cover = np.empty((len(usual), 3)), np.empty(dark.shape)
-    blurred = np.empty_like(disc)
+    blurred, best = np.empty_like(disc), np.empty_like(disc)
     held = np.empty(len(usual))
     for n in range(len(images)):
         for p in range(len(usual)):
@@ -260,6 +263,7 @@ def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: 
         fit_discs(images[n], dark, contrast, edge, usual, held, sweeps, disc, cover)
         least = _misfit(images[n], dark, contrast, cover)
         if least > BLURRED * residual:
+            best[:] = disc
             for step in range(2, BLUR_STEPS + 1):
                 soft = np.sqrt(edge**2 + 5.0 * (step * BLUR_STEP_PX) ** 2)
                 _set_discs(xy[n], usual, blurred)
@@ -268,7 +272,9 @@ def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: 
                 if misfit >= least:
                     break
                 least = misfit
-                disc[:] = blurred
+                best[:] = blurred
+            if least < FITTED * residual:
+                disc[:] = best
         for p in range(len(usual)):
             away = np.sqrt((disc[p, 0] - xy[n, p, 0]) ** 2 + (disc[p, 1] - xy[n, p, 1]) ** 2)
             radius[n, p] = disc[p, 2]
