@@ -21,8 +21,8 @@ _LONGEST_MM = 0.8
 _SMALLEST_STEP_MM = 2e-4
 """A frame ends when its step is shorter."""
 CORRELATED = 20.0
-"""Displacements that err together where contacts are superposed: what fields that add up leave is
-smooth over the skin, so that it tells a sensor's numbers no better than a twentieth as many would.
+"""Displacements that err together beyond the noise, as where contacts are superposed: what is left
+there is smooth over the skin, and tells the numbers no better than a twentieth as many would.
 Of 1, 5 and 20 this one left least of the depth of pairs and triples on training instances."""
 _SMALLEST_NUISANCE = 1e-3
 """The same of a nuisance, in its deviations."""
@@ -89,13 +89,11 @@ def fit_frame(  # type: ignore[no-untyped-def]
             contacts[k, axis] = min(max(contacts[k, axis], low[axis]), high[axis])
     size = count + others
     pull, diagonal = np.empty(size), np.empty(size)
-    hold = np.ones(others)
-    if len(contacts) > 1:
-        hold[: field[3]] = CORRELATED
+    ways = field[3]
     rows = _look(field, motions, moved, whitener, contacts, nuisances)
     left[:] = rows[0]
-    cost, noise = _cost_of(left, weight, nuisances, hold)
-    _fill_normal(rows, weight, nuisances, noise * hold, normal, pull)
+    cost, noise = _cost_of(left, weight, nuisances, ways)
+    _fill_normal(rows, weight, nuisances, noise, ways, normal, pull)
     damping = _DAMPING
     for _ in range(steps if size else 0):
         greatest = 0.0
@@ -121,11 +119,11 @@ def fit_frame(  # type: ignore[no-untyped-def]
         for i in range(others):
             moving |= abs(step[count + i]) > _SMALLEST_NUISANCE
         rows = _look(field, motions, moved, whitener, tried, other)
-        new_cost, new_noise = _cost_of(rows[0], weight, other, hold)
+        new_cost, new_noise = _cost_of(rows[0], weight, other, ways)
         if new_cost <= cost:
             contacts[:], nuisances[:], left[:] = tried, other, rows[0]
             cost = new_cost
-            _fill_normal(rows, weight, nuisances, new_noise * hold, normal, pull)
+            _fill_normal(rows, weight, nuisances, new_noise, ways, normal, pull)
             damping /= 8
         else:
             damping *= 10
@@ -163,7 +161,7 @@ def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cost_of(left, weight, nuisances, hold):  # type: ignore[no-untyped-def]
+def _cost_of(left, weight, nuisances, ways):  # type: ignore[no-untyped-def]
     """Return the cost, and the variance of the noise that the misfit shows (1 without nuisances).
 
     Without nuisances the misfit itself is the cost: the least of both is in one place.
@@ -172,12 +170,22 @@ def _cost_of(left, weight, nuisances, hold):  # type: ignore[no-untyped-def]
     if not len(nuisances):
         return misfit, 1.0
     noise = max(misfit / len(left), 1.0)
-    return misfit / noise + len(left) * np.log(noise) + (hold * nuisances**2).sum(), noise
+    squares = hold_of(noise) * (nuisances[:ways] ** 2).sum() + (nuisances[ways:] ** 2).sum()
+    return misfit / noise + len(left) * np.log(noise) + squares, noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill_normal(rows, weight, nuisances, hold, normal, pull):  # type: ignore[no-untyped-def]
-    """Fill the normal matrix and its right-hand side; hold: (N,) 1 / variance of nuisances."""
+def hold_of(noise):  # type: ignore[no-untyped-def]
+    """Return the factor by which a sensor's numbers are held where the noise has this variance.
+
+    What is beyond the camera's noise, of variance 1, is correlated.
+    """
+    return CORRELATED - (CORRELATED - 1.0) / noise
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_normal(rows, weight, nuisances, noise, ways, normal, pull):  # type: ignore[no-untyped-def]
+    """Fill the normal matrix and its right-hand side; ``ways`` nuisances are a sensor's."""
     size, others = len(pull), len(nuisances)
     slopes = rows[1:]
     weighted = slopes * weight
@@ -185,5 +193,6 @@ def _fill_normal(rows, weight, nuisances, hold, normal, pull):  # type: ignore[n
     pull[:] = weighted @ rows[0]
     for n in range(others):
         i = size - others + n
-        normal[i, i] += hold[n]
-        pull[i] -= hold[n] * nuisances[n]
+        hold = noise * (hold_of(noise) if n < ways else 1.0)
+        normal[i, i] += hold
+        pull[i] -= hold * nuisances[n]
