@@ -45,9 +45,15 @@ class Model:
 
     def mean(self, protocol: str, metric: str, group: str) -> float | None:
         """Return the mean over training seeds, None where there is no record or no value."""
-        values = [record.value(metric, group) for record in self.records.get(protocol, [])]
+        values = [record.value(metric, group) for record in self.newest(protocol)]
         known = [value for value in values if value is not None]
         return statistics.fmean(known) if known else None
+
+    def newest(self, protocol: str) -> list[Record]:
+        """Return the records of the newest version of a protocol that the model was run on."""
+        records = self.records.get(protocol, [])
+        newest = max((record.protocol.version for record in records), default=0)
+        return [record for record in records if record.protocol.version == newest]
 
     @property
     def instances(self) -> float | None:
@@ -61,7 +67,7 @@ class Model:
         """p90 of one frame on one thread, ms, of the least disturbed seed."""
         rows = [
             row.p90_ms
-            for record in self.records.get("exp1", [])
+            for record in self.newest("exp1")
             for row in record.speed
             if (row.scenario, row.threads, row.phase) == ("single", 1, "total")
         ]

@@ -19,11 +19,11 @@ DOME_RADIUS_MM = 20.0
 
 def tip_positions(scene: Scene) -> FloatArray:
     """Return (K, 3) x, y and height offset of every tip's axis in the sensor frame, mm."""
-    offsets = np.array(scene.indenter.offsets, dtype=np.float64)
+    tips: FloatArray = np.array(scene.indenter.offsets, dtype=np.float64)
     yaw = math.radians(scene.pose.yaw)
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    xy = offsets[:, :2] @ turn.T + [scene.pose.x, scene.pose.y]
-    return np.column_stack([xy, offsets[:, 2]])
+    tips[:, :2] = tips[:, :2] @ turn.T + [scene.pose.x, scene.pose.y]
+    return tips
 
 
 def tip_depths(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> FloatArray:

@@ -7,26 +7,31 @@ import math
 import torch
 from torch import nn
 
+from tactibench.training import relight
+
 _SIDE = 4
 """Fewest cells a side that the convolutions leave for the dense layers."""
 
 
 class CNNNetwork(nn.Module):
-    """(B, 1, S, S) uint8 frames -> (B, values) normalised targets, and the logit of a presence.
+    """(B, images, S, S) uint8 -> (B, values) normalised targets, and the logit of a presence.
 
     A 5x5 convolution of stride 2, then blocks of 3x3 convolution, batch normalisation, ReLU and
     2x2 max pooling with doubling channels until 4 to 7 cells a side are left, then two dense
-    layers: the shape of the regression networks that are usual for the TacTip.
+    layers: the shape of the regression networks that are usual for the TacTip. ``images``: of a
+    frame, itself, or itself in the light of the sensor at rest, and that.
     """
 
     mean: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(self, width: int, size: int, hidden: int, values: int, presence: bool) -> None:
+    def __init__(
+        self, width: int, size: int, hidden: int, values: int, presence: bool, images: int = 1
+    ) -> None:
         super().__init__()
         self.register_buffer("mean", torch.zeros(()))
         self.register_buffer("scale", torch.ones(()))
-        layers = _convolution(1, width, kernel=5, stride=2)
+        layers = _convolution(images, width, kernel=5, stride=2)
         channels, side, block = width, (size + 1) // 2, 1
         while side >= 2 * _SIDE:
             wide = width * 2 ** min(block, 3)
@@ -56,7 +61,10 @@ class CNNNetwork(nn.Module):
             last.bias[-1] = math.log((with_contact + 1) / (without + 1))
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        normal: torch.Tensor = self.head(self.features((images.float() - self.mean) * self.scale))
+        images = images.float()
+        if images.shape[1] > 1:
+            images = relight(images)
+        normal: torch.Tensor = self.head(self.features((images - self.mean) * self.scale))
         return normal
 
 

@@ -13,6 +13,7 @@ from scipy.special import expit
 from torch.nn import functional as F  # noqa: N812
 
 from tactibench import Answer, Contacts, Frame, ModelContext
+from tactibench.markers import AlignedImages
 from tactibench.training import (
     ANSWER_WIDTH,
     RECIPES,
@@ -22,8 +23,10 @@ from tactibench.training import (
     answer_vectors,
     answers_from_vectors,
     image_tensor,
+    pack_image,
     regression_rows,
     resting_frames,
+    unpack_image,
 )
 from tactibench_cnn.architecture import CNNNetwork
 
@@ -56,6 +59,7 @@ class CNN(LearnedModel):
         size: int = 128,
         epochs: int = 0,
         precision: str = "recipe",
+        rest: str = "recipe",
     ) -> None:
         architecture: dict[str, Any] = {
             "width": width,
@@ -66,6 +70,8 @@ class CNN(LearnedModel):
         super().__init__(context, _RECIPES[recipe].with_choices(epochs, precision), architecture)
         values = ANSWER_WIDTH[context.answer]
         self._normalisation = Normalisation(np.zeros(values), np.ones(values))
+        self._try_rest = rest == "auto" or (rest == "recipe" and recipe == "default")
+        self._aligned: AlignedImages | None = None
 
     @property
     def _contacts(self) -> bool:
@@ -74,10 +80,19 @@ class CNN(LearnedModel):
     def build(self) -> CNNNetwork:
         shape = self.architecture
         values = ANSWER_WIDTH[shape["answer"]]
-        return CNNNetwork(shape["width"], shape["size"], shape["hidden"], values, self._contacts)
+        images = 1 if self._aligned is None else 2
+        return CNNNetwork(
+            shape["width"], shape["size"], shape["hidden"], values, self._contacts, images
+        )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        return image_tensor(frames, self.architecture["size"])
+        """Return (N, 1 or 2, S, S) uint8: the frames and, where it is shown, the sensor at rest.
+
+        Those of another sensor are then seen on the layout of the first one of the training.
+        """
+        if self._aligned is None:
+            return image_tensor(frames, self.architecture["size"])
+        return torch.from_numpy(self._aligned(frames))
 
     def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
         return resting_frames(frames, _RESTING_SHARE) if self._contacts else []
@@ -116,7 +131,9 @@ class CNN(LearnedModel):
         rows = regression_rows(truth, self.context.answer, self.name)
         return super().usable_rows(truth) if self._contacts and len(rows) else rows
 
-    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:  # noqa: ARG002
+    def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
+        size = self.architecture["size"]
+        self._aligned = AlignedImages.of(frames, size) if self._try_rest else None
         values = answer_vectors(truth, self.context.answer, self.name)
         self._normalisation = Normalisation.of(values[np.isfinite(values).all(axis=1)])
 
@@ -125,7 +142,10 @@ class CNN(LearnedModel):
         network.initialise(training.images, int(present.sum()), int((~present).sum()))
 
     def extra(self) -> dict[str, Any]:
-        return self._normalisation.to_json()
+        rest = None if self._aligned is None else pack_image(self._aligned.rest)
+        return {**self._normalisation.to_json(), "rest": rest}
 
     def restore(self, extra: dict[str, Any]) -> None:
         self._normalisation = Normalisation.from_json(extra)
+        rest = extra["rest"]
+        self._aligned = None if rest is None else AlignedImages(unpack_image(rest))

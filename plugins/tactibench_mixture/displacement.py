@@ -9,11 +9,10 @@ import numpy.typing as npt
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
-from tactibench.markers import PinTracker
+from tactibench.markers import PinTracker, Tracks
 from tactibench.training import pack_image, unpack_image
 
 Floats = npt.NDArray[np.float32]
-Images = npt.NDArray[np.uint8]
 
 _SYMMETRIC_PX = 0.05
 """Rms distance of mirrored pins from pins, up to which they are the same."""
@@ -27,7 +26,7 @@ class DisplacementField:
     """
 
     def __init__(self, pins: PinTracker, cells: int) -> None:
-        """pins: of one sensor. cells: along a side."""
+        """pins: that are the layout. cells: along a side."""
         self.pins = pins
         self.cells = cells
         axis = (np.arange(cells) + 0.5) * pins.side / cells - 0.5
@@ -35,11 +34,11 @@ class DisplacementField:
         spread = RBFInterpolator(pins.rest, np.eye(len(pins.rest)), kernel="linear")(places)
         self._spread: Floats = np.asarray(spread, dtype=np.float32)
 
-    def __call__(self, images: Images) -> Floats:
-        """Return (N, 2, cells, cells) displacements in x and y, px, of (N, S, S) uint8 frames."""
-        moved = (self.pins.tracker.track(images).xy - self.pins.rest).astype(np.float32)
+    def __call__(self, tracks: Tracks) -> Floats:
+        """Return (N, 2, cells, cells) displacements in x and y, px, of pins on the layout."""
+        moved = (tracks.xy - self.pins.rest).astype(np.float32)
         field = np.matmul(self._spread, moved).transpose(0, 2, 1)
-        shape = (len(images), 2, self.cells, self.cells)
+        shape = (len(tracks), 2, self.cells, self.cells)
         return np.ascontiguousarray(field).reshape(shape)
 
     @property

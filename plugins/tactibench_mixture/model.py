@@ -10,6 +10,7 @@ import numpy.typing as npt
 import torch
 
 from tactibench import Answer, Contacts, Frame, Grid, ModelContext, UserError
+from tactibench.markers import AlignedSensors
 from tactibench.training import Examples, MixtureModel, Recipe
 from tactibench_mixture.architecture import CHANNELS, MixtureNetwork
 from tactibench_mixture.displacement import DisplacementField
@@ -28,8 +29,8 @@ class Mixture(MixtureModel):
     """A network that reports contacts cell by cell; compare DECODE (Speiser et al. 2021).
 
     Each of some coarse cells gives the probability that it holds a contact, where and how deep
-    that is, and how sure it is. The input is the displacement field of the pins, tracked from the
-    rest image of the first training frame or from the frame that is pressed least.
+    that is, and how sure it is. The input is the displacement field of the pins since their own
+    rest image, on the layout of the first training frame's sensor (``AlignedSensors``).
 
     Raises:
         UserError: without an encoder of this kind and for a grid that ``cells`` do not divide.
@@ -60,7 +61,8 @@ class Mixture(MixtureModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)
-        self._field = DisplacementField(self._track_pins(frames, truth), _FINER * self._cells)
+        self._sensors = self._find_sensors(frames, truth)
+        self._field = DisplacementField(self._sensors.first, _FINER * self._cells)
 
     def build(self) -> MixtureNetwork:
         mirror = (False, False)
@@ -72,9 +74,9 @@ class Mixture(MixtureModel):
         network.initialise(training.images, training.targets)
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        if self._field is None:
-            raise UserError("model 'mixture' knows no pins yet; train it or load weights first.")
-        return torch.from_numpy(self._field(self._field.pins.images(frames)))
+        tracks = self._tracks(frames)
+        assert self._field is not None  # noqa: S101
+        return torch.from_numpy(self._field(tracks))
 
     def outputs(self, raw: torch.Tensor) -> npt.NDArray[Any]:
         """Return (N, 7, cells, cells) float32 maps as the encoder reads them."""
@@ -91,9 +93,9 @@ class Mixture(MixtureModel):
 
     def restore(self, extra: dict[str, Any]) -> None:
         super().restore(extra)
-        self._field = (
-            None if extra["field"] is None else DisplacementField.from_json(extra["field"])
-        )
+        if extra["field"] is not None:
+            self._field = DisplacementField.from_json(extra["field"])
+            self._sensors = AlignedSensors(self._field.pins)
 
     @property
     def _cells(self) -> int:

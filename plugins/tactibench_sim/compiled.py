@@ -1,11 +1,20 @@
-"""The decorator that compiles a loop, with one set of options for all."""
+"""The decorator that compiles a loop, with one set of options for all, and what loops are given."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from numba import njit
+
+Array = npt.NDArray[np.float64]
+
+
+def plain(array: Array) -> Array:
+    """Return the array, a copy where it is read-only or strided: loops are compiled for no such."""
+    return np.require(array, requirements=("C", "W"))
 
 
 def jit(function: Callable[..., Any]) -> Any:

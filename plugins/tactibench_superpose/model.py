@@ -21,11 +21,10 @@ from tactibench import (
     Frame,
     Model,
     ModelContext,
-    Pose,
     Progress,
     UserError,
 )
-from tactibench.markers import AlignedPins, BySensor, PinTracker
+from tactibench.markers import AlignedSensors, PinTracker
 from tactibench.superposition import (
     SENSORS_A_WAY,
     FieldFamily,
@@ -98,7 +97,7 @@ class Superpose(Model):
         }
         self._context = context
         self._learned: Learned | None = None
-        self._seen: BySensor[AlignedPins] | None = None
+        self._seen: AlignedSensors | None = None
 
     def fit(
         self,
@@ -119,8 +118,8 @@ class Superpose(Model):
         del rng
         began = time.perf_counter()
         progress.start(1, 1)
-        pins = _first_pins(frames)
-        self._see(pins)
+        self._see(AlignedSensors.of(frames))
+        pins = self._sensors.first
         single = self._single_presses(frames, truth)
         tested = self._single_presses(*validation)
         learned_from = single
@@ -168,7 +167,7 @@ class Superpose(Model):
 
     def _single_presses(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> SinglePresses:
         rows = single_press_rows(truth)
-        own = self._with_rest([frames[int(row)] for row in rows])
+        own = [frames[int(row)] for row in rows]
         contacts = _contacts_of(truth, rows)[:, 0] if len(rows) else np.empty((0, 3))
         sensors = np.array([self._sensors.number(frame) for frame in own], dtype=np.intp)
         moved = np.empty((len(own), 2 * len(self._sensors[0].rest)))
@@ -191,10 +190,9 @@ class Superpose(Model):
             left[own] = known[1] - field(known[0])
         return left
 
-    def _see(self, pins: PinTracker) -> None:
+    def _see(self, sensors: AlignedSensors) -> None:
         """Begin with the first training sensor, whose pins are the layout of all."""
-        self._seen = BySensor(lambda own: AlignedPins(own, pins.rest))
-        self._sensors.number(Frame(pins.rest_image, 0.0, Pose(), pins.rest_image))
+        self._seen = sensors
         self._shown: dict[int, tuple[Array, Array]] = {}
 
     def _use(self, learned: Learned) -> None:
@@ -209,11 +207,6 @@ class Superpose(Model):
         detector = Detector.of(field, pins, learned.weight, settings["gain"], settings["max_count"])
         return replace(detector, model_error=learned.model_error)
 
-    def _with_rest(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Return frames that have a rest image, that of the first training sensor if need be."""
-        rest = self._sensors[0].pins.rest_image
-        return [frame if frame.rest is not None else replace(frame, rest=rest) for frame in frames]
-
     def _explain_groups(
         self, frames: Sequence[Frame], truth: Sequence[Answer]
     ) -> list[MultiContactPresses]:
@@ -227,10 +220,9 @@ class Superpose(Model):
 
     def _explain(self, frames: Sequence[Frame], contacts: Array) -> tuple[Array, Array]:
         """Return the equivalents of true contacts in frames, and what these leave (``explain``)."""
-        own = self._with_rest(frames)
         equivalents, left = np.empty_like(contacts), []
-        for number, rows in self._sensors.rows(own).items():
-            images = self._sensors[number].pins.images([own[row] for row in rows])
+        for number, rows in self._sensors.rows(frames).items():
+            images = self._sensors[number].pins.images([frames[row] for row in rows])
             equivalents[rows], clear = self._detector(number).explain(images, contacts[rows])
             left.append(clear)
         return equivalents, np.concatenate(left)
@@ -292,11 +284,10 @@ class Superpose(Model):
         return {"single_presses": len(presses.frames)}
 
     def _pins(self, frames: Sequence[Frame]) -> list[_Pins]:
-        own = self._with_rest(frames)
-        out: list[_Pins | None] = [None] * len(own)
-        for number, rows in self._sensors.rows(own).items():
+        out: list[_Pins | None] = [None] * len(frames)
+        for number, rows in self._sensors.rows(frames).items():
             sensor = self._sensors[number]
-            images = sensor.pins.images([own[row] for row in rows])
+            images = sensor.pins.images([frames[row] for row in rows])
             for row, image, moved, sure in zip(rows, images, *sensor.track(images), strict=True):
                 out[row] = _Pins(number, image, moved, sure)
         return [pins for pins in out if pins is not None]
@@ -350,11 +341,11 @@ class Superpose(Model):
         """Read weights. Raises UserError for those of another model or other settings."""
         tensors, _ = load_weights(directory, model="superpose", architecture=self._settings)
         learned = Learned.of({name: value.numpy() for name, value in tensors.items()})
-        self._see(PinTracker(learned.rest_image))
+        self._see(AlignedSensors(PinTracker(learned.rest_image)))
         self._use(learned)
 
     @property
-    def _sensors(self) -> BySensor[AlignedPins]:
+    def _sensors(self) -> AlignedSensors:
         return _known(self._seen)
 
     def _ready(self) -> Learned:
@@ -365,12 +356,6 @@ def _known(value: Known | None) -> Known:
     if value is None:
         raise UserError("model 'superpose' has no weights yet; fit it or load them.")
     return value
-
-
-def _first_pins(frames: Sequence[Frame]) -> PinTracker:
-    """Return the pins of the first frame with a rest image. Raises UserError where none has one."""
-    with_rest = [frame for frame in frames if frame.rest is not None]
-    return PinTracker.of(with_rest[:1] or frames)
 
 
 def _contacts_of(truth: Sequence[Answer], rows: npt.NDArray[np.intp]) -> Array:

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench.training import draw_flips, flip_maps
+from tactibench.training import draw_flips, flip_maps, relight
 from tactibench_unet.nuisances import disturb
 
 LEVELS = 4
@@ -111,7 +111,7 @@ class UNetNetwork(nn.Module):
         if self.faults and self.stem[1].training:
             images = disturb(images, self.faults)
         if images.shape[1] > 1:
-            images = _relight(images)
+            images = relight(images)
         if not any(self.mirror):
             return self._logits(images)
         if self.training:
@@ -136,16 +136,6 @@ class UNetNetwork(nn.Module):
             x = block(torch.cat([skip, lift(x)], dim=1))
         logits: torch.Tensor = self.head(x)
         return F.pixel_shuffle(logits, self.step) if self.step > 1 else logits
-
-
-def _relight(images: torch.Tensor) -> torch.Tensor:
-    """Return frames (B, 2, S, S) in the light of their rest frames.
-
-    Contacts move bright pins and change the mean of a frame by less than 1 %.
-    """
-    frame, rest = images[:, :1], images[:, 1:]
-    light = rest.mean(dim=(2, 3), keepdim=True) / frame.mean(dim=(2, 3), keepdim=True).clamp_min(1)
-    return torch.cat([frame * light, rest], dim=1)
 
 
 def _to_cells(x: torch.Tensor, cells: tuple[int, int]) -> torch.Tensor:

@@ -23,6 +23,7 @@ from tactibench import (
     Progress,
     UserError,
 )
+from tactibench.markers import AlignedImages
 from tactibench.training import (
     RECIPES,
     Examples,
@@ -119,7 +120,7 @@ class UNet(LearnedModel):
         self._try_mirror = mirror == "auto" or (mirror == "recipe" and recipe == "default")
         self._mirror = (False, False)
         self._try_rest = rest == "auto" or (rest == "recipe" and recipe == "default")
-        self._rest: Image | None = None
+        self._aligned: AlignedImages | None = None
 
     def build(self) -> UNetNetwork:
         shape = self.architecture
@@ -129,17 +130,19 @@ class UNet(LearnedModel):
             shape["stem"],
             (rows, columns),
             shape["channels"],
-            images=1 if self._rest is None else 2,
+            images=1 if self._aligned is None else 2,
             mirror=self._mirror,
             faults=self._faults,
         )
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        """Return (N, 1 or 2, S, S) uint8: the frames and, where it is shown, the sensor at rest."""
-        images = image_tensor(frames, self.architecture["size"])
-        if self._rest is None:
-            return images
-        return torch.cat([images, _rest_images(frames, self._rest)], dim=1)
+        """Return (N, 1 or 2, S, S) uint8: the frames and, where it is shown, the sensor at rest.
+
+        Those of another sensor are then seen on the layout of the first one of the training.
+        """
+        if self._aligned is None:
+            return image_tensor(frames, self.architecture["size"])
+        return torch.from_numpy(self._aligned(frames))
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         contacts = [self._scale.contacts(answer) for answer in truth]
@@ -180,9 +183,9 @@ class UNet(LearnedModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         self._scale = PlateScale.of(truth, self.context.max_depth)
-        rest = _rest_image(frames, self.architecture["size"])
-        every_frame = all(frame.rest is not None for frame in frames)
-        self._rest = rest if self._try_rest and every_frame else None
+        size = self.architecture["size"]
+        self._aligned = AlignedImages.of(frames, size) if self._try_rest else None
+        rest = _rest_image(frames, size)
         self._mirror = (False, False)
         if (
             self._try_mirror
@@ -242,7 +245,7 @@ class UNet(LearnedModel):
             "depth_offset_mm": self._scale.offset,
             "headroom": self._headroom,
             "mirror": list(self._mirror),
-            "rest": None if self._rest is None else pack_image(self._rest),
+            "rest": None if self._aligned is None else pack_image(self._aligned.rest),
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
@@ -251,7 +254,8 @@ class UNet(LearnedModel):
         self._headroom = extra["headroom"]
         in_x, in_y = extra["mirror"]
         self._mirror = in_x, in_y
-        self._rest = None if extra["rest"] is None else unpack_image(extra["rest"])
+        rest = extra["rest"]
+        self._aligned = None if rest is None else AlignedImages(unpack_image(rest))
 
 
 def least_share(predicted: Sequence[Answer | None], truth: Sequence[Answer]) -> float:
@@ -295,16 +299,6 @@ def _rest_image(frames: Sequence[Frame], size: int) -> Image | None:
     """Return the (size, size) rest image of the first frame that has one."""
     rest = next((frame.rest for frame in frames if frame.rest is not None), None)
     return None if rest is None else _sized(rest, size)[0].numpy()
-
-
-def _rest_images(frames: Sequence[Frame], otherwise: Image) -> torch.Tensor:
-    """Return (N, 1, S, S) uint8, every frame's rest image; ``otherwise`` (S, S) without one."""
-    sized = {id(None): torch.from_numpy(otherwise)[None]}
-    for frame in frames:  # most share one array
-        if frame.rest is not None and id(frame.rest) not in sized:
-            sized[id(frame.rest)] = _sized(frame.rest, len(otherwise))
-    images = [sized[id(frame.rest)] for frame in frames]
-    return torch.stack(images) if images else torch.empty(0, 1, *otherwise.shape, dtype=torch.uint8)
 
 
 def _sized(rest: Image, size: int) -> torch.Tensor:

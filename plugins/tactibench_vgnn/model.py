@@ -10,8 +10,8 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from tactibench import Answer, Contacts, Frame, ModelContext, UserError
-from tactibench.markers import PinTracker, Tracks, pin_graph
+from tactibench import Answer, Contacts, Frame, ModelContext
+from tactibench.markers import AlignedSensors, PinTracker, pin_graph
 from tactibench.training import (
     MixtureModel,
     Recipe,
@@ -47,6 +47,7 @@ class VGNN(MixtureModel):
     Every pin is an anchor of a mixture of Gaussians: it gives the probability that it reports a
     contact, and where and how deep that is. The pins and the graph of the undeformed sensor are
     taken from the rest image of the first training frame, or from the frame that is pressed least.
+    Pins of other sensors are taken to this layout (``AlignedSensors``).
     """
 
     name = "vgnn"
@@ -63,7 +64,6 @@ class VGNN(MixtureModel):
     ) -> None:
         architecture = {"width": width, "layers": layers, "graph": graph, "answer": context.answer}
         super().__init__(context, RECIPE.with_choices(epochs, precision), architecture, mixing)
-        self._pins: PinTracker | None = None
         self._use_layout(PinLayout(_NO_PINS, np.zeros(3), np.zeros((3, 2))))
 
     def empty_frames(self, frames: Sequence[Frame]) -> list[Frame]:
@@ -74,13 +74,14 @@ class VGNN(MixtureModel):
 
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         super().prepare(frames, truth)
-        self._pins = self._track_pins(frames, truth)
+        self._sensors = self._find_sensors(frames, truth)
         rows = np.unique(
             np.linspace(0, len(frames) - 1, min(len(frames), _SCALE_FRAMES)).astype(int)
         )
-        tracks = self._track([frames[row] for row in rows])
+        tracks = self._tracks([frames[row] for row in rows])
         contacts = [self._plate.contacts(truth[row]) for row in rows]
-        rest = self._pins.tracker.track(self._pins.rest_image[None])
+        first = self._sensors.first
+        rest = first.tracker.track(first.rest_image[None])
         self._use_layout(PinLayout.learn(tracks, rest, contacts))
 
     def build(self) -> GraphNetwork:
@@ -93,7 +94,7 @@ class VGNN(MixtureModel):
         return GraphNetwork(torch.from_numpy(rest), pitch, fixed, shape["width"], shape["layers"])
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        features = node_features(self._track(frames), self._layout, self.architecture["graph"])
+        features = node_features(self._tracks(frames), self._layout, self.architecture["graph"])
         return torch.from_numpy(features)
 
     def read(self, outputs: npt.NDArray[Any]) -> list[Contacts]:
@@ -103,25 +104,22 @@ class VGNN(MixtureModel):
         )
 
     def extra(self) -> dict[str, Any]:
+        sensors = self._sensors
         return {
-            "rest": None if self._pins is None else pack_image(self._pins.rest_image),
+            "rest": None if sensors is None else pack_image(sensors.first.rest_image),
             "layout": self._layout.to_json(),
             **super().extra(),
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
         super().restore(extra)
-        self._pins = None if extra["rest"] is None else PinTracker(unpack_image(extra["rest"]))
+        rest = extra["rest"]
+        self._sensors = None if rest is None else AlignedSensors(PinTracker(unpack_image(rest)))
         self._use_layout(PinLayout.from_json(extra["layout"]))
 
     def fold(self, network: nn.Module, precision: str) -> nn.Module:
         assert isinstance(network, GraphNetwork)  # noqa: S101
         return super().fold(network.with_fixed_weights(), precision)
-
-    def _track(self, frames: Sequence[Frame]) -> Tracks:
-        if self._pins is None:
-            raise UserError("model 'vgnn' knows no pins yet; train it or load weights first.")
-        return self._pins.tracker.track(self._pins.images(frames))
 
     def _use_layout(self, layout: PinLayout) -> None:
         self._layout = layout

@@ -1,4 +1,6 @@
+from .aligned_images import AlignedImages as AlignedImages
 from .aligned_pins import AlignedPins as AlignedPins
+from .aligned_pins import AlignedSensors as AlignedSensors
 from .aligned_pins import Similarity as Similarity
 from .common_view import common_lattice as common_lattice
 from .common_view import common_view as common_view

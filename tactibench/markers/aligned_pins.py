@@ -7,15 +7,19 @@ what is left is how the two sensors differ in themselves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.contacts import Frame, Pose
 from tactibench.errors import UserError
-from tactibench.markers.pin_tracker import PinTracker
+from tactibench.markers.pin_tracker import BySensor, PinTracker
+from tactibench.markers.tracker import Tracks
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -140,12 +144,49 @@ class AlignedPins:
 
     def retrack(self, images: Images, moved: Array) -> tuple[Array, Flags]:
         """Return ``track`` of frames in which displacements (N, 2 P) are roughly known."""
+        start = (self.place(moved) - self.pins.rest).transpose(0, 2, 1).reshape(len(moved), -1)
+        again, seen = self.pins.retrack(images, start)
+        return self._seen(again), seen[:, self._own] & self._there
+
+    def place(self, moved: Array) -> Array:
+        """Return (N, P', 2) px in the sensor's frames, its P' pins displaced by (N, 2 P).
+
+        Those that the layout does not have stay at rest.
+        """
         places = self._rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
         own = np.repeat(self.pins.rest[None], len(moved), axis=0)
         own[:, self._own[self._there]] = self.view(places)[:, self._there]
-        start = (own - self.pins.rest).transpose(0, 2, 1).reshape(len(moved), -1)
-        again, seen = self.pins.retrack(images, start)
-        return self._seen(again), seen[:, self._own] & self._there
+        return own
+
+    def in_layout_order(self, values: Array) -> Array:
+        """Return (N, P) values of the layout's pins of those of the sensor's (N, P'), else 0."""
+        return np.where(self._there, values[:, self._own], 0.0)
+
+    def in_own_order(self, values: Array) -> Array:
+        """Return (N, P') values of the sensor's pins of those of the layout's (N, P), else 0."""
+        own = np.zeros((len(values), len(self.pins.rest)))
+        own[:, self._own[self._there]] = values[:, self._there]
+        return own
+
+    def tracks(self, images: Images) -> Tracks:
+        """Return the pins as if those of the layout had moved as much since rest.
+
+        A pin of the layout that this sensor lacks stands at rest and is not seen. Radii are px of
+        the sensor's frames.
+
+        Args:
+            images: (N, side, side) gray, of the sensor.
+        """
+        own = self.pins.tracker.track(images)
+        xy = self.view.back(own.xy[:, self._own]) + (self._layout - self._rest)
+        xy[:, ~self._there] = self._layout[~self._there]
+        return Tracks(xy, own.seen[:, self._own] & self._there, own.radius[:, self._own])
+
+    @cached_property
+    def radius(self) -> Array:
+        """(P,) px of the sensor's frames, of the discs at rest; NaN where centroids are taken."""
+        radius: Array = self.tracks(self.pins.rest_image[None]).radius[0]
+        return radius
 
     @property
     def pitch(self) -> float:
@@ -158,6 +199,59 @@ class AlignedPins:
         places = self.view.back(own[:, self._own]) - self._rest
         places[:, ~self._there] = 0.0
         return places.transpose(0, 2, 1).reshape(len(moved), -1)
+
+
+class AlignedSensors(BySensor[AlignedPins]):
+    """Sensors of one make, each on the layout of the first one.
+
+    A frame without a rest image is taken for one of the first sensor.
+    """
+
+    def __init__(self, first: PinTracker) -> None:
+        """first: the pins that are the layout."""
+        super().__init__(lambda own: AlignedPins(own, first.rest))
+        self.number(Frame(first.rest_image, 0.0, Pose(), first.rest_image))
+
+    @classmethod
+    def of(cls, frames: Sequence[Frame], otherwise: Frame | None = None) -> Self:
+        """Return the sensors of a training, with the first frame's that has a rest image first.
+
+        Args:
+            frames: of any number of sensors.
+            otherwise: a frame that is hardly pressed, for frames without a rest image.
+
+        Raises:
+            UserError: where there is neither.
+        """
+        with_rest = [frame for frame in frames if frame.rest is not None]
+        return cls(PinTracker.of(with_rest[:1], otherwise))
+
+    @property
+    def first(self) -> PinTracker:
+        """The pins of the first sensor."""
+        return self[0].pins
+
+    def number(self, frame: Frame) -> int:
+        """Return the number of the frame's sensor, 0 for the first one.
+
+        Raises:
+            UserError: for a sensor whose pins are not those of the layout.
+        """
+        return 0 if frame.rest is None else super().number(frame)
+
+    def tracks(self, frames: Sequence[Frame]) -> Tracks:
+        """Return the pins of frames as if all were of the first sensor.
+
+        Each pin has moved and grown since rest as much as that of the frame's own sensor.
+        """
+        shape = len(frames), len(self.first.rest)
+        out = Tracks(np.empty((*shape, 2)), np.empty(shape, dtype=np.bool_), np.empty(shape))
+        for number, rows in self.rows(frames).items():
+            own = self[number]
+            tracks = own.tracks(own.pins.images([frames[row] for row in rows]))
+            out.xy[rows], out.seen[rows] = tracks.xy, tracks.seen
+            out.radius[rows] = tracks.radius * (self[0].radius / own.radius)
+        return out
 
 
 def _match(rest: Array, layout: Array) -> tuple[Similarity, npt.NDArray[np.intp], Flags]:

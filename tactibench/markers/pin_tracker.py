@@ -29,6 +29,11 @@ _COVER = 1.25
 taken for pins. Blurred pins cover more and are darker."""
 _ALIKE = 0.05
 """Light that differs by less is the rest frame's: pins that move under a lens differ as much."""
+_SAME_GROUND, _LEVELS = 0.05, 1.0
+"""Share of its grey level, and whole levels, by which the ground may differ from what the pins'
+light says: levels are whole numbers, and a dark ground has few."""
+_SATURATED = 250
+"""Grey level of pins from which they may be brighter than the camera shows."""
 _DOUBTFUL = 2.5
 """Pins at rest within this many spacings of one that was not seen may be one pin off."""
 
@@ -99,8 +104,8 @@ class PinTracker:
         if len(rests) > 1:
             raise UserError(
                 f"the frames are of {len(rests)} sensor instances, but here pins are followed from "
-                "one rest frame; train on one (sensor.instances=0), or train superpose, kernel, "
-                "pins, nearest or unet."
+                "one rest frame; train on one (sensor.instances=0), or train superpose, vgnn, "
+                "mixture, kernel, pins, nearest or unet."
             )
         rest = rests[0] if rests else None
         if rest is None and otherwise is not None:
@@ -135,6 +140,10 @@ class PinTracker:
         own_ground, own_contrast, own_cover = self._light
         factor = contrast / own_contrast
         if abs(factor - 1) < _ALIKE or factor < _FAINTEST_LIGHT:
+            return image
+        # A lamp acts on the ground as well; lost or blurred pins and a reflection do not.
+        far = abs(ground - factor * own_ground) > max(_SAME_GROUND * ground, _LEVELS)
+        if far and ground + contrast < _SATURATED:
             return image
         if factor > 1 and cover > _COVER * own_cover:
             return image

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -66,11 +67,20 @@ def fit_profile(image: Images, xy: Array, area: Array) -> PinProfile | None:
     nothing to fit. Dark level and contrast are polynomials, of degree 4 with 60 pins and more:
     light falls off towards the rim.
     """
-    from scipy.optimize import minimize_scalar
-
     if len(xy) < 3 or np.count_nonzero(np.bincount(image.ravel(), minlength=256)) < 8:
         return None
     disc = np.column_stack([xy, np.sqrt(area / np.pi)])
+    return _fit_from(image.tobytes(), image.shape, disc.tobytes())
+
+
+@lru_cache(maxsize=32)  # a fit takes 0.2 s, and models of one process see the same few sensors
+def _fit_from(pixels: bytes, shape: tuple[int, int], discs: bytes) -> PinProfile | None:
+    """Return the look of pins; discs: (P, 3) x, y and radius, px, where the search begins."""
+    from scipy.optimize import minimize_scalar
+
+    image = np.frombuffer(pixels, dtype=np.uint8).reshape(shape).copy()
+    disc = np.frombuffer(discs).reshape(-1, 3).copy()
+    xy = disc[:, :2]
     best: list[PinProfile] = []
 
     def misfit(edge: float) -> float:

@@ -200,7 +200,7 @@ def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
         )
     out = np.empty((image.size // 2 + 64, 3))
     run = np.empty((4, image.size // 2 + 64), dtype=np.int32)
-    count, usable = find_blobs(np.ascontiguousarray(image), RING, run, out)
+    count, usable = find_blobs(np.require(image, requirements=("C", "W")), RING, run, out)
     pins = out[:count][usable]
     if len(pins) < 3:
         raise UserError(

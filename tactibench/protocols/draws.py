@@ -38,7 +38,7 @@ def draw_scenes(protocol: Protocol, name: str) -> SceneSet:
     return _drawn(protocol.draw(name), protocol.workspace, protocol.data_seed)
 
 
-@lru_cache(maxsize=8)  # many runs of one process ask for the same thousands of presses
+@lru_cache(maxsize=32)  # many runs of one process ask for the same thousands of presses
 def _drawn(draw: Draw, workspace: Workspace, data_seed: int) -> SceneSet:
     seed = np.random.SeedSequence(data_seed, spawn_key=(draw.stream,))
     rng = np.random.default_rng(seed)

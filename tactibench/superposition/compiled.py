@@ -56,7 +56,8 @@ def evaluate(coefficients: Lattice, low: Array, step: Array, places: Array, out:
             for k in range(4):
                 knot = abs(cell - 1 + k)
                 index[axis, k] = knot if knot <= last else 2 * last - knot
-        out[m] = 0
+        for q in range(out.shape[2]):
+            out[m, 0, q] = out[m, 1, q] = out[m, 2, q] = out[m, 3, q] = 0.0
         for i in range(4):
             for j in range(4):
                 for k in range(4):
@@ -91,7 +92,7 @@ def fit_frame(  # type: ignore[no-untyped-def]
     pull, diagonal = np.empty(size), np.empty(size)
     ways = field[3]
     rows = _look(field, motions, moved, whitener, contacts, nuisances)
-    left[:] = rows[0]
+    _copy(rows[0], left)
     cost, noise = _cost_of(left, weight, nuisances, ways)
     _fill_normal(rows, weight, nuisances, noise, ways, normal, pull)
     damping = _DAMPING
@@ -121,7 +122,10 @@ def fit_frame(  # type: ignore[no-untyped-def]
         rows = _look(field, motions, moved, whitener, tried, other)
         new_cost, new_noise = _cost_of(rows[0], weight, other, ways)
         if new_cost <= cost:
-            contacts[:], nuisances[:], left[:] = tried, other, rows[0]
+            for k in range(len(contacts)):
+                _copy(tried[k], contacts[k])
+            _copy(other, nuisances)
+            _copy(rows[0], left)
             cost = new_cost
             _fill_normal(rows, weight, nuisances, new_noise, ways, normal, pull)
             damping /= 8
@@ -132,12 +136,19 @@ def fit_frame(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _copy(values, out):  # type: ignore[no-untyped-def]
+    """Fill out (N,) with values (N,); numba takes seconds to compile ``out[:] = values``."""
+    for i in range(len(out)):
+        out[i] = values[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore[no-untyped-def]
     """Return (1 + 3 K + N, M): what is left, and the slopes of what explains it."""
     coefficients, low, step, ways = field[0], field[1], field[2], field[3]
     width, count = len(moved), len(contacts)
     rows = np.zeros((1 + 3 * count + len(nuisances), width))
-    rows[0] = moved
+    _copy(moved, rows[0])
     parts = np.empty((count, 4, coefficients.shape[3]), np.float32)
     evaluate(coefficients, low, step, contacts, parts)
     for k in range(count):
@@ -155,8 +166,9 @@ def _look(field, motions, moved, whitener, contacts, nuisances):  # type: ignore
                     slope += nuisances[v] * parts[k, 1 + axis, (1 + v) * width + q]
                 rows[1 + 3 * k + axis, q] = slope
     for r in range(len(motions)):
-        rows[1 + 3 * count + ways + r] = motions[r]
-        rows[0] -= nuisances[ways + r] * motions[r]
+        _copy(motions[r], rows[1 + 3 * count + ways + r])
+        for q in range(width):
+            rows[0, q] -= nuisances[ways + r] * motions[r, q]
     return rows @ whitener if len(whitener) else rows
 
 
@@ -189,8 +201,10 @@ def _fill_normal(rows, weight, nuisances, noise, ways, normal, pull):  # type: i
     size, others = len(pull), len(nuisances)
     slopes = rows[1:]
     weighted = slopes * weight
-    normal[:] = weighted @ slopes.T
-    pull[:] = weighted @ rows[0]
+    products = weighted @ slopes.T
+    for i in range(size):
+        _copy(products[i], normal[i])
+    _copy(weighted @ rows[0], pull)
     for n in range(others):
         i = size - others + n
         hold = noise * (hold_of(noise) if n < ways else 1.0)

@@ -8,13 +8,15 @@ saw real contacts one at a time only.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, Pose
 from tactibench.errors import UserError
-from tactibench.markers import PinTracker
+from tactibench.markers import AlignedPins, AlignedSensors
+from tactibench.superposition.family import FieldFamily
 from tactibench.superposition.field import FEWEST, Field, contact_array, single_press_rows
 from tactibench.superposition.neighbours import NeighbourLaw, nominal_law
 from tactibench.superposition.picture import PinPicture
@@ -66,34 +68,89 @@ def mix(
             "raise the training count, or leave mixing out."
         )
     presses = [frames[int(row)] for row in rows]
-    pins = PinTracker.of(presses)
-    images = pins.images(presses)
     single = contact_array([truth[int(row)] for row in rows])[:, 0]
-    moved = pins.displacements(images)
-    xy = pins.rest + moved.reshape(len(moved), 2, -1).transpose(0, 2, 1)
-    picture = PinPicture.learn(images, xy)
-    sizes = picture.measure(images, xy)
-    resting = _resting_size(sizes, moved)
-    growth = sizes / resting - 1
-    field = Field.learn(single, np.concatenate([moved, growth], axis=1))
     law = law or nominal_law()
-
+    low, high = single.min(axis=0), single.max(axis=0)
+    sensors = _learn_sensors(presses, single)
     mixed: list[Frame] = []
     mixed_truth: list[Contacts] = []
-    low, high = single.min(axis=0), single.max(axis=0)
-    for start in range(0, count, _BLOCK):
-        for contacts in _draw_contacts(min(_BLOCK, count - start), low, high, rng):
-            equivalents = law.equivalents(contacts)
-            total = field(equivalents).sum(axis=1)
-            if misfit:
-                total += _unexplained(field, equivalents, misfit, low, high, rng)
-            x, y, growth = np.split(total, 3, axis=1)
-            places = pins.rest + np.stack([x, y], axis=-1)
-            sizes = resting * np.maximum(1 + growth, 0.1)
-            drawn = picture.draw(places, sizes, rng)
-            mixed += [Frame(image, 0.0, Pose(), pins.rest_image) for image in drawn]
-            mixed_truth += [Contacts.truth(each[:, :2], each[:, 2]) for each in contacts]
-    return mixed, mixed_truth
+    for number, sensor in enumerate(sensors):
+        own, field = len(range(number, count, len(sensors))), sensor.field()
+        for start in range(0, own, _BLOCK):
+            for contacts in _draw_contacts(min(_BLOCK, own - start), low, high, rng):
+                equivalents = law.equivalents(contacts)
+                total = field(equivalents).sum(axis=1)
+                if misfit:
+                    total += _unexplained(field, equivalents, misfit, low, high, rng)
+                mixed += sensor.draw(total, rng)
+                mixed_truth += [Contacts.truth(each[:, :2], each[:, 2]) for each in contacts]
+    order = rng.permutation(count)  # so that any part of them is like the whole
+    return [mixed[k] for k in order], [mixed_truth[k] for k in order]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sensor:
+    """What frames of one sensor are drawn with; P pins of the layout, P' of its own."""
+
+    pins: AlignedPins
+    picture: PinPicture
+    sizes: Array
+    """(P',) of the pins at rest."""
+    family: FieldFamily
+    """Of displacements on the layout, px, and growth of the pins, (3 P,)."""
+    contacts: Array
+    """(N, 3) mm of its presses."""
+    values: Array
+    """(N, 3 P) of its presses."""
+
+    def field(self) -> Field:
+        """Return the field of one contact; many of them would not fit into memory."""
+        clues = self.pins.layout_clues
+        field = self.family.of_sensor(clues, self.contacts, self.values)
+        return field.turned(np.zeros(field.ways), np.zeros((field.ways, 0)))
+
+    def draw(self, field: Array, rng: np.random.Generator) -> list[Frame]:
+        """Return the frames of fields (N, 3 P)."""
+        moved, growth = np.split(field, [2 * field.shape[1] // 3], axis=1)
+        sizes = self.sizes * np.maximum(1 + self.pins.in_own_order(growth), 0.1)
+        drawn = self.picture.draw(self.pins.place(moved), sizes, rng)
+        return [Frame(image, 0.0, Pose(), self.pins.pins.rest_image) for image in drawn]
+
+
+def _learn_sensors(frames: Sequence[Frame], contacts: Array) -> list[_Sensor]:
+    """Return the sensors of single presses (N, 3) mm that there are frames enough of.
+
+    Their fields are learned together, on the layout of the first one.
+    """
+    by_sensor = AlignedSensors.of(frames)
+    values = np.empty((len(frames), 3 * len(by_sensor.first.rest)))
+    numbers = np.empty(len(frames), dtype=np.intp)
+    looks: list[tuple[PinPicture, Array]] = []
+    by_number = by_sensor.rows(frames)
+    if max(map(len, by_number.values())) < FEWEST:
+        raise UserError(
+            f"contact mixing needs {FEWEST} single presses on a sensor and found {len(frames)} on "
+            f"{len(by_number)} sensors; raise the training count, or leave mixing out."
+        )
+    all_pins = [by_sensor[number] for number in by_number]
+    for number, rows in enumerate(by_number.values()):
+        pins = all_pins[number]
+        images = pins.pins.images([frames[row] for row in rows])
+        moved, _ = pins.track(images)
+        places = pins.place(moved)
+        picture = PinPicture.learn(images, places)
+        sizes = picture.measure(images, places)
+        resting = _resting_size(sizes, np.hypot(*(places - pins.pins.rest).transpose(2, 0, 1)))
+        looks.append((picture, resting))
+        growth = pins.in_layout_order(sizes / resting - 1)
+        values[rows], numbers[rows] = np.concatenate([moved, growth], axis=1), number
+    clues = np.array([pins.layout_clues for pins in all_pins])
+    family = FieldFamily.learn(contacts, values, numbers, clues)
+    return [
+        _Sensor(all_pins[n], *looks[n], family, contacts[rows], values[rows])
+        for n, rows in enumerate(by_number.values())
+        if len(rows) >= FEWEST
+    ]
 
 
 def _unexplained(
@@ -125,9 +182,8 @@ def _unexplained(
     return errors - (motions.transpose(0, 2, 1) @ along)[..., 0]
 
 
-def _resting_size(size: Array, moved: Array) -> Array:
+def _resting_size(size: Array, distance: Array) -> Array:
     """(P,) size of every pin in the tenth of the frames in which it moves least."""
-    distance = np.hypot(*np.split(moved, 2, axis=1))
     least = np.argsort(distance, axis=0)[: max(1, len(distance) // 10)]
     return np.median(np.take_along_axis(size, least, axis=0), axis=0)
 

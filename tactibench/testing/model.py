@@ -108,6 +108,24 @@ def batch(subject: ModelSubject) -> None:
     require(gap <= CLOSE, f"in another order, answers differ by {gap:.3g}")
 
 
+def sensors(subject: ModelSubject) -> None:
+    """Frames of two sensors, each with its own rest frame, are answered alike alone and mixed."""
+
+    def moved(image: Image) -> Image:
+        return np.roll(image, 2, axis=1)
+
+    frames = [
+        _with_images(frame, moved) if row % 2 else frame
+        for row, frame in enumerate(subject.test_examples.frames[:BATCH])
+    ]
+    together = _predict_or_refuse(subject, frames, "a frame of a camera that was moved")
+    if together is None:
+        return
+    alone = [subject.predict(subject.trained(), [frame])[0] for frame in frames]
+    gap = difference(alone, together)
+    require(gap <= CLOSE, f"answers differ by {gap:.3g}")
+
+
 def seed(subject: ModelSubject) -> None:
     """Trainings from equal generator states answer alike, one of them with checkpoints kept."""
     model, _ = subject.trained_again

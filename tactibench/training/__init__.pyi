@@ -3,6 +3,7 @@ from .examples import draw_flips as draw_flips
 from .examples import find_symmetry as find_symmetry
 from .examples import flip_maps as flip_maps
 from .examples import image_tensor as image_tensor
+from .examples import relight as relight
 from .examples import resting_frames as resting_frames
 from .learned import LearnedModel as LearnedModel
 from .loop import train as train

@@ -13,7 +13,8 @@ import numpy.typing as npt
 import torch
 
 from tactibench.contacts import Answer, Contacts, Frame
-from tactibench.markers import PinTracker
+from tactibench.errors import UserError
+from tactibench.markers import AlignedSensors, Tracks
 from tactibench.plugins.base import FitReport, ModelContext, Progress
 from tactibench.training.learned import LearnedModel
 from tactibench.training.mixture import MixtureScale, mixture_loss, mixture_values, pack_contacts
@@ -51,6 +52,7 @@ class MixtureModel(LearnedModel):
         super().__init__(context, recipe, architecture, mixing)
         self._plate = PlateScale()
         self._factors = _AS_STATED
+        self._sensors: AlignedSensors | None = None
 
     @abstractmethod
     def read(self, outputs: Array) -> list[Contacts]:
@@ -128,13 +130,21 @@ class MixtureModel(LearnedModel):
         self._plate = PlateScale(extra["depth_offset_mm"])
         self._factors = np.array(extra["std_factors"])
 
-    def _track_pins(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> PinTracker:
-        """Return a tracker of the pins in the rest image of the first frame that has one.
+    def _find_sensors(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> AlignedSensors:
+        """Return the sensors of a training; the first frame with a rest image is of the first.
 
-        Without one it starts from the frame that is pressed least.
+        Where none has one, the frame that is pressed least stands for it.
         """
         depths = [self._plate.contacts(answer).depth.sum() for answer in truth]
-        return PinTracker.of(frames, otherwise=frames[int(np.argmin(depths))])
+        return AlignedSensors.of(frames, otherwise=frames[int(np.argmin(depths))])
+
+    def _tracks(self, frames: Sequence[Frame]) -> Tracks:
+        """Return the pins of frames on the layout of the first training sensor."""
+        if self._sensors is None:
+            raise UserError(
+                f"model {self.name!r} knows no pins yet; train it or load weights first."
+            )
+        return self._sensors.tracks(frames)
 
     def _use_anchors(self, anchors: npt.NDArray[np.float64], reach_mm: float) -> None:
         """anchors: (M, 2) mm. reach_mm: how far from its anchor a mean may lie, in x and in y."""

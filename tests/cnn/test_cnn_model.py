@@ -6,6 +6,8 @@ from silent import Epochs
 
 from tactibench import Contacts, Frame, PlatePose, Pose, UserError
 
+PAPER = {"recipe": "paper"}
+
 
 def flat(answers):
     return np.array([[*contacts.xy[0], contacts.depth[0]] for contacts in answers])
@@ -49,6 +51,7 @@ def test_a_sensor_at_rest_is_no_contact(make_cnn):
     assert [len(found) for found in model.predict(presses(50, 8)[0])] == [1] * 50
 
 
+@pytest.mark.long
 def test_training_frames_without_contact_are_learned_from(make_cnn):
     frames, truth = presses(200, 1)
     _, empty = resting(20, 3)
@@ -114,3 +117,42 @@ def test_training_frames_without_any_contact_are_refused(make_cnn):
     truth = [Contacts.none()] * 3
     with pytest.raises(UserError, match="no training frame"):
         learn(make_cnn(), frames, truth, Epochs())
+
+
+def with_rest(frames, rest):
+    return [Frame(frame.image, frame.timestamp, frame.pose, rest) for frame in frames]
+
+
+@pytest.mark.parametrize(("options", "seen"), [({}, 2), ({"rest": "never"}, 1), (PAPER, 1)])
+def test_the_sensor_at_rest_is_seen_where_every_frame_brings_it(make_cnn, options, seen):
+    still, _ = resting(1, 0)
+    frames, truth = presses(4, 1)
+    model = make_cnn(**options)
+    model.prepare(with_rest(frames, still), truth)
+    assert model.inputs(frames).shape == (4, seen, 64, 64)
+    model.prepare([*with_rest(frames[:3], still), frames[3]], truth)
+    assert model.inputs(frames).shape == (4, 1, 64, 64)
+
+
+def test_less_light_is_undone_by_the_rest_frame(make_cnn):
+    """The whole frame, as a lamp that fades dims it."""
+    still, _ = resting(1, 0)
+    frames, truth = presses(40, 1)
+    model = make_cnn(epochs=1)
+    rng = np.random.default_rng(3)
+    model.fit(with_rest(frames, still), truth, validation=([], []), rng=rng, progress=Epochs())
+    dim = [Frame(frame.image // 2, 0.0, frame.pose, still) for frame in frames]
+    bright = flat(model.predict(with_rest(frames, still)))
+    np.testing.assert_allclose(flat(model.predict(dim)), bright, atol=0.1)
+
+
+def test_weights_come_back_with_the_rest(make_cnn, tmp_path):
+    still, _ = resting(1, 0)
+    frames, truth = presses(40, 1)
+    model = make_cnn(epochs=1)
+    rng = np.random.default_rng(3)
+    model.fit(with_rest(frames, still), truth, validation=([], []), rng=rng, progress=Epochs())
+    model.save(tmp_path)
+    other = make_cnn()
+    other.load(tmp_path)
+    np.testing.assert_array_equal(flat(other.predict(frames)), flat(model.predict(frames)))

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tactibench import UserError
-from tactibench.markers import AlignedPins, PinTracker, Similarity
+from tactibench import Frame, Pose, UserError
+from tactibench.frames.faults import FAULTS
+from tactibench.markers import AlignedPins, AlignedSensors, PinTracker, Similarity
 
 SIZE = 200
 
@@ -85,18 +86,72 @@ def test_pins_that_do_not_fit_are_refused(layout, pins_of):
 
 @pytest.mark.parametrize("light", [0.3, 0.6, 1.4])
 def test_pins_are_seen_in_the_light_of_the_rest_frame(layout, pins_of, light):
-    from tactibench import Frame, Pose
-
     pins = pins_of(layout)
-    dim = np.rint(light * pins.rest_image.clip(0, 180)).astype(np.uint8)
+    dim = np.rint(light * pins.rest_image).clip(0, 255).astype(np.uint8)
     lit = pins.images([Frame(dim, 0.0, Pose())])[0].astype(int)
     assert np.abs(np.median(lit) - np.median(pins.rest_image)) <= 1
     assert np.abs(lit.max() - pins.rest_image.max()) < 12
 
 
-def test_usual_light_stays_to_the_last_bit(layout, pins_of):
-    from tactibench import Frame, Pose
+@pytest.mark.parametrize(("fault", "value"), [("blur", 1.0), ("lost-pins", 0.2), ("glare", 8.0)])
+def test_what_is_no_other_light_stays_to_the_last_bit(layout, pins_of, fault, value):
+    """It changes how bright pins are and not the ground."""
+    pins = pins_of(layout)
+    spoiled = FAULTS[fault](pins.rest_image, value, np.random.default_rng(1))
+    np.testing.assert_array_equal(pins.images([Frame(spoiled, 0.0, Pose())])[0], spoiled)
 
+
+def test_usual_light_stays_to_the_last_bit(layout, pins_of):
     pins = pins_of(layout)
     almost = np.rint(1.03 * pins.rest_image).astype(np.uint8)
     np.testing.assert_array_equal(pins.images([Frame(almost, 0.0, Pose())])[0], almost)
+
+
+@pytest.fixture
+def framed(drawn):
+    """A frame of pins of some radius at places (P, 2), with its rest frame."""
+
+    def _framed(places, rest, radius=4.0, rest_radius=4.0):
+        still = None if rest is None else drawn(rest, rest_radius, SIZE, soft=True)
+        return Frame(drawn(places, radius, SIZE, soft=True), 0.0, Pose(), still)
+
+    return _framed
+
+
+def test_frames_of_the_first_sensor_are_tracked_to_the_last_bit_as_its_own(layout, framed):
+    step = np.random.default_rng(3).uniform(-3, 3, (4, *layout.shape))
+    frames = [framed(layout + one, layout) for one in step]
+    sensors = AlignedSensors.of(frames)
+    tracks = sensors.tracks([*frames[:3], Frame(frames[3].image, 0.0, Pose())])
+    own = sensors.first.tracker.track(np.stack([frame.image for frame in frames]))
+    np.testing.assert_array_equal(tracks.xy, own.xy)
+    np.testing.assert_array_equal(tracks.seen, own.seen)
+    np.testing.assert_array_equal(tracks.radius, own.radius)
+
+
+def test_a_turned_nearer_camera_with_larger_pins_gives_the_tracks_of_the_first(layout, framed):
+    view, step = turned(), np.random.default_rng(4).uniform(-3, 3, layout.shape)
+    first = framed(layout + step, layout, 4.2)
+    other = framed(view(layout + step), view(layout), 4.2 * 1.1, 4.0 * 1.1)
+    tracks = AlignedSensors.of([first]).tracks([other, first])
+    assert tracks.seen.all()
+    np.testing.assert_allclose(tracks.xy[0], tracks.xy[1], atol=0.06)
+    np.testing.assert_allclose(tracks.radius[0], tracks.radius[1], rtol=0.01)
+
+
+def test_a_pin_that_a_sensor_lacks_stands_at_rest_and_is_not_seen(layout, framed):
+    sensors, view = AlignedSensors.of([framed(layout, layout)]), turned()
+    rest, lost = sensors.first.rest, [7, 30]
+    few = [np.delete(view(places), lost, axis=0) for places in (rest + 2.0, rest)]
+    tracks = sensors.tracks([framed(*few)])
+    assert np.flatnonzero(~tracks.seen[0]).tolist() == lost
+    np.testing.assert_array_equal(tracks.xy[0, lost], rest[lost])
+    np.testing.assert_allclose(np.delete(tracks.xy[0] - rest, lost, axis=0), 2.0, atol=0.06)
+
+
+def test_sensors_without_a_rest_image_begin_with_the_other_frame(layout, framed):
+    frames, still = [framed(layout + 3.0, None)], framed(layout, None)
+    tracks = AlignedSensors.of(frames, still).tracks([still, *frames])
+    np.testing.assert_allclose(tracks.xy[1] - tracks.xy[0], 3.0, atol=0.06)
+    with pytest.raises(UserError, match="no rest image"):
+        AlignedSensors.of(frames)

@@ -89,13 +89,14 @@ def test_frames_of_one_press_widen_the_interval():
     assert copied.high - copied.low == pytest.approx(alone.high - alone.low, rel=0.01)
 
 
-def test_the_interval_covers():
+@pytest.mark.parametrize("fits", [30, pytest.param(240, marks=pytest.mark.long)])
+def test_the_interval_covers(fits):
     rng = np.random.default_rng(9)
     covered = 0
-    for _ in range(120):
+    for _ in range(fits):
         found = fit_threshold(*answers(expit(2 * (DISTANCES - 9)), 12, rng), np.arange(144))
         covered += found.low <= 9 + np.log(3) / 2 <= found.high
-    assert covered / 120 > 0.88
+    assert covered / fits > 0.88
 
 
 def test_one_distance_or_none_has_no_threshold(two_point, kinds):

@@ -48,6 +48,7 @@ def test_frames_with_several_contacts_are_learned_from_and_kept_for_the_std(make
     assert report.notes["kept_for_std"] == 1
 
 
+@pytest.mark.long
 def test_plates_are_learned_with_labels_of_any_sign(make_mixture, fit, make_presses):
     model = make_mixture(answer="plate", epochs=25)
     fit(model, count=128, plate=True)

@@ -10,7 +10,7 @@ from tactibench.run.reporter import NullProgress
 from tactibench_pins.displacements import LatticePins, OwnPins, find_pins
 from tactibench_sim.sensor import TacTip127
 
-both = pytest.mark.parametrize("name", ["kernel", "pins"])
+both = pytest.mark.parametrize("name", ["kernel", pytest.param("pins", marks=pytest.mark.long)])
 
 
 def pressed(count, seed, **parameters):

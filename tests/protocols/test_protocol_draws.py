@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +17,11 @@ from tactibench.protocols.schema import Protocol
 
 EXPERIMENTS = {name: load_protocol(name).spec for name in ("exp1", "exp2", "exp3")}
 DRAWS = {(name, draw.name) for name, spec in EXPERIMENTS.items() for draw in spec.draws}
-DRAWN = {(name, draw): draw_scenes(EXPERIMENTS[name], draw) for name, draw in sorted(DRAWS)}
+
+
+@cache
+def drawn_by(name: str, draw: str) -> SceneSet:
+    return draw_scenes(EXPERIMENTS[name], draw)
 
 
 def tips(scene: Scene) -> np.ndarray:
@@ -28,7 +33,7 @@ def tips(scene: Scene) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "draw"), sorted(DRAWS))
 def test_every_tip_touches_inside_the_ranges(name: str, draw: str) -> None:
-    spec, drawn = EXPERIMENTS[name], DRAWN[name, draw]
+    spec, drawn = EXPERIMENTS[name], drawn_by(name, draw)
     count = {"singles": 5000, "pairs": 1200, "catch": 120}.get(draw, 1000)
     assert len(drawn.scenes) == count
     for scene in drawn.scenes:
@@ -42,7 +47,7 @@ def test_every_tip_touches_inside_the_ranges(name: str, draw: str) -> None:
 
 
 def test_hundred_pairs_at_every_distance() -> None:
-    scenes = DRAWN["exp2", "pairs"].scenes
+    scenes = drawn_by("exp2", "pairs").scenes
     apart = [round(float(np.linalg.norm(np.diff(tips(s), axis=0))), 6) for s in scenes]
     steps = {6.5 + 0.5 * i: 100 for i in range(12)}
     assert {d: apart.count(d) for d in set(apart)} == steps
@@ -50,7 +55,7 @@ def test_hundred_pairs_at_every_distance() -> None:
 
 def test_triples_are_equilateral_with_heights_in_half_millimetres() -> None:
     heights = set()
-    for scene in DRAWN["exp3", "triples"].scenes:
+    for scene in drawn_by("exp3", "triples").scenes:
         xy = tips(scene)
         sides = [np.linalg.norm(xy[i] - xy[i - 1]) for i in range(3)]
         assert sides == pytest.approx([8.0] * 3)
@@ -63,14 +68,14 @@ def uniform_p(values: list[float], low: float, high: float) -> float:
 
 
 def test_single_presses_and_yaw_are_uniform() -> None:
-    poses = [scene.pose for scene in DRAWN["exp1", "singles"].scenes]
-    assert DRAWN["exp1", "singles"].rejected == 0
+    poses = [scene.pose for scene in drawn_by("exp1", "singles").scenes]
+    assert drawn_by("exp1", "singles").rejected == 0
     assert uniform_p([p.x for p in poses], -6.4, 6.4) > 0.01
     assert uniform_p([p.y for p in poses], -6.4, 6.4) > 0.01
     assert uniform_p([p.depth for p in poses], 0.5, 6.0) > 0.01
     # A square workspace favours its diagonals, so only the quarter turn is uniform for wide pairs;
     # the quarters of narrow ones are alike by symmetry.
-    yaws = [s.pose.yaw for s in DRAWN["exp2", "pairs"].scenes]
+    yaws = [s.pose.yaw for s in drawn_by("exp2", "pairs").scenes]
     quarters = [sum(q <= yaw / 90 < q + 1 for yaw in yaws) for q in range(4)]
     assert sum(quarters) == len(yaws)
     assert stats.chisquare(quarters).pvalue > 0.01
@@ -89,12 +94,12 @@ def test_candidates_have_a_uniform_yaw_before_any_is_refused() -> None:
 
 def test_the_same_draw_is_the_same_whatever_else_is_drawn() -> None:
     spec = EXPERIMENTS["exp2"]
-    assert draw_scenes(spec, "catch") == DRAWN["exp2", "catch"]
+    assert draw_scenes(spec, "catch") == drawn_by("exp2", "catch")
     alone = spec.model_copy(update={"draws": (spec.draw("catch"),)})
-    assert draw_scenes(alone, "catch") == DRAWN["exp2", "catch"]
+    assert draw_scenes(alone, "catch") == drawn_by("exp2", "catch")
     for name in ("exp2", "exp3"):
         for shared in ("singles", "duals-train", "triples-train"):
-            assert DRAWN[name, shared] == DRAWN["exp1", shared]
+            assert drawn_by(name, shared) == drawn_by("exp1", shared)
 
 
 def test_streams_and_seeds_give_other_presses() -> None:
@@ -102,10 +107,10 @@ def test_streams_and_seeds_give_other_presses() -> None:
     other = spec.draw("catch").model_copy(update={"stream": 99})
     changed = spec.model_copy(update={"draws": (other,)})
     reseeded = spec.model_copy(update={"data_seed": spec.data_seed + 1})
-    mine = {s.pose for s in DRAWN["exp2", "catch"].scenes}
+    mine = {s.pose for s in drawn_by("exp2", "catch").scenes}
     for drawn in (draw_scenes(changed, "catch"), draw_scenes(reseeded, "catch")):
         assert not mine & {s.pose for s in drawn.scenes}
-    every = [scene for one in DRAWN if one[0] == "exp2" for scene in DRAWN[one].scenes]
+    every = [scene for one in DRAWS if one[0] == "exp2" for scene in drawn_by(*one).scenes]
     assert len({scene.pose for scene in every}) == len(every)
 
 
@@ -151,6 +156,6 @@ def test_a_depth_on_the_border_is_not_refused_for_rounding() -> None:
     spec = EXPERIMENTS["exp2"]
     from dataclasses import replace
 
-    for scene in DRAWN["exp2", "pairs"].scenes[:50]:
+    for scene in drawn_by("exp2", "pairs").scenes[:50]:
         at_most = replace(scene, pose=replace(scene.pose, depth=6.0))
         assert fits(at_most, spec.workspace)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -12,17 +14,21 @@ from tactibench.protocols.draws import SceneSet, draw_scenes
 from tactibench.protocols.loader import load_protocol, protocol_files, read_protocol
 
 SPEC = load_protocol("fine").spec
-DRAWN = {draw.name: draw_scenes(SPEC, draw.name) for draw in SPEC.draws}
 TESTED, TRAINED = (set(SPEC.draw(name).distances_mm) for name in ("pairs", "duals-train"))
+
+
+@cache
+def drawn_by(name: str) -> SceneSet:
+    return draw_scenes(SPEC, name)
 
 
 def truths(drawn: SceneSet) -> list[Contacts]:
     return [true_contacts(scene, SPEC.workspace.dome_radius_mm) for scene in drawn.scenes]
 
 
-@pytest.mark.parametrize("name", sorted(DRAWN))
+@pytest.mark.parametrize("name", sorted(draw.name for draw in SPEC.draws))
 def test_every_tip_touches_inside_the_ranges(name: str) -> None:
-    for scene, truth in zip(DRAWN[name].scenes, truths(DRAWN[name]), strict=True):
+    for scene, truth in zip(drawn_by(name).scenes, truths(drawn_by(name)), strict=True):
         assert scene.indenter.radius == 1.0
         assert len(truth) == len(scene.indenter.offsets)
         assert np.abs(truth.xy).max() <= 6.4 + 1e-9
@@ -33,7 +39,7 @@ def test_every_tip_touches_inside_the_ranges(name: str) -> None:
 def test_a_hundred_pairs_at_every_spacing_and_none_is_both_trained_and_tested() -> None:
     apart = [
         float(np.linalg.norm(np.subtract(*tip_positions(scene)[:, :2])))
-        for scene in DRAWN["pairs"].scenes
+        for scene in drawn_by("pairs").scenes
     ]
     values, counts = np.unique(np.round(apart, 6), return_counts=True)
     assert values == pytest.approx(np.arange(2.0, 6.6, 0.5))
@@ -60,7 +66,7 @@ def test_the_default_encoder_reads_every_pair_as_two_on_the_grid() -> None:
     """Exact maps of the nearest tips; the outermost lie two widths of a peak inside the grid."""
     encoder = PluginHost().encoders[SPEC.defaults.encoder].load()()
     grid = SPEC.grid.grid()
-    pairs = truths(DRAWN["pairs"])
+    pairs = truths(drawn_by("pairs"))
     for true in [*pairs[-100:], *pairs[:100]]:
         found = encoder.decode(encoder.encode(true, grid), grid)
         assert len(found) == 2

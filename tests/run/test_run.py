@@ -104,7 +104,7 @@ def test_test_frames_are_no_training_frames(planned: Any) -> None:
     assert not (fit | poses["validation"]) & poses["test"]
 
 
-@pytest.mark.parametrize("regime", ["single", "multiple"])
+@pytest.mark.parametrize("regime", ["single", pytest.param("multiple", marks=pytest.mark.long)])
 def test_weights_are_trained_once_for_all_three(run: Run, tiny: Any, regime: str) -> None:
     runs = [run(name, regime=regime) for name in ("exp1", "exp2", "exp3")]
     assert tiny.TinyModel.fits == [30 if regime == "single" else 70]
@@ -153,6 +153,7 @@ def test_weights_depend_on_what_the_model_is_told(planned: Any, mini: Any, key: 
     assert after.weights.folder != before.weights.folder
 
 
+@pytest.mark.long  # two trainings; `scripts/golden` compares runs in every CI
 def test_same_seed_same_predictions_in_another_cache(run: Run) -> None:
     one = run("exp2", cache="a", store="a")
     two = run("exp2", cache="b", store="b")

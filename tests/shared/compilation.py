@@ -23,6 +23,9 @@ with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) 
     for frame in sensor.press_many(Scene(indenter, Pose(depth=2.0)) for indenter in several):
         pass
     sensor.bound(Scene(several[0], Pose(depth=2.0)))
+rough = spec.settings({"friction": "0.5"})
+with spec.load()(SensorContext(np.random.SeedSequence(1)), **rough) as sensor:
+    sensor.press(Scene(several[0], Pose(depth=2.0, dx=1.0)))
 """
 READERS = """
 import numpy as np
@@ -30,6 +33,8 @@ from drawn_pins import presses
 from tactibench import Contacts, Grid, Indenter, Pose, Scene, SensorContext
 from tactibench.markers import PinTracker, pin_graph
 from tactibench.plugins.host import PluginHost
+from tactibench.superposition.field import Field
+from tactibench.superposition.newton import solve
 
 grid = Grid.centred(64, 0.4)
 contacts = Contacts.truth([[0.0, 1.0]], [2.0])
@@ -44,6 +49,9 @@ tracker = PinTracker(frames[0].rest)
 images = tracker.images(frames)
 xy, _ = tracker.track(images)
 tracker.retrack(images, xy)
+rng = np.random.default_rng(1)
+field = Field.learn(rng.uniform(1, 5, (20, 3)), rng.normal(size=(20, 8)))
+solve(field, rng.normal(size=(1, 8)), np.ones((1, 1, 3)), np.ones(8))
 for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Indenter.plate())):
     spec = PluginHost().sensors[name]
     with spec.load()(SensorContext(np.random.SeedSequence(1)), **spec.settings({})) as sensor:
@@ -51,7 +59,7 @@ for name, indenter in (("planar-grid", Indenter.dual(7.0)), ("fitted-127", Inden
 """
 
 SCRIPTS = {
-    "plugins/tactibench_sim/mechanics/kernels.py": SIMULATOR,
+    "plugins/tactibench_sim/mechanics/friction.py": SIMULATOR,
     "tactibench/markers/tracker.py": READERS,
 }
 """A module whose loops are compiled last -> what compiles it."""

@@ -15,7 +15,7 @@ FLAT = {"vignetting": 0.0, "background": 0.0, "brightness": 1.0}
 
 def cover(x, y, radius, size=64, **optics):
     """(S, size, size) cover 0..1 of discs (S, P)."""
-    arrays = (np.atleast_2d(np.asarray(a, dtype=float)) for a in (x, y, radius))
+    arrays = (np.atleast_2d(np.array(a, dtype=float, order="C")) for a in (x, y, radius))
     return Renderer(Optics(size=size, **(FLAT | optics))).clean_discs(*arrays)
 
 

@@ -89,6 +89,7 @@ def test_nothing_touches_a_camera_that_changed(fitted, presses, name, value):
     assert [len(one) for one in fitted[0].predict(changed(rest, name, value))] == [0] * 5
 
 
+@pytest.mark.long  # needs a training on sixteen sensors
 def test_an_unseen_sensor_is_read_better_after_many_than_after_one(fitted, of_many, unseen):
     one, many = (
         errors(model.predict(unseen[0]), unseen[1]).mean() for model in (fitted[0], of_many)
@@ -97,6 +98,7 @@ def test_an_unseen_sensor_is_read_better_after_many_than_after_one(fitted, of_ma
     assert many < 0.12
 
 
+@pytest.mark.long  # needs a training on sixteen sensors
 def test_labelled_presses_of_a_sensor_bring_its_answers_nearer(of_many, unseen, shown):
     before = of_many.predict(unseen[0])
     assert of_many.adapt(*shown) == {"single_presses": 12}
@@ -111,6 +113,7 @@ def test_one_sensor_teaches_nothing_of_others(fitted, shown):
     assert fitted[0].adapt(*shown) is None
 
 
+@pytest.mark.long  # needs a training on sixteen sensors
 def test_what_sensors_have_in_common_is_kept(of_many, make, unseen, tmp_path):
     of_many.save(tmp_path)
     again = make()
@@ -122,6 +125,7 @@ def test_what_sensors_have_in_common_is_kept(of_many, make, unseen, tmp_path):
         np.testing.assert_allclose(one.std, other.std, atol=1e-6)
 
 
+@pytest.mark.long  # needs a training on sixteen sensors
 def test_frames_of_several_sensors_keep_their_order(of_many, presses, unseen):
     frames = [*unseen[0][:3], *presses["test"][0][:3]]
     mixed = [frames[k] for k in (3, 0, 4, 1, 5, 2)]

@@ -57,6 +57,10 @@ def two(answers: list[Any], _: Any) -> list[Any]:
     return [Contacts(np.repeat(a.xy, 2, 0), np.repeat(a.depth, 2), np.ones(2)) for a in answers]
 
 
+def by_the_first_rest(answers: list[Any], frames: list[Frame]) -> list[Any]:
+    return moved(answers, [np.array_equal(f.rest, frames[0].rest) for f in frames])
+
+
 def global_noise(self: Any, fit: Any, *arguments: Any, **keys: Any) -> Any:
     report = fit(*arguments, **keys)
     self.mean_answer = self.mean_answer + np.random.default_rng().normal(0, 0.1, 3)
@@ -149,6 +153,7 @@ BROKEN = [
     ("empty", answering(lambda answers, frames: answers[:] if frames[0] else []), {}),
     ("batch", answering(lambda answers, _: moved(answers, len(answers) / 10)), {}),
     ("batch", answering(lambda answers, _: moved(answers, np.arange(len(answers)))), {}),
+    ("sensors", answering(by_the_first_rest), {}),
     ("seed", changing("fit", global_noise), {}),
     ("save_load", changing("save", forgets_to_save), {}),
     ("save_load", with_attributes(save=lambda *_: None), {}),

@@ -123,6 +123,7 @@ def test_several_contacts_are_learned_from(make_model):
     assert report.epochs == 1
 
 
+@pytest.mark.long
 def test_a_plate_is_read_from_the_contact_where_it_touches(make_model, tmp_path):
     """Labels from -4 to 1 mm, as a robot's z: the map shows them shifted, answers do not."""
     model = make_model(answer="plate", epochs=40, grid=Grid.centred(32, 0.8))

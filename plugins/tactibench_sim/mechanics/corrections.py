@@ -78,7 +78,9 @@ class Corrections:
             return Pairs(_no_modes(), np.zeros((4, 4, 4, 4)), 1.0, 1.0, -1)
         return Pairs(
             self._modes("pair", where),
-            _exchanged(_from_nothing(self.arrays["pair_amounts"], (0, 1, 2)), self._parity()),
+            np.ascontiguousarray(
+                _exchanged(_from_nothing(self.arrays["pair_amounts"], (0, 1, 2)), self._parity())
+            ),
             self.grid["angle_step"],
             self.grid["depth_step"],
             radii.index(self.grid["pair_radius"]),

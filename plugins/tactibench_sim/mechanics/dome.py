@@ -24,6 +24,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tactibench import UserError
+from tactibench_sim.compiled import plain
 from tactibench_sim.mechanics.contact import Tips, check_reach
 from tactibench_sim.mechanics.corrections import Corrections
 from tactibench_sim.mechanics.kernels import (
@@ -198,7 +199,7 @@ class TableMechanics:
             surface.singles,
             surface.around,
             surface.pairs,
-            np.ascontiguousarray(directions),
+            plain(directions),
         )
         return field
 

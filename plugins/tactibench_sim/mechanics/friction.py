@@ -24,7 +24,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tactibench.geometry import DOME_RADIUS_MM
-from tactibench_sim.compiled import jit
+from tactibench_sim.compiled import jit, plain
 from tactibench_sim.mechanics.contact import Array, Tips
 from tactibench_sim.mechanics.dome import Mechanics, tips_of_pins
 from tactibench_sim.mechanics.drag_tables import TipDrag, drag_of
@@ -64,7 +64,7 @@ class Pull:
     def add(self, table: Array, directions: Array, u: Array, q: Array) -> None:
         """Add the response of one skin's table at (P, 3) directions to u and q (S, P, 3)."""
         steps = self.table.depth_step, self.table.polar_step
-        at = np.ascontiguousarray(directions)
+        at = plain(directions)
         _add_field(table, *steps, self.rows, self.n, self.delta, self.force, at, u, q)
 
 

@@ -1,0 +1,62 @@
+"""docs/models.md: every model has a section with four points and a picture of where it fails."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tactibench.plugins.host import PluginHost
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
+MODELS = [n for n, o in PluginHost().models.origins.items() if o.distribution == "tactibench"]
+POINTS = ("Assumes", "Was shown", "Fails", "Take it for")
+
+
+@pytest.fixture(scope="module")
+def drawing() -> Iterator[Any]:
+    sys.path.insert(0, str(ROOT / "scripts"))
+    yield importlib.import_module("draw_models")
+    sys.path.remove(str(ROOT / "scripts"))
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_model_has_its_four_points_in_about_ten_lines_and_a_picture(model: str) -> None:
+    section = PAGE.partition(f"\n## `{model}`\n")[2].partition("\n## ")[0]
+    text, picture, _ = section.partition(f"](images/fails-{model}.png)")
+    assert picture
+    assert [point for point in POINTS if f"**{point}**" not in text] == []
+    assert len([line for line in text.splitlines() if line.startswith("* ")]) <= 10
+    assert f"![Where {model} fails: " in text
+
+
+def test_every_model_has_a_row_to_draw(drawing: Any) -> None:
+    rows = drawing.newest_rows()
+    assert set(rows) == set(MODELS)
+    newest = max(
+        (path for path in drawing.SUBMISSIONS.glob("stability-superpose-single-*.json")),
+        key=lambda path: re.findall(r'"created": "([^"]*)"', path.read_text(encoding="utf-8")),
+    )
+    assert rows["superpose"].name == newest.stem
+
+
+def test_errors_are_those_of_the_record(drawing: Any) -> None:
+    axes = {axis.family: axis for axis in drawing.load_protocol("stability").spec.axes}
+    record = drawing.newest_rows()["kernel"]
+    curve = drawing.curve_of(record, axes["shift"])
+    assert curve.values[0] == axes["shift"].easy
+    assert curve.errors_mm[1] == record.value("ospa_mm", f"shift:{curve.values[1]:g}")
+    assert len(curve.values) == len(curve.errors_mm) == len(curve.missed)
+
+
+def test_a_picture_is_drawn(drawing: Any, tmp_path: Path) -> None:
+    drawing.draw_model("kernel", drawing.newest_rows(), tmp_path / "kernel.png")
+    drawn = (tmp_path / "kernel.png").read_bytes()
+    assert drawn.startswith(b"\x89PNG")
+    assert 50_000 < len(drawn) < 250_000
