@@ -37,8 +37,10 @@ FITTED = 2.5
 """Blur is believed where it leaves no more than this factor: 1.5 px comes to 2.0, and the pins of
 2 px, which run into each other, to 5."""
 BLUR_STEP_PX, BLUR_STEPS = 0.25, 6
-"""Steps in which the blur is sought, and most of them: beyond 1.5 px pins merge, and softer discs
-cost ten times a sharp frame."""
+"""Steps in which the blur is sought, and most of them: beyond 1.5 px pins merge."""
+TRIALS = 2
+"""Sweeps of a step, which goes on from the one before: with none the radii hide half of a blur of
+1 px, and twelve, each from the start, cost twice the time and find the same pins."""
 
 
 def rest_layout(image: Images) -> Array:
@@ -254,7 +256,7 @@ def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: 
     """
     dark, contrast, edge, residual = look
     disc, cover = np.empty((len(usual), 3)), np.empty(dark.shape)
-    blurred, best = np.empty_like(disc), np.empty_like(disc)
+    blurred = np.empty_like(disc)
     held = np.empty(len(usual))
     for n in range(len(images)):
         for p in range(len(usual)):
@@ -263,18 +265,18 @@ def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: 
         fit_discs(images[n], dark, contrast, edge, usual, held, sweeps, disc, cover)
         least = _misfit(images[n], dark, contrast, cover)
         if least > BLURRED * residual:
-            best[:] = disc
+            softest = edge
+            blurred[:] = disc
             for step in range(2, BLUR_STEPS + 1):
                 soft = np.sqrt(edge**2 + 5.0 * (step * BLUR_STEP_PX) ** 2)
-                _set_discs(xy[n], usual, blurred)
-                fit_discs(images[n], dark, contrast, soft, usual, held, sweeps, blurred, cover)
+                fit_discs(images[n], dark, contrast, soft, usual, held, TRIALS, blurred, cover)
                 misfit = _misfit(images[n], dark, contrast, cover)
                 if misfit >= least:
                     break
-                least = misfit
-                best[:] = blurred
-            if least < FITTED * residual:
-                disc[:] = best
+                least, softest = misfit, soft
+            fit_discs(images[n], dark, contrast, softest, usual, held, sweeps, blurred, cover)
+            if _misfit(images[n], dark, contrast, cover) < FITTED * residual:
+                disc[:] = blurred
         for p in range(len(usual)):
             away = np.sqrt((disc[p, 0] - xy[n, p, 0]) ** 2 + (disc[p, 1] - xy[n, p, 1]) ** 2)
             radius[n, p] = disc[p, 2]
