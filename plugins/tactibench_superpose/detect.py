@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -287,23 +288,23 @@ class Detector:
         if cost < _NOISE * (weight / self.weight).sum():
             return None
         worth = _WORTH * (1 - 1 / self.gain) * cost
-        new = [
-            np.concatenate([current.contacts, candidate], axis=1)
-            for candidate in self._candidates(current, weight, worth)
-        ]
-        for starts in (new, self._splits(weight, current)):
+        for starts in (self._new(weight, current, worth), self._splits(weight, current)):
             ends = [self._solve(moved, start, weight, _STEPS) for start in starts]
             accepted = self._accept(ends, moved, weight, current)
             if accepted is not None:
                 return accepted
         return None
 
-    def _splits(self, weight: Array, current: Solution) -> list[Array]:
-        """Every contact parted into two, in the direction that lowers the misfit most.
+    def _new(self, weight: Array, current: Solution, worth: float) -> Iterator[Array]:
+        """Yield the contacts with a further one, from the places that gain most."""
+        for candidate in self._candidates(current, weight, worth):
+            yield np.concatenate([current.contacts, candidate], axis=1)
+
+    def _splits(self, weight: Array, current: Solution) -> Iterator[Array]:
+        """Yield every contact parted into two, in the direction that lowers the misfit most.
 
         Two contacts that were taken for one lie on either side of it, too near to be found as new.
         """
-        starts = []
         own, z = self._own(current), current.nuisances[0, : self.field.ways]
         for k in range(current.contacts.shape[1]):
             others = np.delete(current.contacts[0], k, axis=0)
@@ -320,8 +321,7 @@ class Detector:
             )
             left = current.left[0] + own[k] - self.field(pairs, z).sum(axis=1)
             best = int(np.argmin((weight * left**2).sum(axis=1)))
-            starts.append(np.concatenate([others, pairs[best]])[None])
-        return starts
+            yield np.concatenate([others, pairs[best]])[None]
 
     def _accept(
         self, ends: list[Solution], moved: Array, weight: Array, current: Solution

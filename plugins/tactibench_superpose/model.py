@@ -325,7 +325,8 @@ class Superpose(Model):
         left = found.solution.left
         chi2 = float((learned.weight * left[0] ** 2).sum())
         misfit = chi2 / max(left.shape[1] - 3 * count, 1)
-        return equivalents[0] + shift, Clues.of(found.solution.normal[0], misfit, shift)
+        varies = learned.family.field.ways > 0
+        return equivalents[0] + shift, Clues.of(found.solution.normal[0], misfit, shift, varies)
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""

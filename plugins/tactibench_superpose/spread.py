@@ -18,6 +18,8 @@ from importlib.resources import files
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.superposition import hold_of
+
 Array = npt.NDArray[np.float64]
 
 GROUPS = 3
@@ -47,13 +49,15 @@ class Clues:
     misfit: Array
 
     @classmethod
-    def of(cls, normal: Array, misfit: float, shift: Array) -> Clues:
+    def of(cls, normal: Array, misfit: float, shift: Array, varies: bool = False) -> Clues:
         """Return those of one frame.
 
         Args:
             normal: (3 K, 3 K) of the fit.
             misfit: chi^2 by degree of freedom.
             shift: (K, 3) mm.
+            varies: whether fields differ from sensor to sensor. Misfit beyond the noise is then
+                correlated, and counts as it does in the fit (``hold_of``).
         """
         count = len(shift)
         # Before a fit a contact is known to lie within the dome: nothing is known worse than that.
@@ -61,7 +65,8 @@ class Clues:
         variance = np.diagonal(np.linalg.inv(information)).reshape(count, 3)
         plane = np.sqrt(variance[:, :2].mean(axis=1))
         if count == 1:  # what a single field leaves unexplained is noise of another size
-            plane = plane * np.sqrt(max(1.0, misfit))
+            noise = max(1.0, misfit)
+            plane = plane * np.sqrt(noise * (hold_of(noise) if varies else 1.0))
         both = np.ones((count, 2))
         return cls(
             both * plane[:, None],

@@ -1,3 +1,4 @@
+from .compiled import hold_of as hold_of
 from .family import SENSORS_A_WAY as SENSORS_A_WAY
 from .family import Clues as Clues
 from .family import FieldFamily as FieldFamily
