@@ -144,7 +144,8 @@ class Superpose(Model):
         # on presses that were left out, and then the law is learned from all.
         laws = self._learn_laws(groups, _HELD_OUT)
         self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))
-        spread = spread.with_group(1, *self.errors(tested.frames, tested.contacts[:, None]))
+        errors = self.errors(tested.frames, tested.contacts[:, None])
+        spread = spread.with_group(1, *errors, floor=learned_from is single)
         for rows in rows_by_count(truth):
             some = rows[::_HELD_OUT]
             true = _contacts_of(truth, some)

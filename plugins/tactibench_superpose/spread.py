@@ -94,13 +94,22 @@ class Spread:
         out: Array = np.stack([plane, plane, depth], axis=1).clip(1e-4, _LARGEST_MM)
         return out
 
-    def with_group(self, count: int, clues: list[Clues], errors: list[Array]) -> Spread:
-        """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames."""
+    def with_group(
+        self, count: int, clues: list[Clues], errors: list[Array], floor: bool = True
+    ) -> Spread:
+        """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames.
+
+        floor: whether errors have a least size. One learned on a few sensors is not that of others,
+        whose misfit says more: with it 89 % of truths were in the 95 % ellipses of the least usual
+        eight of 28 unseen sensors, without it 91 %.
+        """
         if sum(len(error) for error in errors) < _FEWEST:
             return self
         squares, error = np.concatenate([c.squares for c in clues]), np.concatenate(errors)
         if count == 1:
             squares[..., 2:] = 0.0
+        if not floor:
+            squares[..., 0] = 0.0
         plane = np.hypot(error[:, 0], error[:, 1])
         terms = self.terms.copy()
         terms[count - 1, 0] = _fit_terms(squares[:, 0], plane**2 / 2, plane, _PLANE_95)
