@@ -100,8 +100,8 @@ class Spread:
         """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames.
 
         floor: whether errors have a least size. One learned on a few sensors is not that of others,
-        whose misfit says more: with it 89 % of truths were in the 95 % ellipses of the least usual
-        eight of 28 unseen sensors, without it 91 %.
+        whose misfit says more: of truths on eight unseen sensors unlike the training's 82 % were in
+        the 95 % intervals of depth with it, and 93 % without.
         """
         if sum(len(error) for error in errors) < _FEWEST:
             return self

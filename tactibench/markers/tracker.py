@@ -31,16 +31,16 @@ STRAY = 0.5
 THERE = 0.7
 """A predicted pin whose disc grows to this share of its radius at rest has found its light."""
 BLURRED = 2.0
-"""A frame that is left with more than the rest frame by this factor is tried with softer edges;
-sharp frames of one to three contacts come to 1.5, and a blur of 0.5 px to 2.1."""
+"""A frame that is left with more than the rest frame by this factor is tried with softer edges:
+simulated sharp ones of one to three contacts come to 1.5, and a blur of 0.5 px to 2.5."""
 FITTED = 2.5
-"""Blur is believed where it leaves no more than this factor: 1.5 px comes to 2.0, and the pins of
-2 px, which run into each other, to 5."""
-BLUR_STEP_PX, BLUR_STEPS = 0.25, 6
-"""Steps in which the blur is sought, and most of them: beyond 1.5 px pins merge."""
+"""Blur is believed where it leaves no more than this factor: 0.5 to 1 px comes to 1.0 to 1.5, and
+1.2 px, where pins run into each other, to 2.8."""
+BLUR_STEP_PX, BLUR_STEPS = 0.25, 5
+"""Steps in which the blur is sought, and most of them: beyond, no blur is believed."""
 TRIALS = 2
 """Sweeps of a step, which goes on from the one before: with none the radii hide half of a blur of
-1 px, and twelve, each from the start, cost twice the time and find the same pins."""
+1 px, and twelve, each step from the sharp ones' start, cost twice as much for the same pins."""
 
 
 def rest_layout(image: Images) -> Array:
