@@ -22,25 +22,23 @@ Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.intp]
 
 WAYS = 4
-"""Numbers of a sensor, at most. Of simulated sensors three are told by the length of the pins and
-by stiffness and thickness of the skin; the fourth takes a part of what is not linear in these."""
+"""Numbers of a sensor, at most."""
 SENSORS_A_WAY = 3
 """Sensors that a training needs for every number, or else it would describe each by itself."""
 _AMPLITUDE = 0.1
-"""Deviation of a way of variation, of that of the mean field, that is expected beforehand. Ways as
-free as the mean take up the noise: presses of known sensors are then half as far off again."""
+"""Deviation of a way of variation, of that of the mean field, that is expected beforehand. Freer
+ways take up the noise: with 0.3 contacts on twenty unseen sensors were 0.0139 mm off, not 0.0111."""
 _RIDGE = 3e-8
 """Variance of noise against that of the mean field. On twenty unseen sensors, each with 50 labelled
 presses, contacts were 0.0047 mm off; with a third as much 0.0052 and with three times 0.0050."""
 _PITCH_MM = (0.56, 0.56, 0.35)
-"""Pitch of the lattice: at 0.7 mm it would leave as much as the noise of 20 presses."""
+"""Pitch of the lattice."""
 _ROUNDS = 4
 """Turns; the misfit settles after three."""
 _MOST, _ROUGH_MM = 1500, (1.4, 1.4, 0.7)
 """Presses, and pitch of the lattice, of the field from which z is guessed first."""
 CLUES = 2
-"""Numbers of a rest layout: its size, and the first way in which layouts differ in shape. Further
-ways are the sensors' own errors of single pins, and predict z worse than nothing."""
+"""Numbers of a rest layout: its size, and the first way in which layouts differ in shape."""
 _NOISE_PX = 0.012
 """Deviation of a displacement while z is learned."""
 _SHRINK = 1e-2
