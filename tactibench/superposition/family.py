@@ -38,7 +38,7 @@ _ROUNDS = 4
 _MOST, _ROUGH_MM = 1500, (1.4, 1.4, 0.7)
 """Presses, and pitch of the lattice, of the field from which z is guessed first."""
 CLUES = 2
-"""Numbers of a rest layout: its size, and the first way in which layouts differ in shape."""
+"""Numbers of a rest layout: its size, and the first way in which shapes of layouts differ."""
 _NOISE_PX = 0.012
 """Deviation of a displacement while z is learned."""
 _SHRINK = 1e-2
