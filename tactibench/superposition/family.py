@@ -27,7 +27,8 @@ SENSORS_A_WAY = 3
 """Sensors that a training needs for every number, or else it would describe each by itself."""
 _AMPLITUDE = 0.1
 """Deviation of a way of variation, of that of the mean field, that is expected beforehand. Freer
-ways take up the noise: with 0.3 contacts on twenty unseen sensors were 0.0139 mm off, not 0.0111."""
+ways take up the noise: with 0.3 contacts on twenty unseen sensors were 0.0139 mm off, with this
+0.0111."""
 _RIDGE = 3e-8
 """Variance of noise against that of the mean field. On twenty unseen sensors, each with 50 labelled
 presses, contacts were 0.0047 mm off; with a third as much 0.0052 and with three times 0.0050."""
