@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.markers import AlignedPins, Similarity
-from tactibench.superposition import Field, Solution, solve, variance
+from tactibench.superposition import Field, Solution, cost_of, solve
 from tactibench_superpose.model_error import ModelError
 
 Array = npt.NDArray[np.float64]
@@ -83,11 +84,8 @@ class Found:
     """(Q,) displacements, px."""
     weight: Array
     """(Q,) 1 / variance, 1 / px^2; 0 for pins that were not sure."""
-
-    @property
-    def cost(self) -> float:
-        """The misfit, chi^2."""
-        return _cost(self.solution, self.weight)
+    cost: float
+    """The misfit, chi^2, and the nuisances' part (``cost_of``)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +135,7 @@ class Detector:
         still = self._search(image, moved, sure)
         tried = replace(self, motions=_motions_of(self.pins.rest))
         trial = tried._solve(still.moved, still.solution.contacts, still.weight, _MOTION_STEPS)
-        if still.cost < _SUSPECT * _cost(trial, still.weight):
+        if still.cost < _SUSPECT * self._cost(trial, still.weight):
             return still
         for _ in range(_MOTION_ROUNDS):
             found = tried._search(image, moved, sure)
@@ -163,11 +161,12 @@ class Detector:
             # From nothing: a contact may have been put where pins had been taken for others.
             best = self._insert(moved, weight, self._nothing(moved, weight))
         if not best.contacts.size:
-            return Found(best, np.empty(0), moved, weight)
+            return Found(best, np.empty(0), moved, weight, self._cost(best, weight))
         solution = self._solve(moved, best.contacts, weight, _FINISH)
         without = solution.left + self._own(solution)
         left = (weight * solution.left**2).sum()
-        return Found(solution, 1 - left / (weight * without**2).sum(axis=1), moved, weight)
+        share = 1 - left / (weight * without**2).sum(axis=1)
+        return Found(solution, share, moved, weight, self._cost(solution, weight))
 
     def _nothing(self, moved: Array, weight: Array) -> Solution:
         """The solution without contacts: all that moved is the image, if it may."""
@@ -175,6 +174,9 @@ class Detector:
 
     def _solve(self, moved: Array, start: Array, weight: Array, steps: int) -> Solution:
         return solve(self.field, moved[None], start, weight, steps, motions=self.motions)
+
+    def _cost(self, solution: Solution, weight: Array) -> float:
+        return cost_of(solution, weight, self.field.ways)
 
     def _own(self, solution: Solution) -> Array:
         """(K, Q) displacements by every contact of the one frame."""
@@ -245,7 +247,7 @@ class Detector:
         solution = solve(
             self.field, moved[None], start.contacts, ones, _STEPS, whitener, self.motions
         )
-        return solution.contacts, solution.nuisances, _cost(solution, ones)
+        return solution.contacts, solution.nuisances, self._cost(solution, ones)
 
     def _expected(self, solution: Solution) -> Array:
         """(Q,) displacements by contacts and the image's motion together."""
@@ -282,27 +284,27 @@ class Detector:
 
     def _add_contact(self, moved: Array, weight: Array, current: Solution) -> Solution | None:
         """The best solution with one contact more: a new one or, failing that, one split in two."""
-        cost = _cost(current, weight)
+        cost = self._cost(current, weight)
         if cost < _NOISE * (weight / self.weight).sum():
             return None
         worth = _WORTH * (1 - 1 / self.gain) * cost
-        new = [
-            np.concatenate([current.contacts, candidate], axis=1)
-            for candidate in self._candidates(current, weight, worth)
-        ]
-        for starts in (new, self._splits(weight, current)):
+        for starts in (self._new(weight, current, worth), self._splits(weight, current)):
             ends = [self._solve(moved, start, weight, _STEPS) for start in starts]
             accepted = self._accept(ends, moved, weight, current)
             if accepted is not None:
                 return accepted
         return None
 
-    def _splits(self, weight: Array, current: Solution) -> list[Array]:
-        """Every contact parted into two, in the direction that lowers the misfit most.
+    def _new(self, weight: Array, current: Solution, worth: float) -> Iterator[Array]:
+        """Yield the contacts with a further one, from the places that gain most."""
+        for candidate in self._candidates(current, weight, worth):
+            yield np.concatenate([current.contacts, candidate], axis=1)
+
+    def _splits(self, weight: Array, current: Solution) -> Iterator[Array]:
+        """Yield every contact parted into two, in the direction that lowers the misfit most.
 
         Two contacts that were taken for one lie on either side of it, too near to be found as new.
         """
-        starts = []
         own, z = self._own(current), current.nuisances[0, : self.field.ways]
         for k in range(current.contacts.shape[1]):
             others = np.delete(current.contacts[0], k, axis=0)
@@ -319,17 +321,16 @@ class Detector:
             )
             left = current.left[0] + own[k] - self.field(pairs, z).sum(axis=1)
             best = int(np.argmin((weight * left**2).sum(axis=1)))
-            starts.append(np.concatenate([others, pairs[best]])[None])
-        return starts
+            yield np.concatenate([others, pairs[best]])[None]
 
     def _accept(
         self, ends: list[Solution], moved: Array, weight: Array, current: Solution
     ) -> Solution | None:
         """The plausible solution of least misfit that is better than the current one by enough."""
-        cost = _cost(current, weight)
+        cost = self._cost(current, weight)
         gain = self.gain * (_CROWD if current.contacts.shape[1] > 1 else 1.0)
-        for end in sorted(ends, key=lambda end: _cost(end, weight)):
-            if cost < max(gain * _cost(end, weight), _FIRST):
+        for end in sorted(ends, key=lambda end: self._cost(end, weight)):
+            if cost < max(gain * self._cost(end, weight), _FIRST):
                 return None
             if self._plausible(end.contacts[0]) and self._surer(moved, weight, current, end):
                 return end
@@ -377,9 +378,3 @@ def _motions_of(rest: Array) -> Array:
     one, none = np.ones_like(x), np.zeros_like(x)
     ways = [(one, none), (none, one), (-y, x), (x, y)]
     return np.stack([size * np.concatenate(way) for size, way in zip(_MOTIONS, ways, strict=True)])
-
-
-def _cost(solution: Solution, weight: Array) -> float:
-    """The misfit, and the nuisances' part in units of it."""
-    misfit = float((weight * solution.left[0] ** 2).sum())
-    return misfit + variance(misfit, len(weight)) * float((solution.nuisances[0] ** 2).sum())

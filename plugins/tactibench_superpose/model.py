@@ -53,8 +53,8 @@ errors of answers, and one of so many training sensors of the fields. With every
 out the law is a quarter worse than the one from all."""
 _PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
 """Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
-_KEPT = 4
-"""Sensors whose fields stay in memory, 70 MB each where they vary."""
+_KEPT = 2
+"""Sensors whose fields stay in memory, 100 MB each where they vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,8 @@ class Superpose(Model):
         # on presses that were left out, and then the law is learned from all.
         laws = self._learn_laws(groups, _HELD_OUT)
         self._use(Learned(family, pins.rest_image, weight, model_error, *laws, spread))
-        spread = spread.with_group(1, *self.errors(tested.frames, tested.contacts[:, None]))
+        errors = self.errors(tested.frames, tested.contacts[:, None])
+        spread = spread.with_group(1, *errors, floor=learned_from is single)
         for rows in rows_by_count(truth):
             some = rows[::_HELD_OUT]
             true = _contacts_of(truth, some)
@@ -293,7 +294,12 @@ class Superpose(Model):
         return [pins for pins in out if pins is not None]
 
     def _fit(self, frames: Sequence[_Pins]) -> list[Found]:
-        return [self._detector(one.sensor).find(one.image, one.moved, one.sure) for one in frames]
+        found: list[Found | None] = [None] * len(frames)
+        # Sensor by sensor, because the fields of few stay in memory.
+        for row in sorted(range(len(frames)), key=lambda row: frames[row].sensor):
+            one = frames[row]
+            found[row] = self._detector(one.sensor).find(one.image, one.moved, one.sure)
+        return [each for each in found if each is not None]
 
     def _contacts(self, frames: Sequence[Found]) -> list[Contacts]:
         spread, deepest = self._ready().spread, self._context.max_depth * 1.2
@@ -320,7 +326,8 @@ class Superpose(Model):
         left = found.solution.left
         chi2 = float((learned.weight * left[0] ** 2).sum())
         misfit = chi2 / max(left.shape[1] - 3 * count, 1)
-        return equivalents[0] + shift, Clues.of(found.solution.normal[0], misfit, shift)
+        varies = learned.family.field.ways > 0
+        return equivalents[0] + shift, Clues.of(found.solution.normal[0], misfit, shift, varies)
 
     def save(self, directory: Path) -> None:
         """Write the weights into the folder."""

@@ -18,6 +18,8 @@ from importlib.resources import files
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.superposition import hold_of
+
 Array = npt.NDArray[np.float64]
 
 GROUPS = 3
@@ -47,13 +49,15 @@ class Clues:
     misfit: Array
 
     @classmethod
-    def of(cls, normal: Array, misfit: float, shift: Array) -> Clues:
+    def of(cls, normal: Array, misfit: float, shift: Array, varies: bool = False) -> Clues:
         """Return those of one frame.
 
         Args:
             normal: (3 K, 3 K) of the fit.
             misfit: chi^2 by degree of freedom.
             shift: (K, 3) mm.
+            varies: whether fields differ from sensor to sensor. Misfit beyond the noise is then
+                correlated, and counts as it does in the fit (``hold_of``).
         """
         count = len(shift)
         # Before a fit a contact is known to lie within the dome: nothing is known worse than that.
@@ -61,7 +65,8 @@ class Clues:
         variance = np.diagonal(np.linalg.inv(information)).reshape(count, 3)
         plane = np.sqrt(variance[:, :2].mean(axis=1))
         if count == 1:  # what a single field leaves unexplained is noise of another size
-            plane = plane * np.sqrt(max(1.0, misfit))
+            noise = max(1.0, misfit)
+            plane = plane * np.sqrt(noise * (hold_of(noise) if varies else 1.0))
         both = np.ones((count, 2))
         return cls(
             both * plane[:, None],
@@ -89,13 +94,22 @@ class Spread:
         out: Array = np.stack([plane, plane, depth], axis=1).clip(1e-4, _LARGEST_MM)
         return out
 
-    def with_group(self, count: int, clues: list[Clues], errors: list[Array]) -> Spread:
-        """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames."""
+    def with_group(
+        self, count: int, clues: list[Clues], errors: list[Array], floor: bool = True
+    ) -> Spread:
+        """Return this with the group of ``count`` contacts fitted to errors (K, 3) of frames.
+
+        floor: whether errors have a least size. One learned on a few sensors is not that of others,
+        whose misfit says more: of truths on eight unseen sensors unlike the training's 82 % were in
+        the 95 % intervals of depth with it, and 93 % without.
+        """
         if sum(len(error) for error in errors) < _FEWEST:
             return self
         squares, error = np.concatenate([c.squares for c in clues]), np.concatenate(errors)
         if count == 1:
             squares[..., 2:] = 0.0
+        if not floor:
+            squares[..., 0] = 0.0
         plane = np.hypot(error[:, 0], error[:, 1])
         terms = self.terms.copy()
         terms[count - 1, 0] = _fit_terms(squares[:, 0], plane**2 / 2, plane, _PLANE_95)

@@ -30,6 +30,17 @@ STRAY = 0.5
 """A fitted pin that ends this many pitches from where it began has caught another's light."""
 THERE = 0.7
 """A predicted pin whose disc grows to this share of its radius at rest has found its light."""
+BLURRED = 2.0
+"""A frame that is left with more than the rest frame by this factor is tried with softer edges:
+simulated sharp ones of one to three contacts come to 1.5, and a blur of 0.5 px to 2.5."""
+FITTED = 2.5
+"""Blur is believed where it leaves no more than this factor: 0.5 to 1 px comes to 1.0 to 1.5, and
+1.2 px, where pins run into each other, to 2.8."""
+BLUR_STEP_PX, BLUR_STEPS = 0.25, 5
+"""Steps in which the blur is sought, and most of them: beyond, no blur is believed."""
+TRIALS = 2
+"""Sweeps of a step, which goes on from the one before: with none the radii hide half of a blur of
+1 px, and twelve, each step from the sharp ones' start, cost twice as much for the same pins."""
 
 
 def rest_layout(image: Images) -> Array:
@@ -177,8 +188,8 @@ class Tracker:
         if self.profile is None:
             return
         usual = np.ascontiguousarray(self.profile.disc[:, 2])
-        look = self.profile.dark, self.profile.contrast, self.profile.edge
-        _fit_frames(images, *look, usual, self._layout.pitch, _SWEEPS, xy, seen, radius)
+        look = self.profile.dark, self.profile.contrast, self.profile.edge, self.profile.residual
+        _fit_frames(images, look, usual, self._layout.pitch, _SWEEPS, xy, seen, radius)
 
 
 def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
@@ -236,18 +247,57 @@ def _track_frames(images, layout, xy, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit_frames(images, dark, contrast, edge, usual, pitch, sweeps, xy, seen, radius):  # type: ignore[no-untyped-def]
-    """Improve xy and seen of ``_track_frames`` by a fit of every frame; set radius (N, P)."""
+def _fit_frames(images, look, usual, pitch, sweeps, xy, seen, radius):  # type: ignore[no-untyped-def]
+    """Improve xy and seen of ``_track_frames`` by a fit of every frame; set radius (N, P).
+
+    look: dark level, contrast, edge and residual of the rest frame. Where discs with edges of the
+    rest frame do not fit, the frame is taken to be blurred by as much as fits best: a Gaussian of
+    deviation s widens the variance of an edge, edge^2 / 5, by s^2.
+    """
+    dark, contrast, edge, residual = look
     disc, cover = np.empty((len(usual), 3)), np.empty(dark.shape)
+    blurred = np.empty_like(disc)
     held = np.empty(len(usual))
     for n in range(len(images)):
         for p in range(len(usual)):
-            disc[p, 0], disc[p, 1], disc[p, 2] = xy[n, p, 0], xy[n, p, 1], usual[p]
             held[p] = np.inf if seen[n, p] else HELD * pitch[p]
+        _set_discs(xy[n], usual, disc)
         fit_discs(images[n], dark, contrast, edge, usual, held, sweeps, disc, cover)
+        least = _misfit(images[n], dark, contrast, cover)
+        if least > BLURRED * residual:
+            softest = edge
+            blurred[:] = disc
+            for step in range(2, BLUR_STEPS + 1):
+                soft = np.sqrt(edge**2 + 5.0 * (step * BLUR_STEP_PX) ** 2)
+                fit_discs(images[n], dark, contrast, soft, usual, held, TRIALS, blurred, cover)
+                misfit = _misfit(images[n], dark, contrast, cover)
+                if misfit >= least:
+                    break
+                least, softest = misfit, soft
+            fit_discs(images[n], dark, contrast, softest, usual, held, sweeps, blurred, cover)
+            if _misfit(images[n], dark, contrast, cover) < FITTED * residual:
+                disc[:] = blurred
         for p in range(len(usual)):
             away = np.sqrt((disc[p, 0] - xy[n, p, 0]) ** 2 + (disc[p, 1] - xy[n, p, 1]) ** 2)
             radius[n, p] = disc[p, 2]
             seen[n, p] |= away < STRAY * pitch[p] and disc[p, 2] > THERE * usual[p]
             if away < STRAY * pitch[p]:
                 xy[n, p, 0], xy[n, p, 1] = disc[p, 0], disc[p, 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set_discs(xy, usual, disc):  # type: ignore[no-untyped-def]
+    """Set disc (P, 3) to places xy (P, 2) and the usual radii (P,)."""
+    disc[:, :2] = xy
+    disc[:, 2] = usual
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _misfit(image, dark, contrast, cover):  # type: ignore[no-untyped-def]
+    """Rms grey levels that discs which cover (H, W) leave of an image."""
+    total = 0.0
+    for i in range(len(image)):
+        for j in range(image.shape[1]):
+            light = min(cover[i, j], 1.0)
+            total += (image[i, j] - dark[i, j] - contrast[i, j] * light) ** 2
+    return np.sqrt(total / image.size)

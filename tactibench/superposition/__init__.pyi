@@ -1,3 +1,4 @@
+from .compiled import hold_of as hold_of
 from .family import SENSORS_A_WAY as SENSORS_A_WAY
 from .family import Clues as Clues
 from .family import FieldFamily as FieldFamily
@@ -10,6 +11,6 @@ from .neighbours import NeighbourLaw as NeighbourLaw
 from .neighbours import nominal_inverse_law as nominal_inverse_law
 from .neighbours import nominal_law as nominal_law
 from .newton import Solution as Solution
+from .newton import cost_of as cost_of
 from .newton import solve as solve
-from .newton import variance as variance
 from .residual import Residual as Residual

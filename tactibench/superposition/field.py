@@ -58,7 +58,12 @@ class Field:
 
     @classmethod
     def learn(
-        cls, contacts: Array, values: Array, shares: Array | None = None, pitch: float = 1.0
+        cls,
+        contacts: Array,
+        values: Array,
+        shares: Array | None = None,
+        pitch: Sequence[float] = PITCH_MM,
+        ridge: float | None = None,
     ) -> Self:
         """Learn from single presses.
 
@@ -67,7 +72,9 @@ class Field:
             values: (N, Q).
             shares: (N, 1 + V) how much of the mean, 1, and of every way of variation is in the
                 field of a press, the z of its sensor; None: the presses are of one sensor.
-            pitch: of the lattice, in units of ``PITCH_MM``.
+            pitch: of the lattice along each axis, mm.
+            ridge: variance of the noise against that of the field; None: it is chosen on presses
+                that are held out.
 
         Raises:
             UserError: for fewer than twenty presses.
@@ -79,13 +86,13 @@ class Field:
                 f"a field of single presses is learned from {len(contacts)} presses; it needs at "
                 f"least {FEWEST}: raise the training count."
             )
-        presses = _Presses.of(contacts, values, shares)
+        presses = Presses.of(contacts, values, shares)
         low = np.append(contacts[:, :2].min(axis=0) - MARGIN_MM, 0.0)
         high = contacts.max(axis=0) + MARGIN_MM
-        knots = np.maximum(4, np.ceil((high - low) / (pitch * np.array(PITCH_MM))).astype(int) + 1)
+        knots = np.maximum(4, np.ceil((high - low) / np.array(pitch)).astype(int) + 1)
         step = (high - low) / (knots - 1)
         axes = [a + s * np.arange(n) for a, s, n in zip(low, step, knots, strict=True)]
-        weights = presses.weights(_best_ridge(contacts, values, shares))
+        weights = presses.weights(_best_ridge(contacts, values, shares) if ridge is None else ridge)
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         lattice = np.concatenate(
             [presses.fields(part, weights) for part in np.array_split(nodes, len(nodes) // 500 + 1)]
@@ -170,7 +177,7 @@ def _kernel(a: Array, b: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Presses:
+class Presses:
     """Presses with their values, and places at which nothing presses, where every field is 0."""
 
     places: Array
@@ -182,6 +189,7 @@ class _Presses:
 
     @classmethod
     def of(cls, contacts: Array, values: Array, shares: Array) -> Self:
+        """Add places at which nothing presses to presses as ``Field.learn`` takes them."""
         sides = [
             np.linspace(low, high, _RESTING)
             for low, high in zip(contacts.min(axis=0)[:2], contacts.max(axis=0)[:2], strict=True)
@@ -196,12 +204,12 @@ class _Presses:
         )
 
     def weights(self, ridge: float) -> Array:
-        """(M, Q) weights of kriging: the fields are independent, their covariances add up."""
+        """Return (M, Q) weights of kriging: fields are independent, their covariances add up."""
         kernel = _kernel(self.places, self.places) * (self.shares @ self.shares.T)
         return kriging(kernel, self.targets, ridge)
 
     def fields(self, contacts: Array, weights: Array) -> Array:
-        """(N, (1 + V) Q) of contacts (N, 3) mm, every field after the other."""
+        """Return (N, (1 + V) Q) of contacts (N, 3) mm, every field after the other."""
         kernel = _kernel(contacts, self.places)
         return np.concatenate([kernel @ (share[:, None] * weights) for share in self.shares.T], 1)
 
@@ -210,7 +218,7 @@ def _best_ridge(contacts: Array, values: Array, shares: Array) -> float:
     """The ridge with the least squared error on every tenth press, learned from at most 1,500."""
     held = np.arange(len(contacts)) % _HELD_OUT == 0
     learned = np.flatnonzero(~held)[:1500]
-    presses = _Presses.of(contacts[learned], values[learned], shares[learned])
+    presses = Presses.of(contacts[learned], values[learned], shares[learned])
     test = np.flatnonzero(held)[:200]
     kernel = _kernel(contacts[test], presses.places) * (shares[test] @ presses.shares.T)
     errors = [

@@ -8,7 +8,8 @@ the camera's noise. So the noise's variance counts as what the fit itself shows,
 
     misfit / s + Q log s + |n|^2,    s = max(misfit / Q, 1)
 
-is minimised, the likelihood of n with the best variance.
+is minimised, the likelihood of n with the best variance. Misfit beyond the camera's noise is
+correlated, so that the sensor's part of |n|^2 then counts more (``compiled.hold_of``).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.superposition.compiled import fit_frame
+from tactibench.superposition.compiled import fit_frame, hold_of
 from tactibench.superposition.field import Field
 
 Array = npt.NDArray[np.float64]
@@ -97,9 +98,19 @@ def solve(
     return Solution(contacts, left, _information(normal, 3 * count), nuisances)
 
 
-def variance(misfit: float, count: int) -> float:
-    """Return the variance of the noise that a misfit of ``count`` values shows, at least 1."""
-    return max(misfit / count, 1.0)
+def cost_of(solution: Solution, weight: Array, ways: int) -> float:
+    """Return the misfit of one frame, and its nuisances' part in units of it.
+
+    Args:
+        solution: of the frame.
+        weight: (Q,) 1 / variance.
+        ways: numbers of the sensor, the first ones among the nuisances.
+    """
+    misfit = float((weight * solution.left[0] ** 2).sum())
+    noise = max(misfit / len(weight), 1.0)
+    squares = solution.nuisances[0] ** 2
+    squares[:ways] *= hold_of(noise)
+    return misfit + noise * float(squares.sum())
 
 
 def _information(normal: Array, count: int) -> Array:

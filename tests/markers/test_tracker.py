@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext, UserError
@@ -131,6 +132,20 @@ def test_reflections_at_the_rim_are_no_pins(tracker, sketch) -> None:
     tracks = tracker.track(image[None])
     assert tracks.seen.all()
     assert np.abs(tracks.xy[0] - tracker.rest).max() < 0.4
+
+
+@pytest.mark.parametrize("blur", [0.8, 1.0])
+def test_blurred_pins_are_followed_with_softer_discs(drawn, hexagon, blur) -> None:
+    rest, xy = (
+        hexagon + dimple(hexagon, np.array([100.0, 110.0]), height, 40.0) for height in (0.0, 3.0)
+    )
+    tracker = Tracker(drawn(rest, 3.5, 200, soft=True), refine="profile")
+    sharp = drawn(xy, 3.5, 200, soft=True)
+    soft = np.round(gaussian_filter(sharp.astype(float), blur)).astype(np.uint8)
+    found, clear = tracker.track(soft[None]), tracker.track(sharp[None])
+    np.testing.assert_allclose(found.xy, clear.xy, atol=0.03)
+    np.testing.assert_allclose(found.radius, clear.radius, atol=0.2)
+    assert found.seen.all()
 
 
 def test_frames_do_not_depend_on_each_other(tracker, sketch) -> None:

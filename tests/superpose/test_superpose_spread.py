@@ -40,6 +40,14 @@ def test_one_contact_that_fits_badly_is_known_less_well_by_its_noise():
     np.testing.assert_allclose(bad.noise, 2 * good.noise)
 
 
+def test_misfit_counts_as_correlated_where_sensors_vary():
+    shift, normal = np.zeros((1, 3)), normal_of([0.01] * 3)
+    plain, varied = (Clues.of(normal, 4.0, shift, varies) for varies in (False, True))
+    np.testing.assert_allclose(varied.noise / plain.noise, np.sqrt(20 - 19 / 4))
+    fitting = [Clues.of(normal, 0.8, shift, varies).noise for varies in (False, True)]
+    np.testing.assert_array_equal(*fitting)
+
+
 @pytest.mark.parametrize("normal", [np.zeros((6, 6)), np.ones((6, 6)), normal_of([[1e-9] * 3] * 2)])
 def test_contacts_that_cannot_be_told_apart_are_no_error(normal):
     std = nominal_spread().std(Clues.of(normal, 1.0, np.zeros((2, 3))))

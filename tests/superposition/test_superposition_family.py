@@ -99,3 +99,21 @@ def test_turned_fields_are_the_same_sums(family):
     contact, z = np.array([1.0, -2.0, 2.5]), rng.normal(size=2)
     turned = field.turned(origin, axes)
     np.testing.assert_allclose(turned(contact, z), field(contact, origin + axes @ z), atol=1e-4)
+
+
+def test_sensors_that_are_alike_lose_little_to_ways_of_variation(random_contacts, push_pins):
+    rng = np.random.default_rng(4)
+    contacts = random_contacts(360, rng)
+    values = push_pins(contacts[:, None]) + SIGMA * rng.normal(size=(360, 122))
+    alike = FieldFamily.learn(contacts, values, np.repeat(np.arange(12), 30), np.zeros((12, 123)))
+    assert alike.field.ways == 4
+    tested = random_contacts(60, rng)
+    true = push_pins(tested[:, None])
+    one, many = (
+        misfit(field, (tested, true))
+        for field in (
+            Field.learn(contacts, values, ridge=3e-8),
+            alike.of_sensor(np.zeros(123), contacts[:30], values[:30]),
+        )
+    )
+    assert many < 1.2 * one

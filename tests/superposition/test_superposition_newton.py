@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from tactibench.superposition import solve
+from tactibench.superposition import Field, cost_of, hold_of, solve
 
 # Far apart, so that the sum tells them from one another.
 KNOWN = np.array([[-4.0, -3.5, 2.0], [4.0, -2.5, 3.5], [0.5, 4.5, 1.2]])
@@ -257,3 +257,40 @@ def test_information_is_what_is_left_when_the_motion_is_unknown(field):
     whole = (slopes * weight) @ slopes.T + np.diag([0, 0, 0, 1, 1])
     expected = np.linalg.inv(np.linalg.inv(whole)[:3, :3])
     np.testing.assert_allclose(found.normal[0], expected, rtol=1e-2, atol=1e-3 * expected.max())
+
+
+@pytest.fixture
+def misfitting(field):
+    """A frame that a field, whose size varies by a tenth, leaves unexplained by ten deviations."""
+    size = np.concatenate([field.coefficients, 0.1 * field.coefficients], axis=-1)
+    moved = shifted(1.3 * summed(field, KNOWN[None, :1]), 0.3, 0.0)
+    moved += 0.1 * np.sin(np.arange(122) / 20)
+    weight = np.full(122, 1e4)
+    found = solve(
+        Field(size, field.low, field.step, 1), moved, KNOWN[None, :1], weight, 40, motions=SHIFTS
+    )
+    return found, weight, float((weight * found.left**2).sum())
+
+
+def test_the_numbers_of_a_sensor_are_held_more_than_a_motion(field, misfitting):
+    found, weight, misfit = misfitting
+    noise = misfit / 122
+    assert noise > 3
+    hold = noise * np.array([20 - 19 / noise, 1, 1])
+    ways = np.concatenate([0.1 * summed(field, found.contacts), SHIFTS])
+    # At the least cost every number stands between the misfit's pull and its hold.
+    pull = ways @ (weight * found.left[0])
+    np.testing.assert_allclose(pull, hold * found.nuisances[0], rtol=0.02, atol=0.02 * hold.max())
+
+
+def test_the_cost_counts_numbers_in_units_of_the_misfit(misfitting):
+    found, weight, misfit = misfitting
+    noise = misfit / 122
+    size, *motion = found.nuisances[0] ** 2
+    expected = misfit + (20 * noise - 19) * size + noise * sum(motion)
+    assert cost_of(found, weight, 1) == pytest.approx(expected)
+
+
+def test_noise_alone_holds_the_numbers_of_a_sensor_no_more():
+    assert hold_of(1.0) == 1
+    assert hold_of(1e9) == pytest.approx(20)
