@@ -41,6 +41,12 @@ _ROUNDS = 8
 _KNEE_MM = 0.03
 """Misfit from which a shift counts less than by its square."""
 _RIDGE = 1e-5
+_APART_MM = 5.5
+"""Least distance of contacts that are put together anew, that of the shipped coefficients."""
+_TURNS = 3
+"""Times that every contact of a press is put together with those of other presses."""
+_STEP = 97
+"""Rows from a press to the one it is put together with: neighbouring rows may be alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +88,9 @@ class NeighbourLaw:
         return taken
 
     @classmethod
-    def learn(cls, contacts: list[Array], shifts: list[Array], start: Self) -> Self:
+    def learn(
+        cls, contacts: list[Array], shifts: list[Array], start: Self, elsewhere: float = 0.0
+    ) -> Self:
         """Return the law fitted to contacts and their shifts.
 
         Pairs and crowds are fitted in one linear system (a third contact's part is linear in the
@@ -93,13 +101,19 @@ class NeighbourLaw:
             contacts: one (S, K, 3) array for every K > 1, mm.
             shifts: alike, from these contacts, mm.
             start: the law to start from, which is returned without contacts.
+            elsewhere: weight, of that of the shifts, with which the law is held to ``start`` at
+                contacts that are put together anew (``recombined``). Presses with one indenter lie
+                on a thin sheet of the features, off which they leave the polynomial free.
         """
         if not any(len(presses) for presses in contacts):
             return start
         before = np.concatenate([start.pair, start.crowd])
         rows = np.concatenate([start._design(presses) for presses in contacts])
         wanted = np.concatenate([presses.reshape(-1) for presses in shifts])
-        fitted = _robust(rows, wanted, before.T.reshape(-1)).reshape(3, -1).T
+        anew = np.concatenate([start._design(recombined(presses)) for presses in contacts])
+        held = elsewhere * len(rows) / max(len(anew), 1) * (anew.T @ anew)
+        held[np.diag_indices(len(held))] += _RIDGE * len(rows)
+        fitted = _robust(rows, wanted, before.T.reshape(-1), held).reshape(3, -1).T
         return cls(*np.split(fitted, [len(start.pair)]))
 
     def _design(self, contacts: Array) -> Array:
@@ -221,14 +235,33 @@ def _powers(features: Array, degree: int) -> Array:
     return np.concatenate(blocks, axis=1)
 
 
-def _robust(rows: Array, wanted: Array, start: Array) -> Array:
-    """(T,) coefficients by Huber's loss, with a ridge towards ``start``."""
+def recombined(contacts: Array) -> Array:
+    """Return contacts (S', K, 3) of different presses put together, 5.5 mm apart or more.
+
+    Every contact of (S, K, 3) is as it was, with neighbours at other places and of other depths.
+    """
+    each = contacts.shape[1]
+    anew = np.concatenate(
+        [
+            np.stack(
+                [np.roll(contacts[:, (k + turn) % each], _STEP * k * turn, 0) for k in range(each)],
+                axis=1,
+            )
+            for turn in range(1, _TURNS + 1)
+        ]
+    )
+    gaps = [anew[:, i, :2] - anew[:, j, :2] for i in range(each) for j in range(i)]
+    apart: Array = np.linalg.norm(gaps, axis=-1)
+    return np.asarray(anew[(apart >= _APART_MM).all(axis=0)])
+
+
+def _robust(rows: Array, wanted: Array, start: Array, held: Array) -> Array:
+    """(T,) coefficients by Huber's loss, held to ``start`` with the precision ``held`` (T, T)."""
     solution = start
     for turn in range(_ROUNDS):
         off = np.abs(wanted - rows @ solution)
         weight = np.ones(len(rows)) if turn == 0 else np.minimum(1.0, _KNEE_MM / (off + 1e-9))
         weighted = rows * weight[:, None]
-        normal = weighted.T @ rows
-        normal[np.diag_indices(len(normal))] += _RIDGE * len(rows)
+        normal = weighted.T @ rows + held
         solution = start + np.linalg.solve(normal, weighted.T @ (wanted - rows @ start))
     return solution

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.superposition.field import kriging, matern
-from tactibench.superposition.neighbours import contact_pairs
+from tactibench.superposition.neighbours import contact_pairs, recombined
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +30,10 @@ _MIRROR = np.array([1.0, 1.0, 1.0, 1.0, -1.0])
 _ALONG, _ACROSS = [0, 2], [1]
 _HELD_OUT = 10
 """One pair of so many is held out to choose length and ridge."""
+_FAR = 0.7
+"""Scales from every pair that was learned from, beyond which the residual is held to nothing."""
+_HELD = 600
+"""Places, about, at which it is held to nothing."""
 _OUTLIER = 6.0
 """Robust standard deviations; a pair that is left with more was seen wrongly."""
 
@@ -56,7 +60,8 @@ class Residual:
     def learn(cls, contacts: Array, left: Array) -> Self:
         """Learn from equivalents of pairs (S, 2, 3) mm and their residual shifts (S, 2, 3) mm.
 
-        Length and ridge are those that predict every tenth pair best.
+        Length and ridge are those that predict every tenth pair best. Among pairs unlike all of
+        these, such as uneven ones after level ones, the residual is nothing.
         """
         size = np.maximum(1.4826 * np.median(np.abs(left), axis=(0, 1)), 1e-6)
         usual = (np.abs(left) < _OUTLIER * size).all(axis=(1, 2))
@@ -64,7 +69,10 @@ class Residual:
             return cls.none()
         features, wanted = _samples(contacts[usual], left[usual])
         held = np.arange(features.shape[1]) % _HELD_OUT == 0
-        learned, shifts = _flat(features[:, ~held]), _flat(wanted[:, ~held])
+        far = _far_from(_flat(features), contacts[usual])
+        nothing = np.zeros((len(far), 3))
+        learned = np.concatenate([_flat(features[:, ~held]), far])
+        shifts = np.concatenate([_flat(wanted[:, ~held]), nothing])
         tested, true = _flat(features[:, held]), _flat(wanted[:, held])
         choices = [(length, ridge) for length in LENGTHS for ridge in RIDGES]
         errors = [
@@ -72,7 +80,8 @@ class Residual:
             for length, ridge in choices
         ]
         best = choices[int(np.argmin(errors))]
-        return cls._fit(_flat(features), _flat(wanted), *best)
+        every = np.concatenate([_flat(features), far])
+        return cls._fit(every, np.concatenate([_flat(wanted), nothing]), *best)
 
     @classmethod
     def _fit(cls, features: Array, wanted: Array, length: float, ridge: float) -> Self:
@@ -103,6 +112,15 @@ def _samples(contacts: Array, left: Array) -> tuple[Array, Array]:
     both = contact_pairs(contacts)
     wanted = [pair.from_xy(left[:, pair.i]) for pair in both]
     return np.stack([pair.features for pair in both]), np.stack(wanted)
+
+
+def _far_from(features: Array, contacts: Array) -> Array:
+    """(N, 5) features of pairs put together anew that are far from the given ones (M, 5)."""
+    from scipy.spatial import cKDTree
+
+    anew = np.concatenate([pair.features for pair in contact_pairs(recombined(contacts))])
+    far: Array = anew[cKDTree(features).query(anew)[0] > _FAR]
+    return far[:: max(1, len(far) // _HELD)]
 
 
 def _flat(values: Array) -> Array:
