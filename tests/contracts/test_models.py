@@ -57,18 +57,28 @@ def other_subject(name: str, **parameters: str) -> ModelSubject:
     return subject_of("model", name, parameters={"model": {**TINY.get(name, {}), **parameters}})
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("asked", properties("model"), ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    ("asked", "name"),
+    [
+        pytest.param(
+            asked,
+            name,
+            id=f"{asked.name}-{name}",
+            # The property trains twice; others see already whether a network trains at all.
+            marks=[pytest.mark.long] if asked.name == "seed" and name in TINY else [],
+        )
+        for asked in properties("model")
+        for name in NAMES
+    ],
+)
 def test_conformance(name: str, asked: Any) -> None:
     expected = expected_failures(subject(name)).get(asked.name)
     finding = examine(asked, subject(name), expected)
     assert finding.ok, finding.line()
 
 
-@pytest.mark.parametrize(
-    "encoder",
-    ["axes", *(pytest.param(name, marks=pytest.mark.long) for name in ("depth", "offset"))],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("encoder", ["axes", "depth", "offset"])
 def test_a_unet_learns_through_every_heat_encoder(encoder: str) -> None:
     parameters = {"model": {**TINY["unet"], "epochs": "1", "mixing": "0"}}
     report = check("model", "unet", encoder=encoder, parameters=parameters)

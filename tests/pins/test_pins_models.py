@@ -18,6 +18,7 @@ def poses(answers):
     return np.array([[pose.depth, pose.tilt] for pose in answers])
 
 
+@pytest.mark.long
 @both
 def test_plates_are_read_far_better_than_by_their_mean(taught, make_presses, name):
     frames, truth = make_presses(60, 7)
@@ -27,6 +28,7 @@ def test_plates_are_read_far_better_than_by_their_mean(taught, make_presses, nam
     assert (error < FAR[name] * alone).all(), error / alone
 
 
+@pytest.mark.long
 @both
 def test_single_contacts_are_read_too(make_model, fit, make_presses, name):
     model = make_model(name, answer="contacts")

@@ -54,6 +54,7 @@ def test_metrics_are_what_the_stored_arrays_say(run: Run) -> None:
     assert truth["bound"].shape == (20, 3)
 
 
+@pytest.mark.long
 def test_a_limit_stands_below_the_threshold_where_the_sensor_knows_it(
     run: Run, planned: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,6 +114,7 @@ def test_weights_are_trained_once_for_all_three(run: Run, tiny: Any, regime: str
     assert all(one.record.training.history for one in runs)
 
 
+@pytest.mark.long
 def test_training_keys_are_those_of_the_shipped_protocols_too(host: Any, tmp_path: Path) -> None:
     from tactibench.run.plan import make_plan
     from tactibench.run.request import RunRequest

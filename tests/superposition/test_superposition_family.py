@@ -48,6 +48,7 @@ def misfit(field, unseen):
     return float(np.sqrt(np.mean((field(unseen[0]) - unseen[1]) ** 2)))
 
 
+@pytest.mark.long
 def test_what_is_known_of_a_sensor_brings_its_field_nearer(family, unseen, push_pins):
     mean, seen, shown = [], [], []
     contacts = unseen[0]

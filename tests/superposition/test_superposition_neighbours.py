@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactibench.superposition import NeighbourLaw, nominal_inverse_law, nominal_law
+from tactibench.superposition.neighbours import recombined
 
 
 def apart(frames, count, rng, closest=5.5, depths=(0.5, 6.0)):
@@ -243,3 +244,29 @@ def test_forward_and_back_is_the_same_contact(count):
     assert np.quantile(np.abs(back), 0.95) < 0.1
     # A small part of the way there.
     assert np.abs(back).mean() < 0.15 * np.abs(equivalents - contacts).mean()
+
+
+def test_contacts_put_together_anew_are_the_old_ones_far_enough_apart():
+    for count in (2, 3):
+        contacts = apart(50, count, np.random.default_rng(12))
+        anew = recombined(contacts)
+        assert len(anew) > 25
+        old = {tuple(one) for one in contacts.reshape(-1, 3)}
+        assert {tuple(one) for one in anew.reshape(-1, 3)} <= old
+        gaps = np.linalg.norm(anew[:, :, None, :2] - anew[:, None, :, :2], axis=-1)
+        assert (gaps[:, *np.triu_indices(count, 1)] >= 5.5).all()
+        assert len(recombined(contacts[:0])) == 0
+
+
+def test_level_pairs_say_nothing_of_uneven_ones():
+    rng = np.random.default_rng(13)
+    law, level = nominal_law(), pairs(rng.uniform(6.5, 12, 500), rng.uniform(0.5, 6, 500), rng)
+    more = 0.05 * np.sin(2 * level[..., 2:]) * np.array([0.0, 0.0, 1.0])
+    shifts = law.shift(level) + more + 0.01 * rng.normal(size=level.shape)
+    uneven = pairs(rng.uniform(6.5, 12, 200), rng.uniform(1, 3, 200), rng)
+    uneven[:, 0, 2] += 2.5
+    free, held = (NeighbourLaw.learn([level], [shifts], law, weight) for weight in (0.0, 1.0))
+    astray = [np.abs(one.shift(uneven) - law.shift(uneven)).mean() for one in (free, held)]
+    assert astray[1] < 0.5 * astray[0]
+    off = [np.abs(one.shift(level) - law.shift(level) - more).mean() for one in (free, held)]
+    assert off[1] < off[0] + 0.01
