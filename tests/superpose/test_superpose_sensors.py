@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from single_presses import single_presses
 
-from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.frames.faults import FAULTS
-from tactibench.geometry import true_contacts
 
 UNSEEN = 201
 
@@ -24,34 +23,26 @@ def errors(found, truth):
     )
 
 
-def pressed(host, count, seed, **parameters):
-    """Frames and truth of single presses."""
-    spec = host.sensors["tactip-127"]
-    given = spec.settings({name: str(value) for name, value in parameters.items()})
-    rng = np.random.default_rng(seed)
-    scenes = [
-        Scene(Indenter.single(), Pose(*rng.uniform(-5, 5, 2), depth=rng.uniform(0.5, 5)))
-        for _ in range(count)
-    ]
-    with spec.load()(SensorContext(np.random.SeedSequence(seed)), **given) as sensor:
-        return list(sensor.press_many(scenes)), [true_contacts(scene) for scene in scenes]
+def pressed(count, seed, **parameters):
+    """Frames and truth of presses of every depth that a protocol asks for."""
+    return single_presses(count, seed, reach=5.0, depths=(0.5, 5.0), **parameters)
 
 
 @pytest.fixture(scope="module")
-def unseen(host):
-    return pressed(host, 40, 1, instance=UNSEEN)
+def unseen():
+    return pressed(40, 1, instance=UNSEEN)
 
 
 @pytest.fixture(scope="module")
-def shown(host):
-    return pressed(host, 12, 2, instance=UNSEEN)
+def shown():
+    return pressed(12, 2, instance=UNSEEN)
 
 
 @pytest.fixture(scope="module")
-def of_many(host, make, fit):
+def of_many(make, fit):
     """A model of 480 presses on 16 sensors."""
     model = make()
-    report = fit(model, *pressed(host, 480, 3, instances=16))
+    report = fit(model, *pressed(480, 3, instances=16))
     assert report.notes["sensors"] > 12
     return model
 
