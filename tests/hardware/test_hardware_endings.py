@@ -1,0 +1,68 @@
+"""A process that has a camera's stream open ends with its own exit code, however it ends.
+
+OpenCV aborts a process (exit code 134) whose camera is still read when Python ends.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mjpeg_rig import MjpegCamera, interrupt, run_hw, write_configuration
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Iterator[MjpegCamera]:
+    with MjpegCamera(tmp_path) as camera:
+        yield camera
+
+
+@pytest.fixture
+def config(camera: MjpegCamera, tmp_path: Path) -> str:
+    return str(write_configuration(tmp_path, camera.url))
+
+
+def test_success(camera: MjpegCamera, config: str) -> None:
+    code, out, error = run_hw(camera, "settle-test", "--config", config, "--seconds", "3")
+    assert (code, error) == (0, "")
+    assert "still within noise" in out
+
+
+def test_an_error(camera: MjpegCamera, config: str) -> None:
+    path = Path(config)
+    path.write_text(path.read_text() + "[sensor]\npins = 5\n")
+    code, _, error = run_hw(camera, "settle-test", "--config", config)
+    assert code == 2
+    assert "sensor.pins says 5" in error
+
+
+def test_a_crop_outside_the_frame(camera: MjpegCamera, config: str) -> None:
+    path = Path(config)
+    path.write_text(path.read_text().replace("warmup", "crop = [0, 0, 65, 64]\nwarmup"))
+    code, _, error = run_hw(camera, "settle-test", "--config", config)
+    assert code == 2
+    assert "camera.crop reaches to 65 x 64 px" in error
+
+
+def _wait_for(path: Path) -> None:
+    end = time.monotonic() + 60.0
+    while not path.exists() and time.monotonic() < end:
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("again_s", [(), (0.1,)])
+def test_control_c(camera: MjpegCamera, config: str, again_s: tuple[float, ...]) -> None:
+    def press(process: subprocess.Popen[str]) -> None:
+        _wait_for(camera.height_file)
+        interrupt(process, 1.0, *again_s)
+
+    code, _, error = run_hw(
+        camera, "settle-test", "--config", config, "--seconds", "30", meanwhile=press
+    )
+    assert code == 130
+    assert "terminate" not in error
