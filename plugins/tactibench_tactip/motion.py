@@ -163,11 +163,16 @@ class Mover:
             self._robot.tick()
             time.sleep(TICK_S)
 
+    def check(self) -> None:
+        """Raise StopNowError where somebody asked to stop, RobotError for a robot not normal."""
+        self._check_halt()
+        self._check_normal()
+
     def rest(self, seconds: float) -> None:
-        """Stand still for seconds of the devices' clock."""
+        """Stand still for seconds of the devices' clock. Raises as ``check``."""
         end = time.monotonic() + seconds / self._settings.robot.time_scale
         while (left := end - time.monotonic()) > 0:
-            self._check_halt()
+            self.check()
             self._robot.tick()
             time.sleep(min(TICK_S, left))
 
