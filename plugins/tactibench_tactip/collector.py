@@ -146,6 +146,7 @@ class Collector:
             session=self._session,
             todo=len(todo),
             press_mm_s=self._settings.robot.press_mm_s,
+            settle_s=self._settings.timing.settle_s,
             robot=self._station.robot.describe(),
         )
         mounted = self._settings.indenter

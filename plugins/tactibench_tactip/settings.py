@@ -7,7 +7,9 @@ in mm and deg, extrinsic ``sxyz``; +z of the work frame and of the tool points i
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -28,6 +30,36 @@ Pose6 = tuple[float, float, float, float, float, float]
 """x, y, z mm, alpha, beta, gamma deg, extrinsic about x, y, z."""
 
 PoseInFile = Annotated[Pose6, Field(strict=False)]
+
+
+MAY_CHANGE = MappingProxyType(
+    {
+        "robot": (
+            "approach_mm_s",
+            "retract_mm_s",
+            "acceleration_mm_s2",
+            "time_scale",
+            "watchdog_hz",
+            "home",
+            "allow_unhomed",
+        ),
+        "sensor": ("pins", "pins_tolerance"),
+        "camera": ("fps", "warmup_frames", "stall_s"),
+        "envelope": (
+            "half_width_mm",
+            "above_mm",
+            "below_mm",
+            "clearance_mm",
+            "tilt_deg",
+            "yaw_deg",
+            "max_force_n",
+        ),
+        "contact": ("every_presses", "every_minutes", "travel_mm", "spread_mm"),
+        "timing": ("settle_s",),
+    }
+)
+"""Table -> keys that may change within a data set: labels and frames mean the same without them.
+They decide what is refused, how long things take and how long is waited."""
 
 
 class _Table(BaseModel):
@@ -262,14 +294,28 @@ class Settings(_Table):
         names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
         return self.with_changes(robot={name: scale * getattr(self.robot, name) for name in names})
 
-    def identity(self) -> dict[str, Any]:
-        """Return the tables that decide on frames and labels; they stay the same in a data set.
+    def record(self) -> dict[str, Any]:
+        """Return the tables that a data set keeps.
 
         Left out are the mounted indenter, which changes in a collection, and the addresses.
         """
         tables = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
         for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):
             del tables[table][name]
+        return tables
+
+    def record_for(self, begun: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the record for a data set that was begun with another one.
+
+        It differs from that one by the keys alone that must not change.
+        """
+        tables = self.record()
+        for table, names in MAY_CHANGE.items():
+            before = begun.get(table, {})
+            for name in names:
+                tables[table].pop(name)
+                if name in before:
+                    tables[table][name] = before[name]
         return tables
 
 

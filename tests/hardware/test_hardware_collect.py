@@ -141,6 +141,23 @@ def test_other_settings_are_refused_before_the_robot_moves(lab: Lab) -> None:
     assert lab.robot.moves == []
 
 
+def test_what_the_troubleshooting_changes_may_change(lab: Lab) -> None:
+    lab.collect_until_a_failure()
+    header = open_dataset(lab.folder).header
+    lab.settings = make_settings(
+        contact=FIXED_TOUCH,
+        robot={"watchdog_hz": 5.0},
+        camera={"stall_s": 3.0},
+        sensor={"pins_tolerance": 5},
+        timing={"settle_s": 0.01},
+    )
+    assert lab.collect().left == 0
+    dataset = open_dataset(lab.folder)
+    assert dataset.header.sensor == header.sensor
+    sessions = [event for event in dataset.events if event["kind"] == "session"]
+    assert [event["settle_s"] for event in sessions] == [0.0, 0.01]
+
+
 def test_a_sensor_that_looks_otherwise_is_refused(lab: Lab) -> None:
     lab.collect_until_a_failure()
     lab.capture.rest = lab.capture.rest[:, ::-1] + 8.0

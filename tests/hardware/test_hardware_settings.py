@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tactibench import Indenter, UserError
-from tactibench_tactip.settings import Settings, example_configuration, read_settings
+from tactibench_tactip.settings import MAY_CHANGE, Settings, example_configuration, read_settings
 
 
 @pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])
@@ -68,13 +68,32 @@ def test_indenters() -> None:
     assert Settings.model_validate(base).indenter.indenter().is_plate
 
 
-def test_what_must_last_is_what_decides_on_frames_and_labels() -> None:
+def test_a_data_set_is_bound_to_what_decides_on_frames_and_labels() -> None:
     tables = tomllib.loads(example_configuration("ur"))
-    before = Settings.model_validate(tables).identity()
-    tables["robot"]["address"] = "10.0.0.2"
-    tables["camera"]["source"] = 3
+    begun = Settings.model_validate(tables).record()
+    tables["robot"] |= {"address": "10.0.0.2", "watchdog_hz": 5.0}
+    tables["camera"] |= {"source": 3, "stall_s": 2.0}
+    tables["sensor"]["pins_tolerance"] = 6
     tables["indenter"] = {"kind": "dual", "distance_mm": 9.0}
     tables["safety"]["auto_recover"] = 1
-    assert Settings.model_validate(tables).identity() == before
     tables["timing"]["settle_s"] = 0.3
-    assert Settings.model_validate(tables).identity() != before
+    tables["envelope"]["max_force_n"] = 10.0
+    now = Settings.model_validate(tables)
+    assert now.record_for(begun) == begun
+    assert now.record() != begun
+    del begun["robot"]["watchdog_hz"]  # a data set from before there was such a key
+    assert now.record_for(begun) == begun
+    for table, key, value in (
+        ("robot", "press_mm_s", 4.0),
+        ("frames", "sensor", [0.1, 0.0, 0.0]),
+        ("camera", "burst", 5),
+        ("contact", "fixed_mm", 0.1),
+    ):
+        changed = {**tables, table: {**tables[table], key: value}}
+        assert Settings.model_validate(changed).record_for(begun) != begun
+
+
+def test_every_key_that_may_change_is_one_of_its_table() -> None:
+    record = Settings.model_validate(tomllib.loads(example_configuration("ur"))).record()
+    for table, names in MAY_CHANGE.items():
+        assert set(names) <= set(record[table])
