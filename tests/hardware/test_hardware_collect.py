@@ -224,6 +224,33 @@ def test_bad_frames_are_tried_again_and_then_marked(lab: Lab) -> None:
     assert all(sample.attempt == 2 for sample in dataset.samples)
 
 
+@pytest.mark.parametrize("fault", ["cut", "dark"])
+def test_a_fault_of_the_whole_setup_writes_no_press(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    """Nothing would make the press again that was written as bad for it."""
+    lab.settings = make_settings(contact=FIXED_TOUCH, camera={"stall_s": 0.2})
+    capture, steady = lab.capture, lab.capture.retrieve
+
+    def spoil(number: int) -> None:
+        if number == 6:  # in the second press
+            capture.gone = fault == "cut"
+            if fault == "dark":
+                capture.retrieve = lambda: (True, 0 * steady()[1])  # type: ignore[method-assign]
+
+    lab.prepare = lambda robot: setattr(robot, "fails", spoil)
+    message = "sends no more frames|no frame" if fault == "cut" else "light or the exposure"
+    with pytest.raises(UserError, match=message):
+        lab.collect()
+    written = open_dataset(lab.folder).samples
+    assert [sample.status for sample in written] == ["ok"] * len(written)
+    assert len(written) < COUNT
+    lab.prepare, capture.gone = lambda _: None, False
+    capture.retrieve = steady  # type: ignore[method-assign]
+    assert lab.collect().left == 0
+    assert [sample.status for sample in open_dataset(lab.folder).samples] == ["ok"] * COUNT
+
+
 class Sticking(FakeCapture):
     """Shows a press for so many frames after it is gone."""
 

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from mjpeg_rig import MjpegCamera, interrupt, run_hw, write_configuration
 
+from tactibench.datasets import open_dataset
+
 pytestmark = pytest.mark.long
 
 
@@ -66,3 +68,39 @@ def test_control_c(camera: MjpegCamera, config: str, again_s: tuple[float, ...])
     )
     assert code == 130
     assert "terminate" not in error
+
+
+PLAN_ROW = (
+    '{{"id": {id}, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": 0.0, "y_mm": 0.0, '
+    '"depth_mm": 2.0}}'
+)
+
+
+def test_a_camera_that_is_cut_loses_no_press(
+    camera: MjpegCamera, config: str, tmp_path: Path
+) -> None:
+    """The session ends with a sentence and no bad row; the next makes what is missing."""
+    plan, data = tmp_path / "plan.jsonl", tmp_path / "data"
+    plan.write_text("\n".join(PLAN_ROW.format(id=k) for k in range(6)))
+    journal = data / "metadata.jsonl"
+
+    def cut(_: subprocess.Popen[str]) -> None:
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            if journal.exists() and len(journal.read_bytes().splitlines()) >= 2:
+                break
+            time.sleep(0.02)
+        camera.cut.set()
+
+    arguments = ("collect", str(plan), "--config", config, "--out", str(data))
+    code, _, error = run_hw(camera, *arguments, meanwhile=cut)
+    assert code == 2
+    assert "camera" in error
+    written = [sample.status for sample in open_dataset(data).samples]
+    assert 2 <= len(written) < 6
+    assert set(written) == {"ok"}
+    camera.cut.clear()
+    code, out, _ = run_hw(camera, *arguments)
+    assert code == 0
+    assert "good and 0 bad samples" in out
+    assert sorted(sample.id for sample in open_dataset(data).samples) == list(range(6))

@@ -60,16 +60,16 @@ def robot(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Looking:
 def test_a_held_press_ends_when_the_arm_stops(settings: Settings, robot: Looking) -> None:
     """Whoever looks at the camera alone would look for 30 s at an arm that stands still."""
     begin = time.monotonic()
-    with pytest.raises(ProtectiveStopError, match="not normal"), Station(settings) as station:
-        station.look_at_rest()
-        down = station.down
+    station = Station(settings)
+    down = station.down
 
-        def stopped(mover: Mover, path: PressPath) -> int:
-            moment = down(mover, path)
-            robot.normal, robot.stopped = False, True
-            return moment
+    def stopped(mover: Mover, path: PressPath) -> int:
+        moment = down(mover, path)
+        robot.normal, robot.stopped = False, True
+        return moment
 
-        station.down = stopped  # type: ignore[method-assign]
+    station.down = stopped  # type: ignore[method-assign]
+    with pytest.raises(ProtectiveStopError, match="not normal"), station:
         measure_settling(station, 2.0, 30.0)
     assert time.monotonic() - begin < 10.0
 

@@ -141,7 +141,7 @@ def measure_settling(station: Station, depth: float, seconds: float) -> Settling
 def _frames_of_held(station: Station, since_ns: int, count: int) -> list[CameraFrame]:
     """Return ``count`` frames of a press that is held, with an eye on the robot.
 
-    Raises as ``Camera.fresh`` and ``Mover.check``, and CameraError for a camera that takes too long.
+    Raises as ``Camera.fresh`` and ``Mover.check``, and CameraError for a camera that is too slow.
     """
     period = station.camera.period_s
     limit = SLOWER * count * period + station.settings.camera.stall_s
