@@ -11,6 +11,12 @@ from tactibench import Indenter, UserError
 from tactibench_tactip.settings import MAY_CHANGE, Settings, example_configuration, read_settings
 
 
+@pytest.mark.parametrize("angles", ["180.3, -0.8, 2.0", "0.4, -0.3, 1.2", "363.1, 0.0, 0.0"])
+def test_small_angles_in_degrees_are_taken(tmp_path: Path, angles: str) -> None:
+    path = changed(tmp_path, "180.0, 0.0, -90.0]", f"{angles}]")
+    assert read_settings(path).frames.work_frame[3] == float(angles.split(",")[0])
+
+
 @pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])
 def test_the_example_is_valid_and_shows_every_table(driver: str) -> None:
     tables = tomllib.loads(example_configuration(driver))
@@ -38,6 +44,14 @@ def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path
         ("settle_s = 0.2", "settle_s = nan", r"'timing.settle_s' is nan"),
         ('kind = "single"', 'kind = "dual"', r"distance_mm belongs to a dual"),
         ('driver = "ur"', 'driver = "ur"\ntime_scale = 5.0', r"no emulator.*leave time_scale out"),
+        ("press_mm_s = 5.0", "press_mm_s = 0.005", r"'robot.press_mm_s' is 0.005"),
+        ("approach_mm_s = 20.0", "approach_mm_s = 0.02", r"'robot.approach_mm_s' is 0.02"),
+        ("half_width_mm = 12.0", "half_width_mm = 1200.0", r"'envelope.half_width_mm' is 1200"),
+        ("half_width_mm = 12.0", "half_width_mm = 0.012", r"'envelope.half_width_mm' is 0.012"),
+        ("[109.1, -487.0, 341.3,", "[0.1091, -0.487, 0.3413,", r"work_frame lies .* in mm, not"),
+        ("[0.0, 0.0, 89.1,", "[0.0, 0.0, 0.0891,", r"frames.tcp_pose lies 0.0891 mm"),
+        ("180.0, 0.0, -90.0]", "3.14159, 0.0, -1.5708]", r"looks like radians; write degrees"),
+        ("180.0, 0.0, -90.0]", "2.2214, -2.2214, 0.0]", r"looks like radians; write degrees"),
         ("schema = 1", "schema = 2", r"key 'schema' is 2"),
         ("schema = 1", "schema = [", r"not valid TOML"),
         ('address = "192.168.1.10"', "", r"'robot.address' is missing"),
