@@ -104,3 +104,11 @@ def test_a_camera_that_is_cut_loses_no_press(
     assert code == 0
     assert "good and 0 bad samples" in out
     assert sorted(sample.id for sample in open_dataset(data).samples) == list(range(6))
+
+
+def test_doctor_tells_the_rate_of_the_stream(camera: MjpegCamera, config: str) -> None:
+    """Frames that waited in a buffer come all at once; they say nothing of the rate."""
+    code, out, _ = run_hw(camera, "doctor", "--config", config)
+    assert code == 0
+    rate = next(line for line in out.splitlines() if "a second" in line)
+    assert float(rate.split()[-3]) == pytest.approx(30.0, abs=6.0)

@@ -152,6 +152,9 @@ def test_a_protective_stop_is_released_where_an_ended_program_is_told(
     world.arm(Fault("program-stop"))
     _until(lambda: not robot.state().normal)
     assert "its control program ended" in robot.state().description
+    with pytest.raises(RobotError, match="control program") as caught:
+        robot.start(pose, 5.0, 500.0)
+    assert "safety limits" not in str(caught.value)
 
 
 @needs_rtde

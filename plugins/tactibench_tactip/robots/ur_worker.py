@@ -57,7 +57,10 @@ class Arm:
 
     def start(self, pose: list[float], speed: float, acceleration: float) -> str:
         """Begin a straight move; m, m/s, m/s2."""
-        if not self._control.isPoseWithinSafetyLimits(pose):
+        within = self._control.isPoseWithinSafetyLimits(pose)
+        if not self._control.isProgramRunning():  # which would have answered
+            return "its control program has ended"
+        if not within:
             return "its safety limits exclude the next pose; look at its planes and at [frames]"
         if not self._control.moveL(pose, speed, acceleration, True):
             return "it did not begin a move"
