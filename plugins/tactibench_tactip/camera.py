@@ -27,9 +27,10 @@ OpenCapture = Callable[[CameraSettings], Any]
 """Makes something like a ``cv2.VideoCapture``; raises CameraError."""
 
 OPENING_S = 15.0
-CLOSING_S = 2.0
-"""For which the thread that takes frames is waited for at the end: OpenCV aborts the process where
-a thread still reads a stream when Python ends. A driver that hangs for longer is left behind."""
+CLOSING_S = 12.0
+"""For which threads that take frames are waited for at the end: OpenCV aborts the process (exit
+code 134) where a thread returns from a stream when Python ends. Opening a stream takes up to 3 s, a
+V4L2 camera waits 10 s for a frame. A driver that hangs for longer is left behind."""
 KEPT = 64
 """Frames kept while somebody waits, where nobody waits for more."""
 MANUAL_V4L2, MANUAL_OTHER = 1.0, 0.25
@@ -105,6 +106,13 @@ def configure(capture: Any, settings: CameraSettings) -> ReadBack:
             f"the camera gives frames of {actual.width} x {actual.height} px, camera.size asks for "
             f"{settings.size[0]} x {settings.size[1]}; name a size that it has."
         )
+    if settings.crop is not None and actual.width > 0:
+        x, y, width, height = settings.crop
+        if x + width > actual.width or y + height > actual.height:
+            raise UserError(
+                f"camera.crop reaches to {x + width} x {y + height} px, the camera gives frames of "
+                f"{actual.width} x {actual.height} px; name a crop inside them."
+            )
     if settings.fourcc is not None and not is_stream and actual.fourcc != settings.fourcc:
         raise UserError(
             f"the camera sends {actual.fourcc!r}, camera.fourcc asks for {settings.fourcc!r}; name "
@@ -180,10 +188,10 @@ class Camera:
         self._settings = settings
         self._open = open_
         self._news = threading.Condition()
-        self._thread: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
         self._frames: list[CameraFrame] = []
         self._waiting: list[int] = []
-        self._taken_ns = self._started_ns = 0
+        self._taken_ns = self._read_ns = self._started_ns = 0
         self._count = self._run = 0
         self._failure = ""
         self._gaps_s: deque[float] = deque(maxlen=51)
@@ -191,14 +199,27 @@ class Camera:
         self.reopened = 0
 
     def __enter__(self) -> Self:
-        self._begin()
+        try:
+            self._begin()
+        except BaseException:  # also Ctrl-C while it opens
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
         with self._news:
-            self._run += 1  # ends the thread that takes frames
-        if self._thread is not None:
-            self._thread.join(CLOSING_S)
+            self._run += 1  # ends the threads that take frames
+        try:
+            self._join()
+        except KeyboardInterrupt:  # an impatient one must not make the process abort
+            self._join()
+            raise
+
+    def _join(self) -> None:
+        """Wait for the threads that take frames, of a camera that was opened again, too."""
+        end = time.monotonic() + CLOSING_S
+        for thread in self._threads:
+            thread.join(max(0.0, end - time.monotonic()))
 
     @property
     def period_s(self) -> float:
@@ -243,6 +264,7 @@ class Camera:
     def _wait(self, after_ns: int, count: int) -> list[CameraFrame]:
         stall = self._settings.stall_s
         with self._news:
+            begun_ns = time.monotonic_ns()
             self._waiting.append(count)
             self._frames = [frame for frame in self._frames if frame.t_ns >= after_ns][-count:]
             try:
@@ -252,8 +274,14 @@ class Camera:
                         return frames[:count]
                     due = max(self._taken_ns, self._started_ns, after_ns) * 1e-9 + stall
                     left = due - time.monotonic()
+                    read = max(self._read_ns, self._started_ns, after_ns, begun_ns) * 1e-9
                     if self._failure:
                         raise CameraError(self._failure)
+                    if left > 0 and time.monotonic() - read > stall:
+                        raise CameraError(
+                            f"the camera {self._settings.source!r} sends frames that cannot be "
+                            "read; check camera.crop and camera.fourcc."
+                        )
                     if left <= 0:
                         raise CameraError(
                             f"the camera {self._settings.source!r} gave no frame for {stall:g} s; "
@@ -274,10 +302,11 @@ class Camera:
             self._started_ns = time.monotonic_ns()
         ready = threading.Event()
         failures: list[BaseException] = []
-        self._thread = threading.Thread(
+        thread = threading.Thread(
             target=self._take_all, args=(run, ready, failures), name="tactip camera", daemon=True
         )
-        self._thread.start()
+        self._threads = [*(old for old in self._threads if old.is_alive()), thread]
+        thread.start()
         if not ready.wait(OPENING_S):
             raise CameraError(
                 f"the camera {self._settings.source!r} did not open within {OPENING_S:g} s."
@@ -321,6 +350,7 @@ class Camera:
             if image is not None:
                 most = max([KEPT, *self._waiting])
                 self._frames = [*self._frames[-most:], CameraFrame(image, t_ns)]
+                self._read_ns = t_ns
                 self._news.notify_all()
         return True
 

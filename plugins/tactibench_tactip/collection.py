@@ -110,7 +110,7 @@ def collect(
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(settings.camera))
         warm_up(camera, settings)
-        header = _header(settings, plan, camera)
+        header = _header(settings, plan, camera, folder)
         writer = stack.enter_context(Writer(folder, header, plan.rows()))
         for sentence in writer.repaired:
             callbacks.notify(f"{folder}: {sentence}")
@@ -215,19 +215,26 @@ def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
     return dataset.header.status == "closed" and list(dataset.plan()) == plan.rows()
 
 
-def _header(settings: Settings, plan: CollectionPlan, camera: Camera) -> Header:
-    """The header of a collection: going on needs the same configuration and the same camera."""
+def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path) -> Header:
+    """The header of a collection.
+
+    Going on needs the same camera, and the same configuration but for what changes neither labels
+    nor frames.
+    """
     height, width = camera.now().image.shape
-    identity = settings.identity()
+    configuration = settings.record()
+    if is_dataset(folder):
+        begun = open_dataset(folder, repair=False).header.sensor.get("configuration", {})
+        configuration = settings.record_for(begun)
     actual = camera.read_back
     assert actual is not None, "the camera is open"  # noqa: S101
-    text = json.dumps(identity, sort_keys=True)
+    text = json.dumps(configuration, sort_keys=True)
     return Header(
         name="tactip",
         sensor={
             "name": settings.sensor.name,
             "plugin": f"tactibench_tactip {__version__}",
-            "configuration": identity,
+            "configuration": configuration,
             "sha256": hashlib.sha256(text.encode()).hexdigest(),
             "camera": {**asdict(actual), "fps": round(actual.fps, 1)},
         },

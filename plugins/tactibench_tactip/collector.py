@@ -18,7 +18,7 @@ from tactibench import Indenter, Scene, UserError
 from tactibench.datasets import Draft, Writer
 from tactibench.lab import Press
 from tactibench_tactip.camera import Image
-from tactibench_tactip.errors import GuardError, ProtectiveStopError, StopNowError
+from tactibench_tactip.errors import CameraError, GuardError, ProtectiveStopError, StopNowError
 from tactibench_tactip.plan import (
     CollectionPlan,
     by_indenter,
@@ -146,6 +146,7 @@ class Collector:
             session=self._session,
             todo=len(todo),
             press_mm_s=self._settings.robot.press_mm_s,
+            settle_s=self._settings.timing.settle_s,
             robot=self._station.robot.describe(),
         )
         mounted = self._settings.indenter
@@ -217,13 +218,23 @@ class Collector:
         self._since_touch, self._touched_at = 0, time.monotonic()
 
     def _press(self, press: Press) -> None:
-        """One press until it is written. Raises UserError after too many bad ones in a row."""
+        """One press until it is written.
+
+        A fault of the whole setup is no press's: it writes nothing, so that the next session makes
+        this press. Raises UserError for it, and after too many bad presses in a row.
+        """
         for attempt in range(1, ATTEMPTS + 1):
             try:
                 result, reason = self._station.press_checked(with_smallest_turn(press.scene))
             except ProtectiveStopError as error:
                 self._handle_stop(press, error, attempt)
                 return
+            except CameraError as error:
+                self._event("camera", press, str(error))
+                if attempt == ATTEMPTS:
+                    raise
+                self._station.camera.now()  # opens it again; raises where it is gone
+                continue
             except GuardError as error:
                 self._event("tripped", press, str(error))
                 if attempt == ATTEMPTS:
@@ -233,6 +244,8 @@ class Collector:
             if not reason or attempt == ATTEMPTS:
                 break
             self._event("bad-frame", press, reason)
+        if reason:
+            self._station.check_undeformed()
         self._write_result(press, result, attempt, reason)
 
     def _give_up(self, press: Press, reason: str, attempt: int) -> None:

@@ -22,7 +22,7 @@ class ProtectiveStopError(RobotError):
 
 
 class GuardError(RobotError):
-    """A guard stopped a descent: too much force, off the line, no camera."""
+    """A guard stopped a descent: too much force, or off the line."""
 
 
 class NoTouchError(RobotError):

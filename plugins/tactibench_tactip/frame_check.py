@@ -129,6 +129,11 @@ def check_frames(
     return replace(check, reason=_reason(frames, check, reference, sensor, depth_mm))
 
 
+def is_other_light(brightness: float, at_rest: float) -> bool:
+    """Return whether two mean brightnesses, grey levels, differ by more than a press explains."""
+    return abs(brightness - at_rest) > BRIGHTNESS * max(1.0, at_rest)
+
+
 def _reason(
     frames: Sequence[CameraFrame],
     check: FrameCheck,
@@ -136,7 +141,7 @@ def _reason(
     sensor: SensorSettings,
     depth_mm: float,
 ) -> str:
-    if abs(check.brightness - reference.brightness) > BRIGHTNESS * max(1.0, reference.brightness):
+    if is_other_light(check.brightness, reference.brightness):
         return (
             f"brightness {check.brightness:.1f}, at rest {reference.brightness:.1f}: the light "
             "or the exposure changed"

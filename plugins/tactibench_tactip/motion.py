@@ -163,11 +163,16 @@ class Mover:
             self._robot.tick()
             time.sleep(TICK_S)
 
+    def check(self) -> None:
+        """Raise StopNowError where somebody asked to stop, RobotError for a robot not normal."""
+        self._check_halt()
+        self._check_normal()
+
     def rest(self, seconds: float) -> None:
-        """Stand still for seconds of the devices' clock."""
+        """Stand still for seconds of the devices' clock. Raises as ``check``."""
         end = time.monotonic() + seconds / self._settings.robot.time_scale
         while (left := end - time.monotonic()) > 0:
-            self._check_halt()
+            self.check()
             self._robot.tick()
             time.sleep(min(TICK_S, left))
 
@@ -201,8 +206,7 @@ class Mover:
                 self._robot.tick()
                 self._check_halt()
                 self._check_normal()
-                if guard is not None:
-                    self._check_guard(start, target, guard)
+                self._check_way(start, target, guard)
                 if time.monotonic() > end:
                     raise RobotError(
                         f"a move of {distance_between(start, target):.1f} mm took longer than "
@@ -215,12 +219,12 @@ class Mover:
             raise
         self._check_normal()
 
-    def _check_guard(self, start: Pose6, target: Pose6, guard: Guard) -> None:
+    def _check_way(self, start: Pose6, target: Pose6, guard: Guard | None) -> None:
         here = self.pose()
         distance = distance_from_line(start, target, here)
         if distance > OFF_LINE_MM:
             raise GuardError(f"the tool was {distance:.1f} mm beside its line.")
-        reason = guard(here)
+        reason = "" if guard is None else guard(here)
         if reason:
             raise GuardError(reason)
 

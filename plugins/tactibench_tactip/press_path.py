@@ -101,13 +101,18 @@ def withdraw(mover: Mover, scene: Scene, geometry: PressGeometry, settings: Sett
         mover.go(geometry.at_depth(reached, clear), settings.robot.retract_mm_s)
 
 
+def clear_height(geometry: PressGeometry, settings: Settings) -> float:
+    """Return z of the work frame at which the mounted indenter is clearance_mm above the apex."""
+    longest = max(offset[2] for offset in settings.indenter.indenter().offsets)
+    return geometry.z0 - longest - settings.envelope.clearance_mm
+
+
 def raise_straight(mover: Mover, geometry: PressGeometry, settings: Settings) -> None:
     """Move up along the work frame's z until the whole indenter is clearance_mm above the apex.
 
     From wherever the tool is, before any sideways motion.
     """
     x, y, z, a, b, c = mover.pose()
-    longest = max(offset[2] for offset in settings.indenter.indenter().offsets)
-    high = geometry.z0 - longest - settings.envelope.clearance_mm
+    high = clear_height(geometry, settings)
     if z > high + SLACK_MM:
         mover.go((x, y, high, a, b, c), settings.robot.approach_mm_s)

@@ -84,7 +84,7 @@ class TacTip(Sensor):
 
     def describe(self) -> dict[str, Any]:
         """Return what the configuration says of sensor, camera and frames."""
-        return {"plugin": f"tactibench_tactip {__version__}", **self.settings.identity()}
+        return {"plugin": f"tactibench_tactip {__version__}", **self.settings.record()}
 
     @property
     def _open(self) -> Station:

@@ -6,8 +6,11 @@ in mm and deg, extrinsic ``sxyz``; +z of the work frame and of the tool points i
 
 from __future__ import annotations
 
+import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -30,6 +33,44 @@ Pose6 = tuple[float, float, float, float, float, float]
 PoseInFile = Annotated[Pose6, Field(strict=False)]
 
 
+MAY_CHANGE = MappingProxyType(
+    {
+        "robot": (
+            "approach_mm_s",
+            "retract_mm_s",
+            "acceleration_mm_s2",
+            "time_scale",
+            "watchdog_hz",
+            "home",
+            "allow_unhomed",
+            "set_tcp",
+        ),
+        "sensor": ("pins", "pins_tolerance"),
+        "camera": ("fps", "warmup_frames", "stall_s"),
+        "envelope": (
+            "half_width_mm",
+            "above_mm",
+            "below_mm",
+            "clearance_mm",
+            "tilt_deg",
+            "yaw_deg",
+            "max_force_n",
+        ),
+        "contact": ("every_presses", "every_minutes", "travel_mm", "spread_mm"),
+        "timing": ("settle_s",),
+    }
+)
+"""Table -> keys that may change within a data set: labels and frames mean the same without them.
+They decide what is refused, how long things take and how long is waited."""
+
+
+METRES, MOST_MM = 2.0, 5000.0
+"""A place nearer to its origin was meant in m: no robot reaches 2 mm from its base, and no tool is
+so short. One further away than 5 m is no table's."""
+QUARTER_RAD = 0.03
+"""By which taught angles miss a quarter turn, rad."""
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -46,19 +87,22 @@ class RobotSettings(_Table):
         watchdog_hz: Rate of the watchdog: a UR stops when it receives nothing for one period.
         home: Whether to drive a stage to its switches when it is not homed.
         allow_unhomed: Whether to use a stage that has no switches.
+        set_tcp: Whether a UR uses frames.tcp_pose where the pendant's TCP is another one.
     """
 
     driver: Literal["ur", "grbl", "cri"]
     address: str = Field(min_length=1)
-    approach_mm_s: Annotated[float, Field(gt=0, le=100)] = 20.0
-    press_mm_s: Annotated[float, Field(gt=0, le=20)] = 5.0
-    retract_mm_s: Annotated[float, Field(gt=0, le=100)] = 50.0
-    acceleration_mm_s2: Annotated[float, Field(gt=0, le=2000)] = 500.0
+    # The least values are far below any that is useful, and above those that were meant in m.
+    approach_mm_s: Annotated[float, Field(ge=0.2, le=100)] = 20.0
+    press_mm_s: Annotated[float, Field(ge=0.05, le=20)] = 5.0
+    retract_mm_s: Annotated[float, Field(ge=0.2, le=100)] = 50.0
+    acceleration_mm_s2: Annotated[float, Field(ge=5, le=2000)] = 500.0
     connect_s: Annotated[float, Field(gt=0, le=120)] = 20.0
     time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
     watchdog_hz: Annotated[float, Field(ge=2, le=50)] = 10.0
     home: bool = False
     allow_unhomed: bool = False
+    set_tcp: bool = False
 
     @model_validator(mode="after")
     def _check_time_scale(self) -> Self:
@@ -88,6 +132,35 @@ class FrameSettings(_Table):
     tcp_pose: PoseInFile = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     sensor: Annotated[tuple[float, float, float], Field(strict=False)] = (0.0, 0.0, 0.0)
 
+    @model_validator(mode="after")
+    def _check_units(self) -> Self:
+        for name, pose in (("work_frame", self.work_frame), ("tcp_pose", self.tcp_pose)):
+            distance = math.hypot(*pose[:3])
+            if 0.0 < distance < METRES or distance > MOST_MM:
+                raise ValueError(
+                    f"frames.{name} lies {distance:g} mm from its origin; write x, y, z in mm, not "
+                    "in m"
+                )
+            if _looks_like_radians(pose[3:]):
+                raise ValueError(
+                    f"frames.{name} is turned by {', '.join(f'{v:g}' for v in pose[3:])}, which "
+                    "looks like radians; write degrees, extrinsic about x, y, z (an angle that "
+                    "really is so small: 360 more)"
+                )
+        return self
+
+
+def _looks_like_radians(angles: tuple[float, ...]) -> bool:
+    """Return whether angles, or the rotation vector of these numbers, are of quarter turns.
+
+    All within a whole turn in radians, and one of them, or their length, a multiple of pi / 2: as a
+    tool that points down has it on a pendant.
+    """
+    if max(map(abs, angles)) > 2.0 * math.pi + QUARTER_RAD:
+        return False
+    quarters = [abs(value) / (0.5 * math.pi) for value in (*angles, math.hypot(*angles))]
+    return any(round(q) > 0 and abs(q - round(q)) * 0.5 * math.pi < QUARTER_RAD for q in quarters)
+
 
 class SensorSettings(_Table):
     """The sensor.
@@ -99,8 +172,8 @@ class SensorSettings(_Table):
     """
 
     name: str = "tactip-127"
-    dome_radius_mm: PositiveFloat = 20.0
-    deepest_mm: Annotated[float, Field(gt=0, le=12)] = 6.5
+    dome_radius_mm: Annotated[float, Field(ge=1)] = 20.0
+    deepest_mm: Annotated[float, Field(ge=0.1, le=12)] = 6.5
     pins: PositiveInt | None = None
     pins_tolerance: NonNegativeInt = 2
 
@@ -146,7 +219,7 @@ class IndenterSettings(_Table):
     """
 
     kind: Literal["single", "dual", "triple", "plate"] = "single"
-    radius_mm: PositiveFloat = 3.0
+    radius_mm: Annotated[float, Field(ge=0.1, le=50)] = 3.0
     distance_mm: PositiveFloat | None = None
     side_mm: PositiveFloat = 8.0
     heights_mm: Annotated[tuple[float, float, float], Field(strict=False)] | None = None
@@ -181,9 +254,9 @@ class EnvelopeSettings(_Table):
         max_force_n: Greatest change of the force in a descent, where the robot measures it.
     """
 
-    half_width_mm: PositiveFloat = 12.0
-    above_mm: Annotated[float, Field(gt=0, le=200)] = 60.0
-    below_mm: Annotated[float, Field(gt=0, le=15)] = 10.0
+    half_width_mm: Annotated[float, Field(ge=1, le=100)] = 12.0
+    above_mm: Annotated[float, Field(ge=2, le=200)] = 60.0
+    below_mm: Annotated[float, Field(ge=0.2, le=15)] = 10.0
     clearance_mm: Annotated[float, Field(ge=2, le=50)] = 10.0
     tilt_deg: Annotated[float, Field(ge=0, le=45)] = 25.0
     yaw_deg: Annotated[float, Field(ge=0, le=180)] = 180.0
@@ -262,14 +335,28 @@ class Settings(_Table):
         names = ("approach_mm_s", "press_mm_s", "retract_mm_s")
         return self.with_changes(robot={name: scale * getattr(self.robot, name) for name in names})
 
-    def identity(self) -> dict[str, Any]:
-        """Return the tables that decide on frames and labels; they stay the same in a data set.
+    def record(self) -> dict[str, Any]:
+        """Return the tables that a data set keeps.
 
         Left out are the mounted indenter, which changes in a collection, and the addresses.
         """
         tables = self.model_dump(mode="json", by_alias=True, exclude={"indenter", "safety"})
         for table, name in (("robot", "address"), ("robot", "connect_s"), ("camera", "source")):
             del tables[table][name]
+        return tables
+
+    def record_for(self, begun: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the record for a data set that was begun with another one.
+
+        It differs from that one by the keys alone that must not change.
+        """
+        tables = self.record()
+        for table, names in MAY_CHANGE.items():
+            before = begun.get(table, {})
+            for name in names:
+                tables[table].pop(name)
+                if name in before:
+                    tables[table][name] = before[name]
         return tables
 
 

@@ -15,7 +15,13 @@ from tactibench.lab import Press
 from tactibench_tactip import press_path
 from tactibench_tactip.camera import Camera, CameraFrame, Image
 from tactibench_tactip.errors import CameraError, RobotError, StopNowError
-from tactibench_tactip.frame_check import FrameCheck, Reference, check_frames, count_pins
+from tactibench_tactip.frame_check import (
+    FrameCheck,
+    Reference,
+    check_frames,
+    count_pins,
+    is_other_light,
+)
 from tactibench_tactip.motion import Mover, RobotThread, patience
 from tactibench_tactip.plan import CollectionPlan, check_plan
 from tactibench_tactip.poses import envelope_violation
@@ -217,6 +223,22 @@ class Station:
         """Return the latest look at the undeformed sensor, a new one where there is none."""
         return self.rest or self.look_at_rest()
 
+    def check_undeformed(self) -> None:
+        """Look whether it was the press, or something that spoils all presses.
+
+        Raises CameraError when light or exposure are not as at the latest look at rest, UserError
+        as ``look_at_rest``.
+        """
+        before = self.rest_reference()
+        brightness = self.look_at_rest().brightness
+        self.rest = before  # the one that the data set holds
+        if is_other_light(brightness, before.brightness):
+            raise CameraError(
+                f"the undeformed sensor is {brightness:.1f} grey levels bright, it was "
+                f"{before.brightness:.1f}: the light or the exposure changed; put it back, then go "
+                "on with the same command."
+            )
+
     # Presses
 
     @contextlib.contextmanager
@@ -243,12 +265,15 @@ class Station:
     def down(self, mover: Mover, path: PressPath) -> int:
         """Descend, as a job: too much force, or a camera without frames, stops it.
 
-        Returns when it ended, ns on the clock of the frames. Raises as ``Mover.go``.
+        Returns when it ended, ns on the clock of the frames. Raises as ``Mover.go``, and
+        CameraError.
         """
         force = press_path.force_guard(mover, self.settings.envelope.max_force_n)
 
         def guard(pose: Pose6) -> str:
-            return force(pose) or ("" if self.camera.alive() else "the camera gives no frames")
+            if not self.camera.alive():
+                raise CameraError("the camera gave no frames in a descent; check its cable.")
+            return force(pose)
 
         press_path.descend(mover, path, self.settings, guard)
         return time.monotonic_ns()
@@ -337,6 +362,7 @@ class Station:
         end = time.monotonic() + RELAXING_S
         while self._afterimage is not None and not self._looks_undeformed(self._afterimage):
             if time.monotonic() > end:
+                self.check_undeformed()  # other light looks like a contact, too
                 raise CameraError(
                     f"frames still show a contact {RELAXING_S:g} s after it: the camera lags, or "
                     "the skin sticks; look at both, then go on with the same command."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,10 +15,13 @@ from tactibench import Indenter, Pose, Scene
 from tactibench.datasets import open_dataset
 from tactibench.lab import Press
 from tactibench_tactip import collection
+from tactibench_tactip.commands import settle_test
 from tactibench_tactip.commands.settle_test import measure_settling
-from tactibench_tactip.errors import GuardError, RobotError
+from tactibench_tactip.errors import CameraError, GuardError, ProtectiveStopError, RobotError
 from tactibench_tactip.live import PressLoop
+from tactibench_tactip.motion import Mover
 from tactibench_tactip.plan import CollectionPlan
+from tactibench_tactip.press_path import PressPath
 from tactibench_tactip.settings import Pose6, Settings
 from tactibench_tactip.station import Station
 
@@ -51,6 +55,34 @@ def robot(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Looking:
     robot = Looking(settings)
     stand_in(robot, monkeypatch.setattr)
     return robot
+
+
+def test_a_held_press_ends_when_the_arm_stops(settings: Settings, robot: Looking) -> None:
+    """Whoever looks at the camera alone would look for 30 s at an arm that stands still."""
+    begin = time.monotonic()
+    station = Station(settings)
+    down = station.down
+
+    def stopped(mover: Mover, path: PressPath) -> int:
+        moment = down(mover, path)
+        robot.normal, robot.stopped = False, True
+        return moment
+
+    station.down = stopped  # type: ignore[method-assign]
+    with pytest.raises(ProtectiveStopError, match="not normal"), station:
+        measure_settling(station, 2.0, 30.0)
+    assert time.monotonic() - begin < 10.0
+
+
+def test_a_camera_that_slows_down_ends_a_held_press(
+    settings: Settings, robot: Looking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(settle_test, "SLOWER", 0.0)
+    with Station(settings) as station:
+        station.look_at_rest()
+        with pytest.raises(CameraError, match=r"gave \d+ of \d+ frames in 1 s"):
+            measure_settling(station, 2.0, 10.0)
+        assert robot.tool()[2] < -settings.envelope.clearance_mm + 1.0
 
 
 class TestForce:

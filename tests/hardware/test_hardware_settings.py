@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 from tactibench import Indenter, UserError
-from tactibench_tactip.settings import Settings, example_configuration, read_settings
+from tactibench_tactip.settings import MAY_CHANGE, Settings, example_configuration, read_settings
+
+
+@pytest.mark.parametrize("angles", ["180.3, -0.8, 2.0", "0.4, -0.3, 1.2", "363.1, 0.0, 0.0"])
+def test_small_angles_in_degrees_are_taken(tmp_path: Path, angles: str) -> None:
+    path = changed(tmp_path, "180.0, 0.0, -90.0]", f"{angles}]")
+    assert read_settings(path).frames.work_frame[3] == float(angles.split(",")[0])
 
 
 @pytest.mark.parametrize("driver", ["ur", "grbl", "cri"])
@@ -38,6 +44,14 @@ def changed(tmp_path: Path, before: str, after: str, driver: str = "ur") -> Path
         ("settle_s = 0.2", "settle_s = nan", r"'timing.settle_s' is nan"),
         ('kind = "single"', 'kind = "dual"', r"distance_mm belongs to a dual"),
         ('driver = "ur"', 'driver = "ur"\ntime_scale = 5.0', r"no emulator.*leave time_scale out"),
+        ("press_mm_s = 5.0", "press_mm_s = 0.005", r"'robot.press_mm_s' is 0.005"),
+        ("approach_mm_s = 20.0", "approach_mm_s = 0.02", r"'robot.approach_mm_s' is 0.02"),
+        ("half_width_mm = 12.0", "half_width_mm = 1200.0", r"'envelope.half_width_mm' is 1200"),
+        ("half_width_mm = 12.0", "half_width_mm = 0.012", r"'envelope.half_width_mm' is 0.012"),
+        ("[109.1, -487.0, 341.3,", "[0.1091, -0.487, 0.3413,", r"work_frame lies .* in mm, not"),
+        ("[0.0, 0.0, 89.1,", "[0.0, 0.0, 0.0891,", r"frames.tcp_pose lies 0.0891 mm"),
+        ("180.0, 0.0, -90.0]", "3.14159, 0.0, -1.5708]", r"looks like radians; write degrees"),
+        ("180.0, 0.0, -90.0]", "2.2214, -2.2214, 0.0]", r"looks like radians; write degrees"),
         ("schema = 1", "schema = 2", r"key 'schema' is 2"),
         ("schema = 1", "schema = [", r"not valid TOML"),
         ('address = "192.168.1.10"', "", r"'robot.address' is missing"),
@@ -68,13 +82,32 @@ def test_indenters() -> None:
     assert Settings.model_validate(base).indenter.indenter().is_plate
 
 
-def test_what_must_last_is_what_decides_on_frames_and_labels() -> None:
+def test_a_data_set_is_bound_to_what_decides_on_frames_and_labels() -> None:
     tables = tomllib.loads(example_configuration("ur"))
-    before = Settings.model_validate(tables).identity()
-    tables["robot"]["address"] = "10.0.0.2"
-    tables["camera"]["source"] = 3
+    begun = Settings.model_validate(tables).record()
+    tables["robot"] |= {"address": "10.0.0.2", "watchdog_hz": 5.0}
+    tables["camera"] |= {"source": 3, "stall_s": 2.0}
+    tables["sensor"]["pins_tolerance"] = 6
     tables["indenter"] = {"kind": "dual", "distance_mm": 9.0}
     tables["safety"]["auto_recover"] = 1
-    assert Settings.model_validate(tables).identity() == before
     tables["timing"]["settle_s"] = 0.3
-    assert Settings.model_validate(tables).identity() != before
+    tables["envelope"]["max_force_n"] = 10.0
+    now = Settings.model_validate(tables)
+    assert now.record_for(begun) == begun
+    assert now.record() != begun
+    del begun["robot"]["watchdog_hz"]  # a data set from before there was such a key
+    assert now.record_for(begun) == begun
+    for table, key, value in (
+        ("robot", "press_mm_s", 4.0),
+        ("frames", "sensor", [0.1, 0.0, 0.0]),
+        ("camera", "burst", 5),
+        ("contact", "fixed_mm", 0.1),
+    ):
+        changed = {**tables, table: {**tables[table], key: value}}
+        assert Settings.model_validate(changed).record_for(begun) != begun
+
+
+def test_every_key_that_may_change_is_one_of_its_table() -> None:
+    record = Settings.model_validate(tomllib.loads(example_configuration("ur"))).record()
+    for table, names in MAY_CHANGE.items():
+        assert set(names) <= set(record[table])

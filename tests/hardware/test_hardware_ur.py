@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 from emulated import GraySensor, finish, stands
 
@@ -82,6 +84,34 @@ def test_registers_of_a_fieldbus_are_refused(world: World, make: Make) -> None:
 
 @needs_rtde
 @pytest.mark.long
+def test_another_tcp_on_the_pendant_is_refused_before_it_is_replaced(
+    world: World, make: Make
+) -> None:
+    with UrEmulator(world, HOST, tool=(0.0, 0.0, 50.0, 0.0, 0.0, 0.0)) as arm:
+        keys = {"address": arm.host, "time_scale": SCALE, "watchdog_hz": 2.0}
+        robot = UrRobot(make(robot=keys))
+        with pytest.raises(UserError, match=r"TCP is 0\.0, -?0\.0, 50\.0.*robot\.set_tcp = true"):
+            robot.connect()
+        robot.close()
+        before = arm.controller.pose()
+        robot = UrRobot(make(robot={**keys, "set_tcp": True}))
+        robot.connect()
+        assert 1000.0 * np.linalg.norm(arm.controller.pose() - before) == pytest.approx(39.1)
+        assert robot.describe()["speed_slider"] == "100 %"
+        robot.close()
+
+
+@needs_rtde
+@pytest.mark.long
+def test_the_process_of_the_arm_has_a_group_in_our_session(robot: UrRobot) -> None:
+    """Ctrl-C does not reach it; a session of its own would be starved by the kernel."""
+    process = robot._link._process.pid
+    assert os.getsid(process) == os.getsid(0)
+    assert os.getpgid(process) == process
+
+
+@needs_rtde
+@pytest.mark.long
 def test_it_goes_where_it_is_sent_and_stops(robot: UrRobot, world: World) -> None:
     start = robot.pose()
     target: Pose6 = (start[0] + 3.0, start[1], start[2] - 5.0, *start[3:])
@@ -122,6 +152,9 @@ def test_a_protective_stop_is_released_where_an_ended_program_is_told(
     world.arm(Fault("program-stop"))
     _until(lambda: not robot.state().normal)
     assert "its control program ended" in robot.state().description
+    with pytest.raises(RobotError, match="control program") as caught:
+        robot.start(pose, 5.0, 500.0)
+    assert "safety limits" not in str(caught.value)
 
 
 @needs_rtde

@@ -20,6 +20,8 @@ from tactibench_tactip.settings import Settings
 
 FAILED = 1
 LOOK_S = 10.0
+RATE_FRAMES = 30
+"""Frames over which the camera's rate is measured."""
 Row = tuple[str, str, str]
 """Mark, part of the setup, what was found."""
 
@@ -60,10 +62,14 @@ def _camera(settings: Settings) -> Iterator[tuple[str, str]]:
         height, width = frames[0].image.shape
         size = f"{actual.width} x {actual.height} px {actual.fourcc}, kept {width} x {height}"
         yield "camera", f"{settings.camera.source}: {actual.backend}, {size}"
-        yield "frames", f"{1 / camera.period_s:.1f} a second"
         automatic = f"automatic {actual.auto_exposure:g}, gain {actual.gain:g}"
         yield "exposure", f"{actual.exposure:g}, {automatic}"
         warm_up(camera, settings)
+        # Not before: the first frames of a stream wait in its buffer and come all at once.
+        begin, before = time.monotonic(), camera.frames
+        camera.fresh(time.monotonic_ns(), RATE_FRAMES)
+        rate = (camera.frames - before) / (time.monotonic() - begin)
+        yield "frames", f"{rate:.1f} a second"
         rest = Reference.of(frames)
         yield "brightness", f"{rest.brightness:.1f} grey levels, steady; noise {rest.between:.2f}"
         if rest.pins_differ(settings.sensor):

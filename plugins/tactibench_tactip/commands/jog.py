@@ -10,8 +10,10 @@ from tactibench import UserError
 from tactibench_tactip.commands.output import device_options, number_option, open_devices
 from tactibench_tactip.motion import Mover, RobotThread
 from tactibench_tactip.poses import envelope_violation
+from tactibench_tactip.press_geometry import geometry_of
+from tactibench_tactip.press_path import SLACK_MM, clear_height, force_guard
 from tactibench_tactip.robots.base import HomingRobot, make_robot
-from tactibench_tactip.settings import Pose6
+from tactibench_tactip.settings import Pose6, Settings
 
 LOOK_S, MOVE_S = 10.0, 120.0
 
@@ -39,7 +41,9 @@ def command(
 ) -> None:
     """Move the tool straight, inside the envelope, and say where it is.
 
-    Without --by and --to nothing moves. A tool outside the envelope may be moved into it.
+    Without --by and --to nothing moves. A tool outside the envelope may be moved into it. Sideways
+    it moves only at clearance above the sensor. A robot that measures force stops at
+    envelope.max_force_n.
     """
     if by is not None and target is not None:
         raise UserError("give --by or --to, not both.")
@@ -58,15 +62,32 @@ def command(
                 return
             x, y, z = target or tuple(a + b for a, b in zip(here[:3], by or (), strict=True))
             there: Pose6 = (x, y, z, *here[3:])
-            violation = envelope_violation(settings.envelope, there)
-            if violation:
-                raise UserError(f"the tool would be at {violation}; nothing was moved.")
+            check_way(here, there, settings)
 
             def go(mover: Mover) -> Pose6:
-                mover.go(there, speed)
+                mover.go(there, speed, force_guard(mover, settings.envelope.max_force_n))
                 return mover.pose()
 
             _print_pose(thread.do(go, MOVE_S))
+
+
+def check_way(here: Pose6, there: Pose6, settings: Settings) -> None:
+    """Raise UserError for a straight move that must not be made; nothing was moved then.
+
+    Inside the envelope, a box, both ends stand for the whole way. From outside it a move may come
+    in straight up or down, or at clearance, where nothing is in the way.
+    """
+    violation = envelope_violation(settings.envelope, there)
+    if violation:
+        raise UserError(f"the tool would be at {violation}; nothing was moved.")
+    sideways = max(abs(a - b) for a, b in zip(here[:2], there[:2], strict=True))
+    high, lowest = clear_height(geometry_of(settings), settings), max(here[2], there[2])
+    if not (sideways <= SLACK_MM or lowest <= high + SLACK_MM):
+        raise UserError(
+            f"the tool would move sideways at z {lowest:.1f} mm, where it may touch the sensor; "
+            f"move it straight up to z {high:.1f} mm first (--by 0 0 -N), then sideways, then "
+            "down. Nothing was moved."
+        )
 
 
 def _print_pose(pose: Pose6) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import click
 import numpy as np
 
 from tactibench import Pose, Scene
+from tactibench_tactip.camera import CameraFrame
 from tactibench_tactip.commands.output import (
     device_options,
     json_option,
@@ -19,6 +21,7 @@ from tactibench_tactip.commands.output import (
     print_rows,
     write_figures,
 )
+from tactibench_tactip.errors import CameraError
 from tactibench_tactip.poses import Array
 from tactibench_tactip.settings import Settings
 from tactibench_tactip.station import Station
@@ -28,6 +31,11 @@ TIMES_S = (0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0)
 """Times after the move at which the change is printed."""
 MEAN_OF = 5
 """Frames that are averaged against noise."""
+LOOK_S = 0.2
+"""Host seconds between two looks at the robot while it holds the press."""
+SLOWER = 2.0
+"""Times as long as asked for that a camera may take to give the frames: one that slows down while
+it is pressed would hold the press for ever."""
 
 
 @click.command("settle-test")
@@ -115,15 +123,41 @@ def measure_settling(station: Station, depth: float, seconds: float) -> Settling
     count = max(3 * MEAN_OF, int(seconds / scale / station.camera.period_s))
     with station.at(scene):
         began = station.do(lambda m: station.down(m, path))
-        frames = station.camera.fresh(began, count)
+        frames = _frames_of_held(station, began, count)
         station.retract(scene)
-    images = np.stack([frame.image for frame in frames]).astype(np.float32)
-    means = np.stack([images[k : k + MEAN_OF].mean(axis=0) for k in range(count - MEAN_OF + 1)])
-    change = np.abs(means - means[-1]).mean(axis=(1, 2))
+    images = [frame.image for frame in frames]
+    means = (
+        np.mean(images[k : k + MEAN_OF], axis=0, dtype=np.float32)
+        for k in range(count - MEAN_OF + 1)
+    )
+    last = np.mean(images[-MEAN_OF:], axis=0, dtype=np.float32)
+    change = np.array([np.abs(mean - last).mean() for mean in means])
     # Means of n frames each differ by sqrt(2 / n) of the deviation; two frames by sqrt(2) of it.
     noise = rest.between / MEAN_OF**0.5
-    times = np.array([(frame.t_ns - began) * 1e-9 * scale for frame in frames[: len(means)]])
+    times = np.array([(frame.t_ns - began) * 1e-9 * scale for frame in frames[: len(change)]])
     return Settling(times, change.astype(np.float64), noise)
+
+
+def _frames_of_held(station: Station, since_ns: int, count: int) -> list[CameraFrame]:
+    """Return ``count`` frames of a press that is held, with an eye on the robot.
+
+    Raises as ``Camera.fresh`` and ``Mover.check``, and CameraError for a camera that is too slow.
+    """
+    period = station.camera.period_s
+    limit = SLOWER * count * period + station.settings.camera.stall_s
+    end = time.monotonic() + limit
+    frames: list[CameraFrame] = []
+    while len(frames) < count:
+        some = min(count - len(frames), max(1, round(LOOK_S / period)))
+        frames += station.camera.fresh(since_ns, some)
+        since_ns = frames[-1].t_ns + 1
+        station.do(lambda mover: mover.check())
+        if time.monotonic() > end and len(frames) < count:
+            raise CameraError(
+                f"the camera gave {len(frames)} of {count} frames in {limit:.0f} s; look at its "
+                "rate (`tactibench hw doctor`), or hold the press for less with --seconds."
+            )
+    return frames
 
 
 def draw_settling(path: Path, settling: Settling, depth: float) -> None:

@@ -37,6 +37,7 @@ OFFSET_EVERY = 10
 """Status reports between two that tell the work offset."""
 LOCKED = "[MSG:'$H'|'$X' to unlock]"
 BANNER = "Grbl 1.1h ['$' for help]"
+STATE = "[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"
 VERSION = ["[VER:1.1h.20190830:]", "[OPT:V,15,128]"]
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 
@@ -285,6 +286,9 @@ class Controller:
                 self._answer(0)
 
     def _system(self, text: str) -> Iterator[None]:
+        if text == "$G":  # answered in every state
+            self._push(STATE)
+            return
         if text not in {"$I", "$$", "$H"}:
             raise GcodeError(STATEMENT)
         if self.state not in {"Idle", "Alarm"}:

@@ -46,7 +46,8 @@ OUTPUTS: dict[str, tuple[str, Callable[[Controller], Any]]] = {
     "output_int_register_0": ("INT32", lambda c: c.out_int[0]),
     "output_int_register_1": ("INT32", lambda c: c.out_int[1]),
     "output_int_register_2": ("INT32", lambda c: c.out_int[2]),
-    **{f"output_double_register_{k}": ("DOUBLE", lambda _: 0.0) for k in range(6)},
+    "target_speed_fraction": ("DOUBLE", lambda c: c.slider),
+    **{f"output_double_register_{k}": ("DOUBLE", lambda c, k=k: c.out_double[k]) for k in range(6)},
 }
 """Fields that ur_rtde asks for -> type, how to get the value."""
 INPUTS = {

@@ -45,6 +45,7 @@ REBOUND_N = 1.0
 """Growth of too great a force after an unlock that stops the arm again (assumed)."""
 READY, DONE = 1, 2
 MOVE_L, SET_TCP, STOP_L, WATCHDOG, SAFE_POSE, STOP_SCRIPT = 3, 29, 33, 35, 36, 255
+GET_TCP = 40
 RUNNING_BIT, COUNTS = 1 << 15, 128
 """Word of an asynchronous operation: bit 15 running, bits 16-22 writes, 24-30 operation."""
 
@@ -76,7 +77,8 @@ class Controller:
         self.refusals = 0
         self.t = 0.0
         self.inputs: dict[str, float] = {}
-        self.out_int = [0, 0, 0]
+        self.out_int, self.out_double = [0, 0, 0], [0.0] * 6
+        self.slider = 1.0
         self.messages: deque[str] = deque(maxlen=256)
         self._stop_force, self._unlock_delay, self._host = stop_force_n, unlock_delay_s, host
         self._base = matrix(world.rig.work_frame)
@@ -178,6 +180,8 @@ class Controller:
             self._tell_operation(running=True)
         elif command == SET_TCP:
             self._tcp = from_ur(self._reals(0, 6))
+        elif command == GET_TCP:
+            self.out_double = [float(value) for value in to_ur(self._tcp)]
         elif command == WATCHDOG:
             hertz = self._reals(0, 1)[0]
             self._watchdog_s = 1 / hertz if hertz > 0 else 0.0

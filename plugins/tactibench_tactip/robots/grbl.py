@@ -192,10 +192,13 @@ class GrblRobot(Robot, HomingRobot, ProbingRobot):
         if not self._robot.allow_unhomed:
             needed.append(("$20", 1.0, "soft limits are on"))
         for key, value, why in needed:
-            if settings.get(key) != value:
+            if key not in settings:
                 raise UserError(
-                    f"the stage has {key}={settings.get(key, float('nan')):g}; set {key}={value:g} "
-                    f"so that {why}."
+                    f"the stage did not tell its setting {key}; run it again, and check the cable."
+                )
+            if settings[key] != value:
+                raise UserError(
+                    f"the stage has {key}={settings[key]:g}; set {key}={value:g} so that {why}."
                 )
         robot = self._robot
         fastest = max(robot.approach_mm_s, robot.press_mm_s, robot.retract_mm_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,8 @@ STATUS_S = 0.25
 """Time after which a status report is requested again: a busy GRBL drops the request."""
 PAUSE_S = 0.0005
 """Between two looks at a port without data: without a pause they would take a core."""
+STATE, STATE_HEAD = "$G", "[GC:"
+"""A question whose answer is no other line's; GRBL answers it also while it moves."""
 CRITICAL = (1, 2)
 """Alarms after which nothing is answered before a reset."""
 _NUMBERS = re.compile(r"-?\d+(?:\.\d+)?")
@@ -77,6 +80,8 @@ class GrblLink:
         self.alarm = 0
         self.banner = ""
         self._rest = b""
+        self._lines: deque[str] = deque()
+        self._late = False
         try:
             self._port: Any = serial.serial_for_url(
                 address, 115200, timeout=0, write_timeout=2, do_not_open=True
@@ -94,14 +99,17 @@ class GrblLink:
     def command(self, line: str, wait_s: float = ANSWER_S) -> list[str]:
         """Send a line and return what came before its ``ok``.
 
-        Raises RobotError for an error, and NoAnswerError.
+        An answer that comes too late is not taken for that of a later line. Raises RobotError for
+        an error, and NoAnswerError.
         """
+        if self._late:
+            self._resynchronise()
         self.drain()
         self._write(line.encode() + b"\n")
         lines: list[str] = []
         end = time.monotonic() + wait_s
         while True:
-            for answer in self._read_lines():
+            while (answer := self._next_line()) is not None:
                 if answer == "ok":
                     return lines
                 if answer.startswith("error:"):
@@ -110,8 +118,28 @@ class GrblLink:
                 lines.append(answer)
                 self._note(answer)
             if time.monotonic() > end:
+                self._late = True
                 raise NoAnswerError(f"GRBL did not answer {line!r} within {wait_s:g} s.")
             time.sleep(PAUSE_S)
+
+    def _resynchronise(self) -> None:
+        """Let late answers go by, up to that of a question that tells it. Raises RobotLostError."""
+        self._write(STATE.encode() + b"\n")
+        end = time.monotonic() + ANSWER_S
+        told = False
+        while time.monotonic() < end:
+            line = self._next_line()
+            if line is None:
+                time.sleep(PAUSE_S)
+            elif told and line == "ok":
+                self._late = False
+                return
+            else:
+                told = told or line.startswith(STATE_HEAD)
+                self._note(line)
+        raise RobotLostError(
+            "GRBL's answers come too late or not at all; check the cable, and home the stage."
+        )
 
     def status(self, wait_s: float = ANSWER_S) -> Status:
         """Return state and position. Raises NoAnswerError."""
@@ -123,7 +151,7 @@ class GrblLink:
             self._write(b"?")
             sent = time.monotonic()
             while time.monotonic() < min(end, sent + STATUS_S):
-                for line in self._read_lines():
+                while (line := self._next_line()) is not None:
                     status = self.parse_status(line)
                     if status is not None:
                         self._position = status.position
@@ -147,7 +175,7 @@ class GrblLink:
 
     def drain(self) -> None:
         """Read what GRBL sent unrequested, such as an alarm."""
-        for line in self._read_lines():
+        while (line := self._next_line()) is not None:
             self._note(line)
 
     def close(self) -> None:
@@ -188,6 +216,12 @@ class GrblLink:
             self._port.write(data)
         except self._errors as error:
             raise _lost(error) from None
+
+    def _next_line(self) -> str | None:
+        """The oldest line that was not looked at yet; None: there is none."""
+        if not self._lines:
+            self._lines.extend(self._read_lines())
+        return self._lines.popleft() if self._lines else None
 
     def _read_lines(self) -> list[str]:
         try:

@@ -21,6 +21,8 @@ GRACE_S = 1.5
 """Host seconds of standing short of the target, with no word of a move, that end one."""
 NEAR_MM, NEAR_DEG = 0.05, 0.1
 """Two targets are one within this."""
+TCP_MM, TCP_DEG = 0.5, 0.5
+"""By which the pendant's TCP may differ from the configuration's: a TCP is taught so well."""
 RECOVERY_S = 15.0
 RELOAD_S = 2.0
 UNLOCK_AFTER_S = 5.0
@@ -81,6 +83,21 @@ class UrRobot(Robot, RecoverableRobot):
         )
         if self._closed:  # nobody waited for it
             self._open_link.close()
+            return
+        self._check_tcp(from_ur(self._open_link.tcp_before))
+        self._check(self._open_link.ask("prepare"))
+
+    def _check_tcp(self, before: Pose6) -> None:
+        """Refuse to replace the pendant's TCP by another one, which may be a mistake of a file."""
+        distance, angle = distance_between(before, self._tcp), angle_between(before, self._tcp)
+        if self._settings.set_tcp or (distance <= TCP_MM and angle <= TCP_DEG):
+            return
+        pendant, ours = (", ".join(f"{v:.1f}" for v in pose) for pose in (before, self._tcp))
+        raise UserError(
+            f"the UR's TCP is {pendant} (mm, deg), frames.tcp_pose says {ours}; correct the one "
+            "that is wrong (pendant: Installation, General, TCP), or say robot.set_tcp = true to "
+            "use frames.tcp_pose whatever the pendant has."
+        )
 
     def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
         """Begin a straight move."""
@@ -162,9 +179,12 @@ class UrRobot(Robot, RecoverableRobot):
             self._dashboard.close()
 
     def describe(self) -> dict[str, str]:
-        """Return the controller's version."""
+        """Return the controller's version, and the pendant's speed slider."""
         version = "" if self._dashboard is None else self._dashboard.version
-        return {"driver": "ur", "polyscope": version}
+        told = {"driver": "ur", "polyscope": version}
+        if self._open_link is not None:
+            told["speed_slider"] = f"{100 * self._open_link.facts()['slider']:.0f} %"
+        return told
 
     @property
     def _link(self) -> UrLink:

@@ -28,7 +28,11 @@ after which a move is given up for another reason."""
 class UrLink:
     """Starts the process on creation, and keeps the facts that it sends at 125 Hz.
 
-    Raises RobotError, and UserError for an arm that refuses.
+    The arm has neither watchdog nor TCP until it is asked to ``prepare``. Raises RobotError, and
+    UserError for an arm that refuses.
+
+    Attributes:
+        tcp_before: The controller's own TCP, m and rotation vector.
     """
 
     def __init__(self, host: str, tcp: list[float], watchdog_hz: float, seconds: float) -> None:
@@ -66,6 +70,7 @@ class UrLink:
                 f"the UR at {host} refuses the connection ({reply['failed']}); where a fieldbus "
                 "uses its registers switch that off, and end other programs that control the arm."
             )
+        self.tcp_before: list[float] = reply["tcp"]
         threading.Thread(target=self._listen, name="tactip ur", daemon=True).start()
 
     def ask(self, what: str, *given: Any, wait_s: float = 8.0) -> str:

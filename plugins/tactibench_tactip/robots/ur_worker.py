@@ -25,6 +25,7 @@ VARIABLES = (
     "safety_mode",
     "safety_status_bits",
     "runtime_state",
+    "target_speed_fraction",
 )
 """A short list at 125 Hz: everything at 500 Hz takes a core."""
 HZ = 125.0
@@ -33,7 +34,11 @@ STOP_M_S2 = 2.0
 
 
 class Arm:
-    """The two interfaces of ur_rtde. Every return is looked at: False instead of an exception."""
+    """The two interfaces of ur_rtde. Every return is looked at: False instead of an exception.
+
+    Attributes:
+        tcp_before: The controller's TCP until ``prepare`` sets another one.
+    """
 
     def __init__(self, host: str, tcp: list[float], watchdog_hz: float) -> None:
         from rtde_control import RTDEControlInterface
@@ -42,7 +47,7 @@ class Arm:
         self._receive = RTDEReceiveInterface(host, HZ, list(VARIABLES))
         self._control = RTDEControlInterface(host)
         self._tcp, self._watchdog_hz = tcp, watchdog_hz
-        self.prepare()
+        self.tcp_before = list(self._control.getTCPOffset())
 
     def prepare(self) -> str:
         """Set watchdog and TCP; return what went wrong, as all of these do."""
@@ -52,7 +57,10 @@ class Arm:
 
     def start(self, pose: list[float], speed: float, acceleration: float) -> str:
         """Begin a straight move; m, m/s, m/s2."""
-        if not self._control.isPoseWithinSafetyLimits(pose):
+        within = self._control.isPoseWithinSafetyLimits(pose)
+        if not self._control.isProgramRunning():  # which would have answered
+            return "its control program has ended"
+        if not within:
             return "its safety limits exclude the next pose; look at its planes and at [frames]"
         if not self._control.moveL(pose, speed, acceleration, True):
             return "it did not begin a move"
@@ -88,6 +96,7 @@ class Arm:
             "force": list(receive.getActualTCPForce())[:3],
             "bits": int(receive.getSafetyStatusBits()),
             "mode": int(receive.getRobotMode()),
+            "slider": receive.getTargetSpeedFraction(),
             "linked": bool(receive.isConnected() and control.isConnected()),
             "program": bool(control.isProgramRunning()),
             "moving": bool(control.getAsyncOperationProgressEx().isAsyncOperationRunning()),
@@ -108,7 +117,7 @@ def serve(link: Connection) -> None:
     except Exception as error:  # noqa: BLE001 - told to the other side
         _send(link, {"failed": " ".join(str(error).split())})
         return
-    _send(link, {"ready": True})
+    _send(link, {"ready": True, "tcp": arm.tcp_before})
     number, due = 0, time.monotonic()
     try:
         while True:

@@ -1,0 +1,114 @@
+"""A process that has a camera's stream open ends with its own exit code, however it ends.
+
+OpenCV aborts a process (exit code 134) whose camera is still read when Python ends.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mjpeg_rig import MjpegCamera, interrupt, run_hw, write_configuration
+
+from tactibench.datasets import open_dataset
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Iterator[MjpegCamera]:
+    with MjpegCamera(tmp_path) as camera:
+        yield camera
+
+
+@pytest.fixture
+def config(camera: MjpegCamera, tmp_path: Path) -> str:
+    return str(write_configuration(tmp_path, camera.url))
+
+
+def test_success(camera: MjpegCamera, config: str) -> None:
+    code, out, error = run_hw(camera, "settle-test", "--config", config, "--seconds", "3")
+    assert (code, error) == (0, "")
+    assert "still within noise" in out
+
+
+def test_an_error(camera: MjpegCamera, config: str) -> None:
+    path = Path(config)
+    path.write_text(path.read_text() + "[sensor]\npins = 5\n")
+    code, _, error = run_hw(camera, "settle-test", "--config", config)
+    assert code == 2
+    assert "sensor.pins says 5" in error
+
+
+def test_a_crop_outside_the_frame(camera: MjpegCamera, config: str) -> None:
+    path = Path(config)
+    path.write_text(path.read_text().replace("warmup", "crop = [0, 0, 65, 64]\nwarmup"))
+    code, _, error = run_hw(camera, "settle-test", "--config", config)
+    assert code == 2
+    assert "camera.crop reaches to 65 x 64 px" in error
+
+
+def _wait_for(path: Path) -> None:
+    end = time.monotonic() + 60.0
+    while not path.exists() and time.monotonic() < end:
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("again_s", [(), (0.1,)])
+def test_control_c(camera: MjpegCamera, config: str, again_s: tuple[float, ...]) -> None:
+    def press(process: subprocess.Popen[str]) -> None:
+        _wait_for(camera.height_file)
+        interrupt(process, 1.0, *again_s)
+
+    code, _, error = run_hw(
+        camera, "settle-test", "--config", config, "--seconds", "30", meanwhile=press
+    )
+    assert code == 130
+    assert "terminate" not in error
+
+
+PLAN_ROW = (
+    '{{"id": {id}, "indenter": "single", "indenter_radius_mm": 3.0, "x_mm": 0.0, "y_mm": 0.0, '
+    '"depth_mm": 2.0}}'
+)
+
+
+def test_a_camera_that_is_cut_loses_no_press(
+    camera: MjpegCamera, config: str, tmp_path: Path
+) -> None:
+    """The session ends with a sentence and no bad row; the next makes what is missing."""
+    plan, data = tmp_path / "plan.jsonl", tmp_path / "data"
+    plan.write_text("\n".join(PLAN_ROW.format(id=k) for k in range(6)))
+    journal = data / "metadata.jsonl"
+
+    def cut(_: subprocess.Popen[str]) -> None:
+        end = time.monotonic() + 60.0
+        while time.monotonic() < end:
+            if journal.exists() and len(journal.read_bytes().splitlines()) >= 2:
+                break
+            time.sleep(0.02)
+        camera.cut.set()
+
+    arguments = ("collect", str(plan), "--config", config, "--out", str(data))
+    code, _, error = run_hw(camera, *arguments, meanwhile=cut)
+    assert code == 2
+    assert "camera" in error
+    written = [sample.status for sample in open_dataset(data).samples]
+    assert 2 <= len(written) < 6
+    assert set(written) == {"ok"}
+    camera.cut.clear()
+    code, out, _ = run_hw(camera, *arguments)
+    assert code == 0
+    assert "good and 0 bad samples" in out
+    assert sorted(sample.id for sample in open_dataset(data).samples) == list(range(6))
+
+
+def test_doctor_tells_the_rate_of_the_stream(camera: MjpegCamera, config: str) -> None:
+    """Frames that waited in a buffer come all at once; they say nothing of the rate."""
+    code, out, _ = run_hw(camera, "doctor", "--config", config)
+    assert code == 0
+    rate = next(line for line in out.splitlines() if "a second" in line)
+    assert float(rate.split()[-3]) == pytest.approx(30.0, abs=6.0)

@@ -1,0 +1,75 @@
+"""A hand-driven move: inside the envelope, sideways at clearance only, under the guard of force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_station import FakeRobot, make_settings
+
+from tactibench import UserError
+from tactibench.cli.main import call
+from tactibench_tactip.commands import jog
+from tactibench_tactip.commands.jog import check_way
+from tactibench_tactip.poses import matrix, pose_of
+from tactibench_tactip.settings import Pose6, Settings, example_configuration
+
+
+def at(x: float, y: float, z: float) -> Pose6:
+    return (x, y, z, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "message"),
+    [
+        (at(0, 0, -40), at(5, 5, -11), ""),
+        (at(0, 0, -40), at(0, 0, 3), ""),
+        (at(0, 0, 3), at(0, 0, -20), ""),
+        (at(40, 0, -40), at(5, 0, -20), ""),
+        (at(0, 0, 12), at(0, 0, -20), ""),
+        (at(0, 0, 3), at(2, 0, 3), "sideways at z 3.0 mm"),
+        (at(0, 0, 3), at(2, 0, -20), "sideways at z 3.0 mm"),
+        (at(0, 0, -20), at(2, 0, -5), "sideways at z -5.0 mm"),
+        (at(40, 0, 5), at(5, 0, 5), "sideways at z 5.0 mm"),
+        (at(0, 0, -20), at(13, 0, -20), "half_width_mm"),
+        (at(0, 0, -20), at(0, 0, float("nan")), "above_mm"),
+    ],
+)
+def test_the_whole_way_is_checked(
+    settings: Settings, here: Pose6, there: Pose6, message: str
+) -> None:
+    if not message:
+        check_way(here, there, settings)
+        return
+    with pytest.raises(UserError, match=message) as caught:
+        check_way(here, there, settings)
+    assert "othing was moved" in str(caught.value)
+
+
+class Pushed(FakeRobot):
+    """The arm feels more, the longer it moves."""
+
+    def start(self, pose: Pose6, speed: float, acceleration: float) -> None:
+        self.moves.append(pose)
+        self.busy, self.force = True, (0.0, 0.0, 0.0)
+
+    def tick(self) -> None:
+        x, y, z = self.force or (0.0, 0.0, 0.0)
+        self.force = (x, y, z + 4.0)
+
+
+def test_force_stops_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "lab.toml"
+    config.write_text(example_configuration("ur"))
+    robot = Pushed(make_settings())
+    robot.at = pose_of(robot.work @ matrix(at(0, 0, -5)))
+    robot.force = (0.0, 0.0, 0.0)
+    monkeypatch.setattr(jog, "make_robot", lambda _: robot)
+    arguments: list[Any] = ["hw", "jog", "--config", str(config), "--by", "0", "0", "3", "--yes"]
+    assert call(arguments) == 2
+    assert "envelope.max_force_n allows 15 N" in capsys.readouterr().err
+    assert robot.stops == 1
+    assert robot.closed
