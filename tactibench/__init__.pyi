@@ -1,5 +1,7 @@
 """Public names of tactibench, and the modules that they are imported from when they are used."""
 
+from .channels import channel_vectors as channel_vectors
+from .channels import holds_channels as holds_channels
 from .contacts import Answer as Answer
 from .contacts import Contacts as Contacts
 from .contacts import Frame as Frame

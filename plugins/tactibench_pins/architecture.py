@@ -31,36 +31,36 @@ class Members(nn.Module):
     noise: torch.Tensor
     differences: torch.Tensor
 
-    def __init__(self, pins: int, sizes: Sequence[int], members: int) -> None:
+    def __init__(self, size: int, sizes: Sequence[int], members: int) -> None:
         """Make ``members`` networks.
 
         Args:
-            pins: P.
+            size: 2 P.
             sizes: K, units of the hidden layers, T.
             members: M.
         """
         super().__init__()
         self.members = members
-        self.register_buffer("mean", torch.zeros(2 * pins))
-        self.register_buffer("basis", torch.zeros(2 * pins, sizes[0]))
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("basis", torch.zeros(size, sizes[0]))
         self.register_buffer("noise", torch.zeros(sizes[0]))
         self.register_buffer("differences", torch.zeros(0, 0), persistent=False)
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
         for number, (inside, outside) in enumerate(pairwise(sizes)):
             last = number == len(sizes) - 2
-            size = math.sqrt(2 / inside) * (_LAST if last else 1.0)
-            self.weights.append(nn.Parameter(size * torch.randn(members, inside, outside)))
+            spread = math.sqrt(2 / inside) * (_LAST if last else 1.0)
+            self.weights.append(nn.Parameter(spread * torch.randn(members, inside, outside)))
             self.biases.append(nn.Parameter(torch.zeros(members * outside)))  # no weight decay
 
     @torch.no_grad()
-    def initialise(self, components: Components, whitening: float, noise_px: float) -> None:
-        """Fix the components of displacements. noise_px: of one coordinate of a pin."""
+    def initialise(self, components: Components, whitening: float, noise: float) -> None:
+        """Fix the components of displacements. noise: of one number of a frame."""
         weights = torch.from_numpy(components.weights(whitening)).float()
         count = len(components)  # frames that hardly differ have fewer than K
         self.mean.copy_(torch.from_numpy(components.mean))
         self.basis[:, :count] = torch.from_numpy(components.basis).float() * weights
-        self.noise[:count] = noise_px * weights
+        self.noise[:count] = noise * weights
 
     @torch.no_grad()
     def show_differences(self, differences: Differences) -> None:

@@ -1,3 +1,4 @@
+from .channels import ChannelKind as ChannelKind
 from .dataset import Dataset as Dataset
 from .dataset import open_dataset as open_dataset
 from .export.exporter import EXPORT_FORMATS as EXPORT_FORMATS

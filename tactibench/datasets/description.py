@@ -177,6 +177,13 @@ def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
     )
 
 
+def channel_ranges(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest value of every channel, (C,) each."""
+    rows = np.stack([recording.signal(row) for row in range(len(recording))])
+    flat = rows.reshape(len(recording), -1).astype(np.float64)
+    return flat.min(axis=0), flat.max(axis=0)
+
+
 def spread_rows(labels: Sequence[FloatArray], frames: int, count: int, columns: int) -> list[int]:
     """Return rows of frames that are far from each other in the labels.
 

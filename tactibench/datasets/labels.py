@@ -57,6 +57,11 @@ def signed_column(labels: Mapping[str, FloatArray], column: str) -> FloatArray:
     return np.asarray(sign * labels[column.removeprefix("-")], dtype=np.float64)
 
 
+def _signed(column: str, zero: float) -> float:
+    """Return the zero of a column as ``signed_column`` counts."""
+    return -zero if column.startswith("-") else zero
+
+
 def scenes_of(
     labels: Mapping[str, FloatArray],
     columns: Mapping[str, str],
@@ -86,7 +91,11 @@ def scenes_of(
         )
     if indenter == SINGLE:
         tip = Indenter.single(options.radius_mm)
-        rows = zip(values["x"], values["y"], values["depth"] + options.offset_mm, strict=True)
+        places = {
+            "x": values["x"] - _signed(columns["x"], options.x_zero_mm),
+            "y": values["y"] - _signed(columns["y"], options.y_zero_mm),
+        }
+        rows = zip(places["x"], places["y"], values["depth"] + options.offset_mm, strict=True)
         return tuple(Scene(tip, Pose(float(x), float(y), depth=float(d))) for x, y, d in rows)
     return None
 

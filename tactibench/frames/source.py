@@ -157,6 +157,7 @@ class FramePlan:
         sensor_identity: all that determines the training frames but the seed.
         test_identity: the same of the tested sensor; None where it is the same sensor.
         rejected: candidates that geometry refused in the test draws.
+        signals: kinds of signal of the training and of the tested sensor, see ``Sensor.signal``.
         calibrated: frames that test nothing because a simulator was fitted to them.
     """
 
@@ -166,6 +167,7 @@ class FramePlan:
     test: tuple[FrameSet, ...]
     few_shot: FrameSet | None = None
     sensor_identity: dict[str, Any]
+    signals: tuple[str, ...]
     test_identity: dict[str, Any] | None = None
     rejected: int = 0
     calibrated: int = 0

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene
 from tactibench.errors import UserError
+from tactibench.plugins.specs import IMAGE
 
 Maps = npt.NDArray[np.float32]
 Stage = tuple[str, Callable[[Any], Any]]
@@ -256,6 +257,7 @@ class Sensor(ABC):
     The benchmark builds it as ``Class(context, **parameters)``, see `SensorContext`.
 
     Attributes:
+        signal: Kind of the frames' signal, "image" (uint8) or "channels" (float32).
         dome_radius_mm: Radius of the touched surface, mm; inf: flat; None: the protocol's dome.
         deepest_mm: Depth to which a tip may be pressed, mm; inf: as deep as the protocol asks.
         nuisances: Names of what ``covariance`` may take as unknown, such as "brightness".
@@ -263,6 +265,7 @@ class Sensor(ABC):
     """
 
     expected_failed_checks: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    signal: str = IMAGE
     dome_radius_mm: float | None = None
     deepest_mm: float = math.inf
     nuisances: tuple[str, ...] = ()

@@ -144,6 +144,7 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
             shots=test.shots,
         )
     ).plan()
+    _check_signals(components, frames)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(
@@ -155,6 +156,17 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         cache=cache,
     )
     return RunPlan(request, protocol, components, device, frames, weights, published, hidden)
+
+
+def _check_signals(components: Components, frames: FramePlan) -> None:
+    """Raise UserError where the model cannot read what a sensor gives."""
+    model = components.model.spec
+    for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
+        if signal not in model.reads:
+            raise UserError(
+                f"model {model.name!r} reads {' and '.join(model.reads)}, but sensor "
+                f"{sensor.name!r} gives {signal}; take another model (`tactibench list models`)."
+            )
 
 
 def _published_predictions(

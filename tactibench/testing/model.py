@@ -214,7 +214,7 @@ def nan_frame(subject: ModelSubject) -> None:
     image: Image = frame.image.astype(np.float32)
     image[3, 4] = np.nan
     with must_refuse("a frame with a NaN in it"):
-        model.predict([replace(frame, image=image)])
+        model.predict([replace(frame, signal=image)])
 
 
 def every_answer(subject: ModelSubject) -> None:
@@ -304,7 +304,7 @@ def adapt(subject: ModelSubject) -> None:
 def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:
     """Return the frame with image and rest image changed alike."""
     rest = None if frame.rest is None else change(frame.rest)
-    return replace(frame, image=change(frame.image), rest=rest)
+    return replace(frame, signal=change(frame.image), rest=rest)
 
 
 def _resize_to_gray(image: Image, shape: tuple[int, int]) -> Image:

@@ -40,7 +40,7 @@ class Examples:
 def writable(frame: Frame) -> Frame:
     """Return a copy of a frame whose images may be written to."""
     rest = None if frame.rest is None else frame.rest.copy()
-    return replace(frame, image=frame.image.copy(), rest=rest)
+    return replace(frame, signal=frame.image.copy(), rest=rest)
 
 
 def changed_images(before: Sequence[Frame], after: Sequence[Frame]) -> str:

@@ -101,8 +101,8 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
     rows = [row for row, path in enumerate(files) if path is not None]
     paths = tuple(path for path in files if path is not None)
     rest = _find_rest(content.rest_folder, finder, set(paths))
-    labels = content.labels or _read_labels(content, names, options)
-    presses = table.cells[table.column(options.press)] if options.press else labels.presses
+    labels = content.labels or read_labels(content, names, options)
+    presses = read_presses(table, options) or labels.presses
     kind, sha256 = check_frames(content.data, paths, rest)
     return Recording(
         format=content.format,
@@ -133,7 +133,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
     )
 
 
-def _read_labels(
+def read_labels(
     content: FolderContent, names: Sequence[str], options: ImportOptions
 ) -> FrameLabels:
     """Read the labels as the options say; every frame is a press of its own."""
@@ -146,10 +146,21 @@ def _read_labels(
         labels,
         scenes_of(labels, roles, options, indenter) or [None] * len(names),
         names,
-        None if indenter == NONE else options.dome_radius_mm,
+        None if indenter == NONE else options.surface_radius_mm,
         frozenset({*columns, content.name_column}),
         roles,
     )
+
+
+def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None:
+    """Return the press of every row: rows with equal cells in all named columns share one.
+
+    None where no column is named.
+    """
+    if not options.press:
+        return None
+    columns = [table.cells[table.column(name.strip())] for name in options.press.split(",")]
+    return tuple(" ".join(cells) for cells in zip(*columns, strict=True))
 
 
 def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str, ...]:
@@ -158,7 +169,7 @@ def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str,
         return tuple(table.column(name.strip()) for name in options.labels.split(",") if name)
     if content.label_columns is not None:
         return content.label_columns
-    others = {content.name_column, options.press}
+    others = {content.name_column, options.press, options.join}
     return tuple(
         name
         for name in table.columns
