@@ -13,6 +13,7 @@ def flat(answers):
     return np.array([[*contacts.xy[0], contacts.depth[0]] for contacts in answers])
 
 
+@pytest.mark.long
 def test_it_learns_where_and_how_deep(make_cnn):
     progress = Epochs()
     model = make_cnn(epochs=8)
@@ -39,6 +40,7 @@ def resting(count, seed):
     return still, [Frame(image, 0.0, Pose(), still) for image in noisy]
 
 
+@pytest.mark.long
 def test_a_sensor_at_rest_is_no_contact(make_cnn):
     """Learned from the rest images that the presses bring; none of the frames is at rest."""
     still, empty = resting(50, 3)
@@ -88,6 +90,7 @@ def test_every_width_and_size_is_trained(make_cnn, width, size):
     assert len(model.predict(presses(2, 5)[0])) == 2
 
 
+@pytest.mark.long
 def test_plates_are_regressed_with_labels_of_any_sign(make_cnn):
     progress = Epochs()
     model = make_cnn(answer="plate", epochs=8)

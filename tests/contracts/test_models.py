@@ -43,6 +43,7 @@ OTHER_ARCHITECTURE: dict[str, list[tuple[str, str]]] = {
     "unet": [("width", "16"), ("size", "96"), ("stem", "1")],
     "vgnn": [("width", "32"), ("layers", "3"), ("graph", "frame")],
 }
+TRAINS_AGAIN = ("seed", "input_unchanged")
 LEARNED = [name for name in NAMES if name in TINY]
 """Models that ``tactibench.training`` trains for some epochs."""
 
@@ -64,8 +65,8 @@ def other_subject(name: str, **parameters: str) -> ModelSubject:
             asked,
             name,
             id=f"{asked.name}-{name}",
-            # The property trains twice; others see already whether a network trains at all.
-            marks=[pytest.mark.long] if asked.name == "seed" and name in TINY else [],
+            # These train once more; others see already whether a network trains at all.
+            marks=[pytest.mark.long] if asked.name in TRAINS_AGAIN and name in TINY else [],
         )
         for asked in properties("model")
         for name in NAMES

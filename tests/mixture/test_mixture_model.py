@@ -16,6 +16,7 @@ def flat(answers):
     return np.concatenate([np.empty((0, 3)), *rows])
 
 
+@pytest.mark.long
 def test_it_learns_where_and_how_deep_and_says_how_sure_it_is(trained, make_presses):
     history = trained.report.history
     assert history[-1]["loss"] < history[0]["loss"] - 3
@@ -31,6 +32,7 @@ def test_it_learns_where_and_how_deep_and_says_how_sure_it_is(trained, make_pres
     assert np.mean((z[:, :2] ** 2).sum(axis=1) < 5.991) >= 0.7
 
 
+@pytest.mark.long
 def test_the_std_are_those_of_the_network_times_the_factors(trained, make_presses):
     frames, _ = make_presses(24, 5)
     factors = trained.report.notes["std_factors"]

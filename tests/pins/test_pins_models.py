@@ -59,6 +59,7 @@ def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp
         assert [len(contacts) for contacts in learned.predict(frames)] == [1] * 20
 
 
+@pytest.mark.long
 def test_a_plate_is_always_there(taught, make_presses):
     frames, _ = make_presses(3, 8)
     still = [replace(frame, signal=frame.rest) for frame in frames]
@@ -76,6 +77,7 @@ def test_how_far_pins_went_decides():
     assert contact_threshold(moved, "plate") == 0.0
 
 
+@pytest.mark.long
 @both
 def test_no_frame_is_dropped_and_missing_pins_are_predicted(taught, make_presses, name):
     (frame,), (true,) = make_presses(1, 11)
@@ -116,6 +118,7 @@ def test_before_a_training_there_is_nothing_to_say(make_model, make_presses, nam
         make_model(name).predict(frames)
 
 
+@pytest.mark.long
 @both
 def test_without_a_rest_image_the_least_pressed_frame_stands_in(
     make_model, fit, make_presses, name
@@ -127,6 +130,7 @@ def test_without_a_rest_image_the_least_pressed_frame_stands_in(
     assert (error < [0.5, 3.0]).all()
 
 
+@pytest.mark.long
 def test_members_differ_and_their_mean_is_the_answer(taught, make_presses):
     import torch
 

@@ -121,6 +121,7 @@ def linear(one, values, radius, h=0.005):
     return images[:, 0], (images[:, 1:] - images[:, :1]) / h
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "count"), [("single", 500), ("dual", 500)])
 def test_least_squares_reaches_the_bound(name, count):
     """Gauss-Newton on noisy 8-bit frames, from 0.05 mm beside the truth: its spread is the bound.

@@ -77,6 +77,7 @@ def test_too_few_pairs_teach_nothing() -> None:
     np.testing.assert_array_equal(nothing.shift(pairs), 0 * pairs)
 
 
+@pytest.mark.long
 def test_pairs_unlike_all_that_were_learned_from_have_none(learned) -> None:
     level, uneven = some_pairs(400, 5), some_pairs(200, 6)
     level[:, 1, 2] = level[:, 0, 2]

@@ -41,6 +41,7 @@ def test_a_camera_that_is_turned_and_nearer_gives_the_network_the_same(make, nam
     assert np.sqrt(np.square(own - other).mean()) < 0.06 * np.sqrt(np.square(own).mean())
 
 
+@pytest.mark.long
 @every
 def test_it_learns_from_several_sensors_and_keeps_what_it_learned(make, name, tmp_path):
     model = make(name)

@@ -19,6 +19,7 @@ def taught(make_vgnn, fit):
     return model, *fit(model, count=200)
 
 
+@pytest.mark.long
 def test_it_learns_where_and_how_deep_and_how_sure_it_is(taught, make_presses):
     model, report, progress = taught
     assert report.history[-1]["loss"] < report.history[0]["loss"] - 3
@@ -34,10 +35,12 @@ def test_it_learns_where_and_how_deep_and_how_sure_it_is(taught, make_presses):
     assert ((z > 0.05) & (z < 2)).all()
 
 
+@pytest.mark.long
 def test_the_sensor_at_rest_has_no_contact(taught, rest_frame):
     assert len(taught[0].predict([rest_frame])[0]) == 0
 
 
+@pytest.mark.long
 def test_missing_pins_drop_no_frame(taught, rest_pins, push_pins, draw_pins, make_presses):
     (frame,), (true,) = make_presses(1, 8)
     xy = push_pins(*true.xy[0], true.depth[0])
@@ -47,11 +50,13 @@ def test_missing_pins_drop_no_frame(taught, rest_pins, push_pins, draw_pins, mak
     assert np.linalg.norm(found.xy[0] - true.xy[0]) < 3.0
 
 
+@pytest.mark.long
 def test_frames_without_any_pin_are_answered(taught, rest_frame):
     black = replace(rest_frame, signal=np.zeros_like(rest_frame.image))
     assert isinstance(taught[0].predict([black])[0], Contacts)
 
 
+@pytest.mark.long
 def test_the_std_is_scaled_on_validation_frames(taught):
     _, report, _ = taught
     factors = np.array(report.notes["std_factors"])
@@ -94,6 +99,7 @@ def test_frames_with_several_contacts_are_learned_from(make_vgnn, make_presses, 
     assert len(model.predict(frames)) == 60
 
 
+@pytest.mark.long
 def test_mixed_frames_are_learned_from_and_scale_the_std(make_vgnn, fit):
     report, _ = fit(make_vgnn(mixing=0.25, epochs=1), count=64)
     assert report.notes["mixed"] == round(0.25 * (64 + 2))  # two of the sensor at rest
@@ -107,6 +113,7 @@ def test_frames_without_a_rest_image_take_the_least_pressed(make_vgnn, make_pres
     assert model.inputs([frames[-1]])[..., :4].abs().max() < 1e-6
 
 
+@pytest.mark.long
 def test_plates_are_answered_with_labels_of_any_sign(make_vgnn, fit, make_presses):
     model = make_vgnn(answer="plate", epochs=8)
     _, progress = fit(model, count=200, plate=True)
