@@ -204,6 +204,28 @@ class Scene:
     pose: Pose
 
 
+@dataclass(frozen=True)
+class Workspace:
+    """The range in which a sensor can be pressed: the box of every tip of every press, mm.
+
+    Attributes:
+        half_width_mm: Largest x and y, either way.
+        depth_min_mm: Smallest depth of a tip.
+        depth_max_mm: Largest depth of a tip.
+        dome_radius_mm: Radius of the touched surface, inf where it is flat.
+    """
+
+    half_width_mm: float
+    depth_min_mm: float
+    depth_max_mm: float
+    dome_radius_mm: float
+
+    def __str__(self) -> str:
+        shape = "flat" if math.isinf(self.dome_radius_mm) else f"dome of {self.dome_radius_mm:g} mm"
+        depths = f"{self.depth_min_mm:g} to {self.depth_max_mm:g} mm deep"
+        return f"x and y within {self.half_width_mm:g} mm, {depths}, {shape}"
+
+
 Signal = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 """An image (uint8), or channels of any other sensor (float32)."""
 

@@ -10,11 +10,17 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench_pins.displacements import Components
+from tactibench_pins.displacements import FAINT, Components
 from tactibench_pins.transfer import Differences
 
 _LAST = 0.1
 """Share of the usual size of the last layer's first weights: answers start near the mean."""
+
+
+def torch_polar(moved: torch.Tensor) -> torch.Tensor:
+    """``polar`` of a tensor (B, C)."""
+    size = moved.square().mean(dim=1, keepdim=True).sqrt().clamp_min(FAINT)
+    return torch.cat([moved / size, 2 * size.log()], dim=1)
 
 
 class Members(nn.Module):
@@ -31,16 +37,19 @@ class Members(nn.Module):
     noise: torch.Tensor
     differences: torch.Tensor
 
-    def __init__(self, size: int, sizes: Sequence[int], members: int) -> None:
+    def __init__(self, size: int, sizes: Sequence[int], members: int, polar: bool = False) -> None:
         """Make ``members`` networks.
 
         Args:
             size: 2 P.
             sizes: K, units of the hidden layers, T.
             members: M.
+            polar: whether vectors are taken as direction and size.
         """
         super().__init__()
         self.members = members
+        self.polar = polar
+        size += polar
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("basis", torch.zeros(size, sizes[0]))
         self.register_buffer("noise", torch.zeros(sizes[0]))
@@ -77,7 +86,8 @@ class Members(nn.Module):
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
         """Return (M, B, U) the last hidden layer of every member."""
-        components = (moved - self.mean) @ self.basis
+        vectors = torch_polar(moved) if self.polar else moved
+        components = (vectors - self.mean) @ self.basis
         hidden = components.expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,10 +18,12 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 LATTICE = common_lattice()
-_FAINTEST = 0.01
+FAINTEST = 0.01
 """Quantile of the training presses that stands for the faintest: one may be mislabelled."""
 _SHARE = 0.5
 """Share of the way from a sensor at rest to the faintest training press where a contact begins."""
+FAINT = 0.01
+"""Least size of a vector of channels that has a direction, in deviations of the training frames."""
 _LEAST = 1e-6
 """Spreads below this share of the largest are rounding."""
 
@@ -32,10 +34,12 @@ class Reader(ABC):
     Attributes:
         size: Numbers of a vector.
         noise: Deviation that training adds to a number, of a vector's own unit.
+        polar: Whether a vector's direction and size say more than its numbers.
     """
 
     size: int
     noise: float
+    polar: bool = False
 
     @abstractmethod
     def displacements(self, frames: Sequence[Frame]) -> Array:
@@ -96,15 +100,16 @@ class LatticePins(OwnPins):
 
 
 class Channels(Reader):
-    """Channels in units of their deviations over the training frames, less those at rest.
+    """Channels in units of their mean deviation over the training frames, less those at rest.
 
     Attributes:
-        scale: (C,) those deviations; 1 for a channel that never changes.
+        scale: (C,) that deviation for all; 1 where no channel ever changes.
         minus_rest: whether all training frames had a rest frame, which was taken off.
     """
 
     noise = 0.02
-    """Chosen on validation presses of the magnetic skin of eFlesh."""
+    """Twice the smallest step of the magnetic skin of eFlesh; 0 and 0.06 are worse on validation."""
+    polar = True
 
     def __init__(self, scale: Array, minus_rest: bool) -> None:
         self.scale = scale
@@ -116,7 +121,9 @@ class Channels(Reader):
         """Return those of training frames."""
         minus_rest = all(frame.rest is not None for frame in frames)
         deviations = channel_vectors(frames, minus_rest=minus_rest).std(axis=0, dtype=np.float64)
-        return cls(np.where(deviations > 0, deviations, 1.0), minus_rest)
+        # One unit for all: channels of one kind differ in size because some say more.
+        common = float(np.sqrt(np.square(deviations).mean()))
+        return cls(np.full(len(deviations), common if common > 0 else 1.0), minus_rest)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
         """Return (N, C). Raises UserError for frames of another sensor."""
@@ -191,28 +198,32 @@ class Components:
         mean: (2 P,) displacement, px.
         basis: (2 P, K) orthonormal patterns.
         spread: (K,) standard deviations over the frames of the fit, px, descending.
+        polar: Whether vectors are taken as direction and size, see ``polar``.
     """
 
     mean: Array
     basis: Array
     spread: Array
+    polar: bool = False
 
     @classmethod
-    def fit(cls, moved: Array, count: int) -> Self:
-        """Return the first ``count`` components with any spread of displacements (N, 2 P)."""
+    def fit(cls, moved: Array, count: int, *, as_polar: bool = False) -> Self:
+        """Return the first ``count`` components with any spread of vectors (N, C)."""
+        moved = polar(moved) if as_polar else moved
         mean = moved.mean(axis=0)
         centred = moved - mean
         variance, basis = np.linalg.eigh(centred.T @ centred / len(moved))
         spread = np.sqrt(np.maximum(variance[::-1], 0.0))
         there = max(1, int(np.count_nonzero(spread[:count] > _LEAST * spread[0])))
-        return cls(mean, np.ascontiguousarray(basis[:, ::-1][:, :there]), spread[:there])
+        basis = np.ascontiguousarray(basis[:, ::-1][:, :there])
+        return cls(mean, basis, spread[:there], as_polar)
 
     def __len__(self) -> int:
         return len(self.spread)
 
     def first(self, count: int) -> Self:
         """Return the first ``count`` components."""
-        return type(self)(self.mean, self.basis[:, :count], self.spread[:count])
+        return replace(self, basis=self.basis[:, :count], spread=self.spread[:count])
 
     def weights(self, whitening: float) -> Array:
         """Return (K,) 1 / spread^whitening: 0 keeps pixels, 1 makes all spread alike."""
@@ -220,8 +231,20 @@ class Components:
         return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
 
     def of(self, moved: Array, whitening: float) -> Array:
-        """Return (N, K) of displacements (N, 2 P), the first with unit spread."""
+        """Return (N, K) of vectors (N, C), the first with unit spread."""
+        moved = polar(moved) if self.polar else moved
         return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))
+
+
+def polar(moved: Array) -> Array:
+    """Return direction and size of vectors (N, C), (N, C + 1): v / rms v, and 2 log rms v.
+
+    Where one thing presses, its place shows in the direction and its depth in the size. Single
+    presses on the magnetic skin of eFlesh are then read a sixth better than from v itself (mean
+    absolute error in a five-fold division of the training places .277 to .234 for ``kernel``).
+    """
+    size = np.maximum(rms_displacement(moved), FAINT)[:, np.newaxis]
+    return np.column_stack([moved / size, 2 * np.log(size)])
 
 
 def rms_displacement(moved: Array) -> Array:
@@ -237,7 +260,7 @@ def contact_threshold(moved: Array, answer: str) -> float:
     """
     if answer == "plate" or not len(moved):
         return 0.0
-    return float(_SHARE * np.quantile(rms_displacement(moved), _FAINTEST))
+    return float(_SHARE * np.quantile(rms_displacement(moved), FAINTEST))
 
 
 def read_answers(values: npt.NDArray[Any], answer: str, threshold: float) -> list[Answer | None]:

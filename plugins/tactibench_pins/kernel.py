@@ -96,7 +96,8 @@ class Kernel(Model):
         self._threshold = contact_threshold(moved, self.context.answer)
         if self.context.transfers:
             moved = Differences.on(LATTICE).add(moved, rng)
-        components = Components.fit(moved, min(MOST, len(frames) - 1))
+        most = min(MOST, len(frames) - 1)
+        components = Components.fit(moved, most, as_polar=self._reader.polar)
         learned = Features(components, moved, self._scale.apply(targets))
         self._setting = self._choose_setting(learned, validation)
         self._components = components.first(self._setting.components)
@@ -167,6 +168,7 @@ class Kernel(Model):
                 "scale": self._scale.to_json(),
                 "length": self._length,
                 "least": self._threshold,
+                **({"polar": True} if self._components.polar else {}),
             },
         )
 
@@ -177,7 +179,9 @@ class Kernel(Model):
         self._reader = restored_reader(extra, self.context.transfers)
         self._setting = Setting(**extra["setting"])
         self._scale = Normalisation.from_json(extra["scale"])
-        self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
+        self._components = Components(
+            arrays["mean"], arrays["basis"], arrays["spread"], extra.get("polar", False)
+        )
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
         self._threshold = extra["least"]

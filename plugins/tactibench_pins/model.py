@@ -91,7 +91,9 @@ class Pins(LearnedModel):
         shape = self.architecture
         hidden = [shape["width"]] * _LAYERS
         sizes = [self._components, *hidden, ANSWER_WIDTH[self.context.answer]]
-        return Members(self._size, sizes, shape["members"])
+        return Members(
+            self._size, sizes, shape["members"], self._reader is not None and self._reader.polar
+        )
 
     def usable_rows(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
         return regression_rows(truth, self.context.answer, self.name)
@@ -102,13 +104,13 @@ class Pins(LearnedModel):
         self._reader = find_reader(frames, targets, self.context.transfers)
         self._size = self._reader.size
         most = _SHARED if self.context.transfers else _COMPONENTS
-        self._components = min(most, self._size, max(1, len(frames) - 1))
+        self._components = min(most, self._size + self._reader.polar, max(1, len(frames) - 1))
 
     def initialise(self, network: Members, training: Examples) -> None:
         moved = training.images.double().numpy()
         self._threshold = contact_threshold(moved, self.context.answer)
-        components = Components.fit(moved, self._components)
         assert self._reader is not None  # noqa: S101 - ``prepare`` came before
+        components = Components.fit(moved, self._components, as_polar=self._reader.polar)
         network.initialise(components, _WHITENING, self._reader.noise)
         if self.context.transfers:
             network.show_differences(Differences.on(LATTICE))

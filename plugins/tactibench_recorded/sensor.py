@@ -12,7 +12,7 @@ from typing import Any
 import numpy.typing as npt
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
-from tactibench.datasets import ChannelKind, ImportOptions, Recording, RecordingFit
+from tactibench.datasets import ChannelKind, ImportOptions, Recording, RecordingFit, own_workspace
 from tactibench_recorded.scenes import RecordedPresses, indenter_names, open_presses
 
 _THREADS = min(8, os.cpu_count() or 1)
@@ -52,6 +52,7 @@ class RecordedSensor(Sensor):
         tilt: str = "pose_6",
         frames: str = "auto",
         split: str = "",
+        range: str = "auto",  # noqa: A002 - what the parameter is called
     ) -> None:
         if context.data is None:
             raise UserError(
@@ -75,6 +76,9 @@ class RecordedSensor(Sensor):
         states_radius = recording.dataset is not None or recording.header
         if recording.dome_radius_mm is not None and states_radius:
             self.dome_radius_mm = recording.dome_radius_mm
+        if range != "published":
+            radius = recording.dome_radius_mm
+            self.workspace = own_workspace(self._presses.scenes, radius, always=range == "own")
 
     def scenes(self) -> dict[str, Scene]:
         """Return frame name -> scene, in the order of the table; no two scenes are equal."""

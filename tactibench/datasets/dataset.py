@@ -78,7 +78,7 @@ class Dataset:
 
     @property
     def rest_image(self) -> Image | None:
-        """Image of the undeformed sensor; None where there is none. Raises UserError for channels."""
+        """Image of the undeformed sensor, if there is one. Raises UserError for channels."""
         self._image_kind()
         return cast("Image | None", self.rest)
 

@@ -120,7 +120,10 @@ def summarize_labels(values: Mapping[str, FloatArray]) -> list[LabelSummary]:
 
 def unit_of(name: str) -> str:
     """Return deg for rotations and angles, mm for lengths, "" where the name does not say."""
-    last = name.rpartition("_")[2].rpartition(".")[2]
+    stem, _, last = name.rpartition("_")
+    if last.isdigit() and stem != "pose":  # a column without a name
+        return ""
+    last = last.rpartition(".")[2]
     if last in {"yaw", "tilt", "deg", "4", "5", "6", "Rx", "Ry", "Rz"}:
         return "deg"
     if last in {"1", "2", "3", "x", "y", "z", "mm", "depth"}:

@@ -181,7 +181,7 @@ class Writer:
             except UserError as error:
                 raise UserError(f"sample {draft.id}: {error}") from None
         kind = self.header.kind
-        stored = [signal_bytes(d.signal, kind, f"the signal of sample {d.id}") for d in drafts]
+        stored = [signal_bytes(d.signal, kind, f"the frame of sample {d.id}") for d in drafts]
         names = [
             CHANNEL_FILE if isinstance(kind, ChannelKind) else image_name(draft.id)
             for draft in drafts

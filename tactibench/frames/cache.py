@@ -35,8 +35,9 @@ from tactibench.records.identity import combined, digest
 
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")
-"""Files of a set: signals of all frames, (N, ...), and that of the undeformed sensor, (...); (N, 5) x, y mm, yaw, tilt deg, depth mm, or (N, 8) with dx, dy mm and dyaw deg where a
-press moved sideways."""
+"""Files of a set: signals of all frames, (N, ...), and that of the undeformed sensor, (...); (N, 5)
+x, y mm, yaw, tilt deg, depth mm, or (N, 8) with dx, dy mm and dyaw deg where a press moved
+sideways."""
 REST_ARRAYS = ("rests", "rest_of")
 """Further files of a set whose frames are of several sensor instances: (K, ...) the different rest
 signals, and (N,) the number of each frame's own."""

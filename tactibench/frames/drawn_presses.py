@@ -207,6 +207,7 @@ class DrawnFrames(FrameSource):
             rejected=self.rejected(),
             sensor_identity=self.training.identity,
             signals=(self.training.sensor.signal, self.testing.sensor.signal),
+            workspace=self.training.sensor.workspace,
             test_identity=None if request.test_sensor is None else self.testing.identity,
         )
 

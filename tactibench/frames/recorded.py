@@ -261,6 +261,7 @@ class MatchedFrames(FrameSource):
             rejected=self.match.left_out,
             sensor_identity=self.recording.identity,
             signals=(self.recording.sensor.signal,),
+            workspace=self.recording.sensor.workspace,
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:

@@ -101,10 +101,11 @@ class RunPlan:
 
     def context(self) -> ModelContext:
         """Return what the model is told when it is made."""
+        pressed = self.frames.on_range(self.spec)
         return ModelContext(
             answer=self.spec.answer,
-            grid=self.spec.grid.grid(),
-            max_depth=self.spec.workspace.depth_max_mm,
+            grid=pressed.grid.grid(),
+            max_depth=pressed.workspace.depth_max_mm,
             encoder=self.components.build_encoder(),
             device=self.device,
             checkpoints=self.weights.checkpoints,
@@ -164,8 +165,8 @@ def _check_signals(components: Components, frames: FramePlan) -> None:
     for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
         if signal not in model.reads:
             raise UserError(
-                f"model {model.name!r} reads {' and '.join(model.reads)}, but sensor "
-                f"{sensor.name!r} gives {signal}; take another model (`tactibench list models`)."
+                f"model {model.name!r} reads {' and '.join(f'{kind} frames' for kind in model.reads)}, but sensor "
+                f"{sensor.name!r} gives {signal} frames; take another model (`tactibench list models`)."
             )
 
 

@@ -114,7 +114,7 @@ def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
 @both
 def test_before_a_training_there_is_nothing_to_say(make_model, make_presses, name):
     frames, _ = make_presses(1, 14)
-    with pytest.raises(UserError, match="knows no pins yet"):
+    with pytest.raises(UserError, match="has learned nothing yet"):
         make_model(name).predict(frames)
 
 

@@ -35,10 +35,10 @@ def write_parquet(
     advance: Callable[[int], None],
     shard_bytes: int = SHARD_BYTES,
 ) -> None:
-    """Write ``data/train-00000-of-00001.parquet`` ...: the columns of the journal and ``image``,
-    or ``channels`` (float32) of a sensor without a camera.
+    """Write ``data/train-00000-of-00001.parquet`` ...: the columns of the journal and the signal.
 
-    Columns that no sample has are left out; ``extra`` is JSON text.
+    It is the column ``image``, or ``channels`` (float32) of a sensor without a camera. Columns
+    that no sample has are left out; ``extra`` is JSON text.
 
     Raises:
         UserError: pyarrow is not installed.
