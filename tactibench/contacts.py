@@ -222,8 +222,8 @@ class Workspace:
 
     def __str__(self) -> str:
         shape = "flat" if math.isinf(self.dome_radius_mm) else f"dome of {self.dome_radius_mm:g} mm"
-        depths = f"{self.depth_min_mm:g} to {self.depth_max_mm:g} mm deep"
-        return f"x and y within {self.half_width_mm:g} mm, {depths}, {shape}"
+        depths = f"{self.depth_min_mm:.3g} to {self.depth_max_mm:.3g} mm deep"
+        return f"x and y within {self.half_width_mm:.3g} mm, {depths}, {shape}"
 
 
 Signal = npt.NDArray[np.uint8] | npt.NDArray[np.float32]

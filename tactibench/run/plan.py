@@ -164,9 +164,10 @@ def _check_signals(components: Components, frames: FramePlan) -> None:
     model = components.model.spec
     for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
         if signal not in model.reads:
+            reads = " and ".join(model.reads)
             raise UserError(
-                f"model {model.name!r} reads {' and '.join(f'{kind} frames' for kind in model.reads)}, but sensor "
-                f"{sensor.name!r} gives {signal} frames; take another model (`tactibench list models`)."
+                f"model {model.name!r} reads {reads} frames, but sensor "
+                f"{sensor.name!r} gives {signal} frames; take another of `tactibench list models`."
             )
 
 
