@@ -18,9 +18,9 @@ _LAST = 0.1
 
 
 def torch_polar(moved: torch.Tensor) -> torch.Tensor:
-    """``polar`` of a tensor (B, C)."""
-    size = moved.square().mean(dim=1, keepdim=True).sqrt().clamp_min(FAINT)
-    return torch.cat([moved / size, 2 * size.log()], dim=1)
+    """``polar`` of a tensor (..., C)."""
+    size = moved.square().mean(dim=-1, keepdim=True).sqrt().clamp_min(FAINT)
+    return torch.cat([moved / size, 2 * size.log()], dim=-1)
 
 
 class Members(nn.Module):
@@ -49,6 +49,7 @@ class Members(nn.Module):
         super().__init__()
         self.members = members
         self.polar = polar
+        self.channel_noise = 0.0
         size += polar
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("basis", torch.zeros(size, sizes[0]))
@@ -69,7 +70,10 @@ class Members(nn.Module):
         count = len(components)  # frames that hardly differ have fewer than K
         self.mean.copy_(torch.from_numpy(components.mean))
         self.basis[:, :count] = torch.from_numpy(components.basis).float() * weights
-        self.noise[:count] = noise * weights
+        if self.polar:  # channels are noisy, not their directions
+            self.channel_noise = noise
+        else:
+            self.noise[:count] = noise * weights
 
     @torch.no_grad()
     def show_differences(self, differences: Differences) -> None:
@@ -86,9 +90,13 @@ class Members(nn.Module):
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
         """Return (M, B, U) the last hidden layer of every member."""
-        vectors = torch_polar(moved) if self.polar else moved
-        components = (vectors - self.mean) @ self.basis
-        hidden = components.expand(self.members, -1, -1)
+        if self.polar:
+            vectors = moved.expand(self.members, -1, -1)
+            if self.training:
+                vectors = vectors + self.channel_noise * torch.randn_like(vectors)
+            hidden = (torch_polar(vectors) - self.mean) @ self.basis
+        else:
+            hidden = ((moved - self.mean) @ self.basis).expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)
             if len(self.differences):

@@ -52,7 +52,8 @@ def channel_bytes(signal: Any, kind: ChannelKind, what: str) -> bytes:
             f"{what} has the shape {array.shape} and type {array.dtype}, but this data set holds "
             f"{kind} of float32."
         )
-    row = array.astype("<f4")
+    with np.errstate(over="ignore"):  # becomes infinite, which is refused
+        row = array.astype("<f4")
     if not np.isfinite(row).all():
         raise UserError(f"{what} holds a channel that is no finite number; leave the sample out.")
     return row.tobytes()
