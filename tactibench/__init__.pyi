@@ -1,5 +1,7 @@
 """Public names of tactibench, and the modules that they are imported from when they are used."""
 
+from .channels import channel_vectors as channel_vectors
+from .channels import holds_channels as holds_channels
 from .contacts import Answer as Answer
 from .contacts import Contacts as Contacts
 from .contacts import Frame as Frame
@@ -8,6 +10,7 @@ from .contacts import Indenter as Indenter
 from .contacts import PlatePose as PlatePose
 from .contacts import Pose as Pose
 from .contacts import Scene as Scene
+from .contacts import Workspace as Workspace
 from .errors import UserError as UserError
 from .images import gray_frames as gray_frames
 from .plugins.base import Encoder as Encoder

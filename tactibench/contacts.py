@@ -11,12 +11,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.errors import NotFiniteError
+from tactibench.errors import NotFiniteError, UserError
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -204,22 +204,68 @@ class Scene:
     pose: Pose
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """An image of a sensor.
+@dataclass(frozen=True)
+class Workspace:
+    """The range in which a sensor can be pressed: the box of every tip of every press, mm.
 
     Attributes:
-        image: (H, W) or (H, W, 3) uint8.
+        half_width_mm: Largest x and y, either way.
+        depth_min_mm: Smallest depth of a tip.
+        depth_max_mm: Largest depth of a tip.
+        dome_radius_mm: Radius of the touched surface, inf where it is flat.
+    """
+
+    half_width_mm: float
+    depth_min_mm: float
+    depth_max_mm: float
+    dome_radius_mm: float
+
+    def __str__(self) -> str:
+        shape = "flat" if math.isinf(self.dome_radius_mm) else f"dome of {self.dome_radius_mm:g} mm"
+        depths = f"{self.depth_min_mm:.3g} to {self.depth_max_mm:.3g} mm deep"
+        return f"x and y within {self.half_width_mm:.3g} mm, {depths}, {shape}"
+
+
+Signal = npt.NDArray[np.uint8] | npt.NDArray[np.float32]
+"""An image (uint8), or channels of any other sensor (float32)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The signal of a sensor at one time.
+
+    Attributes:
+        signal: An image, (H, W) or (H, W, 3) uint8, or channels of any shape, float32: voltages,
+            counts of magnetometers, pressures of taxels.
         timestamp: Monotonic time, s.
         pose: Pose that the indenter actually reached.
-        rest: Image of the undeformed sensor, of the same shape, if there is one. Where presses are
+        rest: Signal of the undeformed sensor, of the same shape, if there is one. Where presses are
             spread over several sensor instances it is that of the press's own.
     """
 
-    image: npt.NDArray[np.uint8]
+    signal: Signal
     timestamp: float
     pose: Pose
-    rest: npt.NDArray[np.uint8] | None = field(default=None, repr=False)
+    rest: Signal | None = field(default=None, repr=False)
+
+    @property
+    def image(self) -> npt.NDArray[np.uint8]:
+        """The signal of a camera. Raises UserError where the sensor has none."""
+        return _as_image(self.signal)
+
+    @property
+    def rest_image(self) -> npt.NDArray[np.uint8] | None:
+        """The rest signal of a camera, if there is one. Raises UserError as ``image``."""
+        return None if self.rest is None else _as_image(self.rest)
+
+
+def _as_image(signal: Signal) -> npt.NDArray[np.uint8]:
+    if signal.ndim < 2:
+        raise UserError(
+            f"the frame holds {signal.size} channels and no image; read its signal, or take a "
+            "sensor with a camera."
+        )
+    return cast("npt.NDArray[np.uint8]", signal)
 
 
 @dataclass(frozen=True)

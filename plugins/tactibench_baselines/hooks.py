@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from tactibench import ModelSpec, Parameter, hookimpl
 
+_READS = ("image", "channels")
+
 
 @hookimpl
 def tactibench_models() -> list[ModelSpec]:
@@ -14,6 +16,7 @@ def tactibench_models() -> list[ModelSpec]:
             "tactibench_baselines.mean:MeanModel",
             "trivial baseline: answers the training mean, whatever the frame",
             answers=("contacts", "plate"),
+            reads=_READS,
             max_contacts=1,
         ),
         ModelSpec(
@@ -30,5 +33,6 @@ def tactibench_models() -> list[ModelSpec]:
                 ),
             ),
             answers=("contacts", "plate"),
+            reads=_READS,
         ),
     ]

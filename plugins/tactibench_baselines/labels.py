@@ -69,8 +69,10 @@ def write(path: Path, arrays: dict[str, Any]) -> None:
         np.savez(file, **arrays)
 
 
-def read(path: Path, answer: str, *names: str) -> Arrays:
+def read(path: Path, answer: str, *names: str, optional: str = "") -> Arrays:
     """Read the arrays of ``pack`` and those in ``names`` from a file. Nothing is unpickled.
+
+    The file may hold one more array, ``optional``.
 
     Raises:
         UserError: For a file that is missing or damaged, or holds labels of another kind.
@@ -82,7 +84,7 @@ def read(path: Path, answer: str, *names: str) -> Arrays:
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         raise UserError(f"{path} is no readable weights file: {reason}; train again.") from None
-    if set(arrays) != expected:
+    if set(arrays) - {optional} != expected:
         raise UserError(
             f"{path} holds {', '.join(sorted(arrays))}, but a model that answers {answer!r} needs "
             f"{', '.join(sorted(expected))}; train again."

@@ -19,7 +19,9 @@ from tactibench import (
     ModelContext,
     Progress,
     UserError,
+    channel_vectors,
     gray_frames,
+    holds_channels,
 )
 from tactibench_baselines.labels import pack, read, unpack, write
 
@@ -36,13 +38,15 @@ class NearestModel(Model):
 
     Frames are compared as gray images of ``size`` x ``size`` pixels, less the rest frame where all
     training frames have one. Averaging down is the only blur: on real TacTip frames a further one
-    loses depth, and more than 32 x 32 pixels gain less than 2 % of the error.
+    loses depth, and more than 32 x 32 pixels gain less than 2 % of the error. Channels of a sensor
+    without a camera are compared in units of their deviations over the training frames.
     """
 
     def __init__(self, context: ModelContext, size: int = 32) -> None:
         self._answer_kind = context.answer
         self._size = size
         self._truth: list[Answer] = []
+        self._scale: Features | None = None
         self._remember(np.empty((0, size * size), dtype=np.float32), minus_rest=False)
 
     def fit(
@@ -64,6 +68,10 @@ class NearestModel(Model):
             )
         self._truth = unpack(pack(truth, self._answer_kind))
         self._minus_rest = all(frame.rest is not None for frame in frames)
+        self._scale = None
+        if holds_channels(frames):
+            deviations = channel_vectors(frames, minus_rest=self._minus_rest).std(axis=0)
+            self._scale = np.where(deviations > 0, deviations, 1.0).astype(np.float32)
         self._remember(self._features(frames), self._minus_rest)
         return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
 
@@ -88,6 +96,7 @@ class NearestModel(Model):
             {
                 "features": self._train,
                 "minus_rest": np.array(self._minus_rest),
+                **({} if self._scale is None else {"scale": self._scale}),
                 **pack(self._truth, self._answer_kind),
             },
         )
@@ -95,13 +104,15 @@ class NearestModel(Model):
     def load(self, directory: Path) -> None:
         """Read nearest.npz. Raises UserError when that is not what ``save`` wrote."""
         path = directory / "nearest.npz"
-        arrays = read(path, self._answer_kind, "features", "minus_rest")
+        arrays = read(path, self._answer_kind, "features", "minus_rest", optional="scale")
         features, minus_rest = arrays.pop("features"), bool(arrays.pop("minus_rest"))
+        self._scale = arrays.pop("scale", None)
         truth = unpack(arrays)
-        if features.shape != (len(truth), self._size**2):
+        width = self._size**2 if self._scale is None else len(self._scale)
+        if features.shape != (len(truth), width):
             raise UserError(
                 f"{path} holds features of shape {features.shape} for {len(truth)} labels, but "
-                f"size {self._size} needs ({len(truth)}, {self._size**2}); train again."
+                f"size {self._size} needs ({len(truth)}, {width}); train again."
             )
         self._truth = truth
         self._remember(features, minus_rest)
@@ -112,10 +123,21 @@ class NearestModel(Model):
         self._minus_rest = minus_rest
 
     def _features(self, frames: Sequence[Frame]) -> Features:
-        """Return (N, size^2) float32, gray levels from 0 to 1, less those of the rest frame."""
+        """Return (N, size^2) float32, gray levels from 0 to 1, less those of the rest frame.
+
+        Channels are returned as (N, C) in units of their deviations.
+        """
+        if self._scale is not None:
+            vectors = channel_vectors(frames, minus_rest=self._minus_rest)
+            if len(frames) and vectors.shape[1:] != self._scale.shape:
+                raise UserError(
+                    f"the frames have {vectors.shape[1]} channels, but model 'nearest' was trained "
+                    f"on {len(self._scale)}; use the sensor that it was trained on."
+                )
+            return vectors.reshape(-1, len(self._scale)) / self._scale
         flat = gray_frames(frames, self._size).reshape(-1, self._size**2).astype(np.float32)
         if self._minus_rest:
-            rest = [replace(f, image=f.rest) for f in frames if f.rest is not None]
+            rest = [replace(f, signal=f.rest) for f in frames if f.rest is not None]
             if len(rest) != len(frames):
                 raise UserError(
                     "a frame has no rest frame, but the model 'nearest' was trained with them; "

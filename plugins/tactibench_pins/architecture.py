@@ -10,11 +10,17 @@ import torch
 from torch import nn
 from torch.nn import functional as F  # noqa: N812
 
-from tactibench_pins.displacements import Components
+from tactibench_pins.displacements import FAINT, Components
 from tactibench_pins.transfer import Differences
 
 _LAST = 0.1
 """Share of the usual size of the last layer's first weights: answers start near the mean."""
+
+
+def torch_polar(moved: torch.Tensor) -> torch.Tensor:
+    """``polar`` of a tensor (..., C)."""
+    size = moved.square().mean(dim=-1, keepdim=True).sqrt().clamp_min(FAINT)
+    return torch.cat([moved / size, 2 * size.log()], dim=-1)
 
 
 class Members(nn.Module):
@@ -31,36 +37,43 @@ class Members(nn.Module):
     noise: torch.Tensor
     differences: torch.Tensor
 
-    def __init__(self, pins: int, sizes: Sequence[int], members: int) -> None:
+    def __init__(self, size: int, sizes: Sequence[int], members: int, polar: bool = False) -> None:
         """Make ``members`` networks.
 
         Args:
-            pins: P.
+            size: 2 P.
             sizes: K, units of the hidden layers, T.
             members: M.
+            polar: whether vectors are taken as direction and size.
         """
         super().__init__()
         self.members = members
-        self.register_buffer("mean", torch.zeros(2 * pins))
-        self.register_buffer("basis", torch.zeros(2 * pins, sizes[0]))
+        self.polar = polar
+        self.channel_noise = 0.0
+        size += polar
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("basis", torch.zeros(size, sizes[0]))
         self.register_buffer("noise", torch.zeros(sizes[0]))
         self.register_buffer("differences", torch.zeros(0, 0), persistent=False)
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
         for number, (inside, outside) in enumerate(pairwise(sizes)):
             last = number == len(sizes) - 2
-            size = math.sqrt(2 / inside) * (_LAST if last else 1.0)
-            self.weights.append(nn.Parameter(size * torch.randn(members, inside, outside)))
+            spread = math.sqrt(2 / inside) * (_LAST if last else 1.0)
+            self.weights.append(nn.Parameter(spread * torch.randn(members, inside, outside)))
             self.biases.append(nn.Parameter(torch.zeros(members * outside)))  # no weight decay
 
     @torch.no_grad()
-    def initialise(self, components: Components, whitening: float, noise_px: float) -> None:
-        """Fix the components of displacements. noise_px: of one coordinate of a pin."""
+    def initialise(self, components: Components, whitening: float, noise: float) -> None:
+        """Fix the components of displacements. noise: of one number of a frame."""
         weights = torch.from_numpy(components.weights(whitening)).float()
         count = len(components)  # frames that hardly differ have fewer than K
         self.mean.copy_(torch.from_numpy(components.mean))
         self.basis[:, :count] = torch.from_numpy(components.basis).float() * weights
-        self.noise[:count] = noise_px * weights
+        if self.polar:  # channels are noisy, not their directions
+            self.channel_noise = noise
+        else:
+            self.noise[:count] = noise * weights
 
     @torch.no_grad()
     def show_differences(self, differences: Differences) -> None:
@@ -77,8 +90,13 @@ class Members(nn.Module):
 
     def hidden(self, moved: torch.Tensor) -> torch.Tensor:
         """Return (M, B, U) the last hidden layer of every member."""
-        components = (moved - self.mean) @ self.basis
-        hidden = components.expand(self.members, -1, -1)
+        if self.polar:
+            vectors = moved.expand(self.members, -1, -1)
+            if self.training:
+                vectors = vectors + self.channel_noise * torch.randn_like(vectors)
+            hidden = (torch_polar(vectors) - self.mean) @ self.basis
+        else:
+            hidden = ((moved - self.mean) @ self.basis).expand(self.members, -1, -1)
         if self.training:
             hidden = hidden + self.noise * torch.randn_like(hidden)
             if len(self.differences):

@@ -1,15 +1,16 @@
-"""Frames as displacements of pins, their principal components, and where a contact begins."""
+"""Frames as displacements of pins or as channels, and their principal components."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Answer, Contacts, Frame, UserError
+from tactibench import Answer, Contacts, Frame, UserError, channel_vectors, holds_channels
 from tactibench.markers import BySensor, PinTracker, common_lattice, common_view, rest_images
 from tactibench.training import answers_from_vectors, pack_image, unpack_image
 
@@ -17,111 +18,176 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 LATTICE = common_lattice()
-_FAINTEST = 0.01
+FAINTEST = 0.01
 """Quantile of the training presses that stands for the faintest: one may be mislabelled."""
 _SHARE = 0.5
 """Share of the way from a sensor at rest to the faintest training press where a contact begins."""
+FAINT = 0.01
+"""Least size of a vector of channels that has a direction, in deviations of the training frames."""
 _LEAST = 1e-6
 """Spreads below this share of the largest are rounding."""
 
 
-class OwnPins:
-    """Displacements of one sensor's pins, px."""
+class Reader(ABC):
+    """Reads frames as vectors: displacements of pins, or channels of a sensor without a camera.
+
+    Attributes:
+        size: Numbers of a vector.
+        noise: Deviation that training adds to a number, of a vector's own unit.
+        polar: Whether a vector's direction and size say more than its numbers.
+    """
+
+    size: int
+    noise: float
+    polar: bool = False
+
+    @abstractmethod
+    def displacements(self, frames: Sequence[Frame]) -> Array:
+        """Return (N, size)."""
+
+    @abstractmethod
+    def saved(self) -> dict[str, Any]:
+        """Return what ``restored_reader`` needs, as JSON values."""
+
+
+class OwnPins(Reader):
+    """Displacements of one sensor's P pins, px: x of all pins before y of all."""
+
+    noise = 0.25  # px: twice what the centroid of a black and white pin is uncertain by
 
     def __init__(self, pins: PinTracker) -> None:
         self.pins = pins
-
-    @property
-    def rest_image(self) -> Image:
-        """Gray rest image (side, side) of the sensor that the model was trained on."""
-        return self.pins.rest_image
-
-    @property
-    def places(self) -> int:
-        """Number P of displacements."""
-        return len(self.pins.rest)
+        self.size = 2 * len(pins.rest)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, 2 P), x of all places before y of all."""
+        """Return (N, 2 P)."""
         return self.pins.displacements(self.pins.images(frames))
+
+    def saved(self) -> dict[str, Any]:
+        """Return the gray rest image of the sensor that the model was trained on."""
+        return {"rest": pack_image(self.pins.rest_image)}
 
 
 class LatticePins(OwnPins):
-    """Displacements of any sensor's pins on the common lattice, in units of the layout.
+    """Displacements of any sensor's pins on the P points of the common lattice.
 
-    The rest images of the frames tell which sensor it is.
+    They are in units of the layout. The rest images of the frames tell which sensor it is.
     """
+
+    noise = 0.003
+    """Noise of single places, where several sensors are seen on the lattice."""
 
     def __init__(self, pins: PinTracker) -> None:
         super().__init__(pins)
+        self.size = 2 * len(LATTICE)
         self._sensors = BySensor(lambda pins: (pins, common_view(pins.rest, LATTICE)))
 
-    @property
-    def places(self) -> int:
-        """Number P of points of the lattice."""
-        return len(LATTICE)
-
     def displacements(self, frames: Sequence[Frame]) -> Array:
-        """Return (N, 2 P), x of all places before y of all.
+        """Return (N, 2 P).
 
         Raises:
             UserError: for a frame without a rest image, or with one that shows no layout.
         """
-        out = np.empty((len(frames), 2 * self.places))
+        out = np.empty((len(frames), self.size))
         for number, rows in self._sensors.rows(frames).items():
             pins, view = self._sensors[number]
             out[rows] = view(pins.displacements(pins.images([frames[row] for row in rows])))
         return out
 
+    def saved(self) -> dict[str, Any]:
+        """Return the rest image, and that vectors are on the lattice."""
+        return {**super().saved(), "lattice": True}
 
-def find_pins(frames: Sequence[Frame], targets: Array, transfers: bool) -> OwnPins:
-    """Return the pins of the first rest image, or else of the frame that is pressed least.
 
-    Frames of several sensor instances are seen on the common lattice, each from its own rest image.
+class Channels(Reader):
+    """Channels in units of their mean deviation over the training frames, less those at rest.
+
+    Attributes:
+        scale: (C,) that deviation for all; 1 where no channel ever changes.
+        minus_rest: whether all training frames had a rest frame, which was taken off.
+    """
+
+    noise = 0.02
+    """About the smallest step of the magnetic skin of eFlesh."""
+    polar = True
+
+    def __init__(self, scale: Array, minus_rest: bool) -> None:
+        self.scale = scale
+        self.minus_rest = minus_rest
+        self.size = len(scale)
+
+    @classmethod
+    def of(cls, frames: Sequence[Frame]) -> Self:
+        """Return those of training frames."""
+        minus_rest = all(frame.rest is not None for frame in frames)
+        deviations = channel_vectors(frames, minus_rest=minus_rest).std(axis=0, dtype=np.float64)
+        # One unit for all: channels of one kind differ in size because some say more.
+        common = float(np.sqrt(np.square(deviations).mean()))
+        return cls(np.full(len(deviations), common if common > 0 else 1.0), minus_rest)
+
+    def displacements(self, frames: Sequence[Frame]) -> Array:
+        """Return (N, C). Raises UserError for frames of another sensor."""
+        vectors = channel_vectors(frames, minus_rest=self.minus_rest)
+        if vectors.shape[1] != self.size and len(frames):
+            raise UserError(
+                f"the frames have {vectors.shape[1]} channels, but the model was trained on "
+                f"{self.size}; use the sensor that it was trained on."
+            )
+        return vectors.astype(np.float64).reshape(-1, self.size) / self.scale
+
+    def saved(self) -> dict[str, Any]:
+        """Return the units."""
+        return {"channels": {"scale": self.scale.tolist(), "minus_rest": self.minus_rest}}
+
+
+def find_reader(frames: Sequence[Frame], targets: Array, transfers: bool) -> Reader:
+    """Return the reader of training frames.
+
+    Pins are those of the first rest image, or else of the frame that is pressed least. Frames of
+    several sensor instances are seen on the common lattice, each from its own rest image.
 
     Args:
         frames: of one sensor, or of several instances of it.
         targets: (N, T), the depth of a plate first, that of a contact last.
         transfers: whether other sensors' frames will be shown, too.
     """
+    if holds_channels(frames):
+        if transfers:
+            raise UserError(
+                "channels of one sensor say nothing of another's; train and test on one sensor."
+            )
+        return Channels.of(frames)
     depth = targets[:, 0] if targets.shape[1] == 2 else targets[:, -1]
     if len(rest_images(frames)) > 1:
         first = next(frame for frame in frames if frame.rest is not None)
         return LatticePins(PinTracker.of([first]))
-    return read_pins(PinTracker.of(frames, otherwise=frames[int(np.argmin(depth))]), transfers)
+    pins = PinTracker.of(frames, otherwise=frames[int(np.argmin(depth))])
+    return LatticePins(pins) if transfers else OwnPins(pins)
 
 
-def read_pins(pins: PinTracker, lattice: bool) -> OwnPins:
-    """Return the displacements of pins; lattice: whether those of other sensors are read, too."""
-    return LatticePins(pins) if lattice else OwnPins(pins)
+def restored_reader(extra: Mapping[str, Any], transfers: bool) -> Reader | None:
+    """Return the reader that was saved; None where there was none.
 
-
-def saved_pins(pins: OwnPins | None, transfers: bool) -> dict[str, Any]:
-    """Return what a model saves of its pins, as JSON values.
-
-    With ``transfers`` the lattice goes without saying.
+    Weights from before "lattice" was written for transfer are read on the lattice with
+    ``transfers``.
     """
-    rest = None if pins is None else pack_image(pins.rest_image)
-    lattice = isinstance(pins, LatticePins) and not transfers
-    return {"rest": rest, **({"lattice": True} if lattice else {})}
-
-
-def restored_pins(extra: Mapping[str, Any], transfers: bool) -> OwnPins | None:
-    """Return the pins of ``saved_pins``; None where there were none."""
+    if channels := extra.get("channels"):
+        return Channels(np.array(channels["scale"]), channels["minus_rest"])
     if extra["rest"] is None:
         return None
-    return read_pins(PinTracker(unpack_image(extra["rest"])), transfers or "lattice" in extra)
+    pins = PinTracker(unpack_image(extra["rest"]))
+    return LatticePins(pins) if transfers or "lattice" in extra else OwnPins(pins)
 
 
-def displacements(pins: OwnPins | None, frames: Sequence[Frame], model: str) -> Array:
-    """Return (N, 2 P) displacements.
+def displacements(reader: Reader | None, frames: Sequence[Frame], model: str) -> Array:
+    """Return (N, size) vectors.
 
     Raises:
         UserError: before anything is learned.
     """
-    if pins is None:
-        raise UserError(f"model {model!r} knows no pins yet; train it or load weights first.")
-    return pins.displacements(frames)
+    if reader is None:
+        raise UserError(f"model {model!r} has learned nothing yet; train it or load weights first.")
+    return reader.displacements(frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,28 +198,32 @@ class Components:
         mean: (2 P,) displacement, px.
         basis: (2 P, K) orthonormal patterns.
         spread: (K,) standard deviations over the frames of the fit, px, descending.
+        polar: Whether vectors are taken as direction and size, see ``polar``.
     """
 
     mean: Array
     basis: Array
     spread: Array
+    polar: bool = False
 
     @classmethod
-    def fit(cls, moved: Array, count: int) -> Self:
-        """Return the first ``count`` components with any spread of displacements (N, 2 P)."""
+    def fit(cls, moved: Array, count: int, *, as_polar: bool = False) -> Self:
+        """Return the first ``count`` components with any spread of vectors (N, C)."""
+        moved = polar(moved) if as_polar else moved
         mean = moved.mean(axis=0)
         centred = moved - mean
         variance, basis = np.linalg.eigh(centred.T @ centred / len(moved))
         spread = np.sqrt(np.maximum(variance[::-1], 0.0))
         there = max(1, int(np.count_nonzero(spread[:count] > _LEAST * spread[0])))
-        return cls(mean, np.ascontiguousarray(basis[:, ::-1][:, :there]), spread[:there])
+        basis = np.ascontiguousarray(basis[:, ::-1][:, :there])
+        return cls(mean, basis, spread[:there], as_polar)
 
     def __len__(self) -> int:
         return len(self.spread)
 
     def first(self, count: int) -> Self:
         """Return the first ``count`` components."""
-        return type(self)(self.mean, self.basis[:, :count], self.spread[:count])
+        return replace(self, basis=self.basis[:, :count], spread=self.spread[:count])
 
     def weights(self, whitening: float) -> Array:
         """Return (K,) 1 / spread^whitening: 0 keeps pixels, 1 makes all spread alike."""
@@ -161,8 +231,20 @@ class Components:
         return np.asarray((least / least[0]) ** -whitening / least[0], dtype=np.float64)
 
     def of(self, moved: Array, whitening: float) -> Array:
-        """Return (N, K) of displacements (N, 2 P), the first with unit spread."""
+        """Return (N, K) of vectors (N, C), the first with unit spread."""
+        moved = polar(moved) if self.polar else moved
         return np.asarray((moved - self.mean) @ self.basis * self.weights(whitening))
+
+
+def polar(moved: Array) -> Array:
+    """Return direction and size of vectors (N, C), (N, C + 1): v / rms v, and 2 log rms v.
+
+    Where one thing presses, its place shows in the direction and its depth in the size. Single
+    presses on the magnetic skin of eFlesh are then read a sixth better than from v itself (mean
+    absolute error in a five-fold division of the training places .277 to .234 for ``kernel``).
+    """
+    size = np.maximum(rms_displacement(moved), FAINT)[:, np.newaxis]
+    return np.column_stack([moved / size, 2 * np.log(size)])
 
 
 def rms_displacement(moved: Array) -> Array:
@@ -178,7 +260,7 @@ def contact_threshold(moved: Array, answer: str) -> float:
     """
     if answer == "plate" or not len(moved):
         return 0.0
-    return float(_SHARE * np.quantile(rms_displacement(moved), _FAINTEST))
+    return float(_SHARE * np.quantile(rms_displacement(moved), FAINTEST))
 
 
 def read_answers(values: npt.NDArray[Any], answer: str, threshold: float) -> list[Answer | None]:

@@ -24,14 +24,13 @@ from tactibench.training import (
 from tactibench_pins.displacements import (
     LATTICE,
     Components,
-    OwnPins,
+    Reader,
     contact_threshold,
     displacements,
-    find_pins,
+    find_reader,
     read_answers,
-    restored_pins,
+    restored_reader,
     rms_displacement,
-    saved_pins,
 )
 from tactibench_pins.regression import (
     MOST,
@@ -64,7 +63,7 @@ class Kernel(Model):
     def __init__(self, context: ModelContext) -> None:
         self.context = context
         count = ANSWER_WIDTH[context.answer]
-        self._pins: OwnPins | None = None
+        self._reader: Reader | None = None
         self._correction: Correction | None = None
         self._setting = Setting()
         self._scale = Normalisation(np.zeros(count), np.ones(count))
@@ -91,13 +90,14 @@ class Kernel(Model):
                 f"model {self.name!r} was given {len(frames)} training frames that it can learn "
                 "from, but needs two; raise the training count."
             )
-        self._pins = find_pins(frames, targets, self.context.transfers)
+        self._reader = find_reader(frames, targets, self.context.transfers)
         self._scale = Normalisation.of(targets)
-        moved = displacements(self._pins, frames, self.name)
+        moved = displacements(self._reader, frames, self.name)
         self._threshold = contact_threshold(moved, self.context.answer)
         if self.context.transfers:
             moved = Differences.on(LATTICE).add(moved, rng)
-        components = Components.fit(moved, min(MOST, len(frames) - 1))
+        most = min(MOST, len(frames) - 1)
+        components = Components.fit(moved, most, as_polar=self._reader.polar)
         learned = Features(components, moved, self._scale.apply(targets))
         self._setting = self._choose_setting(learned, validation)
         self._components = components.first(self._setting.components)
@@ -118,7 +118,7 @@ class Kernel(Model):
         frames, targets = self._usable(frames, truth)
         if not frames:
             return {"frames": 0}
-        moved = displacements(self._pins, frames, self.name)
+        moved = displacements(self._reader, frames, self.name)
         lacking = self._scale.apply(targets) - self._scale.apply(self._regress(moved))
         self._correction = Correction.fit(self._similarities(moved), lacking)
         return {"frames": len(frames), "ridge": list(self._correction.ridges)}
@@ -138,7 +138,7 @@ class Kernel(Model):
     def stages(self) -> list[tuple[str, Callable[[Any], Any]]]:
         """Return the phases of ``predict``: pins, regression, answers."""
         return [
-            ("preprocess", lambda frames: displacements(self._pins, frames, self.name)),
+            ("preprocess", lambda frames: displacements(self._reader, frames, self.name)),
             (
                 "forward",
                 lambda moved: np.column_stack([self._regress(moved), rms_displacement(moved)]),
@@ -148,7 +148,7 @@ class Kernel(Model):
 
     def save(self, directory: Path) -> None:
         """Write all that ``predict`` needs into the folder. Raises UserError before a training."""
-        if self._pins is None:
+        if self._reader is None:
             raise UserError(f"model {self.name!r} has learned nothing yet; train it first.")
         arrays = {
             "places": self._places,
@@ -163,11 +163,12 @@ class Kernel(Model):
             model=self.name,
             architecture=self._architecture,
             extra={
-                **saved_pins(self._pins, self.context.transfers),
+                **self._reader.saved(),
                 "setting": asdict(self._setting),
                 "scale": self._scale.to_json(),
                 "length": self._length,
                 "least": self._threshold,
+                **({"polar": True} if self._components.polar else {}),
             },
         )
 
@@ -175,10 +176,12 @@ class Kernel(Model):
         """Read weights. Raises UserError for those of another model or answer."""
         tensors, extra = load_weights(directory, model=self.name, architecture=self._architecture)
         arrays = {name: tensor.numpy() for name, tensor in tensors.items()}
-        self._pins = restored_pins(extra, self.context.transfers)
+        self._reader = restored_reader(extra, self.context.transfers)
         self._setting = Setting(**extra["setting"])
         self._scale = Normalisation.from_json(extra["scale"])
-        self._components = Components(arrays["mean"], arrays["basis"], arrays["spread"])
+        self._components = Components(
+            arrays["mean"], arrays["basis"], arrays["spread"], extra.get("polar", False)
+        )
         self._places, self._alpha = arrays["places"], arrays["alpha"]
         self._length = extra["length"]
         self._threshold = extra["least"]
@@ -206,7 +209,7 @@ class Kernel(Model):
         frames, targets = self._usable(*validation)
         if not frames:
             return Setting()
-        moved = displacements(self._pins, frames, self.name)
+        moved = displacements(self._reader, frames, self.name)
         return choose_setting(learned, moved, self._scale.apply(targets))
 
     def _regress(self, moved: Array) -> Array:

@@ -24,14 +24,12 @@ from tactibench_pins.architecture import Members
 from tactibench_pins.displacements import (
     LATTICE,
     Components,
-    LatticePins,
-    OwnPins,
+    Reader,
     contact_threshold,
     displacements,
-    find_pins,
+    find_reader,
     read_answers,
-    restored_pins,
-    saved_pins,
+    restored_reader,
 )
 from tactibench_pins.transfer import Correction, Differences
 
@@ -48,8 +46,6 @@ RECIPE = Recipe(
 _COMPONENTS = 40
 """Components of the displacements; further ones hold less than the pins' noise on real frames."""
 _WHITENING = 0.5
-_NOISE_PX = 0.25
-"""Twice what the centroid of a black and white pin is uncertain by."""
 _LAYERS = 3
 
 TRANSFER = replace(RECIPE, epochs=80)
@@ -57,8 +53,6 @@ TRANSFER = replace(RECIPE, epochs=80)
 _SHARED = 12
 """Components for transfer to other sensors; the next ones differ more between two sensors of one
 make than between two presses."""
-_UNLIKE = 0.003
-"""Noise of single places, units of the layout, where several sensors are seen on the lattice."""
 _BATCH = 32
 
 
@@ -86,9 +80,9 @@ class Pins(LearnedModel):
         recipe = TRANSFER if context.transfers else RECIPE
         super().__init__(context, recipe.with_choices(epochs, precision), architecture)
         self._timed_as_trained = self.timed_as
-        self._pins: OwnPins | None = None
+        self._reader: Reader | None = None
         self._correction: Correction | None = None
-        self._places = self._components = 1
+        self._size, self._components = 2, 1
         self._threshold = 0.0
         count = ANSWER_WIDTH[context.answer]
         self._scale = Normalisation(np.zeros(count), np.ones(count))
@@ -97,7 +91,9 @@ class Pins(LearnedModel):
         shape = self.architecture
         hidden = [shape["width"]] * _LAYERS
         sizes = [self._components, *hidden, ANSWER_WIDTH[self.context.answer]]
-        return Members(self._places, sizes, shape["members"])
+        return Members(
+            self._size, sizes, shape["members"], self._reader is not None and self._reader.polar
+        )
 
     def usable_rows(self, truth: Sequence[Answer]) -> npt.NDArray[np.int64]:
         return regression_rows(truth, self.context.answer, self.name)
@@ -105,22 +101,22 @@ class Pins(LearnedModel):
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         targets = answer_vectors(truth, self.context.answer, self.name)
         self._scale = Normalisation.of(targets)
-        self._pins = find_pins(frames, targets, self.context.transfers)
-        self._places = self._pins.places
+        self._reader = find_reader(frames, targets, self.context.transfers)
+        self._size = self._reader.size
         most = _SHARED if self.context.transfers else _COMPONENTS
-        self._components = min(most, 2 * self._places, max(1, len(frames) - 1))
+        self._components = min(most, self._size + self._reader.polar, max(1, len(frames) - 1))
 
     def initialise(self, network: Members, training: Examples) -> None:
         moved = training.images.double().numpy()
         self._threshold = contact_threshold(moved, self.context.answer)
-        components = Components.fit(moved, self._components)
-        noise = _UNLIKE if isinstance(self._pins, LatticePins) else _NOISE_PX
-        network.initialise(components, _WHITENING, noise)
+        assert self._reader is not None  # noqa: S101 - ``prepare`` came before
+        components = Components.fit(moved, self._components, as_polar=self._reader.polar)
+        network.initialise(components, _WHITENING, self._reader.noise)
         if self.context.transfers:
             network.show_differences(Differences.on(LATTICE))
 
     def inputs(self, frames: Sequence[Frame]) -> torch.Tensor:
-        return torch.from_numpy(displacements(self._pins, frames, self.name)).float()
+        return torch.from_numpy(displacements(self._reader, frames, self.name)).float()
 
     def targets(self, truth: Sequence[Answer]) -> torch.Tensor:
         targets = answer_vectors(truth, self.context.answer, self.name)
@@ -183,15 +179,15 @@ class Pins(LearnedModel):
 
     def extra(self) -> dict[str, Any]:
         return {
-            **saved_pins(self._pins, self.context.transfers),
+            **({"rest": None} if self._reader is None else self._reader.saved()),
             "components": self._components,
             "scale": self._scale.to_json(),
             "least": self._threshold,
         }
 
     def restore(self, extra: dict[str, Any]) -> None:
-        self._pins = restored_pins(extra, self.context.transfers)
-        self._places = 1 if self._pins is None else self._pins.places
+        self._reader = restored_reader(extra, self.context.transfers)
+        self._size = 2 if self._reader is None else self._reader.size
         self._components = extra["components"]
         self._scale = Normalisation.from_json(extra["scale"])
         self._threshold = extra["least"]

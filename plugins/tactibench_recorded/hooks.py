@@ -18,6 +18,14 @@ def tactibench_sensors() -> list[SensorSpec]:
             "a folder of recorded frames: targets.csv, CSV, Hugging Face, or a data set",
             (
                 Parameter(
+                    "range",
+                    "auto",
+                    "presses that protocols of spherical tips take: published, those in their own "
+                    "range; own, all; auto: all where the sensor is flat",
+                    choices=("auto", "published", "own"),
+                    before="published",
+                ),
+                Parameter(
                     "depth_offset_mm",
                     5.0,
                     "added to the depth label, so that depth is counted from about first touch; "

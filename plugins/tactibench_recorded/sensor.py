@@ -9,11 +9,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
-from tactibench.datasets import ImportOptions, Recording, RecordingFit
+from tactibench.datasets import ChannelKind, ImportOptions, Recording, RecordingFit, own_workspace
 from tactibench_recorded.scenes import RecordedPresses, indenter_names, open_presses
 
 _THREADS = min(8, os.cpu_count() or 1)
@@ -53,6 +52,7 @@ class RecordedSensor(Sensor):
         tilt: str = "pose_6",
         frames: str = "auto",
         split: str = "",
+        range: str = "auto",  # noqa: A002 - what the parameter is called
     ) -> None:
         if context.data is None:
             raise UserError(
@@ -72,9 +72,13 @@ class RecordedSensor(Sensor):
         self._presses = open_presses(context.data, options, fit=fit, fit_side=fit_side, split=split)
         self._row = {scene: number for number, scene in enumerate(self._presses.scenes)}
         recording = self._recording
+        self.signal = "channels" if isinstance(recording.kind, ChannelKind) else "image"
         states_radius = recording.dataset is not None or recording.header
         if recording.dome_radius_mm is not None and states_radius:
             self.dome_radius_mm = recording.dome_radius_mm
+        if range != "published":
+            radius = recording.dome_radius_mm
+            self.workspace = own_workspace(self._presses.scenes, radius, always=range == "own")
 
     def scenes(self) -> dict[str, Scene]:
         """Return frame name -> scene, in the order of the table; no two scenes are equal."""
@@ -94,12 +98,12 @@ class RecordedSensor(Sensor):
         Raises:
             UserError: The recording has no such frame.
         """
-        if self._rest_image is None:
+        if self._rest_signal is None:
             raise UserError(
                 f"{self._recording.frames} has no frame of the undeformed sensor; "
                 "add one as init_0.png."
             )
-        return Frame(self._rest_image, -1.0, Pose(), self._rest_image)
+        return Frame(self._rest_signal, -1.0, Pose(), self._rest_signal)
 
     def press(self, scene: Scene) -> Frame:
         """Return the frame of a scene.
@@ -128,7 +132,7 @@ class RecordedSensor(Sensor):
         """Return what determines the frames; the folder's place on this machine does not."""
         recording, options = self._recording, self._presses.options
         rest = None if recording.rest is None else recording.rest.name
-        if recording.dataset is not None and self._rest_image is not None:
+        if recording.dataset is not None and self._rest_signal is not None:
             rest = "rest"
         aside, fit = options.pivot_side_mm, self._presses.label_fit
         return {
@@ -137,8 +141,7 @@ class RecordedSensor(Sensor):
             "frames": recording.frames.name,
             "sha256": recording.sha256,
             "count": len(self._presses.scenes),
-            "image": [recording.kind.height, recording.kind.width],
-            "channels": recording.channels,
+            **_described_kind(recording),
             "rest": rest,
             "columns": dict(self._presses.columns),
             "depth_offset_mm": float(options.offset_mm),
@@ -152,18 +155,26 @@ class RecordedSensor(Sensor):
         return self._presses.recording
 
     @cached_property
-    def _rest_image(self) -> npt.NDArray[np.uint8] | None:
-        return self._recording.rest_image()
+    def _rest_signal(self) -> npt.NDArray[Any] | None:
+        return self._recording.rest_signal()
 
     def _frame(self, number: int) -> Frame:
-        image = self._recording.image(self._presses.rows[number])
-        return Frame(image, float(number), self._presses.scenes[number].pose, self._rest_image)
+        signal = self._recording.signal(self._presses.rows[number])
+        return Frame(signal, float(number), self._presses.scenes[number].pose, self._rest_signal)
 
     def _find(self, scene: Scene) -> int:
         number = self._row.get(scene)
         if number is None:
             raise UserError(_not_recorded(self._presses, scene))
         return number
+
+
+def _described_kind(recording: Recording) -> dict[str, Any]:
+    """Return shape and kind of the frames' signal."""
+    kind = recording.kind
+    if isinstance(kind, ChannelKind):
+        return {"signal": list(kind.shape), "names": list(recording.signal_names)}
+    return {"image": [kind.height, kind.width], "channels": recording.channels}
 
 
 def _described(fit: RecordingFit) -> dict[str, Any]:

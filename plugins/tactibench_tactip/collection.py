@@ -250,7 +250,7 @@ def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Pa
 
 def _check_same_sensor(rest: Reference, folder: Path) -> None:
     """Raise UserError when the undeformed sensor does not look as when the data set was begun."""
-    before: Image | None = open_dataset(folder, repair=False).rest
+    before: Image | None = open_dataset(folder, repair=False).rest_image
     if before is None:
         return
     difference = float(abs(rest.mean - before).mean())

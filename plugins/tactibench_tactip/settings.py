@@ -177,6 +177,11 @@ class SensorSettings(_Table):
     pins: PositiveInt | None = None
     pins_tolerance: NonNegativeInt = 2
 
+    @property
+    def workspace(self) -> None:
+        """A TacTip is pressed in the published range."""
+        return None
+
 
 class CameraSettings(_Table):
     """The camera.

@@ -297,7 +297,7 @@ def _is_symmetric(encoder: Encoder, grid: Grid) -> bool:
 
 def _rest_image(frames: Sequence[Frame], size: int) -> Image | None:
     """Return the (size, size) rest image of the first frame that has one."""
-    rest = next((frame.rest for frame in frames if frame.rest is not None), None)
+    rest = next((rest for frame in frames if (rest := frame.rest_image) is not None), None)
     return None if rest is None else _sized(rest, size)[0].numpy()
 
 

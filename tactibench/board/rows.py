@@ -79,7 +79,7 @@ def measured_on(record: Record) -> str:
     test = record.test_sensor
     if test is not None and test.trained_on:
         return f"real {test.description}, trained on {test.trained_on}"
-    text = f"{record.sensor.origin} sensor {record.sensor.name}"
+    text = f"{record.sensor.origin} sensor {record.sensor.place}"
     count = record.sensor.parameters.get("instances", 0)
     if isinstance(count, int) and count > 1:
         text += f", trained on {count} instances"

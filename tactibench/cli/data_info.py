@@ -36,8 +36,13 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     tactibench data info recordings/331 --sheet frames.png
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import open_recording
-    from tactibench.datasets.description import label_values, summarize_labels, summarize_pins
+    from tactibench.datasets import ChannelKind, open_recording
+    from tactibench.datasets.description import (
+        channel_ranges,
+        label_values,
+        summarize_labels,
+        summarize_pins,
+    )
     from tactibench.frames.services import services
 
     terminal = Terminal()
@@ -45,8 +50,15 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     labels = summarize_labels(label_values(recording))
     _print_facts(terminal, folder, recording)
     _print_labels(terminal, labels)
-    pins = summarize_pins(recording)
-    _print_pins(terminal, pins)
+    pins = None if isinstance(recording.kind, ChannelKind) else summarize_pins(recording)
+    if pins is not None:
+        _print_pins(terminal, pins)
+    else:
+        low, high = channel_ranges(recording)
+        terminal.say(
+            f"\nchannels: {low.min():g} to {high.max():g}, each over at least "
+            f"{(high - low).min():g}"
+        )
     protocols = services(recording)
     terminal.say("\nprotocols")
     for service in protocols:
@@ -68,7 +80,7 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
     rest = "none"
     if recording.rest is not None:
         rest = recording.rest.name
-    elif recording.rest_image() is not None:
+    elif recording.rest_signal() is not None:
         rest = "there"
     known = sum(scene is not None for scene in recording.scenes)
     facts = [
@@ -125,7 +137,7 @@ def _print_pins(terminal: Terminal, pins: PinSummary) -> None:
 def _rows(
     recording: Recording,
     labels: Sequence[LabelSummary],
-    pins: PinSummary,
+    pins: PinSummary | None,
     protocols: Sequence[Service],
 ) -> list[dict[str, Any]]:
     """Return rows of metric, group, value, unit."""
@@ -140,9 +152,7 @@ def _rows(
         row("generation", "all", recording.generation),
         row("frames", "all", len(recording)),
         row("presses", "all", len(set(recording.presses))),
-        row("height", "all", recording.kind.height, "px"),
-        row("width", "all", recording.kind.width, "px"),
-        row("channels", "all", recording.channels),
+        *(row(name, "all", value, unit) for name, value, unit in _kind_facts(recording)),
         row("contacts known", "all", sum(s is not None for s in recording.scenes)),
         row("sha256", "all", recording.sha256),
     ]
@@ -153,18 +163,33 @@ def _rows(
             row("most", label.name, label.high, label.unit),
             row("histogram", label.name, list(label.counts), "frames"),
         ]
-    rows += [
-        row("pins found, least", "all", min(pins.counts)),
-        row("pins found, most", "all", max(pins.counts)),
-        row("pins at rest", "all", pins.rest),
-        row("all pins seen", "all", pins.visible_share, "share"),
-        row("largest displacement, median", "all", pins.moved_px, "px"),
-    ]
+    if pins is not None:
+        rows += [
+            row("pins found, least", "all", min(pins.counts)),
+            row("pins found, most", "all", max(pins.counts)),
+            row("pins at rest", "all", pins.rest),
+            row("all pins seen", "all", pins.visible_share, "share"),
+            row("largest displacement, median", "all", pins.moved_px, "px"),
+        ]
     rows += [
         row("served", service.protocol, service.served) | {"reason": service.reason}
         for service in protocols
     ]
     return rows + [row("note", "all", note) for note in recording.notes]
+
+
+def _kind_facts(recording: Recording) -> list[tuple[str, Any, str]]:
+    """Return name, value and unit of what the frames' signal is."""
+    from tactibench.datasets import ChannelKind
+
+    kind = recording.kind
+    if isinstance(kind, ChannelKind):
+        return [("signal", list(kind.shape), "")]
+    return [
+        ("height", kind.height, "px"),
+        ("width", kind.width, "px"),
+        ("channels", recording.channels, ""),
+    ]
 
 
 def draw_sheet(path: Path, recording: Recording) -> None:

@@ -24,7 +24,8 @@ EXAMPLES = {
     default=Path(),
     help="Where to make the package's folder; default: here.",
 )
-def new(kind: str, name: str, out: Path) -> None:
+@click.option("--channels", is_flag=True, help="A sensor that gives numbers and no pictures.")
+def new(kind: str, name: str, out: Path, channels: bool) -> None:
     """Write an installable package with a small, working model, sensor or encoder called NAME.
 
     The folder is called tactibench-NAME. Nothing that is there already is changed.
@@ -32,7 +33,10 @@ def new(kind: str, name: str, out: Path) -> None:
     from tactibench.plugins.host import PluginHost
     from tactibench.scaffold.package import check_name, write_package
 
-    folder = write_package(check_name(kind, name, PluginHost()), out)
+    if channels and kind != "sensor":
+        raise click.UsageError(f"--channels is for a sensor, not for {kind!r}; leave it out.")
+    names = check_name(kind, name, PluginHost())
+    folder = write_package(names, out, "skin" if channels else kind)
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         click.echo(f"wrote {path}")
     place = folder if folder.is_absolute() else f"./{folder}"  # a bare name, pip would look up

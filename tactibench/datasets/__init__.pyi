@@ -1,3 +1,4 @@
+from .channels import ChannelKind as ChannelKind
 from .dataset import Dataset as Dataset
 from .dataset import open_dataset as open_dataset
 from .export.exporter import EXPORT_FORMATS as EXPORT_FORMATS
@@ -5,6 +6,7 @@ from .export.exporter import Export as Export
 from .export.exporter import export_dataset as export_dataset
 from .importer import import_folder as import_folder
 from .labels import indentation as indentation
+from .labels import own_workspace as own_workspace
 from .labels import plate_scenes as plate_scenes
 from .pivot import RecordingFit as RecordingFit
 from .pivot import cached_fit as cached_fit

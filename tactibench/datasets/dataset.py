@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from tactibench.contacts import Contacts
+from tactibench.contacts import Contacts, Signal
+from tactibench.datasets.channels import ChannelKind, read_channels, reference_channels
 from tactibench.datasets.images import Image, ImageCache, read_image
 from tactibench.datasets.journal import (
     Content,
@@ -25,7 +26,7 @@ from tactibench.datasets.schema import EVENTS, JOURNAL, LOCK, PLAN, Header, Samp
 from tactibench.datasets.splits import Split, check_split, read_split, split_files
 from tactibench.datasets.storage import WriterLock
 from tactibench.errors import UserError
-from tactibench.png import read_file
+from tactibench.png import ImageKind, read_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +62,25 @@ class Dataset:
         )
 
     @cached_property
-    def rest(self) -> Image | None:
-        """Image of the undeformed sensor, (H, W) or (H, W, 3); None if it was not recorded."""
+    def rest(self) -> Signal | None:
+        """Signal of the undeformed sensor, like that of a sample; None if it was not recorded."""
         for number, event in enumerate(self.events, start=1):
             if event.get("kind") == "reference":
                 where = f"{self.folder / EVENTS} line {number}"
+                kind = self.header.kind
+                if isinstance(kind, ChannelKind):
+                    return reference_channels(event, kind, where)
                 name, sha256 = reference_file(event, where)
-                image = read_image(self.folder, name, sha256, self.header, where)
+                image = read_image(self.folder, name, sha256, kind, where)
                 image.setflags(write=False)
                 return image
         return None
+
+    @property
+    def rest_image(self) -> Image | None:
+        """Image of the undeformed sensor, if there is one. Raises UserError for channels."""
+        self._image_kind()
+        return cast("Image | None", self.rest)
 
     @cached_property
     def splits(self) -> Mapping[str, Split]:
@@ -93,21 +103,34 @@ class Dataset:
         """Return the contacts of a sample on the header's dome; None where one is unknown."""
         return contacts_of(sample.scene, self.header.dome_radius_mm)
 
-    def image(self, sample: Sample) -> Image:
-        """Return the image of a sample, (H, W) or RGB (H, W, 3) uint8.
+    def signal(self, sample: Sample) -> Signal:
+        """Return the signal of a sample: its image, or channels of the header's shape, float32.
 
         Raises:
             UserError: The file is not what was written; the sentence names file and line.
         """
+        kind, row = self.header.kind, self._row[sample.id]
+        if isinstance(kind, ImageKind):
+            return self.image(sample)
+        return read_channels(self.folder, row, sample.sha256, kind, f"{JOURNAL} line {row + 1}")
+
+    def image(self, sample: Sample) -> Image:
+        """Return the image of a sample, (H, W) or RGB (H, W, 3) uint8.
+
+        Raises:
+            UserError: The file is not what was written; the sentence names file and line. Or the
+                samples hold channels.
+        """
         where = f"{JOURNAL} line {self._row[sample.id] + 1}"
-        return read_image(self.folder, sample.file_name, sample.sha256, self.header, where)
+        return read_image(self.folder, sample.file_name, sample.sha256, self._image_kind(), where)
 
     def image_file(self, sample: Sample) -> bytes:
         """Return the PNG file of a sample's image, which is not decoded.
 
         Raises:
-            UserError: It is not the file that was written.
+            UserError: It is not the file that was written, or the samples hold channels.
         """
+        self._image_kind()
         path = self.folder / sample.file_name
         data = read_file(path)
         if hashlib.sha256(data).hexdigest() != sample.sha256:
@@ -129,13 +152,22 @@ class Dataset:
         Raises:
             UserError: An image's file is not what was written.
         """
-        height, width = (size, size) if size else self.header.image
+        kind = self._image_kind()
+        height, width = (size, size) if size else (kind.height, kind.width)
         shape = (len(self.samples), height, width)
         cache = self._caches.setdefault(
             shape,
             ImageCache(self.folder, self.sha256, shape, lambda row: self.image(self.samples[row])),
         )
         return cache.take([self._row[sample.id] for sample in samples])
+
+    def _image_kind(self) -> ImageKind:
+        kind = self.header.kind
+        if not isinstance(kind, ImageKind):
+            raise UserError(
+                f"the samples of {self.folder} hold {kind} and no images; take their signal."
+            )
+        return kind
 
     @cached_property
     def _caches(self) -> dict[tuple[int, int, int], ImageCache]:

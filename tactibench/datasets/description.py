@@ -120,7 +120,10 @@ def summarize_labels(values: Mapping[str, FloatArray]) -> list[LabelSummary]:
 
 def unit_of(name: str) -> str:
     """Return deg for rotations and angles, mm for lengths, "" where the name does not say."""
-    last = name.rpartition("_")[2].rpartition(".")[2]
+    stem, _, last = name.rpartition("_")
+    if last.isdigit() and stem != "pose":  # a column without a name
+        return ""
+    last = last.rpartition(".")[2]
     if last in {"yaw", "tilt", "deg", "4", "5", "6", "Rx", "Ry", "Rz"}:
         return "deg"
     if last in {"1", "2", "3", "x", "y", "z", "mm", "depth"}:
@@ -175,6 +178,13 @@ def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
         float(tracks.seen.all(axis=1).mean()),
         float(np.median(moved)),
     )
+
+
+def channel_ranges(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest value of every channel, (C,) each."""
+    rows = np.stack([recording.signal(row) for row in range(len(recording))])
+    flat = rows.reshape(len(recording), -1).astype(np.float64)
+    return flat.min(axis=0), flat.max(axis=0)
 
 
 def spread_rows(labels: Sequence[FloatArray], frames: int, count: int, columns: int) -> list[int]:

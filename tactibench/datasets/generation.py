@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactibench.datasets.images import Image
+from tactibench.contacts import Signal
 from tactibench.datasets.press_plan import PressPlan, PressSeries, plan_of_file, plan_of_protocol
 from tactibench.datasets.rows import plan_hash, plan_lines
 from tactibench.datasets.schema import Draft, Header, is_dataset, read_header
@@ -197,13 +197,15 @@ def generate(
     Raises:
         UserError: The folder holds something else.
     """
-    rest = _rest_image(source, plan)
+    rest = _rest_signal(source, plan)
+    camera = rest.dtype == np.uint8
     header = Header(
         source.identity["name"],
         source.identity,
-        (rest.shape[0], rest.shape[1]),
-        3 if rest.ndim == 3 else 1,
+        (rest.shape[0], rest.shape[1]) if camera else None,
+        3 if camera and rest.ndim == 3 else 1,
         source.dome_radius_mm,
+        () if camera else rest.shape,
         source=source.request,
     )
     with Writer(folder, header, plan.rows()) as writer:
@@ -234,12 +236,12 @@ def press_series(source: SensorSource, series: PressSeries) -> Iterator[Draft]:
         for press, frame in zip(series.presses, frames, strict=True):
             scene = replace(press.scene, pose=frame.pose)
             extra = {"draw": press.draw} if press.draw else {}
-            yield Draft(frame.image, press.id, scene, press=press.name, extra=extra)
+            yield Draft(frame.signal, press.id, scene, press=press.name, extra=extra)
 
 
-def _rest_image(source: SensorSource, plan: PressPlan) -> Image:
+def _rest_signal(source: SensorSource, plan: PressPlan) -> Signal:
     with source.build(_context((*plan.series[0].seed, 0))) as sensor:
-        return sensor.rest().image
+        return sensor.rest().signal
 
 
 def _context(seed: tuple[int, ...]) -> SensorContext:

@@ -20,8 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.contacts import Signal
+from tactibench.datasets.channels import ChannelKind, channel_bytes
 from tactibench.datasets.journal import UNFINISHED
-from tactibench.datasets.schema import CACHE, Header
+from tactibench.datasets.schema import CACHE
 from tactibench.datasets.storage import make_folder, sync_file, sync_folder
 from tactibench.errors import UserError
 from tactibench.images import gray, resized
@@ -44,23 +46,30 @@ _BLOCK = 64
 """Images that a thread decodes at a time."""
 
 
-def kind_of(header: Header) -> ImageKind:
-    """Return the size and colours that every image of a data set has."""
-    return ImageKind(*header.image, header.channels == 3)
-
-
 def is_plain_png(data: bytes) -> bool:
     """Return whether a PNG can be copied into a data set: 8-bit gray or RGB, no alpha."""
     return data[24:26] in _PLAIN_PNG
 
 
-def png_bytes(image: Image | bytes, header: Header, what: str) -> bytes:
+def signal_bytes(signal: Signal | bytes, kind: ImageKind | ChannelKind, what: str) -> bytes:
+    """Return what a data set stores of a sample: the PNG file of an image, or a row of channels.
+
+    The bytes of a PNG are taken as they are.
+
+    Raises:
+        UserError: The signal is not like the data set's others.
+    """
+    if isinstance(kind, ImageKind):
+        return png_bytes(signal, kind, what)
+    return signal if isinstance(signal, bytes) else channel_bytes(signal, kind, what)
+
+
+def png_bytes(image: Signal | bytes, kind: ImageKind, what: str) -> bytes:
     """Return the PNG file of an image; the bytes of a PNG are taken as they are.
 
     Raises:
         UserError: The image is not like the data set's others.
     """
-    kind = kind_of(header)
     if isinstance(image, bytes):
         if check_png(what, image) != kind or not is_plain_png(image):
             raise UserError(f"{what} is not an 8-bit {kind} PNG without alpha; decode it first.")
@@ -75,14 +84,14 @@ def png_bytes(image: Image | bytes, header: Header, what: str) -> bytes:
     return encode_png(array)
 
 
-def read_image(folder: Path, name: str, sha256: str, header: Header, where: str) -> Image:
+def read_image(folder: Path, name: str, sha256: str, kind: ImageKind, where: str) -> Image:
     """Return an image of the data set, (H, W) or (H, W, 3) uint8.
 
     Args:
         folder: The data set's folder.
         name: The image's file, relative to the folder.
         sha256: Hash that the file must have.
-        header: Header of the data set.
+        kind: Size and colours of the image.
         where: The line that names the file, for errors.
 
     Raises:
@@ -92,7 +101,7 @@ def read_image(folder: Path, name: str, sha256: str, header: Header, where: str)
     data = read_file(path)
     if hashlib.sha256(data).hexdigest() != sha256:
         raise UserError(f"{_damage(path, data)} ({where}); restore it from a copy.")
-    return decode_png(f"{path} ({where})", data, kind_of(header))
+    return decode_png(f"{path} ({where})", data, kind)
 
 
 def _damage(path: Path, data: bytes) -> str:

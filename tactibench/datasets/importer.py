@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import tactibench
+from tactibench.contacts import Signal
+from tactibench.datasets.channels import ChannelKind
 from tactibench.datasets.dataset import Dataset, open_dataset
-from tactibench.datasets.images import Image, is_plain_png
+from tactibench.datasets.images import is_plain_png
 from tactibench.datasets.readers.formats import V1, open_recording
 from tactibench.datasets.readers.options import ImportOptions
 from tactibench.datasets.readers.recording import SOURCE_NAME, Recording
@@ -17,7 +19,7 @@ from tactibench.datasets.splits import SUBSETS
 from tactibench.datasets.storage import new_folder
 from tactibench.datasets.writer import Writer
 from tactibench.errors import UserError
-from tactibench.png import decode_png, read_file
+from tactibench.png import read_file
 
 _BATCH = 250
 """Frames that are read, checked and written together."""
@@ -69,12 +71,16 @@ def _header(recording: Recording, options: ImportOptions) -> Header:
     if options.sensor != ImportOptions().sensor:
         sensor = {"name": options.sensor}
     licence = options.licence or stated.pop("licence", "")
+    kind = recording.kind
+    channels = kind.shape if isinstance(kind, ChannelKind) else ()
     return Header(
         name,
         sensor,
-        (recording.kind.height, recording.kind.width),
+        None if isinstance(kind, ChannelKind) else (kind.height, kind.width),
         recording.channels,
         recording.dome_radius_mm,
+        channels,
+        recording.signal_names,
         licence=licence,
         source={
             "importer": f"tactibench {tactibench.__version__}",
@@ -93,15 +99,16 @@ def _header(recording: Recording, options: ImportOptions) -> Header:
 def _write(recording: Recording, folder: Path, options: ImportOptions, advance: Advance) -> None:
     with Writer(folder, _header(recording, options), fsync=False) as writer:
         if recording.rest is not None:
-            recording.rest_image()  # names the file if it cannot be decoded
-            writer.reference(_file_or_image(recording, recording.rest))
+            rest = recording.rest_image()  # names the file if it cannot be decoded
+            data = read_file(recording.rest)
+            writer.reference(data if is_plain_png(data) or rest is None else rest)
         for start in range(0, len(recording), _BATCH):
             rows = range(start, min(start + _BATCH, len(recording)))
             try:
                 writer.add_many([_draft(recording, row) for row in rows])
             except UserError:
                 for row in rows:  # names the file
-                    recording.image(row)
+                    recording.signal(row)
                 raise
             advance(len(rows))
         ids = [sample.id for sample in writer.samples]
@@ -114,7 +121,7 @@ def _draft(recording: Recording, row: int) -> Draft:
     stated = dict(recording.samples[row]) if recording.samples else {}
     extra: dict[str, Any] = {name: cells[row] for name, cells in recording.extra.items()}
     return Draft(
-        _file_or_image(recording, recording.paths[row]),
+        _stored_signal(recording, row),
         stated.pop("id", row),
         recording.scenes[row],
         {
@@ -128,7 +135,10 @@ def _draft(recording: Recording, row: int) -> Draft:
     )
 
 
-def _file_or_image(recording: Recording, path: Path) -> bytes | Image:
-    """Return the file as it is, where a data set may hold it; otherwise its image."""
-    data = read_file(path)
-    return data if is_plain_png(data) else decode_png(path, data, recording.kind)
+def _stored_signal(recording: Recording, row: int) -> bytes | Signal:
+    """Return an image's file as it is, where a data set may hold it; otherwise the signal."""
+    if recording.paths:
+        data = read_file(recording.paths[row])
+        if is_plain_png(data):
+            return data
+    return recording.signal(row)

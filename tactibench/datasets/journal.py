@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind, unacknowledged_bytes
 from tactibench.datasets.rows import parse_object, read_optional, read_row
 from tactibench.datasets.schema import (
     EVENTS,
@@ -212,6 +213,7 @@ def repair(folder: Path, content: Content) -> tuple[str, ...]:
         _cut_torn_line(folder, JOURNAL, content.journal),
         _cut_torn_line(folder, EVENTS, content.event_lines),
     ]
+    done.append(_cut_channels(folder, content))
     named = {sample.file_name for sample in content.samples}
     orphans = [name for name in sample_images(folder) if name not in named]
     for name in orphans:
@@ -231,6 +233,8 @@ def repair(folder: Path, content: Content) -> tuple[str, ...]:
 def needs_repair(folder: Path, content: Content) -> bool:
     """Return whether an interrupted writer, or one at work, left anything."""
     if content.journal.torn or content.event_lines.torn or any(temporary_files(folder)):
+        return True
+    if _channels_behind(folder, content):
         return True
     return not {sample.file_name for sample in content.samples}.issuperset(sample_images(folder))
 
@@ -262,13 +266,34 @@ def _image_folders(folder: Path) -> list[Path]:
 def _cut_torn_line(folder: Path, name: str, lines: Lines) -> str:
     if not lines.torn:
         return ""
+    _cut_off(folder, name, lines.torn)
+    return f"cut an unfinished line of {len(lines.torn):,} bytes off {name}"
+
+
+def _channels_behind(folder: Path, content: Content) -> bytes:
+    """Return the rows of channels that no line of the journal acknowledges."""
+    kind = content.header.kind
+    if not isinstance(kind, ChannelKind):
+        return b""
+    return unacknowledged_bytes(folder, kind, len(content.journal.whole))
+
+
+def _cut_channels(folder: Path, content: Content) -> str:
+    behind = _channels_behind(folder, content)
+    if not behind:
+        return ""
+    _cut_off(folder, CHANNEL_FILE, behind)
+    return f"cut {len(behind):,} bytes that no line acknowledges off {CHANNEL_FILE}"
+
+
+def _cut_off(folder: Path, name: str, end: bytes) -> None:
+    """Move the end of a file to the trash."""
     copy = _free_path(folder / TRASH / f"{name}.torn")
     make_folder(copy.parent)
-    copy.write_bytes(lines.torn)
+    copy.write_bytes(end)
     with (folder / name).open("r+b") as stream:
-        stream.truncate(lines.size)
+        stream.truncate((folder / name).stat().st_size - len(end))
         os.fsync(stream.fileno())
-    return f"cut an unfinished line of {len(lines.torn):,} bytes off {name}"
 
 
 def _free_path(path: Path) -> Path:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Indenter, Pose, Scene
+from tactibench.contacts import Indenter, Pose, Scene, Workspace
 from tactibench.datasets.readers.options import AUTO, NONE, PLATE, SINGLE, ImportOptions
 from tactibench.datasets.readers.recording import Recording
 from tactibench.errors import UserError
+from tactibench.geometry import DOME_RADIUS_MM, tip_depths, tip_positions
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,6 +59,11 @@ def signed_column(labels: Mapping[str, FloatArray], column: str) -> FloatArray:
     return np.asarray(sign * labels[column.removeprefix("-")], dtype=np.float64)
 
 
+def _signed(column: str, zero: float) -> float:
+    """Return the zero of a column as ``signed_column`` counts."""
+    return -zero if column.startswith("-") else zero
+
+
 def scenes_of(
     labels: Mapping[str, FloatArray],
     columns: Mapping[str, str],
@@ -86,9 +93,36 @@ def scenes_of(
         )
     if indenter == SINGLE:
         tip = Indenter.single(options.radius_mm)
-        rows = zip(values["x"], values["y"], values["depth"] + options.offset_mm, strict=True)
+        places = {
+            "x": values["x"] - _signed(columns["x"], options.x_zero_mm),
+            "y": values["y"] - _signed(columns["y"], options.y_zero_mm),
+        }
+        rows = zip(places["x"], places["y"], values["depth"] + options.offset_mm, strict=True)
         return tuple(Scene(tip, Pose(float(x), float(y), depth=float(d))) for x, y, d in rows)
     return None
+
+
+def own_workspace(
+    scenes: Sequence[Scene], dome_radius_mm: float | None, *, always: bool = False
+) -> Workspace | None:
+    """Return the range of the recorded presses by tips, where it takes the place of the published.
+
+    That is where the sensor is flat: the published range is that of a dome. A tip at depth 0 or
+    above it touches nothing and belongs to no range.
+
+    Args:
+        scenes: What was pressed.
+        dome_radius_mm: Radius of the pressed surface, inf where it is flat; None: the usual dome.
+        always: Whether a dome has its own range as well.
+    """
+    radius = DOME_RADIUS_MM if dome_radius_mm is None else dome_radius_mm
+    tips = [scene for scene in scenes if not scene.indenter.is_plate]
+    depths = np.concatenate([np.empty(0), *(tip_depths(scene, radius) for scene in tips)])
+    depths = depths[depths > 0]
+    if not (always or math.isinf(radius)) or not len(depths):
+        return None
+    reach = max(float(np.abs(tip_positions(scene)[:, :2]).max()) for scene in tips)
+    return Workspace(reach, float(depths.min()), float(depths.max()), radius)
 
 
 def plate_scenes(

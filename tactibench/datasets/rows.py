@@ -17,6 +17,7 @@ from typing import Any
 from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
 
 from tactibench.contacts import Indenter, Pose, Scene
+from tactibench.datasets.channels import CHANNEL_FILE
 from tactibench.datasets.schema import Sample, Status, contacts_of, image_name
 from tactibench.errors import UserError
 from tactibench.png import read_file
@@ -157,7 +158,7 @@ def read_row(line: bytes, where: str) -> Sample:
         UserError: The line is damaged.
     """
     row = _parse(line, where)
-    if row.file_name != image_name(row.id):
+    if row.file_name not in (image_name(row.id), CHANNEL_FILE):
         raise UserError(
             f"{where}: file_name is {row.file_name!r}, but the image of id {row.id} is "
             f"{image_name(row.id)}; restore the line."

@@ -4,6 +4,7 @@ dataset.json       the header: what holds for every sample; status open or close
 plan.jsonl         what is to be recorded, where that is known beforehand
 metadata.jsonl     the journal: one line for every finished sample (a Hugging Face image folder)
 images/000000/     PNG files, 1000 in a folder; images/reference/: the undeformed sensor
+channels.f32       in place of images, where the sensor is no camera: a row of float32 a sample
 events.jsonl       reference frames, stops, warnings
 splits/NAME.json   ids of training, validation and test samples
 .cache/  .trash/   derived arrays, and what repairs moved aside
@@ -20,13 +21,13 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict, NonNegativeInt, PositiveInt, TypeAdapter, ValidationError
 
-from tactibench.contacts import Contacts, Scene
+from tactibench.contacts import Contacts, Scene, Signal
+from tactibench.datasets.channels import ChannelKind
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
+from tactibench.png import ImageKind
 from tactibench.protocols.mistakes import first_mistake
 from tactibench.records.files import write_json
 
@@ -68,8 +69,10 @@ class Header:
 
     Attributes:
         sensor: Name, parameters and versions of the sensor.
-        image: Height and width of every image, pixels.
+        image: Height and width of every image, pixels; None where the samples hold channels.
         channels: 1 for gray, 3 for RGB.
+        signal: Shape of every sample's float32 channels; () where the samples are images.
+        signal_names: Names of the channels, in their order, as far as they are known.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         source: The importer, its options and the sha256 of what was read.
         counts: Numbers of samples and presses, written when the data set is closed.
@@ -80,9 +83,11 @@ class Header:
 
     name: str
     sensor: Mapping[str, Any]
-    image: tuple[PositiveInt, PositiveInt]
+    image: tuple[PositiveInt, PositiveInt] | None = None
     channels: Literal[1, 3] = 1
     dome_radius_mm: float | None = None
+    signal: tuple[PositiveInt, ...] = ()
+    signal_names: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=lambda: dict(UNITS))
     axes: str = AXES
     frames: Mapping[str, str] = field(default_factory=lambda: dict(FRAMES))
@@ -95,6 +100,13 @@ class Header:
     journal_sha256: str = ""
     schema_version: Literal[1] = 1
 
+    @property
+    def kind(self) -> ImageKind | ChannelKind:
+        """Size and colours of every image, or the shape of every sample's channels."""
+        if self.image is None:
+            return ChannelKind(self.signal)
+        return ImageKind(*self.image, self.channels == 3)
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -102,8 +114,8 @@ class Sample:
 
     Attributes:
         id: Number of the sample, unique in the data set, 0 or more.
-        file_name: The image's file, relative to the data set's folder.
-        sha256: Hash of the image's file.
+        file_name: The image's file, relative to the data set's folder, or that of all channels.
+        sha256: Hash of the image's file, or of the sample's row of channels.
         scene: What was pressed, with the pose that was reached; None where only labels are known.
         labels: Labels as they were recorded, by their original names, mm and deg.
         press: Name that the samples of one press share. It is the unit of intervals and splits.
@@ -130,12 +142,12 @@ class Draft:
     """A sample that is to be written; see ``Sample`` for what the fields mean.
 
     Attributes:
-        image: (H, W) gray or (H, W, 3) RGB uint8, or the bytes of such a PNG file, which are
-            written as they are.
+        signal: (H, W) gray or (H, W, 3) RGB uint8, or the bytes of such a PNG file, which are
+            written as they are; of a sensor without a camera float32 channels.
         press: Name of the press; an empty one becomes the id as text.
     """
 
-    image: npt.NDArray[np.uint8] | bytes
+    signal: Signal | bytes
     id: int
     scene: Scene | None = None
     labels: Mapping[str, float] = field(default_factory=dict)
@@ -146,15 +158,16 @@ class Draft:
     status: Status = "ok"
     attempt: int = 1
 
-    def sample(self, sha256: str) -> Sample:
+    def sample(self, file_name: str, sha256: str) -> Sample:
         """Return the finished sample.
 
         Args:
-            sha256: Hash of the image's file.
+            file_name: File of the image or the channels, relative to the data set's folder.
+            sha256: Hash of the image's file, or of the row of channels.
         """
         return Sample(
             int(self.id),
-            image_name(self.id),
+            file_name,
             sha256,
             self.status,
             self.scene,
@@ -231,7 +244,7 @@ def read_header(folder: Path) -> Header:
         header = _HEADER_FILE.validate_json(json.dumps(value))
     except ValidationError as error:
         raise UserError(f"{path}: {first_mistake(error, Header)}") from None
-    _check_radius(header, str(path))
+    _check_header(header, str(path))
     return header
 
 
@@ -241,8 +254,11 @@ def write_header(folder: Path, header: Header) -> None:
     Raises:
         UserError: The header could not be read again.
     """
-    _check_radius(header, "the header of the data set")
+    _check_header(header, "the header of the data set")
     value = asdict(header)
+    # An older tactibench reads data sets of images as long as they have no key that it lacks.
+    for key in ["image"] if header.signal else ["signal", "signal_names"]:
+        del value[key]
     if header.dome_radius_mm is not None and math.isinf(header.dome_radius_mm):
         value["dome_radius_mm"] = _FLAT  # infinity has no meaning in JSON
     try:
@@ -277,7 +293,9 @@ def resume_header(folder: Path, expected: Header) -> Header:
     return header
 
 
-def _check_radius(header: Header, where: str) -> None:
+def _check_header(header: Header, where: str) -> None:
+    if (header.image is None) != bool(header.signal):
+        raise UserError(f"{where}: exactly one of 'image' and 'signal' says what samples hold.")
     radius = header.dome_radius_mm
     if radius is not None and not radius > 0:
         raise UserError(f"{where}: dome_radius_mm is {radius}; it must be positive or {_FLAT!r}.")

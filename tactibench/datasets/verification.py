@@ -8,6 +8,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+from tactibench.datasets.channels import (
+    CHANNEL_FILE,
+    ChannelKind,
+    read_channels,
+    reference_channels,
+    unacknowledged_bytes,
+)
 from tactibench.datasets.images import is_intact, read_image
 from tactibench.datasets.journal import (
     Lines,
@@ -49,7 +56,7 @@ def count_samples(folder: Path) -> int:
 
 
 def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list[str]:
-    """Read, hash and decode every image, and check journals, plan, splits and derived arrays.
+    """Read and hash every image or row of channels; check journals, plan, splits, derived arrays.
 
     Args:
         folder: The data set's folder, in which nothing is changed.
@@ -68,7 +75,7 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
     findings = [str(error) for error in errors]
     findings += _check_contacts(folder / JOURNAL, header, journal, numbered)
     findings += _check_references(folder, header, events)
-    findings += _check_images(folder, header, numbered, advance)
+    findings += _check_signals(folder, header, journal, numbered, advance)
     findings += _check_arrays(folder)
     findings += _check_leftovers(folder, samples)
     findings += _finding(read_plan, folder / PLAN, header.plan_sha256)
@@ -101,15 +108,19 @@ def _check_contacts(
 
 
 def _check_references(folder: Path, header: Header, events: Lines) -> Iterator[str]:
-    named = set()
+    named, kind = set(), header.kind
     for number, line in enumerate(events.whole, start=1):
         where = f"{folder / EVENTS} line {number}"
         try:
             event = read_event(line, where)
-            if event.get("kind") == "reference":
+            if event.get("kind") != "reference":
+                continue
+            if isinstance(kind, ChannelKind):
+                reference_channels(event, kind, where)
+            else:
                 name, sha256 = reference_file(event, where)
                 named.add(name)
-                read_image(folder, name, sha256, header, where)
+                read_image(folder, name, sha256, kind, where)
         except UserError as error:
             yield str(error)
     if events.torn:
@@ -120,18 +131,23 @@ def _check_references(folder: Path, header: Header, events: Lines) -> Iterator[s
             yield f"{path} is named by no line of {EVENTS}; remove it."
 
 
-def _check_images(
+def _check_signals(
     folder: Path,
     header: Header,
+    journal: Lines,
     samples: Mapping[int, Sample],
     advance: Callable[[int], None],
 ) -> Iterator[str]:
-    """Give findings on images, in the order of the journal."""
+    """Give findings on images or channels, in the order of the journal."""
+    kind = header.kind
 
     def check(number: int, sample: Sample) -> list[str]:
         where = f"{JOURNAL} line {number}"
-        arguments = (folder, sample.file_name, sample.sha256, header, where)
-        return list(_finding(read_image, *arguments))
+        if isinstance(kind, ChannelKind):
+            row = (folder, number - 1, sample.sha256, kind, where)
+            return list(_finding(read_channels, *row))
+        image = (folder, sample.file_name, sample.sha256, kind, where)
+        return list(_finding(read_image, *image))
 
     waiting: deque[Future[list[str]]] = deque()
     with ThreadPoolExecutor(_THREADS) as pool:
@@ -143,6 +159,11 @@ def _check_images(
         for future in waiting:
             yield from future.result()
             advance(1)
+    if isinstance(kind, ChannelKind) and unacknowledged_bytes(folder, kind, len(journal.whole)):
+        yield (
+            f"{folder / CHANNEL_FILE} is longer than the lines of {JOURNAL}; opening the data set "
+            "cuts it off."
+        )
 
 
 def _check_arrays(folder: Path) -> Iterator[str]:

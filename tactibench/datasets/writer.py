@@ -1,8 +1,8 @@
 """Writing a data set so that what was acknowledged survives a crash.
 
 A sample is acknowledged when ``add`` returns. Until then: image to a temporary name, fsync, rename,
-fsync of the folder, line to the journal, fsync. ``add_many`` acknowledges several samples together
-and waits for the disk as often as for one.
+fsync of the folder, line to the journal, fsync. Channels are added to their file instead of that.
+``add_many`` acknowledges several samples together and waits for the disk as often as for one.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from typing import Any, Self
 
 import numpy as np
 
+from tactibench.contacts import Signal
+from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind
 from tactibench.datasets.images import (
-    Image,
     discard_images,
-    png_bytes,
     rename_images,
+    signal_bytes,
     write_images,
 )
 from tactibench.datasets.journal import Event, Journal, read_content, read_lines, repair
@@ -88,6 +89,9 @@ class Writer:
             self._begin(header, list(plan))
             self._journal = Journal(folder / JOURNAL, fsync=fsync)
             self._event_journal = Journal(folder / EVENTS, fsync=fsync)
+            self._channels = None
+            if self.header.signal:
+                self._channels = Journal(folder / CHANNEL_FILE, fsync=fsync)
             sync_folder(folder)
         except BaseException:
             self._lock.release()
@@ -176,31 +180,39 @@ class Writer:
                 types = json_types(types, draft.extra, ("extra",))
             except UserError as error:
                 raise UserError(f"sample {draft.id}: {error}") from None
-        files = [
-            png_bytes(draft.image, self.header, f"the image of sample {draft.id}")
+        kind = self.header.kind
+        stored = [signal_bytes(d.signal, kind, f"the frame of sample {d.id}") for d in drafts]
+        names = [
+            CHANNEL_FILE if isinstance(kind, ChannelKind) else image_name(draft.id)
             for draft in drafts
         ]
         samples = [
-            draft.sample(hashlib.sha256(data).hexdigest())
-            for draft, data in zip(drafts, files, strict=True)
+            draft.sample(name, hashlib.sha256(data).hexdigest())
+            for draft, name, data in zip(drafts, names, stored, strict=True)
         ]
         lines = [write_row(sample, self.header.dome_radius_mm) for sample in samples]
-        self._write_images([image_name(draft.id) for draft in drafts], files, self._journal, lines)
+        if self._channels is None:
+            self._write_images(names, stored, self._journal, lines)
+        else:
+            self._write_channels(self._channels, stored, lines)
         self._extra_types = types
         self._samples.update((sample.id, sample) for sample in samples)
         return tuple(samples)
 
-    def reference(self, image: Image | bytes) -> None:
+    def reference(self, signal: Signal | bytes) -> None:
         """Write a frame of the undeformed sensor.
 
-        The first one is the data set's rest frame. The same image again changes nothing; another
-        image is written beside it.
+        The first one is the data set's rest frame. The same signal again changes nothing; another
+        one is written beside it.
         """
         self._check_open()
-        data = png_bytes(image, self.header, "the reference frame")
+        data = signal_bytes(signal, self.header.kind, "the reference frame")
         sha256 = hashlib.sha256(data).hexdigest()
         before = [event for event in self._events if event.get("kind") == "reference"]
         if before and before[-1].get("sha256") == sha256:
+            return
+        if self._channels is not None:
+            self.event("reference", channels=np.asarray(signal).tolist(), sha256=sha256)
             return
         name = f"{REFERENCE}/{f'{len(before):06d}' if before else 'rest'}.png"
         event = _event("reference", file_name=name, sha256=sha256)
@@ -245,6 +257,8 @@ class Writer:
             sync_all()
             self._journal.sync()
             self._event_journal.sync()
+            if self._channels is not None:
+                self._channels.sync()
         if self._plan_ids <= self.done:
             samples = self.samples
             counts = {
@@ -266,6 +280,8 @@ class Writer:
             self._is_open = False
             self._journal.close()
             self._event_journal.close()
+            if self._channels is not None:
+                self._channels.close()
             self._lock.release()
 
     def _write_images(
@@ -282,6 +298,17 @@ class Writer:
             journal.append(lines)
         except BaseException:
             self.leave_open()  # what is half written is repaired when the folder is opened again
+            raise
+
+    def _write_channels(
+        self, channels: Journal, rows: Sequence[bytes], lines: Sequence[bytes]
+    ) -> None:
+        """Write rows of channels, then the lines that acknowledge them."""
+        try:
+            channels.append(rows)
+            self._journal.append(lines)
+        except BaseException:
+            self.leave_open()  # rows without a line are cut off when the folder is opened again
             raise
 
     def _check_open(self) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Frame, Pose, Scene
+from tactibench.contacts import Frame, Pose, Scene, Signal
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
 from tactibench.plugins.base import Sensor, SensorContext
@@ -35,11 +35,12 @@ from tactibench.records.identity import combined, digest
 
 MANIFEST = "manifest.json"
 ARRAYS = ("frames", "rest", "poses")
-"""Files of a set: (N, H, W[, 3]) and (H, W[, 3]) uint8, (N, 5) x, y mm, yaw, tilt deg, depth mm,
-or (N, 8) with dx, dy mm and dyaw deg where a press moved sideways."""
+"""Files of a set: signals of all frames, (N, ...), and that of the undeformed sensor, (...); (N, 5)
+x, y mm, yaw, tilt deg, depth mm, or (N, 8) with dx, dy mm and dyaw deg where a press moved
+sideways."""
 REST_ARRAYS = ("rests", "rest_of")
-"""Further files of a set whose frames are of several sensor instances: (K, H, W[, 3]) uint8, the
-different rest frames, and (N,) the number of each frame's own."""
+"""Further files of a set whose frames are of several sensor instances: (K, ...) the different rest
+signals, and (N,) the number of each frame's own."""
 
 Chunk = dict[str, npt.NDArray[Any]]
 
@@ -132,9 +133,9 @@ def open_frames(
             manifest = _generate(recipe, folder, advance)
         for leftover in (_beside(folder, ".parts"), _beside(folder, ".made")):
             shutil.rmtree(leftover, ignore_errors=True)
-        images = np.load(folder / "frames.npy", mmap_mode="r")
+        signals = np.load(folder / "frames.npy", mmap_mode="r")
         rests = np.load(folder / "rest.npy")[np.newaxis]
-        rest_of = np.zeros(len(images), dtype=np.intp)
+        rest_of = np.zeros(len(signals), dtype=np.intp)
         if REST_ARRAYS[0] in manifest:
             rests, rest_of = (np.load(folder / f"{name}.npy") for name in REST_ARRAYS)
         poses = np.load(folder / "poses.npy")
@@ -142,9 +143,9 @@ def open_frames(
     shared = list(rests)  # frames of one instance hold one and the same array
     frames = [
         # A generated frame's time is its number.
-        Frame(image, float(i), Pose(*pose), shared[number])
-        for i, (image, pose, number) in enumerate(
-            zip(images, poses.tolist(), rest_of.tolist(), strict=True)
+        Frame(signal, float(i), Pose(*pose), shared[number])
+        for i, (signal, pose, number) in enumerate(
+            zip(signals, poses.tolist(), rest_of.tolist(), strict=True)
         )
     ]
     content = recipe.content_hash(manifest)
@@ -193,9 +194,9 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
         chunks.append(chunk)
         advance(len(scenes))
     with recipe.open_sensor(0) as sensor:
-        rest = sensor.rest().image
+        rest = sensor.rest().signal
     arrays = {
-        "frames": _join_images([chunk["images"] for chunk in chunks], recipe, rest),
+        "frames": _join_signals([chunk["images"] for chunk in chunks], recipe, rest),
         "rest": rest,
         "poses": np.concatenate([chunk["poses"] for chunk in chunks] or [np.empty((0, 5))]),
         **_join_rests(chunks, rest),
@@ -230,15 +231,15 @@ def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk
             "scenes; fix the sensor."
         )
     for frame in frames:
-        if frame.rest is not None and frame.rest.shape != frame.image.shape:
+        if frame.rest is not None and frame.rest.shape != frame.signal.shape:
             raise UserError(
                 f"sensor {recipe.identity.get('name')!r} made a frame of shape "
-                f"{frame.image.shape} with a rest frame of shape {frame.rest.shape}; "
+                f"{frame.signal.shape} with a rest frame of shape {frame.rest.shape}; "
                 "fix the sensor."
             )
     columns = 8 if any(scene.pose.moved for scene in recipe.scenes) else 5
     return {
-        "images": np.stack([frame.image for frame in frames]),
+        "images": np.stack([frame.signal for frame in frames]),
         "poses": np.array([astuple(frame.pose)[:columns] for frame in frames], dtype=np.float64),
         **_rests_of(frames),
     }
@@ -251,12 +252,12 @@ def _rests_of(frames: Sequence[Frame]) -> Chunk:
     different = {content[key]: rest for key, rest in by_array.items()}
     numbers = {key: list(different).index(content[key]) for key in by_array}
     return {
-        "rests": np.array(list(different.values()), dtype=np.uint8),
+        "rests": np.array(list(different.values()), dtype=frames[0].signal.dtype),
         "rest_of": np.array([numbers.get(id(frame.rest), -1) for frame in frames], dtype=np.intp),
     }
 
 
-def _join_rests(chunks: Sequence[Chunk], rest: npt.NDArray[np.uint8]) -> Chunk:
+def _join_rests(chunks: Sequence[Chunk], rest: Signal) -> Chunk:
     """``REST_ARRAYS``, the sensor's own rest frame first; empty where no frame has another one."""
     different = {rest.tobytes(): rest}
     rest_of = []
@@ -273,17 +274,22 @@ def _join_rests(chunks: Sequence[Chunk], rest: npt.NDArray[np.uint8]) -> Chunk:
     )
 
 
-def _join_images(
-    chunks: list[npt.NDArray[np.uint8]], recipe: FrameRecipe, rest: npt.NDArray[np.uint8]
-) -> npt.NDArray[np.uint8]:
-    for images in chunks:
-        if images.shape[1:] != rest.shape or images.dtype != np.uint8:
+def _join_signals(
+    chunks: Sequence[npt.NDArray[Any]], recipe: FrameRecipe, rest: Signal
+) -> npt.NDArray[Any]:
+    if rest.dtype not in (np.uint8, np.float32):
+        raise UserError(
+            f"sensor {recipe.identity.get('name')!r} made a rest frame of type {rest.dtype}; give "
+            "uint8 images or float32 channels."
+        )
+    for signals in chunks:
+        if signals.shape[1:] != rest.shape or signals.dtype != rest.dtype:
             raise UserError(
-                f"sensor {recipe.identity.get('name')!r} made frames of shape {images.shape[1:]} "
-                f"and type {images.dtype}, but its rest frame has {rest.shape} and uint8; "
+                f"sensor {recipe.identity.get('name')!r} made frames of shape {signals.shape[1:]} "
+                f"and type {signals.dtype}, but its rest frame has {rest.shape} and {rest.dtype}; "
                 "fix the sensor."
             )
-    return np.concatenate([np.empty((0, *rest.shape), np.uint8), *chunks])
+    return np.concatenate([np.empty((0, *rest.shape), rest.dtype), *chunks])
 
 
 def _beside(folder: Path, suffix: str) -> Path:

@@ -206,6 +206,8 @@ class DrawnFrames(FrameSource):
             few_shot=self._labelled_frames() if request.shots else None,
             rejected=self.rejected(),
             sensor_identity=self.training.identity,
+            signals=(self.training.sensor.signal, self.testing.sensor.signal),
+            workspace=self.training.sensor.workspace,
             test_identity=None if request.test_sensor is None else self.testing.identity,
         )
 

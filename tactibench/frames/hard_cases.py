@@ -21,6 +21,7 @@ from tactibench.frames.hard_scenes import case_scene
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import Advance, FrameSet, spread
 from tactibench.plugins.base import Sensor
+from tactibench.plugins.specs import IMAGE
 from tactibench.protocols.families import Family, case, untouched
 from tactibench.protocols.schema import Workspace
 from tactibench.records.bound_spec import BoundSpec
@@ -68,6 +69,12 @@ class HardCaseFrames(DrawnFrames):
             raise UserError(
                 f"protocol {self.spec.id!r} presses hard cases of its own and has no reference "
                 "scenes; leave --test reference out."
+            )
+        if self.testing.sensor.signal != IMAGE:
+            raise UserError(
+                f"protocol {self.spec.id!r} changes images (light, blur, noise), but sensor "
+                f"{self.testing.component.name!r} gives {self.testing.sensor.signal}; take a "
+                "sensor with a camera."
             )
         if math.isinf(self._space.dome_radius_mm):
             raise UserError(
@@ -255,7 +262,7 @@ class FaultyFrameSet(FrameSet):
             frame = whole.frames[row.press]
             image = FAULTS[self.fault](np.array(frame.image), row.value, rng)
             image.setflags(write=False)
-            frames.append(replace(frame, image=image))
+            frames.append(replace(frame, signal=image))
             advance(1)
         images = arrays_hash({"images": np.stack([frame.image for frame in frames])})
         return Presses(

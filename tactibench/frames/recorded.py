@@ -210,6 +210,7 @@ class RecordedFrames(FrameSource):
             validation=validation,
             test=(self._test(division),),
             sensor_identity=self.recording.identity,
+            signals=(self.recording.sensor.signal,),
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:
@@ -259,6 +260,8 @@ class MatchedFrames(FrameSource):
             test=self.test_frames(),
             rejected=self.match.left_out,
             sensor_identity=self.recording.identity,
+            signals=(self.recording.sensor.signal,),
+            workspace=self.recording.sensor.workspace,
         )
 
     def test_frames(self) -> tuple[FrameSet, ...]:

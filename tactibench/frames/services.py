@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactibench.contacts import Scene
-from tactibench.datasets import ImportOptions, Recording, plate_scenes
+from tactibench.datasets import ImportOptions, Recording, own_workspace, plate_scenes
 from tactibench.errors import UserError
 from tactibench.frames.matching import describe_draw, match
+from tactibench.protocols.draws import in_range
 from tactibench.protocols.loader import load_protocol, protocol_files
 from tactibench.protocols.schema import Protocol
 
@@ -34,13 +35,15 @@ def services(recording: Recording) -> list[Service]:
         if scene
     ]
     scenes, presses = [scene for scene, _ in labelled], [press for _, press in labelled]
+    workspace = own_workspace(scenes, recording.dome_radius_mm)
     services = []
     for name in sorted(protocol_files()):
         protocol = load_protocol(name).spec
         if protocol.recorded is not None:
             served, reason = _plates(recording, scenes)
         else:
-            served, reason = _tips(protocol, scenes, presses)
+            pressed = protocol if workspace is None else in_range(protocol, workspace)
+            served, reason = _tips(pressed, scenes, presses)
         services.append(Service(name, protocol.title, served, reason))
     return services
 

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from tactibench.contacts import Scene
+from tactibench.contacts import Scene, Workspace
 from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
 from tactibench.plugins.base import Sensor
 from tactibench.plugins.specs import SensorSpec
+from tactibench.protocols.draws import in_range
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
@@ -157,6 +158,8 @@ class FramePlan:
         sensor_identity: all that determines the training frames but the seed.
         test_identity: the same of the tested sensor; None where it is the same sensor.
         rejected: candidates that geometry refused in the test draws.
+        workspace: range of the training sensor, where it is not the protocol's.
+        signals: kinds of signal of the training and of the tested sensor, see ``Sensor.signal``.
         calibrated: frames that test nothing because a simulator was fitted to them.
     """
 
@@ -166,7 +169,9 @@ class FramePlan:
     test: tuple[FrameSet, ...]
     few_shot: FrameSet | None = None
     sensor_identity: dict[str, Any]
+    signals: tuple[str, ...]
     test_identity: dict[str, Any] | None = None
+    workspace: Workspace | None = None
     rejected: int = 0
     calibrated: int = 0
 
@@ -176,6 +181,10 @@ class FramePlan:
     def count(self, role: str) -> int:
         """Return how many frames have a role."""
         return sum(len(frames.scenes) for frames in self if frames.role == role)
+
+    def on_range(self, spec: Protocol) -> Protocol:
+        """Return the protocol in the range of the training sensor."""
+        return spec if self.workspace is None else in_range(spec, self.workspace)
 
     def training_key(self) -> str:
         """Return the identity of the frames that a model learns from."""

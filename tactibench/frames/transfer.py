@@ -54,10 +54,10 @@ class TransferFrames(FrameSource):
                 self.spec, self.request.sensor, self.request.data, indentation=True
             )
             fit, validation = training_sets(self.request, source, divide(self.spec, source))
-            identity = source.identity
+            identity, signal = source.identity, source.sensor.signal
         else:
             fit, validation = self._pressed_sets(self.simulated)
-            identity = self.simulated.identity
+            identity, signal = self.simulated.identity, self.simulated.sensor.signal
         return FramePlan(
             source=self,
             fit=fit,
@@ -65,6 +65,7 @@ class TransferFrames(FrameSource):
             test=self.test_frames(),
             few_shot=self._labelled_frames(),
             sensor_identity=identity,
+            signals=(signal, self.target.sensor.signal),
             test_identity=self.target.identity,
             calibrated=len(self._calibrated),
         )

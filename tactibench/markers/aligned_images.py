@@ -49,7 +49,7 @@ class AlignedImages:
 
         size: of the images, px.
         """
-        rests = [frame.rest for frame in frames if frame.rest is not None]
+        rests = [rest for frame in frames if (rest := frame.rest_image) is not None]
         return cls(_sized(rests[0], size)) if frames and len(rests) == len(frames) else None
 
     def __call__(self, frames: Sequence[Frame]) -> Images:
@@ -61,8 +61,8 @@ class AlignedImages:
         out = np.empty((len(frames), 2, *self.rest.shape), dtype=np.uint8)
         out[:, 0], out[:, 1] = gray_frames(frames, len(self.rest)), self.rest
         for row, frame in enumerate(frames):
-            if frame.rest is not None:
-                sensor = self._sensor(frame.rest)
+            if (rest := frame.rest_image) is not None:
+                sensor = self._sensor(rest)
                 out[row, 1] = sensor.seen
                 if sensor.view is not None:
                     out[row, 0] = _seen_from(out[row, 0], sensor.view)

@@ -40,7 +40,8 @@ _DOUBTFUL = 2.5
 
 def rest_images(frames: Sequence[Frame]) -> list[Images]:
     """Return the different rest images that the frames carry, one for each sensor instance."""
-    by_array = {id(frame.rest): frame.rest for frame in frames if frame.rest is not None}
+    rests = (frame.rest_image for frame in frames)
+    by_array = {id(rest): rest for rest in rests if rest is not None}
     different = {(image.shape, image.tobytes()): image for image in by_array.values()}
     return list(different.values())
 
@@ -59,7 +60,7 @@ class BySensor(Generic[Made]):
         Raises:
             UserError: for a frame without a rest image, or what ``make`` raises.
         """
-        rest = frame.rest
+        rest = frame.rest_image
         if rest is None:
             raise UserError(
                 "a frame carries no rest image, by which a sensor's pins are told from another's; "

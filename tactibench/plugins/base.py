@@ -19,8 +19,9 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene
+from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene, Workspace
 from tactibench.errors import UserError
+from tactibench.plugins.specs import IMAGE
 
 Maps = npt.NDArray[np.float32]
 Stage = tuple[str, Callable[[Any], Any]]
@@ -256,15 +257,20 @@ class Sensor(ABC):
     The benchmark builds it as ``Class(context, **parameters)``, see `SensorContext`.
 
     Attributes:
+        signal: Kind of the frames' signal, "image" (uint8) or "channels" (float32).
         dome_radius_mm: Radius of the touched surface, mm; inf: flat; None: the protocol's dome.
         deepest_mm: Depth to which a tip may be pressed, mm; inf: as deep as the protocol asks.
+        workspace: Range of a sensor that cannot be pressed as the protocols publish, because it is
+            flat, larger or smaller; it takes the place of theirs. None: the published range.
         nuisances: Names of what ``covariance`` may take as unknown, such as "brightness".
         expected_failed_checks: Property of ``tactibench check`` -> reason why it does not hold.
     """
 
     expected_failed_checks: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    signal: str = IMAGE
     dome_radius_mm: float | None = None
     deepest_mm: float = math.inf
+    workspace: Workspace | None = None
     nuisances: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:

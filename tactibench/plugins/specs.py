@@ -23,6 +23,9 @@ Value = bool | int | float | str
 
 KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
+IMAGE, CHANNELS = "image", "channels"
+SIGNALS = (IMAGE, CHANNELS)
+"""Kinds of signal: uint8 images of a camera, float32 channels of any other sensor."""
 ORIGINS = ("simulated", "real")
 VERSION = "version"
 RECIPE = "recipe"
@@ -167,6 +170,7 @@ class ModelSpec(_Spec):
         summary: One line for ``tactibench list``.
         parameters: Parameters that a user may set.
         answers: Kinds of answer that it can be trained for, of "contacts" and "plate".
+        reads: Kinds of signal that it reads, of "image" and "channels" (see ``Sensor.signal``).
         max_contacts: Most contacts in a frame; None: any number.
         uses_encoder: Whether it is trained through an encoder.
         encoders: Kinds of encoder that it can be trained through.
@@ -177,6 +181,7 @@ class ModelSpec(_Spec):
     """
 
     answers: tuple[str, ...] = ("contacts",)
+    reads: tuple[str, ...] = field(default=(IMAGE,), kw_only=True)
     max_contacts: int | None = None
     uses_encoder: bool = False
     encoders: tuple[str, ...] = ("heat",)
@@ -200,6 +205,9 @@ class ModelSpec(_Spec):
         answers: object = self.answers
         if not isinstance(answers, tuple) or not answers or set(answers) - set(ANSWERS):
             raise ValueError(f"{self.name!r} has answers {answers!r}; a tuple of {ANSWERS}")
+        reads: object = self.reads
+        if not isinstance(reads, tuple) or not reads or set(reads) - set(SIGNALS):
+            raise ValueError(f"{self.name!r} has reads {reads!r}; a tuple of {SIGNALS}")
         _check_count(self.name, self.max_contacts)
         encoders: object = self.encoders
         if not isinstance(encoders, tuple) or not encoders or not all(map(_is_name, encoders)):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Protocol as StructuralType
 
 import numpy as np
 
+from tactibench import contacts
 from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import tip_depths, tip_positions
@@ -150,6 +151,15 @@ def draw_labelled(spec: Protocol, count: int) -> SceneSet:
     return _drawn(shown, spec.workspace, spec.data_seed)
 
 
+def in_range(spec: Protocol, workspace: contacts.Workspace) -> Protocol:
+    """Return the protocol with another range; the heatmap grid grows with it."""
+    published = spec.workspace
+    grown = workspace.half_width_mm / published.half_width_mm
+    grid = spec.grid.model_copy(update={"pitch_mm": spec.grid.pitch_mm * grown})
+    space = published.model_copy(update=asdict(workspace))
+    return spec.model_copy(update={"workspace": space, "grid": grid})
+
+
 class SensorShape(StructuralType):
     """Surface of a sensor, see the attributes of ``tactibench.Sensor``."""
 
@@ -161,13 +171,20 @@ class SensorShape(StructuralType):
     def deepest_mm(self) -> float:
         """Deepest press that the sensor stands."""
 
+    @property
+    def workspace(self) -> contacts.Workspace | None:
+        """Range in place of the protocol's; None: the protocol's."""
+
 
 def pressable(spec: Protocol, sensor: SensorShape) -> Protocol:
     """Protocol whose presses are drawn: on the sensor's surface, as deep as it can be pressed.
 
-    A sensor that does not say leaves the protocol as it is. Raises UserError for one that cannot be
-    pressed as deep as the protocol's shallowest tip.
+    A sensor with a range of its own is pressed there; the heatmap grid grows with it. A sensor that
+    does not say leaves the protocol as it is. Raises UserError for one that cannot be pressed as
+    deep as the protocol's shallowest tip.
     """
+    if sensor.workspace is not None:
+        return in_range(spec, sensor.workspace)
     workspace = spec.workspace
     deepest = min(workspace.depth_max_mm, sensor.deepest_mm)
     if not deepest > workspace.depth_min_mm:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, Literal
 
@@ -15,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from tactibench.contacts import Workspace
 from tactibench.errors import UserError
 
 SCHEMA = 1
@@ -148,12 +150,50 @@ class TestSensor(Component):
     trained_on: str | None = None
 
 
+class RecordingId(_Strict):
+    """A recording that a sensor read. label: name of its folder."""
+
+    label: str
+    sha256: str
+
+
+class PressedRange(_Strict):
+    """The range that was pressed in place of the protocol's. dome_radius_mm: None where flat."""
+
+    half_width_mm: float
+    depth_min_mm: float
+    depth_max_mm: float
+    dome_radius_mm: float | None
+
+    def text(self) -> str:
+        """Return "own range: x and y within 15 mm, 0.5 to 4.5 mm deep, flat"."""
+        radius = math.inf if self.dome_radius_mm is None else self.dome_radius_mm
+        return f"own range: {Workspace(**{**dict(self), 'dome_radius_mm': radius})}"
+
+
 class SensorId(Component):
-    """scene_counts: in older records, by role, how many scenes the sensor made in which way."""
+    """The sensor of the training.
+
+    scene_counts: in older records, by role, how many scenes the sensor made in which way.
+    """
 
     origin: Literal["simulated", "real"]
     scene_counts: dict[str, dict[str, int]] = Field(default={}, alias="account")
     test_sensor: TestSensor | None = Field(default=None, alias="tested")
+    recording: RecordingId | None = None
+    range: PressedRange | None = None
+
+    @property
+    def place(self) -> str:
+        """Name, with the recording that it read: "recorded eflesh (1a2b3c4d)"."""
+        if self.recording is None:
+            return self.name
+        return f"{self.name} {self.recording.label} ({self.recording.sha256[:8]})"
+
+    def text(self, *, without: str = "") -> str:
+        """Return the same for a reader, with the recording and a range of its own."""
+        text = super().text(without=without).replace(self.name, self.place, 1)
+        return text if self.range is None else f"{text}, {self.range.text()}"
 
 
 class Limits(_Open):

@@ -142,7 +142,10 @@ def _print_heading(console: Console, record: Record) -> None:
     encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
     console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
     console.print(Text(f"{_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}"))
-    rejected = f"; {data.rejected:,} rejected by geometry" if data.rejected else ""
+    why = "rejected by geometry" if record.sensor.recording is None else "of other ranges or tips"
+    rejected = f"; {data.rejected:,} {why}" if data.rejected else ""
+    if record.sensor.range is not None:
+        console.print(Text(f"pressed in its {record.sensor.range.text()}"))
     frames = ""
     if tested is not None and tested.presses != data.test:
         frames = f"frames of {tested.presses:,} "

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.channels import holds_channels
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
 from tactibench.frames.source import spread
@@ -37,16 +38,18 @@ def example_arrays(
         rows: of the frames that are kept; None: spread over all.
 
     Returns:
-        index (E,) and images (E, ...). With features: features_row (), the first frame with the
-        most contacts, and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W) float16.
+        index (E,) and images, or channels (E, ...). With features: features_row (), the first
+        frame with the most contacts, and ``feature.<number>.<channels>.<layer>`` (<= 6, H, W)
+        float16.
 
     Raises:
         UserError: for features that are no finite (C, H, W).
     """
     rows = spread(range(len(frames)), EXAMPLES) if rows is None else tuple(rows)
+    name = "channels" if holds_channels(frames) else "images"
     arrays: Arrays = {
         "index": np.array(rows, dtype=np.int64),
-        "images": np.stack([frames[row].image for row in rows]),
+        name: np.stack([frames[row].signal for row in rows]),
     }
     if model is not None:
         row = max(rows, key=lambda row: (_contacts(truth[row]), -row))

@@ -101,10 +101,11 @@ class RunPlan:
 
     def context(self) -> ModelContext:
         """Return what the model is told when it is made."""
+        pressed = self.frames.on_range(self.spec)
         return ModelContext(
             answer=self.spec.answer,
-            grid=self.spec.grid.grid(),
-            max_depth=self.spec.workspace.depth_max_mm,
+            grid=pressed.grid.grid(),
+            max_depth=pressed.workspace.depth_max_mm,
             encoder=self.components.build_encoder(),
             device=self.device,
             checkpoints=self.weights.checkpoints,
@@ -144,6 +145,7 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
             shots=test.shots,
         )
     ).plan()
+    _check_signals(components, frames)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(
@@ -155,6 +157,18 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         cache=cache,
     )
     return RunPlan(request, protocol, components, device, frames, weights, published, hidden)
+
+
+def _check_signals(components: Components, frames: FramePlan) -> None:
+    """Raise UserError where the model cannot read what a sensor gives."""
+    model = components.model.spec
+    for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
+        if signal not in model.reads:
+            reads = " and ".join(model.reads)
+            raise UserError(
+                f"model {model.name!r} reads {reads} frames, but sensor "
+                f"{sensor.name!r} gives {signal} frames; take another of `tactibench list models`."
+            )
 
 
 def _published_predictions(

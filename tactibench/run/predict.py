@@ -102,10 +102,10 @@ def predict_frames(
 def blinded(frame: Frame) -> Frame:
     """Return the frame as a model may see it at test time.
 
-    Its pose is the truth, its time tells which press of a set it is, and a mapped image knows its
+    Its pose is the truth, its time tells which press of a set it is, and a mapped signal knows its
     file: all three are left out.
     """
-    return Frame(np.array(frame.image), 0.0, Pose(), frame.rest)
+    return Frame(frame.signal.copy(), 0.0, Pose(), frame.rest)
 
 
 def cached_predictions(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -100,6 +102,12 @@ def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
 def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
     sensor, tested = plan.components.sensor, plan.components.test_sensor
     values = {**sensor.component.json_values(), "origin": sensor.spec.origin}
+    described = plan.frames.sensor_identity["describe"]
+    if sensor.spec.needs_data and {"folder", "sha256"} <= set(described):
+        values["recording"] = {"label": described["folder"], "sha256": described["sha256"]}
+    if (space := plan.frames.workspace) is not None:
+        radius = None if math.isinf(space.dome_radius_mm) else space.dome_radius_mm
+        values["range"] = {**asdict(space), "dome_radius_mm": radius}
     if tested is not None:
         from tactibench.run.test_sensor import target_record
 

@@ -73,8 +73,10 @@ def check_name(kind: str, name: str, host: PluginHost) -> Names:
     return names
 
 
-def write_package(names: Names, parent: Path) -> Path:
+def write_package(names: Names, parent: Path, template: str = "") -> Path:
     """Write all files of the package, or none, into a new folder of ``parent`` and return it.
+
+    ``template`` names the folder of templates, where it is not that of the kind.
 
     Raises:
         UserError: Where that folder, or something of its name, is there already.
@@ -87,7 +89,7 @@ def write_package(names: Names, parent: Path) -> Path:
         )
     if parent.exists() and not parent.is_dir():
         raise UserError(f"--out {parent} is not a folder; name one, or a place for a new one.")
-    contents = render_templates(names)
+    contents = render_templates(names, template)
     parent.mkdir(parents=True, exist_ok=True)
     unfinished = Path(tempfile.mkdtemp(dir=parent, prefix=f".{names.distribution}."))
     try:
@@ -103,11 +105,11 @@ def write_package(names: Names, parent: Path) -> Path:
     return folder
 
 
-def render_templates(names: Names) -> dict[str, str]:
+def render_templates(names: Names, template: str = "") -> dict[str, str]:
     """Return path inside the folder -> text, of every file of a new plugin."""
     contents: dict[str, str] = {}
     templates = files("tactibench.scaffold") / "templates"
-    for folder in (COMMON, names.kind):
+    for folder in (COMMON, template or names.kind):
         for path, text in _read_templates(templates / folder):
             if path.startswith(f"{PACKAGE}/"):
                 path = names.package + path.removeprefix(PACKAGE)

@@ -97,7 +97,8 @@ def bca_interval(
 
     That is: fewer than two clusters, a statistic that is the same on every resample, or one that
     is undefined (not finite) on more than 5 % of the resamples or on any jackknife sample.
-    A few undefined resamples are left out.
+    A few undefined resamples are left out. Nor is there an interval where it would not hold the
+    value itself: R^2 of a constant answer is almost the largest of all its resamples.
 
     Raises ValueError when the statistic itself is not finite.
     """
@@ -121,4 +122,4 @@ def bca_interval(
     # beyond the pole of the correction the adjusted quantile is the extreme one
     tail = np.where(1 - a * shifted > 0, shifted / np.maximum(1 - a * shifted, 1e-12), 38 * shifted)
     low, high = np.quantile(usable, ndtr(bias + tail))
-    return float(low), float(high)
+    return (float(low), float(high)) if low <= value <= high else None

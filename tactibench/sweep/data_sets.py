@@ -17,7 +17,7 @@ from tactibench.datasets.generation import (
     press_series,
     sensor_parameters,
 )
-from tactibench.datasets.images import png_bytes
+from tactibench.datasets.images import signal_bytes
 from tactibench.datasets.press_plan import PressPlan, PressSeries
 from tactibench.errors import UserError
 from tactibench.protocols.loader import protocol_files
@@ -112,7 +112,7 @@ def press_data_set(task: DatasetTask, cluster: Cluster, advance: Advance) -> Non
 def _press_on_worker(
     request: GenerationRequest, identity: str, header: Header, chunk: PressSeries
 ) -> list[Draft]:
-    """Return the samples of a chunk with their images as PNG files, which are smaller to send."""
+    """Return the samples of a chunk as they are stored: PNG files are smaller to send."""
     source = _open_source(request)
     if digest(source.identity) != identity:
         raise UserError(
@@ -120,7 +120,7 @@ def _press_on_worker(
             "install the same tactibench, numpy and plugins on both."
         )
     return [
-        replace(draft, image=png_bytes(draft.image, header, f"press {draft.id}"))
+        replace(draft, signal=signal_bytes(draft.signal, header.kind, f"press {draft.id}"))
         for draft in press_series(source, chunk)
     ]
 

@@ -127,6 +127,11 @@ def _model_subject(
     elif encoder or given.get("encoder"):
         raise UserError(f"model {name!r} uses no encoder; leave the encoder options out.")
     presses = SensorPresses.by_name(host, sensor)
+    if presses.sensor.signal not in spec.reads:
+        raise UserError(
+            f"model {name!r} reads {' and '.join(spec.reads)} frames, but sensor "
+            f"{presses.name!r} gives {presses.sensor.signal}; name another one with --sensor."
+        )
     title = f"{title} on frames of {presses.name}"
     return ModelSubject(title, spec, spec.settings(own), presses, trained_through)
 

@@ -93,7 +93,7 @@ def empty(subject: ModelSubject) -> None:
         subject.predict(model, [])
     rest = subject.presses.rest()
     with must_work("the frame of the undeformed sensor"):
-        subject.predict(model, [replace(rest, rest=rest.image)])
+        subject.predict(model, [replace(rest, rest=rest.signal)])
 
 
 def batch(subject: ModelSubject) -> None:
@@ -110,6 +110,7 @@ def batch(subject: ModelSubject) -> None:
 
 def sensors(subject: ModelSubject) -> None:
     """Frames of two sensors, each with its own rest frame, are answered alike alone and mixed."""
+    subject.skip_without_images()
 
     def moved(image: Image) -> Image:
         return np.roll(image, 2, axis=1)
@@ -179,7 +180,7 @@ def truth_hidden(subject: ModelSubject) -> None:
     gap = difference(subject.predict(model, frames), subject.answers)
     require(gap <= CLOSE, f"without pose and time, answers differ by {gap:.3g}")
     misleading = [
-        Frame(frame.image, 1e6 - k, Pose(-6.0 + k, 5.0 - k, 30.0, 3.0, 0.5 + k / 3), frame.rest)
+        Frame(frame.signal, 1e6 - k, Pose(-6.0 + k, 5.0 - k, 30.0, 3.0, 0.5 + k / 3), frame.rest)
         for k, frame in enumerate(frames)
     ]
     gap = difference(subject.predict(model, misleading), subject.answers)
@@ -188,6 +189,7 @@ def truth_hidden(subject: ModelSubject) -> None:
 
 def frame_size(subject: ModelSubject) -> None:
     """Frames of any other size, grey or colour, are answered, or refused with a sentence."""
+    subject.skip_without_images()
     frame = subject.test_examples.frames[0]
     for shape in SIZES:
         other = _with_images(frame, partial(_resize_to_gray, shape=shape))
@@ -198,6 +200,7 @@ def frame_size(subject: ModelSubject) -> None:
 
 def float_frame(subject: ModelSubject) -> None:
     """Frames of floats 0..255 are answered as the same ones of bytes are, or refused."""
+    subject.skip_without_images()
     floats = [
         _with_images(frame, lambda image: image.astype(np.float32))
         for frame in subject.test_examples.frames
@@ -211,10 +214,10 @@ def float_frame(subject: ModelSubject) -> None:
 def nan_frame(subject: ModelSubject) -> None:
     """A frame with a NaN in it is refused with a sentence."""
     model, frame = subject.trained(), subject.test_examples.frames[0]
-    image: Image = frame.image.astype(np.float32)
-    image[3, 4] = np.nan
+    signal = frame.signal.astype(np.float32)
+    signal[(3,) * signal.ndim] = np.nan
     with must_refuse("a frame with a NaN in it"):
-        model.predict([replace(frame, image=image)])
+        model.predict([replace(frame, signal=signal)])
 
 
 def every_answer(subject: ModelSubject) -> None:
@@ -304,7 +307,7 @@ def adapt(subject: ModelSubject) -> None:
 def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:
     """Return the frame with image and rest image changed alike."""
     rest = None if frame.rest is None else change(frame.rest)
-    return replace(frame, image=change(frame.image), rest=rest)
+    return replace(frame, signal=change(frame.image), rest=rest)
 
 
 def _resize_to_gray(image: Image, shape: tuple[int, int]) -> Image:

@@ -38,15 +38,15 @@ class Examples:
 
 
 def writable(frame: Frame) -> Frame:
-    """Return a copy of a frame whose images may be written to."""
+    """Return a copy of a frame whose signals may be written to."""
     rest = None if frame.rest is None else frame.rest.copy()
-    return replace(frame, image=frame.image.copy(), rest=rest)
+    return replace(frame, signal=frame.signal.copy(), rest=rest)
 
 
 def changed_images(before: Sequence[Frame], after: Sequence[Frame]) -> str:
     """Return words for the images of frames that differ, "" for none."""
     for first, second in zip(before, after, strict=True):
-        if first.image.tobytes() != second.image.tobytes():
+        if first.signal.tobytes() != second.signal.tobytes():
             return "the image of a frame"
         rests = [frame.rest.tobytes() for frame in (first, second) if frame.rest is not None]
         if len(set(rests)) > 1:
@@ -126,5 +126,5 @@ class SensorPresses:
         with self.sensor as opened:
             frames = tuple(opened.press_many(scenes))
         for frame in frames:
-            frame.image.setflags(write=False)  # as those that a run takes from its cache
+            frame.signal.setflags(write=False)  # as those that a run takes from its cache
         return frames

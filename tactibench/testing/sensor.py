@@ -14,6 +14,7 @@ import numpy.typing as npt
 from tactibench.contacts import Frame, Indenter, Pose, Scene
 from tactibench.errors import UserError
 from tactibench.geometry import true_contacts
+from tactibench.plugins.specs import CHANNELS, IMAGE
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.runner import (
     Failed,
@@ -60,29 +61,42 @@ def context_manager(subject: SensorSubject) -> None:
     require(caught, "__exit__ swallowed an exception raised inside")
     with must_work("pressing after the sensor was closed and opened again"), sensor as opened:
         again = opened.press(subject.scenes[0])
-    require(again.image.shape == first.image.shape, "its frames have another shape")
+    require(again.signal.shape == first.signal.shape, "its frames have another shape")
 
 
 def frames(subject: SensorSubject) -> None:
-    """A press gives a frame of bytes, (H, W) or (H, W, 3), of one shape, with the pose pressed."""
+    """A press gives a frame of the declared kind and of one shape, with the pose pressed.
+
+    Images are uint8, (H, W) or (H, W, 3); channels are finite float32 of any shape.
+    """
     pressed = subject.press(*subject.scenes)
     for frame, scene in zip(pressed, subject.scenes, strict=True):
         require(isinstance(frame, Frame), f"press gave a {type(frame).__name__}, no Frame")
-        require(frame.image.dtype == np.uint8, f"the image holds {frame.image.dtype}, no uint8")
-        shape = frame.image.shape
-        is_image = len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)
-        require(is_image and frame.image.size, f"an image of shape {shape}")
-        first_shape = pressed[0].image.shape
+        _require_kind(frame, subject.unopened.signal)
+        shape = frame.signal.shape
+        first_shape = pressed[0].signal.shape
         require(shape == first_shape, f"shapes {first_shape} and {shape}")
         if frame.rest is not None:
-            require(frame.rest.shape == shape, f"rest {frame.rest.shape}, image {shape}")
+            require(frame.rest.shape == shape, f"rest {frame.rest.shape}, signal {shape}")
         if subject.spec.origin == "simulated":
             require(frame.pose == scene.pose, f"{scene.pose} was pressed, {frame.pose} is said")
-    images = [frame.image for frame in pressed]
+    signals = [frame.signal for frame in pressed]
     require(
-        not all(np.array_equal(image, images[0]) for image in images[1:]),
-        f"{len(images)} different presses gave the same image",
+        not all(np.array_equal(signal, signals[0]) for signal in signals[1:]),
+        f"{len(signals)} different presses gave the same frame",
     )
+
+
+def _require_kind(frame: Frame, signal: str) -> None:
+    """Raise Failed for a frame that is not of the kind that its sensor declares."""
+    kind, shape = frame.signal.dtype, frame.signal.shape
+    if signal == CHANNELS:
+        require(kind == np.float32, f"signal is 'channels', but holds {kind}, no float32")
+        require(frame.signal.size and np.isfinite(frame.signal).all(), f"{shape}, not all finite")
+        return
+    require(kind == np.uint8, f"signal is 'image', but holds {kind}, no uint8")
+    is_image = len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)
+    require(is_image and frame.signal.size, f"an image of shape {shape}")
 
 
 def rest_frame(subject: SensorSubject) -> None:
@@ -94,9 +108,9 @@ def rest_frame(subject: SensorSubject) -> None:
             raise NotApplicable(f"it has no rest frame ({error})") from None
         press = sensor.press(subject.scenes[0])
         after = sensor.rest()
-    shape = press.image.shape
-    require(before.image.dtype == np.uint8, f"the image holds {before.image.dtype}, no uint8")
-    require(before.image.shape == shape, f"rest {before.image.shape}, press {shape}")
+    shape = press.signal.shape
+    _require_kind(before, subject.unopened.signal)
+    require(before.signal.shape == shape, f"rest {before.signal.shape}, press {shape}")
     require(before.pose.depth <= 0, f"the rest frame has a depth of {before.pose.depth} mm")
     drift, moved = _change(after, before).mean(), _change(press, before).mean()
     require(drift < 0.5 * moved, f"after a press, rest differs by {drift:.3g}, a press {moved:.3g}")
@@ -116,12 +130,14 @@ def deeper(subject: SensorSubject) -> None:
     shown = ", ".join(
         f"{level:.3g} at {depth:.2g} mm" for level, depth in zip(levels, depths, strict=True)
     )
-    require(all(a < b for a, b in pairwise(levels)), f"mean change in grey levels: {shown}")
+    require(all(a < b for a, b in pairwise(levels)), f"mean change of the signal: {shown}")
 
 
 def direction(subject: SensorSubject) -> None:
     """A contact 3 mm to the right (x) or down (y) changes the frame on that side."""
     subject.skip_unless_any_scene()
+    if subject.unopened.signal != IMAGE:
+        raise NotApplicable("channels have no sides")
     space = subject.protocol.workspace
     depth = 0.5 * (space.depth_min_mm + space.depth_max_mm)
     with subject.build() as sensor:
@@ -285,13 +301,13 @@ def _own_scenes(subject: SensorSubject) -> Mapping[str, Scene]:
 
 
 def _gray(frame: Frame) -> Array:
-    """Return (H, W) grey levels, colours averaged."""
-    levels = np.asarray(frame.image, dtype=np.float64)
+    """Return (H, W) grey levels, colours averaged, or channels."""
+    levels = np.asarray(frame.signal, dtype=np.float64)
     return levels.mean(axis=2) if levels.ndim == 3 else levels
 
 
 def _change(frame: Frame, rest: Frame) -> Array:
-    """Return the (H, W) squared change of every pixel against the undeformed sensor."""
+    """Return the squared change of every pixel or channel against the undeformed sensor."""
     return np.square(_gray(frame) - _gray(rest))
 
 
@@ -305,7 +321,7 @@ def _centroid(change: Array) -> tuple[float, float]:
 def _require_equal(first: list[Frame], second: list[Frame], case: str) -> None:
     require(len(first) == len(second), f"{case}: {len(first)} and {len(second)} frames")
     for number, (one, other) in enumerate(zip(first, second, strict=True), 1):
-        require(np.array_equal(one.image, other.image), f"{case} differ in the image {number}")
+        require(np.array_equal(one.signal, other.signal), f"{case} differ in frame {number}")
         require(one.pose == other.pose, f"{case} differ in pose {number}")
 
 

@@ -23,7 +23,7 @@ from tactibench.plugins.base import (
     Sensor,
     SensorContext,
 )
-from tactibench.plugins.specs import EncoderSpec, ModelSpec, SensorSpec, Value
+from tactibench.plugins.specs import IMAGE, EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
@@ -70,6 +70,11 @@ class ModelSubject:
     def answer_kind(self) -> str:
         """Kind of answer that the model must give."""
         return self.answer or ("contacts" if "contacts" in self.spec.answers else "plate")
+
+    def skip_without_images(self) -> None:
+        """Raise NotApplicable where the model is shown channels."""
+        if self.presses.sensor.signal != IMAGE:
+            raise NotApplicable(f"{self.presses.name} gives no images")
 
     def briefly(self, answer: str = "") -> ModelSubject:
         """Return the same model with one epoch, if it has epochs, for another kind of answer."""

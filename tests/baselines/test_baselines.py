@@ -94,7 +94,7 @@ def test_nearest_agrees_with_a_plain_search(rng, fitted, rest):
     def features(frames):
         levels = gray_frames(frames, 8).astype(float)
         if rest:
-            levels -= gray_frames([replace(f, image=f.rest) for f in frames], 8)
+            levels -= gray_frames([replace(f, signal=f.rest) for f in frames], 8)
         return levels.reshape(len(frames), -1)
 
     a, b = features(test), features(train)

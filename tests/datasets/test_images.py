@@ -86,7 +86,7 @@ def test_a_kept_png_must_be_plain(tmp_path: Path) -> None:
             (short, "cut short"),
             (junk, "cannot be decoded"),
         ):
-            with pytest.raises(UserError, match=f"the image of sample 0 .*{says}"):
+            with pytest.raises(UserError, match=f"the frame of sample 0 .*{says}"):
                 writer.add(Draft(data, id=0))
 
 

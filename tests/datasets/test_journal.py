@@ -169,7 +169,7 @@ def test_a_sample_that_was_cut_off_can_be_written_again(open_set: Path) -> None:
         assert len(writer.repaired) == 2
         writer.add_many([draft(3)])
     dataset = open_dataset(open_set)
-    assert np.array_equal(dataset.image(dataset.samples[3]), draft(3).image)
+    assert np.array_equal(dataset.image(dataset.samples[3]), draft(3).signal)
     assert (open_set / ".trash/images/000000/000003.png").is_file()
 
 

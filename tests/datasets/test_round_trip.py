@@ -26,9 +26,9 @@ def test_samples_come_back(tmp_path_factory: pytest.TempPathFactory, small: Smal
         assert sample.press == (written.press or str(written.id))
         for key in ("id", "scene", "labels", "session", "t_frame_ns", "extra", "status", "attempt"):
             assert getattr(sample, key) == getattr(written, key)
-        assert np.array_equal(dataset.image(sample), written.image)
+        assert np.array_equal(dataset.image(sample), written.signal)
         outside = cv2.imread(str(dataset.folder / sample.file_name), cv2.IMREAD_UNCHANGED)
-        assert np.array_equal(outside if outside.ndim == 2 else outside[..., ::-1], written.image)
+        assert np.array_equal(outside if outside.ndim == 2 else outside[..., ::-1], written.signal)
     assert verify(dataset.folder) == []
 
 

@@ -165,7 +165,7 @@ def test_an_image_that_is_not_like_the_others_is_refused(
     folder = tmp_path / "set"
     with Writer(folder, header()) as writer:
         for group in ([Draft(array, 8)], [draft(0), Draft(array, 8), draft(1)]):
-            with pytest.raises(UserError, match=f"the image of sample 8 .*{says}"):
+            with pytest.raises(UserError, match=f"the frame of sample 8 .*{says}"):
                 writer.add_many(group)
         with pytest.raises(UserError, match="the reference frame"):
             writer.reference(array)

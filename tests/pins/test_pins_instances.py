@@ -7,7 +7,7 @@ from single_presses import single_presses
 from tactibench import UserError
 from tactibench.markers import PinTracker, rest_images
 from tactibench.run.reporter import NullProgress
-from tactibench_pins.displacements import LatticePins, OwnPins, find_pins
+from tactibench_pins.displacements import LatticePins, OwnPins, find_reader
 
 both = pytest.mark.parametrize("name", ["kernel", pytest.param("pins", marks=pytest.mark.long)])
 
@@ -54,10 +54,10 @@ def test_an_unseen_instance_is_read_by_its_own_rest_image(make_model, many, name
 def test_one_rest_image_keeps_its_own_pins_and_several_are_seen_on_the_lattice(many):
     targets = np.ones((300, 3))
     assert len(rest_images(many[0])) == 5
-    assert type(find_pins(many[0], targets, transfers=False)) is LatticePins
+    assert type(find_reader(many[0], targets, transfers=False)) is LatticePins
     frames, _ = single_presses(5, 1)
     assert len(rest_images(frames)) == 1
-    assert type(find_pins(frames, targets, transfers=False)) is OwnPins
+    assert type(find_reader(frames, targets, transfers=False)) is OwnPins
 
 
 def test_a_model_that_follows_the_pins_of_one_sensor_refuses_several(many):

@@ -48,7 +48,7 @@ def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp
     frames, _ = make_presses(20, 8, plate=False)
     rng = np.random.default_rng(1)
     still = [
-        replace(frame, image=frame.rest + rng.integers(0, 3, frame.rest.shape, dtype=np.uint8))
+        replace(frame, signal=frame.rest + rng.integers(0, 3, frame.rest.shape, dtype=np.uint8))
         for frame in frames
     ]
     model.save(tmp_path)
@@ -62,7 +62,7 @@ def test_a_sensor_at_rest_is_no_contact(make_model, fit, make_presses, name, tmp
 @pytest.mark.long
 def test_a_plate_is_always_there(taught, make_presses):
     frames, _ = make_presses(3, 8)
-    still = [replace(frame, image=frame.rest) for frame in frames]
+    still = [replace(frame, signal=frame.rest) for frame in frames]
     for model, _ in taught.values():
         assert all(np.isfinite([pose.depth, pose.tilt]).all() for pose in model.predict(still))
 
@@ -83,9 +83,9 @@ def test_no_frame_is_dropped_and_missing_pins_are_predicted(taught, make_presses
     (frame,), (true,) = make_presses(1, 11)
     image = frame.image.copy()
     image[28:38, 28:38] = 10  # a pin or two are gone
-    (pose,) = taught[name][0].predict([replace(frame, image=image)])
+    (pose,) = taught[name][0].predict([replace(frame, signal=image)])
     assert abs(pose.depth - true.depth) < 1.0
-    (blank,) = taught[name][0].predict([replace(frame, image=np.zeros_like(image))])
+    (blank,) = taught[name][0].predict([replace(frame, signal=np.zeros_like(image))])
     assert np.isfinite([blank.depth, blank.tilt]).all()
 
 
@@ -114,7 +114,7 @@ def test_several_contacts_and_no_contact(make_model, make_presses, fit, name):
 @both
 def test_before_a_training_there_is_nothing_to_say(make_model, make_presses, name):
     frames, _ = make_presses(1, 14)
-    with pytest.raises(UserError, match="knows no pins yet"):
+    with pytest.raises(UserError, match="has learned nothing yet"):
         make_model(name).predict(frames)
 
 

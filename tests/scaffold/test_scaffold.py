@@ -20,9 +20,13 @@ from tactibench.scaffold.package import Names, check_name, render_templates, wri
 HOST = PluginHost()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_file_is_whole(kind: str) -> None:
-    files = render_templates(Names(kind, "two_words"))
+TEMPLATES = [*((kind, "") for kind in KINDS), ("sensor", "skin")]
+each_template = pytest.mark.parametrize(("kind", "template"), TEMPLATES)
+
+
+@each_template
+def test_every_file_is_whole(kind: str, template: str) -> None:
+    files = render_templates(Names(kind, "two_words"), template)
     assert set(files) == {
         "README.md",
         "pyproject.toml",
@@ -44,25 +48,27 @@ def test_every_file_is_whole(kind: str) -> None:
     assert project["entry-points"]["tactibench"] == {"two_words": "tactibench_two_words.hooks"}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@each_template
 def test_the_host_takes_what_is_written(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, template: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = write_package(Names(kind, f"hosted_{kind}"), tmp_path / "not" / "there")
-    assert folder == tmp_path / "not" / "there" / f"tactibench-hosted-{kind}"
+    name = f"hosted_{template or kind}"
+    folder = write_package(Names(kind, name), tmp_path / "not" / "there", template)
+    assert folder == tmp_path / "not" / "there" / f"tactibench-{name.replace('_', '-')}"
     monkeypatch.syspath_prepend(str(folder))
-    point = EntryPoint("it", f"tactibench_hosted_{kind}.hooks", "tactibench")
+    point = EntryPoint("it", f"tactibench_{name}.hooks", "tactibench")
     host = PluginHost([(point, Origin("it", "dist", "1"))])
     assert host.problems == ()
     catalogue = host.catalogue(kind)
     (spec,) = catalogue
-    assert spec.name == f"hosted_{kind}"
-    assert spec.load().__name__ == f"Hosted{kind.capitalize()}"
+    assert spec.name == name
+    assert spec.load().__name__ == f"Hosted{(template or kind).capitalize()}"
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_hooks_import_nothing_heavy(kind: str) -> None:
-    tree = ast.parse(render_templates(Names(kind, "light"))["tactibench_light/hooks.py"])
+@each_template
+def test_hooks_import_nothing_heavy(kind: str, template: str) -> None:
+    files = render_templates(Names(kind, "light"), template)
+    tree = ast.parse(files["tactibench_light/hooks.py"])
     modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert modules == {"__future__", "tactibench"}
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.Import)]
@@ -139,7 +145,7 @@ def test_a_file_is_no_place(tmp_path: Path) -> None:
 def test_nothing_is_left_of_a_package_that_could_not_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def half(names: Any) -> dict[str, str]:
+    def half(names: Any, template: str) -> dict[str, str]:
         return {"a/first.py": "x = 1\n", "a": "a folder by now"}
 
     monkeypatch.setattr(package, "render_templates", half)

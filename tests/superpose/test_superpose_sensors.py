@@ -49,7 +49,7 @@ def of_many(make, fit):
 
 def changed(frames, name, value):
     return [
-        replace(frame, image=FAULTS[name](frame.image, value, np.random.default_rng(k)))
+        replace(frame, signal=FAULTS[name](frame.image, value, np.random.default_rng(k)))
         for k, frame in enumerate(frames)
     ]
 

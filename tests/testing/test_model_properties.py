@@ -41,7 +41,7 @@ def shown(change: Callable[[Any], Any]) -> Break:
     """A model that sees other images. change: image -> image."""
 
     def predict_changed(_: Any, predict: Any, frames: Any) -> Any:
-        return predict([replace(frame, image=change(frame.image)) for frame in frames])
+        return predict([replace(frame, signal=change(frame.image)) for frame in frames])
 
     return changing("predict", predict_changed)
 

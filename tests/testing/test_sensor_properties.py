@@ -42,12 +42,12 @@ def half_the_size_is_a_crash(self: Any, init: Any, context: Any, size: int = 96,
 
 def noisy(frame: Frame, _: Scene) -> Frame:
     noise = np.random.default_rng().integers(0, 3, frame.image.shape)
-    return replace(frame, image=np.clip(frame.image + noise, 0, 255).astype(np.uint8))
+    return replace(frame, signal=np.clip(frame.image + noise, 0, 255).astype(np.uint8))
 
 
 def rest_drifts(self: Any, rest: Any) -> Any:
     frame = rest()
-    return frame if not self._count else replace(frame, image=255 - frame.image)
+    return frame if not self._count else replace(frame, signal=255 - frame.image)
 
 
 def sees_anything(self: Any, displacement: Any, scene: Any) -> Any:
@@ -75,19 +75,19 @@ def elsewhere(_self: Any, scene: Any, grid: Any) -> Any:
 
 
 def grey(frame: Frame, _: Scene) -> Frame:
-    return replace(frame, image=np.full_like(frame.image, 90))
+    return replace(frame, signal=np.full_like(frame.image, 90))
 
 
 def as_floats(frame: Frame, _: Scene) -> Frame:
-    return replace(frame, image=frame.image / 255)
+    return replace(frame, signal=frame.image / 255)
 
 
 def mirrored(frame: Frame, _: Scene) -> Frame:
-    return replace(frame, image=frame.image[:, ::-1])
+    return replace(frame, signal=frame.image[:, ::-1])
 
 
 def turned(frame: Frame, _: Scene) -> Frame:
-    return replace(frame, image=frame.image.T)
+    return replace(frame, signal=frame.image.T)
 
 
 BROKEN = [

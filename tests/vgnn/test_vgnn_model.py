@@ -45,14 +45,14 @@ def test_missing_pins_drop_no_frame(taught, rest_pins, push_pins, draw_pins, mak
     (frame,), (true,) = make_presses(1, 8)
     xy = push_pins(*true.xy[0], true.depth[0])
     lost = np.delete(xy, [2, 20, 33], axis=0)
-    (found,) = taught[0].predict([replace(frame, image=draw_pins(lost))])
+    (found,) = taught[0].predict([replace(frame, signal=draw_pins(lost))])
     assert len(found) >= 1
     assert np.linalg.norm(found.xy[0] - true.xy[0]) < 3.0
 
 
 @pytest.mark.long
 def test_frames_without_any_pin_are_answered(taught, rest_frame):
-    black = replace(rest_frame, image=np.zeros_like(rest_frame.image))
+    black = replace(rest_frame, signal=np.zeros_like(rest_frame.image))
     assert isinstance(taught[0].predict([black])[0], Contacts)
 
 

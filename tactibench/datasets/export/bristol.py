@@ -108,12 +108,13 @@ def columns_of(samples: Sequence[Sample]) -> Columns:
 def write_bristol(
     dataset: Dataset, folder: Path, samples: Sequence[Sample], advance: Callable[[int], None]
 ) -> None:
-    """Write frames, targets, params and splits."""
+    """Write frames, targets, params and splits. Raises UserError for channels."""
+    rest = dataset.rest_image
     images = folder / IMAGES
     images.mkdir()
     rest_name = IMAGE_NAME.format(0)
-    if dataset.rest is not None:
-        (images / rest_name).write_bytes(encode_png(dataset.rest))
+    if rest is not None:
+        (images / rest_name).write_bytes(encode_png(rest))
     columns = columns_of(samples)
     indenters = dict.fromkeys(s.scene.indenter for s in samples if s.scene is not None)
     objects = {indenter: str(number) for number, indenter in enumerate(indenters, start=1)}
@@ -152,10 +153,10 @@ def write_bristol(
     write_json(
         folder / SENSOR,
         {
-            "image": list(header.image),
+            "image": header.image,
             "channels": header.channels,
             "sensor": dict(header.sensor),
-            "rest": None if dataset.rest is None else rest_name,
+            "rest": None if rest is None else rest_name,
         },
     )
     if dataset.splits:

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from tactibench.datasets.dataset import Dataset
 from tactibench.datasets.schema import Sample
 from tactibench.datasets.splits import SUBSETS
+from tactibench.png import ImageKind
 
 _LONGEST = 120
 """Characters of a fact that is short enough for a card; longer ones stand in the header only."""
@@ -137,8 +138,11 @@ def _title(dataset: Dataset) -> str:
 
 def _describe_sensor(dataset: Dataset) -> str:
     header = dataset.header
-    height, width = header.image
-    colours = "RGB" if header.channels == 3 else "gray"
+    kind = header.kind
+    signal = f"{kind} (float32)"
+    if isinstance(kind, ImageKind):
+        colours = "RGB" if kind.colour else "gray"
+        signal = f"{kind.height} x {kind.width} pixels, 8-bit {colours}"
     rest = "with" if dataset.rest is not None else "without"
     radius = header.dome_radius_mm
     if radius is None:
@@ -149,7 +153,7 @@ def _describe_sensor(dataset: Dataset) -> str:
         dome = f"Its dome has a radius of {radius:g} mm."
     return (
         f"Frames of the tactile sensor {_one_line(str(header.sensor.get('name', 'unknown')))!r}, "
-        f"{height} x {width} pixels, 8-bit {colours}, {rest} a frame of the sensor at rest. {dome}"
+        f"{signal}, {rest} a frame of the sensor at rest. {dome}"
     )
 
 
@@ -217,6 +221,8 @@ def _loading(dataset: Dataset, format: str) -> tuple[str, ...]:  # noqa: A002
         return (_BRISTOL,)
     if format == "hf-parquet":
         return (_PARQUET, _BESIDE_PARQUET)
+    if dataset.header.signal:
+        return (_CHANNELS.format(shape=", ".join(map(str, dataset.header.signal))),)
     return (_DATA_SET, _SPLIT) if dataset.splits else (_DATA_SET,)
 
 
@@ -256,6 +262,15 @@ images = data.images(data.samples)  # (N, H, W) uint8, mapped from the disk
 from datasets import load_dataset
 
 data = load_dataset("imagefolder", data_dir="FOLDER", split="train")  # every sample
+```"""
+
+_CHANNELS = """\
+```python
+import json
+import numpy as np
+
+channels = np.fromfile("FOLDER/channels.f32", "<f4").reshape(-1, {shape})
+samples = [json.loads(line) for line in open("FOLDER/metadata.jsonl")]  # a line a row of them
 ```"""
 
 _SPLIT = """\

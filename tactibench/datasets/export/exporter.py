@@ -6,6 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from tactibench.datasets.channels import ChannelKind
 from tactibench.datasets.dataset import Dataset
 from tactibench.datasets.export.bristol import write_bristol
 from tactibench.datasets.export.card import write_card
@@ -17,7 +20,7 @@ from tactibench.errors import UserError, did_you_mean
 from tactibench.png import encode_png
 
 CARD = "README.md"
-REST, HEADER_COPY = "rest.png", "header.json"
+REST, REST_CHANNELS, HEADER_COPY = "rest.png", "rest.npy", "header.json"
 """Files beside Parquet files; called dataset.json, the header would make them a data set."""
 ALL = "train"
 """Subset of all samples where there is no split: Hugging Face's name for data without one."""
@@ -140,5 +143,8 @@ def _only_split(dataset: Dataset) -> str | None:
 def _copy_facts(dataset: Dataset, folder: Path) -> None:
     """Write what Parquet files do not say: the header and the sensor at rest."""
     (folder / HEADER_COPY).write_bytes((dataset.folder / HEADER).read_bytes())
-    if dataset.rest is not None:
-        (folder / REST).write_bytes(encode_png(dataset.rest))
+    if isinstance(dataset.header.kind, ChannelKind):
+        if dataset.rest is not None:
+            np.save(folder / REST_CHANNELS, dataset.rest)
+    elif dataset.rest_image is not None:
+        (folder / REST).write_bytes(encode_png(dataset.rest_image))

@@ -15,6 +15,7 @@ from tactibench.datasets.dataset import Dataset
 from tactibench.datasets.rows import write_row
 from tactibench.datasets.schema import Sample
 from tactibench.errors import UserError
+from tactibench.png import ImageKind
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,9 +35,10 @@ def write_parquet(
     advance: Callable[[int], None],
     shard_bytes: int = SHARD_BYTES,
 ) -> None:
-    """Write ``data/train-00000-of-00001.parquet`` ...: the columns of the journal and ``image``.
+    """Write ``data/train-00000-of-00001.parquet`` ...: the columns of the journal and the signal.
 
-    Columns that no sample has are left out; ``extra`` is JSON text.
+    It is the column ``image``, or ``channels`` (float32) of a sensor without a camera. Columns
+    that no sample has are left out; ``extra`` is JSON text.
 
     Raises:
         UserError: pyarrow is not installed.
@@ -48,12 +50,16 @@ def write_parquet(
             "Parquet files are written by pyarrow, which is not installed; "
             "run `pip install 'tactibench[hf]'`."
         ) from None
-    schema = parquet_schema([sample for samples in subsets.values() for sample in samples])
+    kind = dataset.header.kind
+    samples_of_all = [sample for samples in subsets.values() for sample in samples]
+    schema = parquet_schema(samples_of_all, images=isinstance(kind, ImageKind))
     (folder / "data").mkdir()
     for subset, samples in subsets.items():
-        shards = divide(
-            [_file_size(dataset.folder / sample.file_name) for sample in samples], shard_bytes
-        )
+        if isinstance(kind, ImageKind):
+            sizes = [_file_size(dataset.folder / sample.file_name) for sample in samples]
+        else:
+            sizes = [kind.row_bytes] * len(samples)
+        shards = divide(sizes, shard_bytes)
         for number, shard in enumerate(shards):
             name = f"{subset}-{number:05d}-of-{len(shards):05d}.parquet"
             with pq.ParquetWriter(folder / "data" / name, schema) as writer:
@@ -84,13 +90,17 @@ def divide(sizes: Sequence[int], limit: int) -> list[range]:
     return shards
 
 
-def parquet_schema(samples: Sequence[Sample]) -> pa.Schema:
+def parquet_schema(samples: Sequence[Sample], *, images: bool = True) -> pa.Schema:
     """Return the types of the columns that the samples have, with the types of ``datasets``."""
     import pyarrow as pa
 
     number, text = pa.float64(), pa.string()
     columns: dict[str, pa.DataType] = {
-        "image": pa.struct({"bytes": pa.binary(), "path": text}),
+        **(
+            {"image": pa.struct({"bytes": pa.binary(), "path": text})}
+            if images
+            else {"channels": pa.list_(pa.float32())}
+        ),
         "id": pa.int64(),
         **dict.fromkeys(("sha256", "press", "session"), text),
         "attempt": pa.int64(),
@@ -128,7 +138,10 @@ def _feature(kind: pa.DataType) -> Any:
         return {field.name: _feature(field.type) for field in kind}
     if pa.types.is_list(kind):
         return [_feature(kind.value_type)]
-    return {"_type": "Value", "dtype": {"double": "float64"}.get(str(kind), str(kind))}
+    return {
+        "_type": "Value",
+        "dtype": {"double": "float64", "float": "float32"}.get(str(kind), str(kind)),
+    }
 
 
 def _table(dataset: Dataset, samples: Iterable[Sample], schema: pa.Schema) -> pa.Table:
@@ -138,7 +151,10 @@ def _table(dataset: Dataset, samples: Iterable[Sample], schema: pa.Schema) -> pa
     for sample in samples:
         row = json.loads(write_row(sample, dataset.header.dome_radius_mm))
         name = Path(row.pop("file_name")).name
-        row["image"] = {"bytes": dataset.image_file(sample), "path": name}
+        if "image" in schema.names:
+            row["image"] = {"bytes": dataset.image_file(sample), "path": name}
+        else:
+            row["channels"] = dataset.signal(sample).ravel()
         if "extra" in row:
             row["extra"] = json.dumps(row["extra"], ensure_ascii=False)
         rows.append(row)

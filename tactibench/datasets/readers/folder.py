@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+
 from tactibench.contacts import Scene
 from tactibench.datasets.labels import choose_indenter, role_columns, scenes_of
 from tactibench.datasets.readers.options import AUTO, NONE, REFUSE, ImportOptions
@@ -24,6 +26,8 @@ from tactibench.png import ImageKind, check_png, read_file
 
 _MOSTLY_NUMBERS = 0.5
 """A column of which this share are numbers is meant as numbers; its other cells are mistakes."""
+_SAME_PLACE = 0.01
+"""Numbers that are no further apart are one place, mm or deg: robots come back to a few um."""
 _BITS_AT, _MOST_BITS = 24, 8
 """The place at which a PNG says how many bits a channel has, and the most that a frame may have."""
 
@@ -101,8 +105,8 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
     rows = [row for row, path in enumerate(files) if path is not None]
     paths = tuple(path for path in files if path is not None)
     rest = _find_rest(content.rest_folder, finder, set(paths))
-    labels = content.labels or _read_labels(content, names, options)
-    presses = table.cells[table.column(options.press)] if options.press else labels.presses
+    labels = content.labels or read_labels(content, names, options)
+    presses = read_presses(table, options) or labels.presses
     kind, sha256 = check_frames(content.data, paths, rest)
     return Recording(
         format=content.format,
@@ -133,7 +137,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
     )
 
 
-def _read_labels(
+def read_labels(
     content: FolderContent, names: Sequence[str], options: ImportOptions
 ) -> FrameLabels:
     """Read the labels as the options say; every frame is a press of its own."""
@@ -146,10 +150,35 @@ def _read_labels(
         labels,
         scenes_of(labels, roles, options, indenter) or [None] * len(names),
         names,
-        None if indenter == NONE else options.dome_radius_mm,
+        None if indenter == NONE else options.surface_radius_mm,
         frozenset({*columns, content.name_column}),
         roles,
     )
+
+
+def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None:
+    """Return the press of every row: rows with equal cells in all named columns share one.
+
+    Numbers are equal where a robot came back to one place. None where no column is named.
+    """
+    if not options.press:
+        return None
+    names = [table.column(name.strip()) for name in options.press.split(",")]
+    columns = [
+        _same_places(table.numbers(name)) if table.numeric_share(name) == 1 else table.cells[name]
+        for name in names
+    ]
+    return tuple(" ".join(cells) for cells in zip(*columns, strict=True))
+
+
+def _same_places(values: FloatArray) -> list[str]:
+    """Return of every value the smallest one of those that follow each other closely."""
+    order = np.argsort(values, kind="stable")
+    begins = np.diff(values[order], prepend=-np.inf) > _SAME_PLACE
+    first = values[order][begins][np.cumsum(begins) - 1]
+    places = np.empty(len(values))
+    places[order] = first
+    return [f"{place:.10g}" for place in places.tolist()]
 
 
 def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str, ...]:
@@ -158,7 +187,7 @@ def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str,
         return tuple(table.column(name.strip()) for name in options.labels.split(",") if name)
     if content.label_columns is not None:
         return content.label_columns
-    others = {content.name_column, options.press}
+    others = {content.name_column, options.press, options.join}
     return tuple(
         name
         for name in table.columns

@@ -10,6 +10,7 @@ from tactibench.datasets.readers.huggingface import metadata_files, read_hugging
 from tactibench.datasets.readers.options import AUTO, FRAME_FOLDERS, ImportOptions
 from tactibench.datasets.readers.recording import Recording, read_dataset
 from tactibench.datasets.readers.table import read_table
+from tactibench.datasets.readers.vectors import read_vectors
 from tactibench.datasets.schema import is_dataset
 from tactibench.errors import UserError, did_you_mean
 from tactibench.png import read_file
@@ -18,6 +19,7 @@ NAMES = ("file_name", "filename", *NAME_COLUMNS, "image", "frame", "file", "path
 """Columns of a CSV file that may name the frames, in order."""
 
 BRISTOL, HUGGINGFACE, CSV, V1 = "bristol", "huggingface", "csv", "v1"
+CHANNELS = "channels"
 
 
 def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
@@ -104,10 +106,14 @@ def open_recording(
         UserError: Something is missing or damaged; the sentence names file and row.
     """
     options = options or ImportOptions()
+    if options.channels:
+        format = CHANNELS  # noqa: A001
     format = format or find_format(folder)  # noqa: A001
     _check_folder(folder)
     if format == V1:
         return read_dataset(folder)
+    if format == CHANNELS:
+        return read_vectors(folder, options)
     if format not in _READERS:
         raise UserError(f"there is no format {format!r}; {did_you_mean(format, FORMATS)}")
     if format == BRISTOL and not (options.table or find_targets(folder)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -43,7 +44,18 @@ class ImportOptions:
         AUTO, "label columns, separated by commas; auto: all numbers, of Bristol's its own"
     )
     press: str = _option(
-        "", "column that frames of one press share; default: every frame is a press"
+        "", "columns that frames of one press share, by commas; default: every frame is a press"
+    )
+    channels: str = _option(
+        "", "file of the channels of a sensor without a camera: .csv, .npz or .npy"
+    )
+    channel_columns: str = _option("", "columns of the channels; default: all but the time")
+    join: str = _option(
+        "", "column of a time in s that labels and channels share; default: they share their rows"
+    )
+    channels_time: str = _option("", "that column in the file of the channels, if its name differs")
+    tolerance_ms: float = _option(
+        10.0, "most that two joined rows may be apart", low=0.0, high=60_000.0
     )
     missing: str = _option(REFUSE, "rows whose frame is no file", choices=(REFUSE, SKIP))
     indenter: str = _option(
@@ -51,8 +63,11 @@ class ImportOptions:
     )
     radius_mm: float = _option(3.0, "of the spherical tip", low=0.01, high=1000.0)
     dome_radius_mm: float = _option(DOME_RADIUS_MM, "of the sensor", low=0.1, high=10_000.0)
-    x: str = _option("x_mm", "column of the tip's x, mm")
+    surface: str = _option("dome", "shape of the sensor", choices=("dome", "flat"))
+    x: str = _option("x_mm", "column of the tip's x, mm (-COLUMN: counted the other way)")
     y: str = _option("y_mm", "column of the tip's y, mm")
+    x_zero_mm: float = _option(0.0, "x of the sensor's middle in that column", **_MM)
+    y_zero_mm: float = _option(0.0, "y of the sensor's middle in that column", **_MM)
     depth: str = _option(
         AUTO, "column of the depth, mm; auto: pose_2 of a plate, depth_mm of a tip"
     )
@@ -72,6 +87,11 @@ class ImportOptions:
     )
     sensor: str = _option("unknown", "name of the sensor that was recorded")
     licence: str = _option("", "of the frames, an SPDX name such as CC-BY-4.0")
+
+    @property
+    def surface_radius_mm(self) -> float:
+        """Radius of the pressed surface, inf where it is flat."""
+        return math.inf if self.surface == "flat" else self.dome_radius_mm
 
     def changed(self) -> dict[str, Any]:
         """Return the options that differ from their defaults."""

@@ -6,14 +6,15 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Scene
+from tactibench.contacts import Scene, Signal
+from tactibench.datasets.channels import ChannelKind
 from tactibench.datasets.dataset import Dataset, open_dataset
-from tactibench.datasets.images import Image, kind_of
+from tactibench.datasets.images import Image
 from tactibench.datasets.schema import IMAGES, JOURNAL, Sample
 from tactibench.datasets.splits import Split
 from tactibench.errors import UserError
@@ -35,9 +36,9 @@ class Recording:
         folder: The folder that was opened.
         table: The file of the labels.
         names: Unique names of the frames, in the order of the table.
-        paths: Files of the frames.
+        paths: Files of the frames; () where one file holds the channels of all.
         frames: The folder that they lie in.
-        kind: Size and colours of every frame.
+        kind: Size and colours of every frame, or the shape of its channels.
         rest: File of the undeformed frame.
         labels: Column -> (N,) mm or deg, NaN where a frame has no such label.
         scenes: What was pressed in every frame, None where only labels are known.
@@ -52,6 +53,8 @@ class Recording:
         about: File name -> what files beside the table say.
         dome_radius_mm: Radius of the pressed surface, inf where it is flat, None if unknown.
         notes: Sentences about what was left out or is missing.
+        values: (N, ...) float32 channels, of a sensor without a camera.
+        signal_names: Names of the channels.
         dataset: The data set that this is, with the numbers of its samples in ``rows``.
     """
 
@@ -62,7 +65,7 @@ class Recording:
     names: tuple[str, ...]
     paths: tuple[Path, ...]
     frames: Path
-    kind: ImageKind
+    kind: ImageKind | ChannelKind
     rest: Path | None
     labels: Mapping[str, FloatArray]
     scenes: tuple[Scene | None, ...]
@@ -76,29 +79,31 @@ class Recording:
     about: Mapping[str, Any] = field(default_factory=dict)
     dome_radius_mm: float | None = None
     notes: tuple[str, ...] = ()
+    values: npt.NDArray[np.float32] | None = field(default=None, repr=False)
+    signal_names: tuple[str, ...] = ()
     dataset: Dataset | None = None
     rows: tuple[int, ...] = ()
 
     @property
     def channels(self) -> Literal[1, 3]:
         """1 for gray, 3 for RGB."""
-        return 3 if self.kind.colour else 1
+        return 3 if isinstance(self.kind, ImageKind) and self.kind.colour else 1
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def image(self, row: int) -> Image:
-        """Return a frame, (H, W) or RGB (H, W, 3) uint8.
+    def signal(self, row: int) -> Signal:
+        """Return the signal of a frame: its image, or its channels.
 
         Raises:
             UserError: The file is not what it was when the recording was opened.
         """
         if self.dataset is not None:
-            return self.dataset.image(self.dataset.samples[self.rows[row]])
-        return self._decode(self.paths[row])
+            return self.dataset.signal(self.dataset.samples[self.rows[row]])
+        return self.image(row) if self.values is None else self.values[row]
 
-    def rest_image(self) -> Image | None:
-        """Return the undeformed frame; None where there is none.
+    def rest_signal(self) -> Signal | None:
+        """Return the signal of the undeformed sensor; None where there is none.
 
         Raises:
             UserError: The file cannot be decoded.
@@ -107,11 +112,29 @@ class Recording:
             return self.dataset.rest
         return None if self.rest is None else self._decode(self.rest)
 
+    def image(self, row: int) -> Image:
+        """Return a frame, (H, W) or RGB (H, W, 3) uint8.
+
+        Raises:
+            UserError: The file is not what it was when the recording was opened, or the frames
+                are channels.
+        """
+        if self.dataset is not None:
+            return self.dataset.image(self.dataset.samples[self.rows[row]])
+        return self._decode(self.paths[row])
+
+    def rest_image(self) -> Image | None:
+        """Return the undeformed frame, see ``rest_signal``; None where there is no image."""
+        rest = None if isinstance(self.kind, ChannelKind) else self.rest_signal()
+        return cast("Image | None", rest)
+
     def complete_labels(self) -> dict[str, FloatArray]:
         """Return the labels that every frame has."""
         return {name: values for name, values in self.labels.items() if not np.isnan(values).any()}
 
     def _decode(self, path: Path) -> Image:
+        if not isinstance(self.kind, ImageKind):
+            raise UserError(f"the frames of {self.folder} are {self.kind} and no images.")
         return decode_png(path, read_file(path), self.kind)
 
 
@@ -141,7 +164,8 @@ def read_dataset(folder: Path) -> Recording:
         names=_frame_names(samples),
         paths=tuple(folder / sample.file_name for sample in samples),
         frames=folder / IMAGES,
-        kind=kind_of(header),
+        kind=header.kind,
+        signal_names=header.signal_names,
         rest=None,
         labels={
             name: np.array([sample.labels.get(name, np.nan) for sample in samples], np.float64)

@@ -36,11 +36,13 @@ class Table:
         path: The file, for errors.
         cells: Column -> texts, all of the same length.
         comma: Whether numbers have decimal commas.
+        header: Whether the names of the columns stand in the file; else they are column_1 ....
     """
 
     path: Path
     cells: Mapping[str, Sequence[str]]
     comma: bool = False
+    header: bool = True
 
     def __len__(self) -> int:
         return len(next(iter(self.cells.values()), ()))
@@ -119,6 +121,9 @@ def read_table(path: Path, data: bytes) -> Table:
         raise UserError(f"{path} is not a readable CSV file: {error}.") from None
     if not rows:
         raise UserError(f"{path} is empty; it must have a header and one row a frame.")
+    headed = not all(_NUMBER.fullmatch(cell) for cell in rows[0])
+    if not headed:  # a first line of nothing but numbers names nothing
+        rows.insert(0, [f"column_{number}" for number in range(1, len(rows[0]) + 1)])
     header, *rows = rows
     if not rows:
         raise UserError(f"{path} has a header but no rows; it must list at least one frame.")
@@ -136,7 +141,7 @@ def read_table(path: Path, data: bytes) -> Table:
         for index, name in enumerate(names)
     }
     comma = separator != "," and _has_decimal_commas(path, cells)
-    return Table(path, cells, comma)
+    return Table(path, cells, comma, headed)
 
 
 def _has_decimal_commas(path: Path, cells: Mapping[str, Sequence[str]]) -> bool:

@@ -116,7 +116,8 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     if spec.families:
         figures["stability"] = _stability(arrays, beside[:CURVES])
     else:
-        figures |= _frame(arrays) | _features(arrays)
+        if "images" in arrays.examples:  # channels show nothing at a glance
+            figures |= _frame(arrays) | _features(arrays)
         if spec.test.group == "all":
             figures["errors"] = _single(arrays)
         if spec.test.group == "distance":

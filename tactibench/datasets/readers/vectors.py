@@ -1,0 +1,233 @@
+"""A folder of a sensor without a camera: one file of labels, one of channels.
+
+Both are CSV files, with or without a header line, or NumPy archives (.npz, .npy). Their rows belong
+together in order, or by a time that both have.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.datasets.channels import ChannelKind
+from tactibench.datasets.readers.folder import FolderContent, read_labels, read_presses
+from tactibench.datasets.readers.options import SKIP, ImportOptions
+from tactibench.datasets.readers.recording import FloatArray, Recording
+from tactibench.datasets.readers.table import Table, read_table
+from tactibench.errors import UserError
+from tactibench.png import read_file
+
+_SATURATED = 0.01
+"""Share of the rows that may stand at a channel's largest or smallest value. A sensor that is not
+at its limit comes back to one extreme number far more seldom."""
+_ARCHIVES = (".npz", ".npy")
+
+
+def read_vectors(folder: Path, options: ImportOptions) -> Recording:
+    """Read labels and channels.
+
+    Args:
+        folder: The folder of both files.
+        options: Their names (``table``, ``channels``), how rows belong together (``join``), and
+            what the labels mean.
+
+    Raises:
+        UserError: A file is missing or damaged, the rows do not belong together, or a channel is
+            no finite number. The sentence names file, row and column.
+    """
+    channel_path = _inside(folder, options.channels)
+    table_path = _label_file(folder, options.table, channel_path)
+    data, channel_data = read_file(table_path), read_file(channel_path)
+    table = _read_labels_file(table_path, data)
+    values, times, names = _read_channels(channel_path, channel_data, options)
+    rows, partners = _join(table, values, times, channel_path, options)
+    frames = tuple(f"row-{row + 1:06d}" for row in range(len(table)))
+    content = FolderContent(
+        format="channels",
+        generation=f"{table_path.name}, {channel_path.name}",
+        folder=folder,
+        table=table,
+        data=data,
+        name_column="",
+        frame_folders=(folder,),
+        label_columns=None,
+        rest_folder=folder,
+    )
+    labels = read_labels(content, frames, options)
+    presses = read_presses(table, options) or labels.presses
+    kept = values[partners]
+    return Recording(
+        format=content.format,
+        generation=content.generation,
+        folder=folder,
+        table=table_path,
+        names=tuple(frames[row] for row in rows),
+        paths=(),
+        frames=channel_path,
+        kind=ChannelKind(values.shape[1:]),
+        rest=None,
+        labels={name: column[rows] for name, column in labels.labels.items()},
+        scenes=tuple(labels.scenes[row] for row in rows),
+        presses=tuple(presses[row] for row in rows),
+        sha256=hashlib.sha256(len(data).to_bytes(8, "little") + data + channel_data).hexdigest(),
+        columns=labels.roles,
+        extra={
+            name: tuple(table.cells[name][row] for row in rows)
+            for name in table.columns
+            if name not in labels.columns
+        },
+        dome_radius_mm=labels.dome_radius_mm,
+        notes=_notes(table, len(table) - len(rows), kept, names),
+        values=kept,
+        signal_names=names,
+    )
+
+
+def _inside(folder: Path, name: str) -> Path:
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise UserError(f"{path} lies outside of {folder}; name a file in it.")
+    if not path.is_file():
+        there = ", ".join(sorted(p.name for p in folder.iterdir() if p.is_file())) or "no file"
+        raise UserError(f"{folder} holds no {name}; there is {there}.")
+    return path
+
+
+def _label_file(folder: Path, name: str, channels: Path) -> Path:
+    if name:
+        return _inside(folder, name)
+    others = sorted(path for path in folder.glob("*.csv") if path != channels)
+    if len(others) == 1:
+        return others[0]
+    names = ", ".join(path.name for path in others) or "no other CSV file"
+    raise UserError(
+        f"{folder} holds {names} beside {channels.name}; name the file of the labels with "
+        "--param table=FILE."
+    )
+
+
+def _arrays(path: Path, data: bytes) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the arrays of numbers in a NumPy file by their names. Nothing is unpickled."""
+    try:
+        loaded = np.load(io.BytesIO(data), allow_pickle=False)
+        arrays = {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+        return {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
+    except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise UserError(f"{path} holds no arrays of numbers: {reason}.") from None
+
+
+def _read_labels_file(path: Path, data: bytes) -> Table:
+    """Return the labels; the one-dimensional arrays of an archive are its columns."""
+    if path.suffix not in _ARCHIVES:
+        return read_table(path, data)
+    columns = {name: array for name, array in _arrays(path, data).items() if array.ndim == 1}
+    if not columns or len({len(array) for array in columns.values()}) > 1:
+        raise UserError(
+            f"{path} holds no columns of labels; give one-dimensional arrays of one length."
+        )
+    return Table(path, {name: [repr(v) for v in array.tolist()] for name, array in columns.items()})
+
+
+def _read_channels(
+    path: Path, data: bytes, options: ImportOptions
+) -> tuple[npt.NDArray[np.float32], FloatArray | None, tuple[str, ...]]:
+    """Return channels (N, ...), the times of their rows where rows are joined by time, and names.
+
+    Of an archive the array with most numbers holds the channels.
+    """
+    join = options.channels_time or options.join
+    names: tuple[str, ...] = ()
+    if path.suffix in _ARCHIVES:
+        arrays = _arrays(path, data)
+        values = max(arrays.values(), key=lambda array: array.size)
+        if options.join and join not in arrays:
+            raise UserError(f"{path} has no array {join!r}; it has {', '.join(arrays)}.")
+        times = arrays[join] if options.join else None
+    else:
+        table = read_table(path, data)
+        times = table.numbers(table.column(join)) if options.join else None
+        chosen = [name.strip() for name in options.channel_columns.split(",") if name.strip()]
+        names = tuple(
+            table.column(name) for name in chosen or table.columns if chosen or name != join
+        )
+        values = np.column_stack([table.numbers(name) for name in names])
+    if values.ndim < 2 or not values.size:
+        raise UserError(f"{path} holds an array of shape {values.shape}; channels are (N, C).")
+    _refuse_not_finite(path, values, names)
+    return values.astype(np.float32), times, names
+
+
+def _refuse_not_finite(path: Path, values: FloatArray, names: Sequence[str]) -> None:
+    flat = values.reshape(len(values), -1)
+    bad = np.argwhere(~np.isfinite(flat.astype(np.float32)))
+    if len(bad):
+        row, column = bad[0].tolist()
+        name = names[column] if names else f"channel {column + 1}"
+        raise UserError(
+            f"{path} row {row + 1}: {name} is {flat[row, column]:g}, but a channel must be a "
+            f"finite number ({len(bad)} such value{'s' if len(bad) > 1 else ''}); remove the rows."
+        )
+
+
+def _join(
+    table: Table,
+    values: npt.NDArray[np.float32],
+    times: FloatArray | None,
+    path: Path,
+    options: ImportOptions,
+) -> tuple[list[int], list[int]]:
+    """Return rows of the labels, and of each the row of the channels that belongs to it."""
+    if times is None:
+        if len(values) != len(table):
+            raise UserError(
+                f"{table.path} has {len(table):,} rows, but {path} {len(values):,}; join them by "
+                "a time that both have (--param join=COLUMN), or remove the rows without partner."
+            )
+        rows = list(range(len(table)))
+        return rows, rows
+    wanted = table.numbers(table.column(options.join))
+    order = np.argsort(times, kind="stable")
+    after = np.clip(np.searchsorted(times[order], wanted), 1, max(1, len(times) - 1))
+    before = order[after - 1]
+    later = order[np.minimum(after, len(times) - 1)]
+    is_before = np.abs(times[before] - wanted) <= np.abs(times[later] - wanted)
+    nearest = np.where(is_before, before, later)
+    apart_ms = 1e3 * np.abs(times[nearest] - wanted)
+    alone = np.flatnonzero(apart_ms > options.tolerance_ms)
+    if len(alone) and (options.missing != SKIP or len(alone) == len(table)):
+        raise UserError(
+            f"{table.path} row {alone[0] + 1}: the nearest row of {path} is "
+            f"{apart_ms[alone[0]]:.0f} ms away, more than tolerance_ms={options.tolerance_ms:g} "
+            f"({len(alone):,} such rows); "
+            "correct the times, or leave those rows out with --param missing=skip."
+        )
+    kept = np.flatnonzero(apart_ms <= options.tolerance_ms)
+    return kept.tolist(), nearest[kept].tolist()
+
+
+def _notes(
+    table: Table, skipped: int, values: npt.NDArray[np.float32], names: Sequence[str]
+) -> tuple[str, ...]:
+    notes = []
+    if not table.header:
+        first, last = table.columns[0], table.columns[-1]
+        notes.append(f"{table.path.name} has no header line; its columns are {first} to {last}.")
+    if skipped:
+        notes.append(f"{skipped:,} rows of {table.path.name} left out: no channels at their time.")
+    flat = values.reshape(len(values), -1)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    constant = low == high
+    at_limit = np.maximum((flat == low).mean(axis=0), (flat == high).mean(axis=0))
+    saturated = ~constant & (at_limit > max(_SATURATED, 2.5 / len(flat)))
+    for column in np.flatnonzero(constant | saturated).tolist():
+        name = names[column] if names else f"channel {column + 1}"
+        stuck = f"stands at its limit in {at_limit[column]:.0%} of the rows"
+        notes.append(f"{name} {'never changes' if constant[column] else stuck}.")
+    return tuple(notes)

@@ -1,0 +1,144 @@
+"""A folder with one file of labels and one of channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactibench import UserError
+from tactibench.datasets import ChannelKind, ImportOptions, import_folder, open_recording, verify
+
+LABELS = np.array([[10.0, 274.0, 5.0, 143.5], [10.5, 274.00003, 5.0, 142.0], [11, 276, 7, 141]])
+TIPS = {
+    "indenter": "single",
+    "surface": "flat",
+    "x": "x",
+    "y": "-y",
+    "depth": "-z",
+    "x_zero_mm": 275.0,
+    "y_zero_mm": 6.0,
+    "offset_mm": 145.0,
+}
+
+
+def write(path: Path, rows: np.ndarray, names: str = "") -> None:
+    lines = [",".join(f"{value:.6f}" for value in row) for row in rows]
+    path.write_text("\n".join([*([names] if names else []), *lines]) + "\n")
+
+
+def folder_of(tmp_path: Path, times: list[float] | None = None) -> Path:
+    """Labels t, x, y, z and channels t, a, b, c; of every row a is 100 times its number."""
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    times = [10.001, 10.499, 11.0] if times is None else times
+    channels = [[t, 100.0 * k, k + 0.5, 7.0] for k, t in enumerate(times)]
+    write(folder / "labels.csv", LABELS, "t,x,y,z")
+    write(folder / "field.csv", np.array(channels), "t,a,b,c")
+    return folder
+
+
+def options(**given: object) -> ImportOptions:
+    return ImportOptions(**{"channels": "field.csv", "join": "t", **TIPS, **given})  # type: ignore[arg-type]
+
+
+def test_labels_and_channels_become_presses(tmp_path: Path) -> None:
+    recording = open_recording(folder_of(tmp_path), options(press="x,y"))
+    assert recording.kind == ChannelKind((3,))
+    assert recording.signal_names == ("a", "b", "c")
+    poses = [scene.pose for scene in recording.scenes if scene is not None]
+    assert [(p.x, p.y, p.depth) for p in poses] == [
+        (-1.0, 1.0, 1.5),
+        (pytest.approx(-1.0, abs=1e-4), 1.0, 3.0),
+        (1.0, -1.0, 4.0),
+    ]
+    assert recording.presses[0] == recording.presses[1] != recording.presses[2]
+    assert recording.dome_radius_mm == np.inf
+    assert [note for note in recording.notes if "c never changes" in note]
+    dataset = import_folder(recording, tmp_path / "set", options())
+    assert verify(dataset.folder) == []
+    assert [float(dataset.signal(sample)[0]) for sample in dataset.samples] == [0.0, 100.0, 200.0]
+
+
+def test_rows_in_another_order_are_joined_by_time(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, [11.0, 10.0, 99.0, 10.5])
+    recording = open_recording(folder, options())
+    assert [float(recording.signal(row)[0]) for row in range(3)] == [100.0, 300.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("times", "given", "says"),
+    [
+        ([10.0, 10.5, 11.2], {}, "row 3: the nearest row of .* is 200 ms away"),
+        ([10.0, 10.5], {"join": ""}, "has 3 rows, but .* 2; join them by a time"),
+        ([10.0, 10.5, 11.0], {"join": "when"}, "has no column when"),
+        ([10.0, 10.5, 11.0], {"channels": "gone.csv"}, "holds no gone.csv; there is field.csv"),
+        ([10.0, 10.5, 11.0], {"channels": "../field.csv"}, "lies outside"),
+        ([10.0, 10.5, 11.0], {"depth": "depth"}, "has no column depth"),
+        ([10.0, 10.5, 11.0], {"channel_columns": "a,d"}, "has no column d"),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(
+    tmp_path: Path, times: list[float], given: dict[str, object], says: str
+) -> None:
+    folder = folder_of(tmp_path, times)
+    (tmp_path / "field.csv").write_text("a\n1\n")
+    with pytest.raises(UserError, match=says):
+        import_folder(folder, tmp_path / "set", options(**given))
+    assert not (tmp_path / "set").exists()
+
+
+def test_rows_without_a_partner_can_be_left_out(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, [10.0, 10.5, 11.2])
+    recording = open_recording(folder, options(missing="skip"))
+    assert len(recording) == 2
+    assert [note for note in recording.notes if note.startswith("1 rows of labels.csv left out")]
+
+
+@pytest.mark.parametrize("bad", ["nan", "", "inf", "x"])
+def test_a_channel_that_is_no_number_is_named(tmp_path: Path, bad: str) -> None:
+    folder = folder_of(tmp_path)
+    text = (folder / "field.csv").read_text().replace("100.000000", bad)
+    (folder / "field.csv").write_text(text)
+    with pytest.raises(UserError, match=r"field\.csv row 2: a is"):
+        open_recording(folder, options())
+
+
+def test_a_channel_at_its_limit_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "many"
+    folder.mkdir()
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(400, 2))
+    values[:, 1] = np.minimum(values[:, 1], 1.0)
+    write(folder / "labels.csv", rng.uniform(1, 4, (400, 3)), "x,y,z")
+    write(folder / "field.csv", values, "good,clipped")
+    recording = open_recording(folder, options(join=""))
+    (note,) = [note for note in recording.notes if "limit" in note]
+    assert note.startswith("clipped stands at its limit in 1")
+
+
+def test_a_file_without_a_header_has_numbered_columns(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path)
+    write(folder / "labels.csv", LABELS)
+    names = {"x": "column_2", "y": "-column_3", "depth": "-column_4"}
+    recording = open_recording(folder, options(join="column_1", channels_time="t", **names))
+    assert len(recording) == 3
+    assert "labels.csv has no header line; its columns are column_1 to column_4." in recording.notes
+
+
+def test_archives_of_numpy(tmp_path: Path) -> None:
+    folder = tmp_path / "archives"
+    folder.mkdir()
+    taxels = np.arange(3 * 8, dtype=np.float32).reshape(3, 4, 2)
+    np.savez(folder / "labels.npz", **dict(zip("txyz", LABELS.T, strict=True)))
+    np.savez(folder / "taxels.npz", t=LABELS[::-1, 0], force=taxels)
+    given = options(table="labels.npz", channels="taxels.npz")
+    recording = open_recording(folder, given)
+    assert recording.kind == ChannelKind((4, 2))
+    assert np.array_equal(recording.signal(0), taxels[2])
+    dataset = import_folder(recording, tmp_path / "set", given)
+    assert np.array_equal(dataset.signal(dataset.samples[0]), taxels[2])
+    np.savez(folder / "taxels.npz", t=np.array([object()]))
+    with pytest.raises(UserError, match="holds no arrays of numbers"):
+        open_recording(folder, given)
