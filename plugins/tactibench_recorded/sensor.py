@@ -135,11 +135,13 @@ class RecordedSensor(Sensor):
         if recording.dataset is not None and self._rest_signal is not None:
             rest = "rest"
         aside, fit = options.pivot_side_mm, self._presses.label_fit
+        known = {} if recording.dataset is None else recording.dataset.header.sensor
         return {
             "format": recording.format,
             "folder": recording.folder.resolve().name,
             "frames": recording.frames.name,
             "sha256": recording.sha256,
+            **({"recorded_with": known["name"]} if "name" in known else {}),
             "count": len(self._presses.scenes),
             **_described_kind(recording),
             "rest": rest,

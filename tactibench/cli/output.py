@@ -98,19 +98,24 @@ class TrainingBar:
 def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
     """Print the result beside the published numbers, and its pictures."""
     from tactibench.protocols.loader import version_of
-    from tactibench.protocols.published import load_published
+    from tactibench.protocols.published import PublishedTable, published_for
     from tactibench.report.plots.run_pictures import update_pictures
     from tactibench.report.run_report import print_run
     from tactibench.shipped import shipped_folder
 
     record = run.record
     others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
-    names: tuple[str, ...] = ()
+    published: list[PublishedTable] = []
     axes: tuple[Axis, ...] = ()
     protocol = version_of(record.protocol.id, record.protocol.hash)
     if protocol is not None:
-        names, axes = protocol.spec.published.tables, protocol.spec.axes
-    published = load_published(names, shipped_folder("published"))
+        axes = protocol.spec.axes
+        recorded = record.sensor.recording
+        published = [
+            table
+            for table in published_for(protocol.spec, shipped_folder("published"))
+            if not table.sensor or (recorded is not None and recorded.sensor == table.sensor)
+        ]
     records = [other.record for other in others]
     print_run(terminal.out, record, run.folder / RECORD, published, records, axes)
     for picture in update_pictures(run, others):

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from tactibench.errors import UserError, did_you_mean
+from tactibench.protocols.schema import Protocol
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -77,7 +78,10 @@ class PublishedRow(_Frozen):
 
 
 class PublishedTable(_Frozen):
-    """One paper: its rows, what they were measured on, and notes on their consistency."""
+    """One paper: its rows, what they were measured on, and notes on their consistency.
+
+    sensor: of the recording that its rows belong to, where protocols were not made for it.
+    """
 
     schema_version: Literal[1]
     name: Text
@@ -85,6 +89,7 @@ class PublishedTable(_Frozen):
     authors: Text
     year: Annotated[int, Field(ge=1900, le=2200)]
     measured_on: Text
+    sensor: str = ""
     recipe: str = ""
     notes: tuple[Text, ...] = ()
     rows: Annotated[tuple[PublishedRow, ...], Field(min_length=1)]
@@ -121,6 +126,18 @@ def _load(name: str, folder: Path, known: Sequence[str]) -> PublishedTable:
     if table.name != name:
         raise UserError(f"{path}, key name: is {table.name!r}, but must be {name!r}, as the file.")
     return table
+
+
+def published_for(spec: Protocol, folder: Path) -> list[PublishedTable]:
+    """Return the tables that a protocol names, and those of other sensors with rows for it.
+
+    Raises UserError as ``load_published``.
+    """
+    named = spec.published.tables
+    others = [name for name in published_names(folder) if name not in named]
+    tables = load_published(others, folder)
+    extra = [table for table in tables if table.sensor and rows_for(spec.id, table)]
+    return [*load_published(named, folder), *extra]
 
 
 def rows_for(protocol: str, table: PublishedTable) -> tuple[PublishedRow, ...]:

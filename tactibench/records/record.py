@@ -151,10 +151,11 @@ class TestSensor(Component):
 
 
 class RecordingId(_Strict):
-    """A recording that a sensor read. label: name of its folder."""
+    """A recording that a sensor read. label: name of its folder. sensor: what it was made with."""
 
     label: str
     sha256: str
+    sensor: str = ""
 
 
 class PressedRange(_Strict):
@@ -188,7 +189,8 @@ class SensorId(Component):
         """Name, with the recording that it read: "recorded eflesh (1a2b3c4d)"."""
         if self.recording is None:
             return self.name
-        return f"{self.name} {self.recording.label} ({self.recording.sha256[:8]})"
+        of = f" of {self.recording.sensor}" if self.recording.sensor else ""
+        return f"{self.name} {self.recording.label}{of} ({self.recording.sha256[:8]})"
 
     def text(self, *, without: str = "") -> str:
         """Return the same for a reader, with the recording and a range of its own."""

@@ -29,7 +29,7 @@ from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import BoardSpec, board_spec
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
-from tactibench.protocols.published import PublishedTable, load_published
+from tactibench.protocols.published import PublishedTable
 from tactibench.records.files import atomic
 from tactibench.records.record import Record
 from tactibench.report.board_tables import cost_blocks, curve_table, metric_table, published_blocks
@@ -147,7 +147,7 @@ def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTab
     """Return the published tables of a protocol: the board's own, or those of the package."""
     own = board / "published"
     folder = own if own.is_dir() else shipped_folder("published")
-    return load_published(protocol.spec.published.tables, folder)
+    return published_for(protocol.spec, folder)
 
 
 def _version_pages(board: Path, name: str) -> list[PageFile]:

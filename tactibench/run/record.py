@@ -104,7 +104,11 @@ def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
     values = {**sensor.component.json_values(), "origin": sensor.spec.origin}
     described = plan.frames.sensor_identity["describe"]
     if sensor.spec.needs_data and {"folder", "sha256"} <= set(described):
-        values["recording"] = {"label": described["folder"], "sha256": described["sha256"]}
+        values["recording"] = {
+            "label": described["folder"],
+            "sha256": described["sha256"],
+            "sensor": str(described.get("recorded_with", "")),
+        }
     if (space := plan.frames.workspace) is not None:
         radius = None if math.isinf(space.dome_radius_mm) else space.dome_radius_mm
         values["range"] = {**asdict(space), "dome_radius_mm": radius}

@@ -13,6 +13,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from tactibench import UserError
@@ -34,6 +35,11 @@ REFUSED = (
     "stop before unlocking"
 )
 
+
+def _out_double(number: int, controller: Controller) -> float:
+    return controller.out_double[number]
+
+
 OUTPUTS: dict[str, tuple[str, Callable[[Controller], Any]]] = {
     "timestamp": ("DOUBLE", lambda c: c.t),
     "actual_TCP_pose": ("VECTOR6D", lambda c: c.pose()),
@@ -47,7 +53,7 @@ OUTPUTS: dict[str, tuple[str, Callable[[Controller], Any]]] = {
     "output_int_register_1": ("INT32", lambda c: c.out_int[1]),
     "output_int_register_2": ("INT32", lambda c: c.out_int[2]),
     "target_speed_fraction": ("DOUBLE", lambda c: c.slider),
-    **{f"output_double_register_{k}": ("DOUBLE", lambda c, k=k: c.out_double[k]) for k in range(6)},
+    **{f"output_double_register_{k}": ("DOUBLE", partial(_out_double, k)) for k in range(6)},
 }
 """Fields that ur_rtde asks for -> type, how to get the value."""
 INPUTS = {
