@@ -29,7 +29,7 @@ from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import BoardSpec, board_spec
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
-from tactibench.protocols.published import PublishedTable
+from tactibench.protocols.published import PublishedTable, published_for
 from tactibench.records.files import atomic
 from tactibench.records.record import Record
 from tactibench.report.board_tables import cost_blocks, curve_table, metric_table, published_blocks
