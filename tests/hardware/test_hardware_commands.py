@@ -110,6 +110,7 @@ def test_a_plan_is_shown(lab: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "mounted" in said
     assert "two tips of radius 3 mm, 8 mm apart" in said
     assert "2 presses" in said
+    assert "a hand mounts an indenter 1 time: about 3 min more, 3 min each" in said
     assert out.read_bytes().startswith(b"\x89PNG")
     rows = json.loads(figures.read_text())
     assert {"metric": "presses", "group": "one tip of radius 3 mm", "value": 1, "unit": ""} in rows

@@ -28,6 +28,8 @@ from tactibench_tactip.press_geometry import geometry_of
 from tactibench_tactip.robots.base import make_robot
 from tactibench_tactip.settings import read_settings
 
+MOUNT_S = 180.0
+"""Time in which a hand mounts an indenter and finds its middle, an assumption."""
 MOST_ROWS = 20
 
 
@@ -65,7 +67,7 @@ def command(
     """Check the presses that a protocol needs against the configuration, without any device.
 
     Every pose of every press must lie in the envelope. Shows what has to be mounted for how many
-    presses and how long it takes.
+    presses, how long it takes, and how often a hand has to mount another indenter.
     """
     if out is not None and out.suffix.lower() != ".png":
         raise UserError(
@@ -77,11 +79,12 @@ def command(
     check_plan(plan, settings, geometry, turns=make_robot(settings).turns)
     rows: list[tuple[str, str, str, str]] = []
     figures: list[tuple[str, str, float, str]] = []
-    total = 0.0
+    total, hands = 0.0, 0
     for indenter, group in plan.mounts():
         name, seconds = describe_indenter(indenter), estimate_seconds(group, settings)
         total += seconds
         mounted = "mounted" if is_mounted(settings.indenter, indenter) else ""
+        hands += not mounted
         rows.append((name, f"{len(group):,}", format_duration(seconds), mounted))
         figures += [("presses", name, len(group), ""), ("time", name, seconds, "s")]
     print_rows(("indenter", "presses", "time", ""), rows[:MOST_ROWS])
@@ -89,6 +92,13 @@ def command(
         click.echo(f"... and {len(rows) - MOST_ROWS:,} more indenters")
     time = format_duration(total)
     click.echo(f"{len(plan):,} presses of {presses}, all inside the envelope; about {time}")
+    if hands:
+        changes = format_duration(hands * MOUNT_S)
+        click.echo(
+            f"a hand mounts an indenter {hands:,} time{'s' if hands > 1 else ''}: about {changes} more, "
+            f"{format_duration(MOUNT_S)} each"
+        )
+    figures += [("time", "all", total, "s"), ("mounts by hand", "all", hands, "")]
     if out is not None:
         draw_plan(out, plan, settings, geometry)
         click.echo(f"picture: {out}")
