@@ -93,11 +93,9 @@ def command(
     time = format_duration(total)
     click.echo(f"{len(plan):,} presses of {presses}, all inside the envelope; about {time}")
     if hands:
-        changes = format_duration(hands * MOUNT_S)
-        click.echo(
-            f"a hand mounts an indenter {hands:,} time{'s' if hands > 1 else ''}: about {changes} more, "
-            f"{format_duration(MOUNT_S)} each"
-        )
+        times = f"{hands:,} time{'s' if hands > 1 else ''}"
+        changes, each = format_duration(hands * MOUNT_S), format_duration(MOUNT_S)
+        click.echo(f"a hand mounts an indenter {times}: about {changes} more, {each} each")
     figures += [("time", "all", total, "s"), ("mounts by hand", "all", hands, "")]
     if out is not None:
         draw_plan(out, plan, settings, geometry)
