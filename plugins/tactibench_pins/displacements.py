@@ -100,10 +100,11 @@ class LatticePins(OwnPins):
 
 
 class Channels(Reader):
-    """Channels in units of their mean deviation over the training frames, less those at rest.
+    """Channels in units of their rms deviation over the training frames, less those at rest.
 
     Attributes:
-        scale: (C,) that deviation for all; 1 where no channel ever changes.
+        scale: That deviation, one for all: channels of one kind differ in size because some say
+            more. 1 where no channel ever changes.
         minus_rest: whether all training frames had a rest frame, which was taken off.
     """
 
@@ -111,19 +112,18 @@ class Channels(Reader):
     """About the smallest step of the magnetic skin of eFlesh."""
     polar = True
 
-    def __init__(self, scale: Array, minus_rest: bool) -> None:
+    def __init__(self, size: int, scale: float, minus_rest: bool) -> None:
+        self.size = size
         self.scale = scale
         self.minus_rest = minus_rest
-        self.size = len(scale)
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> Self:
         """Return those of training frames."""
         minus_rest = all(frame.rest is not None for frame in frames)
-        deviations = channel_vectors(frames, minus_rest=minus_rest).std(axis=0, dtype=np.float64)
-        # One unit for all: channels of one kind differ in size because some say more.
-        common = float(np.sqrt(np.square(deviations).mean()))
-        return cls(np.full(len(deviations), common if common > 0 else 1.0), minus_rest)
+        vectors = channel_vectors(frames, minus_rest=minus_rest)
+        scale = float(np.sqrt(vectors.var(axis=0, dtype=np.float64).mean()))
+        return cls(vectors.shape[1], scale if scale > 0 else 1.0, minus_rest)
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
         """Return (N, C). Raises UserError for frames of another sensor."""
@@ -137,7 +137,8 @@ class Channels(Reader):
 
     def saved(self) -> dict[str, Any]:
         """Return the units."""
-        return {"channels": {"scale": self.scale.tolist(), "minus_rest": self.minus_rest}}
+        facts = {"size": self.size, "scale": self.scale, "minus_rest": self.minus_rest}
+        return {"channels": facts}
 
 
 def find_reader(frames: Sequence[Frame], targets: Array, transfers: bool) -> Reader:
@@ -172,7 +173,7 @@ def restored_reader(extra: Mapping[str, Any], transfers: bool) -> Reader | None:
     ``transfers``.
     """
     if channels := extra.get("channels"):
-        return Channels(np.array(channels["scale"]), channels["minus_rest"])
+        return Channels(**channels)
     if extra["rest"] is None:
         return None
     pins = PinTracker(unpack_image(extra["rest"]))

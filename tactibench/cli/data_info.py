@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.options import json_option, picture_file, save_json
+from tactibench.cli.options import json_option, param_option, picture_file, save_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,15 +28,16 @@ _LONGEST_NAME = 20
 @click.command(short_help="what a folder holds, and what it can serve")
 @click.argument("folder", type=click.Path(path_type=Path))
 @picture_file("--sheet", "Draw frames spread over the labels.")
+@param_option("NAME=VALUE", "Say where labels are and what they mean, as `data import` does.")
 @json_option
-def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
+def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: Path | None) -> None:
     """Show what FOLDER holds: a recording of any known format, or a data set.
 
     \b
     tactibench data info recordings/331 --sheet frames.png
     """
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import ChannelKind, open_recording
+    from tactibench.datasets import ChannelKind, open_recording, read_options
     from tactibench.datasets.description import (
         channel_ranges,
         label_values,
@@ -46,7 +47,7 @@ def info(folder: Path, sheet: Path | None, json_file: Path | None) -> None:
     from tactibench.frames.services import services
 
     terminal = Terminal()
-    recording = open_recording(folder)
+    recording = open_recording(folder, read_options(params) if params else None)
     labels = summarize_labels(label_values(recording))
     _print_facts(terminal, folder, recording)
     _print_labels(terminal, labels)

@@ -40,6 +40,7 @@ def _show_spec(kind: str, spec: Any, origin: Any) -> None:
     click.echo(f"  class     {spec.target}")
     for field, label in (
         ("answers", "answers"),
+        ("reads", "reads"),
         ("max_contacts", "contacts"),
         ("kind", "kind"),
         ("uses_encoder", "encoder"),

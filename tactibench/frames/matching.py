@@ -124,6 +124,20 @@ def match(
     return Match(fit, validation, test, tuple(dict.fromkeys(lacking)), len(scenes) - len(used))
 
 
+def describe_range(scenes: Sequence[Scene]) -> str:
+    """Return where presses are: "x -3.1 to 2.9, y 0 to 5, depth 141 to 145 mm"."""
+    poses = [scene.pose for scene in scenes]
+    ranges = (
+        f"{name} {min(values):.3g} to {max(values):.3g}"
+        for name, values in (
+            ("x", [pose.x for pose in poses]),
+            ("y", [pose.y for pose in poses]),
+            ("depth", [pose.depth for pose in poses]),
+        )
+    )
+    return f"{', '.join(ranges)} mm"
+
+
 def describe_draw(draw: Draw) -> str:
     """Return what a draw is pressed with: "two tips of radius 3 mm 6.5 to 12 mm apart"."""
     tips = {"single": "one spherical tip", "dual": "two tips", "triple": "three tips"}

@@ -13,7 +13,7 @@ import numpy as np
 
 from tactibench.contacts import Frame, Scene
 from tactibench.errors import UserError
-from tactibench.frames.matching import Match, describe_draw, match
+from tactibench.frames.matching import Match, describe_draw, describe_range, match
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
     QUICK_FIT,
@@ -374,8 +374,13 @@ def _refuse_shared_presses(presses: Sequence[str], division: Division) -> None:
 def _lacking(folder: Path | None, spec: Protocol, recording: Recording, matched: Match) -> str:
     space = spec.workspace
     draws = "; ".join(f"{name}: {describe_draw(spec.draw(name))}" for name in matched.lacking)
-    spheres = any(not scene.indenter.is_plate for scene in recording.scenes)
-    remedy = "record those presses" if spheres else "run protocol 'surface' on it"
+    tips = [scene for scene in recording.scenes if not scene.indenter.is_plate]
+    remedy = "run protocol 'surface' on it"
+    if tips:
+        remedy = (
+            f"the recorded ones have {describe_range(tips)}: record others, or import again with "
+            "the zeros that are right (x_zero_mm, y_zero_mm, offset_mm of the depth)"
+        )
     return (
         f"{folder} holds {recording.contents()}, but protocol "
         f"{spec.id!r} lacks presses by spherical tips to train, validate and test on "

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from tactibench.contacts import Scene
 from tactibench.datasets import ImportOptions, Recording, own_workspace, plate_scenes
 from tactibench.errors import UserError
-from tactibench.frames.matching import describe_draw, match
+from tactibench.frames.matching import describe_draw, describe_range, match
 from tactibench.protocols.draws import in_range
 from tactibench.protocols.loader import load_protocol, protocol_files
 from tactibench.protocols.schema import Protocol
@@ -84,7 +84,8 @@ def _tips(protocol: Protocol, scenes: Sequence[Scene], presses: Sequence[str]) -
         )
         return False, (
             f"lacks {draws}, x and y within {space.half_width_mm:g} mm, "
-            f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep (there: {_kinds(scenes)})"
+            f"{space.depth_min_mm:g} to {space.depth_max_mm:g} mm deep (there: {_kinds(scenes)}, "
+            f"{describe_range(scenes)})"
         )
     roles = (matched.fit, matched.validation, matched.test)
     counts = [sum(map(len, rows.values())) for rows in roles]

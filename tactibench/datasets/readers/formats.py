@@ -61,7 +61,9 @@ def _table_path(folder: Path, name: str) -> Path:
     if name or not paths:
         raise UserError(f"{folder} holds no {name or 'CSV file'}; name another folder.")
     names = ", ".join(path.name for path in paths)
-    raise UserError(f"{folder} holds several CSV files ({names}); name one with --param table.")
+    raise UserError(
+        f"{folder} holds several CSV files ({names}); name one with --param table=FILE."
+    )
 
 
 _READERS = {BRISTOL: read_bristol, HUGGINGFACE: read_huggingface, CSV: read_csv}
