@@ -94,6 +94,7 @@ def _plain(record: Record) -> bool:
         record.protocol.id in ("exp1", "exp2", "stability", "surface")
         and record.regime in ("single", "recorded")
         and record.sensor.test_sensor is None
+        and (record.protocol.id == "surface" or record.sensor.origin == "simulated")
         and not record.sensor.parameters.get("instance")
         and record.limits.presses is None
         and "mixing" not in record.model.changed

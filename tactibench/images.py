@@ -34,7 +34,7 @@ def gray_frames(frames: Sequence[Frame], size: int) -> npt.NDArray[np.uint8]:
     """
     out = np.empty((len(frames), size, size), dtype=np.uint8)
     for number, (row, frame) in enumerate(zip(out, frames, strict=True), 1):
-        image: npt.NDArray[Any] = frame.image
+        image: npt.NDArray[Any] = frame.signal
         rest = image if frame.rest is None else frame.rest
         if rest.shape != image.shape and not _same_ratio(_sides(image), _sides(rest)):
             raise UserError(

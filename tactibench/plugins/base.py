@@ -260,8 +260,7 @@ class Sensor(ABC):
         signal: Kind of the frames' signal, "image" (uint8) or "channels" (float32).
         dome_radius_mm: Radius of the touched surface, mm; inf: flat; None: the protocol's dome.
         deepest_mm: Depth to which a tip may be pressed, mm; inf: as deep as the protocol asks.
-        workspace: Range of a sensor that cannot be pressed as the protocols publish, because it is
-            flat, larger or smaller; it takes the place of theirs. None: the published range.
+        workspace: Range in place of the protocols', of a flat, larger or smaller sensor.
         nuisances: Names of what ``covariance`` may take as unknown, such as "brightness".
         expected_failed_checks: Property of ``tactibench check`` -> reason why it does not hold.
     """

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose
+from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal
 from tactibench.errors import NotFiniteError, UserError
 from tactibench.plugins.base import Model
 from tactibench.records.answers import unpack_contacts, unpack_plates
@@ -105,7 +105,8 @@ def blinded(frame: Frame) -> Frame:
     Its pose is the truth, its time tells which press of a set it is, and a mapped signal knows its
     file: all three are left out.
     """
-    return Frame(frame.signal.copy(), 0.0, Pose(), frame.rest)
+    signal = cast("Signal", np.array(frame.signal))
+    return Frame(signal, 0.0, Pose(), frame.rest)
 
 
 def cached_predictions(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tactibench import UserError
+from tactibench import UserError, Workspace
 from tactibench.geometry import true_contacts
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
@@ -20,6 +20,7 @@ KEYS = load_protocol("exp3").spec
 class Shaped:
     dome_radius_mm: float | None = None
     deepest_mm: float = math.inf
+    workspace: Workspace | None = None
 
 
 def test_a_sensor_that_says_nothing_changes_nothing() -> None:

@@ -20,11 +20,8 @@ STATEMENT, HOMING_OFF, NOT_IDLE, NO_G_CODE, JOG_TRAVEL, UNSUPPORTED = 3, 5, 8, 9
 """Numbers of errors."""
 SETTINGS = {
     "$13": 0.0,
-    "$20": 1.0,
-    "$21": 1.0,
-    "$22": 1.0,
+    **dict.fromkeys(("$20", "$21", "$22", "$27"), 1.0),
     "$25": 500.0,
-    "$27": 1.0,
     **dict.fromkeys(("$100", "$101", "$102"), 250.0),
     **dict.fromkeys(("$110", "$111", "$112"), 3000.0),
     **dict.fromkeys(("$120", "$121", "$122"), 500.0),
