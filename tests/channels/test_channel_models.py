@@ -37,7 +37,7 @@ def trained(request: pytest.FixtureRequest, host: PluginHost, press_skin: Any) -
         return spec.load()(CONTEXT, **values)
 
     model = build()
-    frames, truth = press_skin(500, 1)
+    frames, truth = press_skin(300, 1)
     held_out = press_skin(60, 2)
     model.fit(
         frames,
@@ -56,8 +56,8 @@ def test_presses_are_read(trained: Any, press_skin: Any) -> None:
         np.abs([*(one.xy[0] - true.xy[0]), one.depth[0] - true.depth[0]]).mean()
         for one, true in zip(model.predict(frames), truth, strict=True)
     ]
-    # The range is 24 x 24 x 3.5 mm: guessing is off by 4 mm, the nearest of 500 presses by 0.8.
-    assert np.mean(errors) < {"nearest": 1.2, "kernel": 0.6, "pins": 0.6}[name]
+    # The range is 24 x 24 x 3.5 mm: guessing is off by 4 mm, the nearest of 300 presses by 1.
+    assert np.mean(errors) < {"nearest": 1.5, "kernel": 0.8, "pins": 0.8}[name]
 
 
 def test_an_untouched_skin_is_no_contact(trained: Any, press_skin: Any) -> None:

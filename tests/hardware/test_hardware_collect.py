@@ -224,6 +224,7 @@ def test_bad_frames_are_tried_again_and_then_marked(lab: Lab) -> None:
     assert all(sample.attempt == 2 for sample in dataset.samples)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", ["cut", "dark"])
 def test_a_fault_of_the_whole_setup_writes_no_press(
     lab: Lab, monkeypatch: pytest.MonkeyPatch, fault: str

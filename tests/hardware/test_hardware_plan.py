@@ -189,6 +189,7 @@ def test_the_estimate_counts_every_press(settings: Settings) -> None:
     assert 1.5 < (many - few) / 10 < 6.0
 
 
+@pytest.mark.long
 def test_deeper_than_the_sensor_is_not_drawn(make: Callable[..., Settings]) -> None:
     shallow = make(sensor={"deepest_mm": 3.0})
     plan = plan_of("exp1", shallow, draws=("singles",), count=20)

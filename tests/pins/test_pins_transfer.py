@@ -13,6 +13,8 @@ from tactibench_pins.kernel import Kernel
 from tactibench_pins.model import Pins
 from tactibench_pins.transfer import LENGTHS, RIDGES, SHARE, Correction, Differences
 
+pytestmark = pytest.mark.long
+
 TRAINED, OTHER = hexagon(3, 8.0), hexagon(4, 6.0)
 """37 and 61 pins, one outline."""
 both = pytest.mark.parametrize("kind", [Kernel, Pins])

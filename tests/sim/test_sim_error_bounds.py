@@ -31,6 +31,8 @@ from tactibench_sim.reference_frames import scenes as reference
 from tactibench_sim.reference_frames.sensor import Reference127
 from tactibench_sim.sensor import TacTip127, TacTip331
 
+pytestmark = pytest.mark.long
+
 TABLES, SCENES = tables.shipped(), reference.shipped()
 OTHERS = reference.shipped_other_tips().scenes
 COUPLED, SUPERPOSED = (TableMechanics(TABLES, tier) for tier in ("coupled", "superpose"))

@@ -63,6 +63,7 @@ def test_arrows_stay_within_their_neighbourhood(longest, times):
     assert picture.exaggeration(longest, 5.0) == times
 
 
+@pytest.mark.long
 def test_the_command_writes_a_picture_of_what_it_is_asked(tmp_path):
     first, second = tmp_path / "1.png", tmp_path / "2.png"
     options = ["--sensor", "tactip-331", "--param", "output=rgb", "--param", "sensor.size=64"]

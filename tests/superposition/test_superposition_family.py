@@ -5,6 +5,8 @@ import pytest
 
 from tactibench.superposition import Field, FieldFamily, solve
 
+pytestmark = pytest.mark.long
+
 SENSORS, PRESSES = 24, 30
 SIGMA = 0.01  # px
 

@@ -7,6 +7,8 @@ from tactibench import Contacts, Frame, Pose, UserError
 from tactibench.markers import PinTracker, Similarity
 from tactibench.superposition import NeighbourLaw, contact_array, mix
 
+pytestmark = pytest.mark.long
+
 SENSORS = [  # turn of the camera, rad; shift, px; how far pins move, against the first sensor's
     (0.0, (0.0, 0.0), 1.0),
     (0.04, (1.0, -0.5), 1.4),

@@ -152,6 +152,7 @@ def test_a_law_of_pairs_is_found_again():
     np.testing.assert_allclose(found.crowd, 0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_law_of_pairs_and_crowds_is_found_again():
     rng = np.random.default_rng(8)
     law = random_law(rng)

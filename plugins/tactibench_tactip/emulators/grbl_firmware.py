@@ -20,8 +20,9 @@ STATEMENT, HOMING_OFF, NOT_IDLE, NO_G_CODE, JOG_TRAVEL, UNSUPPORTED = 3, 5, 8, 9
 """Numbers of errors."""
 SETTINGS = {
     "$13": 0.0,
-    **dict.fromkeys(("$20", "$21", "$22", "$27"), 1.0),
+    **dict.fromkeys(("$20", "$21", "$22"), 1.0),
     "$25": 500.0,
+    "$27": 1.0,
     **dict.fromkeys(("$100", "$101", "$102"), 250.0),
     **dict.fromkeys(("$110", "$111", "$112"), 3000.0),
     **dict.fromkeys(("$120", "$121", "$122"), 500.0),
@@ -46,11 +47,9 @@ class GcodeError(Exception):
 class Controller:
     """Bytes in by ``receive``, bytes out by ``take``; ``step`` lets time pass.
 
-    All of it under the world's lock.
-
-    Machine coordinates are the base frame of the rig once it is homed, with the switches at 0 and
-    the travel below. A reset in motion or a hard limit loses steps: what it reports is wrong until
-    it is homed again.
+    All of it under the world's lock. Machine coordinates are the base frame of the rig once it is
+    homed, with the switches at 0 and the travel below. A reset in motion or a hard limit loses
+    steps: what it reports is wrong until it is homed again.
     """
 
     def __init__(self, world: World, settings: Mapping[str, float] | None = None) -> None:
