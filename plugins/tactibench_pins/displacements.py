@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 LATTICE = common_lattice()
-FAINTEST = 0.01
+_FAINTEST = 0.01
 """Quantile of the training presses that stands for the faintest: one may be mislabelled."""
 _SHARE = 0.5
 """Share of the way from a sensor at rest to the faintest training press where a contact begins."""
@@ -241,8 +241,8 @@ def polar(moved: Array) -> Array:
     """Return direction and size of vectors (N, C), (N, C + 1): v / rms v, and 2 log rms v.
 
     Where one thing presses, its place shows in the direction and its depth in the size. Single
-    presses on the magnetic skin of eFlesh are then read a sixth better than from v itself (mean
-    absolute error in a five-fold division of the training places .277 to .234 for ``kernel``).
+    presses on the magnetic skin of eFlesh are then read better than from v itself: mean
+    absolute error of ``kernel`` on held-out training places .238 mm for .277.
     """
     size = np.maximum(rms_displacement(moved), FAINT)[:, np.newaxis]
     return np.column_stack([moved / size, 2 * np.log(size)])
@@ -261,7 +261,7 @@ def contact_threshold(moved: Array, answer: str) -> float:
     """
     if answer == "plate" or not len(moved):
         return 0.0
-    return float(_SHARE * np.quantile(rms_displacement(moved), FAINTEST))
+    return float(_SHARE * np.quantile(rms_displacement(moved), _FAINTEST))
 
 
 def read_answers(values: npt.NDArray[Any], answer: str, threshold: float) -> list[Answer | None]:
