@@ -154,6 +154,8 @@ def run_hw(
         text=True,
         env=environment,
         process_group=0,
+        # A background job, as the tests may be, ignores Ctrl-C and hands that down.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         try:
             meanwhile(process)
