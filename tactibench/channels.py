@@ -16,18 +16,26 @@ def holds_channels(frames: Sequence[Frame]) -> bool:
     return bool(frames) and frames[0].signal.dtype == np.float32
 
 
-def channel_vectors(frames: Sequence[Frame], *, minus_rest: bool) -> npt.NDArray[np.float32]:
+def channel_vectors(
+    frames: Sequence[Frame], *, minus_rest: bool, count: int | None = None
+) -> npt.NDArray[np.float32]:
     """Return the channels of N frames, (N, C) float32; an array of taxels is laid out in a row.
 
     Args:
         frames: of one sensor.
         minus_rest: whether the channels of the undeformed sensor are taken off.
+        count: C of the frames that a model was trained on; None: these are the ones.
 
     Raises:
-        UserError: A frame has other channels than the first, holds NaN or infinity, or has no rest
-            frame where one is needed.
+        UserError: A frame has other channels than the first or than those of the training, holds
+            NaN or infinity, or has no rest frame where one is needed.
     """
     rows = []
+    if count is not None and frames and frames[0].signal.size != count:
+        raise UserError(
+            f"the frames have {frames[0].signal.size} channels, but the model was trained on "
+            f"{count}; use the sensor that it was trained on."
+        )
     for number, frame in enumerate(frames, 1):
         where = f"frame {number} of {len(frames)}"
         if frame.signal.shape != frames[0].signal.shape:
@@ -49,4 +57,4 @@ def channel_vectors(frames: Sequence[Frame], *, minus_rest: bool) -> npt.NDArray
                 f"{where} holds no finite number in channel {bad[0] + 1}; leave it out."
             )
         rows.append(row.ravel())
-    return np.stack(rows) if rows else np.empty((0, 0), dtype=np.float32)
+    return np.stack(rows) if rows else np.empty((0, count or 0), dtype=np.float32)

@@ -128,13 +128,8 @@ class NearestModel(Model):
         Channels are returned as (N, C) in units of their deviations.
         """
         if self._scale is not None:
-            vectors = channel_vectors(frames, minus_rest=self._minus_rest)
-            if len(frames) and vectors.shape[1:] != self._scale.shape:
-                raise UserError(
-                    f"the frames have {vectors.shape[1]} channels, but model 'nearest' was trained "
-                    f"on {len(self._scale)}; use the sensor that it was trained on."
-                )
-            return vectors.reshape(-1, len(self._scale)) / self._scale
+            count = len(self._scale)
+            return channel_vectors(frames, minus_rest=self._minus_rest, count=count) / self._scale
         flat = gray_frames(frames, self._size).reshape(-1, self._size**2).astype(np.float32)
         if self._minus_rest:
             rest = [replace(f, signal=f.rest) for f in frames if f.rest is not None]

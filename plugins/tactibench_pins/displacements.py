@@ -127,13 +127,8 @@ class Channels(Reader):
 
     def displacements(self, frames: Sequence[Frame]) -> Array:
         """Return (N, C). Raises UserError for frames of another sensor."""
-        vectors = channel_vectors(frames, minus_rest=self.minus_rest)
-        if vectors.shape[1] != self.size and len(frames):
-            raise UserError(
-                f"the frames have {vectors.shape[1]} channels, but the model was trained on "
-                f"{self.size}; use the sensor that it was trained on."
-            )
-        return vectors.astype(np.float64).reshape(-1, self.size) / self.scale
+        vectors = channel_vectors(frames, minus_rest=self.minus_rest, count=self.size)
+        return vectors.astype(np.float64) / self.scale
 
     def saved(self) -> dict[str, Any]:
         """Return the units."""

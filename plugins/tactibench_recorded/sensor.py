@@ -34,7 +34,8 @@ class RecordedSensor(Sensor):
     depths of two sensors are compared (``context.indentation``) and no number is given, or with
     ``labels`` "fitted", all three are fitted to the pins; labels that the pins contradict are
     refused. ``split`` names a split of a data set, which then says what trains, validates and
-    tests. Everything is checked when the sensor is opened.
+    tests. ``range`` says whether protocols of tips take the presses in their published range or
+    all; a flat sensor's are all taken. Everything is checked when the sensor is opened.
 
     Raises:
         UserError: Something is missing or damaged; the sentence names file and row.
@@ -99,9 +100,9 @@ class RecordedSensor(Sensor):
             UserError: The recording has no such frame.
         """
         if self._rest_signal is None:
+            advice = "add one as init_0.png" if self.signal == "image" else "record one"
             raise UserError(
-                f"{self._recording.frames} has no frame of the undeformed sensor; "
-                "add one as init_0.png."
+                f"{self._recording.frames} has no frame of the undeformed sensor; {advice}."
             )
         return Frame(self._rest_signal, -1.0, Pose(), self._rest_signal)
 

@@ -26,8 +26,8 @@ Flags = npt.NDArray[np.bool_]
 Images = npt.NDArray[np.uint8]
 
 _TURNS_DEG = (0, 6, -6, 12, -12, 18, -18)
-"""Of a camera, from which the match starts; that with most pins is taken. A start may be off by 4
-degrees: farther, pins at the rim lie nearer to others. 30 degrees are half a hexagon's symmetry."""
+"""Turns of a camera from which the match starts; that with most pins is taken. A start may be off
+by 4 deg: farther, pins at the rim lie nearer to others. 30 deg are half a hexagon's symmetry."""
 _ROUNDS = 20
 """Turns of matching pins and fitting the similarity; a few suffice."""
 _NEAR = 0.4

@@ -130,7 +130,12 @@ class Component(_Strict):
     def text(self, *, without: str = "") -> str:
         """Return the same for a reader, as "unet, width=32". without: a parameter left out."""
         changed = (f"{name}={value}" for name, value in self.changed.items() if name != without)
-        return ", ".join([self.name, *changed])
+        return ", ".join([self.place, *changed])
+
+    @property
+    def place(self) -> str:
+        """Name for a reader; a sensor adds the recording that it read."""
+        return self.name
 
 
 class TestSensor(Component):
@@ -186,15 +191,19 @@ class SensorId(Component):
 
     @property
     def place(self) -> str:
-        """Name, with the recording that it read: "recorded eflesh (1a2b3c4d)"."""
+        """Name, with the recording: "recorded (eFlesh, folder eflesh, sha256 1a2b3c4d)"."""
         if self.recording is None:
             return self.name
-        of = f" of {self.recording.sensor}" if self.recording.sensor else ""
-        return f"{self.name} {self.recording.label}{of} ({self.recording.sha256[:8]})"
+        facts = (
+            self.recording.sensor,
+            f"folder {self.recording.label}",
+            f"sha256 {self.recording.sha256[:8]}",
+        )
+        return f"{self.name} ({', '.join(filter(None, facts))})"
 
     def text(self, *, without: str = "") -> str:
         """Return the same for a reader, with the recording and a range of its own."""
-        text = super().text(without=without).replace(self.name, self.place, 1)
+        text = super().text(without=without)
         return text if self.range is None else f"{text}, {self.range.text()}"
 
 

@@ -142,3 +142,32 @@ def test_archives_of_numpy(tmp_path: Path) -> None:
     np.savez(folder / "taxels.npz", t=np.array([object()]))
     with pytest.raises(UserError, match="holds no arrays of numbers"):
         open_recording(folder, given)
+
+
+def places(tmp_path: Path, points: np.ndarray) -> tuple[str, ...]:
+    """Return the press of every point, of a folder whose presses are places."""
+    folder = tmp_path / "places"
+    folder.mkdir(exist_ok=True)
+    write(folder / "labels.csv", np.column_stack([points, np.full(len(points), 143.0)]), "x,y,z")
+    write(folder / "field.csv", np.random.default_rng(2).normal(size=(len(points), 2)), "a,b")
+    return open_recording(folder, options(join="", press="x,y")).presses
+
+
+def test_places_are_told_apart_however_many_there_are(tmp_path: Path) -> None:
+    """Thousands of random places have near neighbours along x and along y, but not along both."""
+    points = np.random.default_rng(5).uniform(-6, 6, (3000, 2))
+    presses = places(tmp_path, points)
+    gap = np.abs(points[:, None] - points[None]).max(axis=2)
+    np.fill_diagonal(gap, np.inf)
+    alone = gap.min(axis=1) > 0.0101
+    assert alone.mean() > 0.95
+    names = np.array(presses)[alone]
+    assert len(set(names)) == len(names)
+
+
+def test_a_place_that_is_come_back_to_is_one_press(tmp_path: Path) -> None:
+    grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), axis=2).reshape(-1, 2)
+    jitter = np.random.default_rng(6).uniform(-0.002, 0.002, (5, *grid.shape))
+    presses = np.array(places(tmp_path, (grid + jitter).reshape(-1, 2))).reshape(5, -1)
+    assert (presses == presses[0]).all()
+    assert len(set(presses[0])) == len(grid)

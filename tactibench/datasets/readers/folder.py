@@ -14,6 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tactibench.contacts import Scene
 from tactibench.datasets.labels import choose_indenter, role_columns, scenes_of
@@ -157,28 +158,40 @@ def read_labels(
 
 
 def read_presses(table: Table, options: ImportOptions) -> tuple[str, ...] | None:
-    """Return the press of every row: rows with equal cells in all named columns share one.
+    """Return the press of every row: rows that agree in all named columns share one.
 
-    Numbers are equal where a robot came back to one place. None where no column is named.
+    Texts agree where they are equal, numbers where a robot came back to one place. A press is
+    called by the cells of its first row. None where no column is named.
     """
     if not options.press:
         return None
-    names = [table.column(name.strip()) for name in options.press.split(",")]
-    columns = [
-        _same_places(table.numbers(name)) if table.numeric_share(name) == 1 else table.cells[name]
-        for name in names
+    columns = [table.column(name.strip()) for name in options.press.split(",")]
+    cells = [" ".join(row) for row in zip(*(table.cells[name] for name in columns), strict=True)]
+    numbers = [
+        table.numbers(name)
+        if table.numeric_share(name) == 1
+        else np.unique(list(table.cells[name]), return_inverse=True)[1]
+        for name in columns
     ]
-    return tuple(" ".join(cells) for cells in zip(*columns, strict=True))
+    first: dict[int, str] = {}
+    groups = _same_places(np.column_stack(numbers))
+    return tuple(
+        first.setdefault(group, cell) for group, cell in zip(groups.tolist(), cells, strict=True)
+    )
 
 
-def _same_places(values: FloatArray) -> list[str]:
-    """Return of every value the smallest one of those that follow each other closely."""
-    order = np.argsort(values, kind="stable")
-    begins = np.diff(values[order], prepend=-np.inf) > _SAME_PLACE
-    first = values[order][begins][np.cumsum(begins) - 1]
-    places = np.empty(len(values))
-    places[order] = first
-    return [f"{place:.10g}" for place in places.tolist()]
+def _same_places(points: FloatArray) -> npt.NDArray[np.int64]:
+    """Return (N,) groups of points (N, K) that are one place along every axis."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    places, place_of = np.unique(points, axis=0, return_inverse=True)
+    close = cKDTree(places).query_pairs(_SAME_PLACE, p=np.inf, output_type="ndarray")
+    count = len(places)
+    links = coo_array((np.ones(len(close)), (close[:, 0], close[:, 1])), shape=(count, count))
+    _, group = connected_components(links, directed=False)
+    return np.asarray(group[place_of.ravel()], dtype=np.int64)
 
 
 def _label_columns(content: FolderContent, options: ImportOptions) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ NAMES = ("file_name", "filename", *NAME_COLUMNS, "image", "frame", "file", "path
 """Columns of a CSV file that may name the frames, in order."""
 
 BRISTOL, HUGGINGFACE, CSV, V1 = "bristol", "huggingface", "csv", "v1"
-CHANNELS = "channels"
 
 
 def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
@@ -109,13 +108,12 @@ def open_recording(
     """
     options = options or ImportOptions()
     if options.channels:
-        format = CHANNELS  # noqa: A001
+        _check_folder(folder)
+        return read_vectors(folder, options)
     format = format or find_format(folder)  # noqa: A001
     _check_folder(folder)
     if format == V1:
         return read_dataset(folder)
-    if format == CHANNELS:
-        return read_vectors(folder, options)
     if format not in _READERS:
         raise UserError(f"there is no format {format!r}; {did_you_mean(format, FORMATS)}")
     if format == BRISTOL and not (options.table or find_targets(folder)):
