@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tactibench.contacts import Contacts, FloatArray, PlatePose, Scene
+from tactibench.contacts import Contacts, FloatArray, Indenter, PlatePose, Pose, Scene
 from tactibench.errors import UserError
 
 DOME_RADIUS_MM = 20.0
@@ -51,6 +51,48 @@ def _first_touch(scene: Scene, dome_radius: float) -> FloatArray:
     inside = square > 0
     touch[inside] = np.sqrt(square[inside]) + tips[inside, 2]
     return touch
+
+
+def scene_of_contacts(
+    xy: FloatArray, depth: FloatArray, radius: float, dome_radius: float = DOME_RADIUS_MM
+) -> Scene:
+    """Return the press by one holder of K tips whose contacts are these: ``true_contacts`` back.
+
+    The lowest tip has height 0; two tips lie along the holder's x axis.
+
+    Args:
+        xy: (K, 2) axis of every tip, mm.
+        depth: (K,) travel of every tip past its own first touch, mm.
+        radius: Of every tip, mm.
+        dome_radius: Of the surface, mm.
+
+    Raises:
+        ValueError: A contact lies beside the dome.
+    """
+    if len(xy) == 1:
+        return Scene(
+            Indenter.single(radius),
+            Pose(float(xy[0, 0]), float(xy[0, 1]), depth=float(depth[0])),
+        )
+    middle, yaw = xy.mean(axis=0), 0.0
+    away = xy - middle
+    if len(xy) == 2:
+        half = math.dist(xy[0], xy[1]) / 2
+        yaw = math.degrees(math.atan2(*(xy[1] - xy[0])[::-1]))
+        away = np.array([[-half, 0.0], [half, 0.0]])
+    pose = Pose(float(middle[0]), float(middle[1]), yaw, depth=float(depth.max()))
+    name = {2: "dual", 3: "triple"}.get(len(xy), "tips")
+
+    def press(heights: FloatArray) -> Scene:
+        rows = np.column_stack([away, heights]).tolist()
+        return Scene(Indenter(radius, tuple((x, y, z) for x, y, z in rows), name), pose)
+
+    level = _first_touch(press(np.zeros(len(xy))), dome_radius)
+    if not np.isfinite(level).all():
+        beside = xy[np.flatnonzero(~np.isfinite(level))[0]]
+        raise ValueError(f"the contact at x {beside[0]:g}, y {beside[1]:g} mm lies beside the dome")
+    heights = depth - level
+    return press(heights - heights.min())
 
 
 def true_contacts(scene: Scene, dome_radius: float = DOME_RADIUS_MM) -> Contacts:

@@ -244,23 +244,57 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
     callback=_show_parameters,
     help="List what --param can set.",
 )
-def import_folder(source: Path, target: Path, format_: str | None, params: tuple[str, ...]) -> None:
+@click.option(
+    "--guess", is_flag=True, help="Guess the columns, and write the guess to TARGET.toml."
+)
+@click.option(
+    "--map",
+    "mapping",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="Read the parameters from this file, as --guess wrote it.",
+)
+def import_folder(
+    source: Path,
+    target: Path,
+    format_: str | None,
+    params: tuple[str, ...],
+    guess: bool,
+    mapping: Path | None,
+) -> None:
     """Read a folder of recorded frames into the new data set TARGET.
 
     SOURCE is a Bristol folder (targets.csv and frames), a folder with a CSV file, or a Hugging Face
     image folder. Frames are checked and kept byte for byte. Labels become contacts where --param
     indenter says what pressed; `tactibench data fit SOURCE` finds a plate's offset_mm and pivot_mm.
+    With --guess columns are recognised by their names; read the file that it writes, correct it,
+    and import again with --map.
 
     \b
+    tactibench data import lab sets/lab --guess
     tactibench data import recordings/331 sets/331
     tactibench data import recordings/331 sets/331 --param indenter=plate --param offset_mm=5.05
     """
     from tactibench.cli.output import Terminal
+    from tactibench.datasets import (
+        guess_mapping,
+        open_recording,
+        read_mapping,
+        read_options,
+        write_mapping,
+    )
     from tactibench.datasets import import_folder as read_into
-    from tactibench.datasets import open_recording, read_options
 
-    options = read_options(params)
     terminal = Terminal()
+    if guess and mapping:
+        raise click.UsageError("--guess and --map cannot be used together; give one of them.")
+    if guess:
+        mapping = target.with_name(f"{target.name}.toml")
+        guessed = guess_mapping(source, params)
+        write_mapping(mapping, guessed)
+        terminal.say(f"guessed, in {mapping}:")
+        for line in guessed.text().splitlines()[2:]:
+            terminal.say(f"  {line}")
+    options = read_options(params) if mapping is None else read_mapping(mapping, params)
     recording = open_recording(source, options, format_)
     with terminal.task("import", len(recording)) as advance:
         dataset = read_into(recording, target, options, advance)

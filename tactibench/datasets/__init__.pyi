@@ -8,6 +8,9 @@ from .importer import import_folder as import_folder
 from .labels import indentation as indentation
 from .labels import own_workspace as own_workspace
 from .labels import plate_scenes as plate_scenes
+from .mapping import guess_mapping as guess_mapping
+from .mapping import read_mapping as read_mapping
+from .mapping import write_mapping as write_mapping
 from .pivot import RecordingFit as RecordingFit
 from .pivot import cached_fit as cached_fit
 from .pivot import fit_recording as fit_recording

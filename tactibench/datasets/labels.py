@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Indenter, Pose, Scene, Workspace
-from tactibench.datasets.readers.options import AUTO, NONE, PLATE, SINGLE, ImportOptions
+from tactibench.datasets.readers.options import AUTO, MM_PER, NONE, PLATE, SINGLE, ImportOptions
 from tactibench.datasets.readers.recording import Recording
+from tactibench.datasets.tips import is_number, tip_roles, tip_scenes
 from tactibench.errors import UserError
 from tactibench.geometry import DOME_RADIUS_MM, tip_depths, tip_positions
 
@@ -59,47 +61,43 @@ def signed_column(labels: Mapping[str, FloatArray], column: str) -> FloatArray:
     return np.asarray(sign * labels[column.removeprefix("-")], dtype=np.float64)
 
 
-def _signed(column: str, zero: float) -> float:
-    """Return the zero of a column as ``signed_column`` counts."""
-    return -zero if column.startswith("-") else zero
-
-
 def scenes_of(
     labels: Mapping[str, FloatArray],
     columns: Mapping[str, str],
     options: ImportOptions,
     indenter: str,
+    table: Path,
 ) -> tuple[Scene, ...] | None:
     """Return what was pressed in every frame; None where labels stay labels.
 
     Args:
         labels: Column -> (N,) values.
-        columns: Role (depth, tilt, x, y) -> column.
+        columns: Role (depth, tilt, x, y, spacing, ...) -> column, columns or number.
         options: Geometry behind the labels.
-        indenter: "plate", "single" or "none".
+        indenter: "none", "plate", or one of tips.
+        table: The file of the labels, for errors.
+
+    Raises:
+        UserError: As ``tip_scenes``.
     """
-    values = {role: signed_column(labels, column) for role, column in columns.items()}
-    if indenter == PLATE:
-        depth = indentation(
-            values["depth"],
-            values["tilt"],
-            options.offset_mm,
-            options.pivot_mm,
-            options.pivot_side_mm,
-        )
-        return tuple(
-            Scene(Indenter.plate(), Pose(yaw=options.yaw_deg, tilt=t, depth=d))
-            for t, d in zip(values["tilt"].tolist(), depth.tolist(), strict=True)
-        )
-    if indenter == SINGLE:
-        tip = Indenter.single(options.radius_mm)
-        places = {
-            "x": values["x"] - _signed(columns["x"], options.x_zero_mm),
-            "y": values["y"] - _signed(columns["y"], options.y_zero_mm),
-        }
-        rows = zip(places["x"], places["y"], values["depth"] + options.offset_mm, strict=True)
-        return tuple(Scene(tip, Pose(float(x), float(y), depth=float(d))) for x, y, d in rows)
-    return None
+    if indenter == NONE:
+        return None
+    if indenter != PLATE:
+        return tip_scenes(labels, columns, options, indenter, table)
+    tilt = signed_column(labels, columns["tilt"])
+    if options.angles == "rad":
+        tilt = np.degrees(tilt)
+    depth = indentation(
+        MM_PER[options.unit] * signed_column(labels, columns["depth"]),
+        tilt,
+        options.offset_mm,
+        options.pivot_mm,
+        options.pivot_side_mm,
+    )
+    return tuple(
+        Scene(Indenter.plate(), Pose(yaw=options.yaw_deg, tilt=t, depth=d))
+        for t, d in zip(tilt.tolist(), depth.tolist(), strict=True)
+    )
 
 
 def own_workspace(
@@ -138,7 +136,7 @@ def plate_scenes(
     """
     labels = recording.complete_labels()
     columns = role_columns(options, PLATE, labels, recording.table)
-    return scenes_of(labels, columns, options, PLATE) or (), columns
+    return scenes_of(labels, columns, options, PLATE, recording.table) or (), columns
 
 
 def choose_indenter(options: ImportOptions, columns: Sequence[str]) -> str:
@@ -165,21 +163,28 @@ def role_columns(
     depth = options.depth
     if depth == AUTO:
         depth = "pose_2" if plate else "depth_mm"
-    named = {"depth": depth}
-    if plate:
-        named["tilt"] = "pose_6" if options.tilt == AUTO else options.tilt
-    else:
-        named |= {"x": options.x, "y": options.y}
-    roles = {role: _find_column(column, tuple(labels), table) for role, column in named.items()}
+    if not plate:
+        wanted = tip_roles(replace(options, depth=depth), indenter)
+        return {role: _find_columns(text, tuple(labels), table) for role, text in wanted.items()}
+    wanted = {"depth": depth, "tilt": "pose_6" if options.tilt == AUTO else options.tilt}
+    roles = {role: _find_column(column, tuple(labels), table) for role, column in wanted.items()}
     lengths = [name for name in (*NUMBERED[:3], *LETTERED[:3]) if name in labels]
     changing = [name for name in lengths if np.ptp(labels[name]) > 0]
     depth = roles["depth"].removeprefix("-")
-    if plate and changing and depth in lengths and depth not in changing:
+    if changing and depth in lengths and depth not in changing:
         raise UserError(
             f"{table}: the depth column {depth} has the same value in every row, while "
             f"{', '.join(changing)} changes; name the right one with the parameter depth=COLUMN."
         )
     return roles
+
+
+def _find_columns(text: str, columns: Sequence[str], table: Path) -> str:
+    """Return the columns in a list by commas as the table calls them; a number stays what it is."""
+    return ",".join(
+        name if is_number(name) else _find_column(name, columns, table)
+        for name in (part.strip() for part in text.split(","))
+    )
 
 
 def _find_column(column: str, columns: Sequence[str], table: Path) -> str:

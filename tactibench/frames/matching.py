@@ -16,12 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.protocols.draws import TIPS, fits
+from tactibench.protocols.draws import SAME_MM, TIPS, fits
 from tactibench.protocols.schema import Draw, Protocol, Split, Workspace
 from tactibench.protocols.split import SPLIT_STREAM
-
-_SAME_MM = 1e-6
-"""Lengths that differ by less are equal: a recording states them in decimals."""
 
 Rows = dict[str, list[int]]
 """Draw -> rows of the recording."""
@@ -48,14 +45,14 @@ def could_be_drawn(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
     """Return whether the protocol could have drawn this press."""
     tips = np.array(scene.indenter.offsets)
     count = TIPS[draw.indenter]
-    if len(tips) != count or abs(scene.indenter.radius - draw.radius_mm) > _SAME_MM:
+    if len(tips) != count or abs(scene.indenter.radius - draw.radius_mm) > SAME_MM:
         return False
     if scene.pose.tilt or not fits(scene, workspace):
         return False
     pairs = np.triu_indices(count, 1)
     distances = np.linalg.norm(tips[:, None, :2] - tips[None, :, :2], axis=2)[pairs]
     if draw.indenter == "dual":
-        flat = abs(float(tips[0, 2] - tips[1, 2])) < _SAME_MM
+        flat = abs(float(tips[0, 2] - tips[1, 2])) < SAME_MM
         return flat and _is_among(float(distances[0]), draw.distances_mm)
     if not all(_is_among(float(distance), [draw.side_mm or 0.0]) for distance in distances):
         return False
@@ -150,7 +147,7 @@ def describe_draw(draw: Draw) -> str:
 
 
 def _is_among(value: float, allowed: Sequence[float]) -> bool:
-    return any(abs(value - other) < _SAME_MM for other in allowed)
+    return any(abs(value - other) < SAME_MM for other in allowed)
 
 
 def _edge(share: float, count: int) -> int:

@@ -19,7 +19,7 @@ from tactibench.errors import UserError
 from tactibench.frames.presses import Presses
 from tactibench.plugins.base import Sensor
 from tactibench.plugins.specs import SensorSpec
-from tactibench.protocols.draws import in_range
+from tactibench.protocols.draws import SAME_MM, in_range
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
@@ -254,6 +254,9 @@ def group_of(spec: Protocol, draw: str, scene: Scene) -> str:
         return "catch"
     if spec.test.group == "distance":
         tips = np.array(scene.indenter.offsets)[:, :2]
-        return str(round(float(np.linalg.norm(tips[0] - tips[-1])), 6))
+        distance = float(np.linalg.norm(tips[0] - tips[-1]))
+        drawn = spec.draw(draw).distances_mm
+        near = (other for other in drawn if abs(other - distance) < SAME_MM)
+        return str(next(near, round(distance, 6)))
     kind = scene.indenter.name.partition(" #")[0]  # a repeated press of a recording has a number
     return kind if spec.test.group == "indenter" else "all"

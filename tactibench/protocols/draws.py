@@ -16,6 +16,9 @@ from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 
 TIPS = {"single": 1, "dual": 2, "triple": 3}
 """The indenters that a draw may name."""
+SAME_MM = 0.01
+"""Lengths that differ by less are equal: tables state contacts in hundredths at worst, and the
+lengths that protocols draw from are 0.5 mm apart."""
 LABELLED_STREAM = 2_000_000
 """Random stream of the labelled presses of a tested sensor; protocols draw from streams below a
 million."""

@@ -54,6 +54,8 @@ _POSE_COLUMNS = {
     "tilt": "pose_Ry",
     "yaw": "pose_Rz",
 }
+_MOVE_COLUMNS = {"dx": "shear_x", "dy": "shear_y", "dyaw": "shear_Rz"}
+"""How an indenter was moved sideways after first touch."""
 _NOT_TURNED = "pose_Rx"
 
 
@@ -99,10 +101,13 @@ def columns_of(samples: Sequence[Sample]) -> Columns:
     optional = _optional_columns(samples)
     if not any(sample.scene is not None for sample in samples):
         return Columns(columns, {}, (), optional)
+    moves = {}
+    if any(sample.scene is not None and sample.scene.pose.moved for sample in samples):
+        moves = {field: _free_name(name, taken) for field, name in _MOVE_COLUMNS.items()}
     if not taken & set(POSE):
-        return Columns(columns, _POSE_COLUMNS, (_NOT_TURNED,), optional)
+        return Columns(columns, {**_POSE_COLUMNS, **moves}, (_NOT_TURNED,), optional)
     scene = {field: _free_name(f"scene_{field}", taken) for field in _POSE_COLUMNS}
-    return Columns(columns, scene, (), optional)
+    return Columns(columns, {**scene, **moves}, (), optional)
 
 
 def write_bristol(

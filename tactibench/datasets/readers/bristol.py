@@ -55,7 +55,7 @@ class CollectParams(BaseModel):
 
     name: str
     labels: dict[str, str]
-    scene: dict[Literal["x", "y", "depth", "tilt", "yaw"], str]
+    scene: dict[Literal["x", "y", "depth", "tilt", "yaw", "dx", "dy", "dyaw"], str]
 
 
 class IndenterParams(BaseModel):

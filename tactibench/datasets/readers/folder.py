@@ -22,6 +22,7 @@ from tactibench.datasets.readers.options import AUTO, NONE, REFUSE, ImportOption
 from tactibench.datasets.readers.recording import FloatArray, Recording
 from tactibench.datasets.readers.table import Table
 from tactibench.datasets.splits import SUBSETS, Split
+from tactibench.datasets.tips import may_be_empty, named_columns
 from tactibench.errors import UserError
 from tactibench.png import ImageKind, check_png, read_file
 
@@ -144,12 +145,15 @@ def read_labels(
     """Read the labels as the options say; every frame is a press of its own."""
     table = content.table
     columns = _label_columns(content, options)
-    labels = {column: table.numbers(column) for column in columns}
     indenter = choose_indenter(options, columns)
+    empty = may_be_empty(options, indenter)
+    needed = empty | named_columns(options, indenter)  # read even where cells are no numbers
+    columns = tuple(dict.fromkeys([*columns, *(c for c in table.columns if c in needed)]))
+    labels = {column: table.numbers(column, allow_empty=column in empty) for column in columns}
     roles = role_columns(options, indenter, labels, table.path)
     return FrameLabels(
         labels,
-        scenes_of(labels, roles, options, indenter) or [None] * len(names),
+        scenes_of(labels, roles, options, indenter, table.path) or [None] * len(names),
         names,
         None if indenter == NONE else options.surface_radius_mm,
         frozenset({*columns, content.name_column}),

@@ -27,7 +27,8 @@ def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
     Raises:
         UserError: There is no table or several, or it cannot be read.
     """
-    path = _table_path(folder, options.table)
+    targets = find_targets(folder)
+    path = _table_path(folder, options.table or (targets.name if targets else ""))
     data = read_file(path)
     table = read_table(path, data)
     name = table.column(options.column) if options.column else table.column(*NAMES)
@@ -37,9 +38,11 @@ def read_csv(folder: Path, options: ImportOptions) -> FolderContent:
             raise UserError(f"{frames} is no folder; name that of the frames with --param frames.")
         searched: tuple[Path, ...] = (frames,)
     else:
-        known = [path for path in (folder / f for f in FRAME_FOLDERS) if path.is_dir()]
-        searched = (folder, *known)
-        frames = known[0] if known else folder
+        below = sorted(path for path in folder.iterdir() if path.is_dir())
+        known = [folder / name for name in FRAME_FOLDERS if folder / name in below]
+        searched = (folder, *known, *(path for path in below if path not in known))
+        first = table.cells[name][0].strip().replace("\\", "/")
+        frames = next((place for place in searched if first and (place / first).is_file()), folder)
     return FolderContent(
         format="csv",
         generation=f"{path.name}, {name}",
@@ -79,7 +82,10 @@ def find_format(folder: Path) -> str:
     _check_folder(folder)
     if is_dataset(folder):
         return V1
-    if find_targets(folder) or _inner_recordings(folder):
+    if (targets := find_targets(folder)) is not None:
+        columns = read_table(targets, read_file(targets)).columns
+        return BRISTOL if set(NAME_COLUMNS) & set(columns) else CSV
+    if _inner_recordings(folder):
         return BRISTOL
     if metadata_files(folder):
         return HUGGINGFACE

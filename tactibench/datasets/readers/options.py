@@ -13,8 +13,11 @@ from tactibench.plugins.specs import Parameter
 
 FRAME_FOLDERS = ("frames_bw", "images", "sensor_images", "processed_images")
 AUTO = "auto"
-PLATE, SINGLE, NONE = "plate", "single", "none"
-"""Indenters behind labels: a plate, one spherical tip, or nothing that is known."""
+PLATE, SINGLE, DUAL, TRIPLE, TIPS, NONE = "plate", "single", "dual", "triple", "tips", "none"
+"""Indenters behind labels: a plate, one spherical tip, two or three of them on a holder, a list of
+contacts, or nothing that is known."""
+MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
+"""Units of the columns of lengths."""
 REFUSE, SKIP = "refuse", "skip"
 """Ways to treat a row whose frame is no file."""
 
@@ -59,19 +62,32 @@ class ImportOptions:
     )
     missing: str = _option(REFUSE, "rows whose frame is no file", choices=(REFUSE, SKIP))
     indenter: str = _option(
-        AUTO, "what pressed, so that labels become contacts", choices=(AUTO, NONE, PLATE, SINGLE)
+        AUTO,
+        "what pressed, so that labels become contacts",
+        choices=(AUTO, NONE, PLATE, SINGLE, DUAL, TRIPLE, TIPS),
     )
-    radius_mm: float = _option(3.0, "of the spherical tip", low=0.01, high=1000.0)
+    radius_mm: float = _option(3.0, "of every spherical tip", low=0.01, high=1000.0)
     dome_radius_mm: float = _option(DOME_RADIUS_MM, "of the sensor", low=0.1, high=10_000.0)
     surface: str = _option("dome", "shape of the sensor", choices=("dome", "flat"))
-    x: str = _option("x_mm", "column of the tip's x, mm (-COLUMN: counted the other way)")
-    y: str = _option("y_mm", "column of the tip's y, mm")
+    unit: str = _option("mm", "of all columns of lengths", choices=tuple(MM_PER))
+    angles: str = _option("deg", "unit of all columns of angles", choices=("deg", "rad"))
+    x: str = _option(
+        "x_mm",
+        "column of x: of a tip, the middle of a holder, or of every tip, by commas (-COLUMN: "
+        "counted the other way)",
+    )
+    y: str = _option("y_mm", "column of y, likewise")
     x_zero_mm: float = _option(0.0, "x of the sensor's middle in that column", **_MM)
     y_zero_mm: float = _option(0.0, "y of the sensor's middle in that column", **_MM)
-    depth: str = _option(
-        AUTO, "column of the depth, mm; auto: pose_2 of a plate, depth_mm of a tip"
+    depth: str = _option(AUTO, "column of the depth; auto: pose_2 of a plate, depth_mm of a tip")
+    spacing: str = _option(
+        "", "column, or mm for all: distance of two tips, side of a triangle; empty cell: one tip"
     )
-    tilt: str = _option(AUTO, "column of the plate's tilt, deg; auto: pose_6")
+    yaw: str = _option("0", "column, or deg for all: turn of a holder; at 0 a pair lies along x")
+    heights: str = _option(
+        "", "columns, or mm for all, by commas: how much further each tip reaches; default: equal"
+    )
+    tilt: str = _option(AUTO, "column of the plate's tilt; auto: pose_6")
     offset_mm: float = _option(
         0.0, "added to the depth column: its value at first touch, negated", **_MM
     )

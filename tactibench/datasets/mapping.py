@@ -1,0 +1,272 @@
+"""A mapping file: the options of an import as TOML, guessed from a table, corrected by a person.
+
+Columns are recognised by the words in their names, units and signs also by their values. What a
+table does not say, such as where 0 is, is guessed and marked in the file.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactibench.datasets.readers.options import (
+    DUAL,
+    FRAME_FOLDERS,
+    MM_PER,
+    SINGLE,
+    TIPS,
+    ImportOptions,
+    read_options,
+)
+from tactibench.datasets.readers.table import FloatArray, Table, read_table
+from tactibench.datasets.tips import named
+from tactibench.errors import UserError
+from tactibench.png import read_file
+from tactibench.records.files import atomic
+
+_WORDS = {
+    "x": (r"x", r"[cp]x|pos(ition)?x|x(c|pos)"),
+    "y": (r"y", r"[cp]y|pos(ition)?y|y(c|pos)"),
+    "depth": (r".*depth.*", r"indent.*", r"penetr.*", r"z"),
+    "spacing": (r"spacing", r"separation", r"dist(ance)?", r"gap"),
+    "yaw": (r"yaw", r"rot(ation)?", r"orientation", r"angle", r"theta"),
+    "press": (r"press(es)?", r"trial", r"touch", r"poke"),
+}
+"""Words by which a column is recognised, the surest first."""
+_OTHER = {"pixel", "pixels", "force", "torque", "fx", "fy", "fz", "velocity", "target", "cmd"}
+"""Words of columns that are something else than where the tip was."""
+_PIXELS = {"px"}
+"""A unit, unless the name begins with it: px, py are also places."""
+_UNITS = {**dict.fromkeys(MM_PER), "micron": "um", "microns": "um", "millimetre": "mm"}
+_TURNS = {"deg", "rad", "degree", "degrees", "radian", "radians"}
+_FEWEST_PRESSES = 30
+"""Fewer names are numbers of repeats, or sessions, and no presses."""
+_FAR_MM = 20.0
+"""No soft sensor is pressed so deep: such depths are heights of a robot."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Options for a folder, as they are written into a mapping file.
+
+    Attributes:
+        options: Option -> value as text.
+        remarks: Option -> where the value comes from, or what to check.
+    """
+
+    options: Mapping[str, str]
+    remarks: Mapping[str, str]
+
+    def text(self) -> str:
+        """Return the mapping file."""
+        lines = [
+            "# What the columns of this recording mean. Correct it, then import with --map FILE.",
+            "# `tactibench data import --params` lists everything that can be said.",
+        ]
+        for name, value in self.options.items():
+            remark = f"  # {self.remarks[name]}" if name in self.remarks else ""
+            quoted = value.replace("\\", "\\\\").replace('"', '\\"')
+            lines.append(f'{name} = "{quoted}"{remark}')
+        return "\n".join(lines) + "\n"
+
+
+def read_mapping(path: Path, params: Sequence[str] = ()) -> ImportOptions:
+    """Return the options of a mapping file; ``params`` as NAME=VALUE go before it.
+
+    Raises:
+        UserError: The file cannot be read, or an option does not exist.
+    """
+    try:
+        given = tomllib.loads(read_file(path).decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UserError(f"{path} is no TOML file: {error}; write NAME = VALUE lines.") from None
+    first = {text.partition("=")[0] for text in params}
+    nested = [name for name, value in given.items() if isinstance(value, (dict, list))]
+    if nested:
+        raise UserError(f"{path}: {nested[0]} must be one value, as text or number.")
+    mine = [f"{name}={value}" for name, value in given.items() if name not in first]
+    try:
+        return read_options([*mine, *params])
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def write_mapping(path: Path, guess: Guess) -> None:
+    """Write a mapping file, where none is.
+
+    Raises:
+        UserError: There is one, which a person may have corrected.
+    """
+    if path.exists():
+        raise UserError(f"{path} is there already; import with --map {path}, or remove it.")
+    with atomic(path) as file:
+        file.write(guess.text().encode())
+
+
+def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
+    """Guess the options for a folder of frames with a table.
+
+    Args:
+        folder: Holds a CSV file, and the frames in it or in a folder below.
+        params: NAME=VALUE that is known; nothing is guessed of these.
+
+    Raises:
+        UserError: No table names frames of the folder, or no column is a place or a depth.
+    """
+    if not folder.is_dir():
+        raise UserError(f"{folder} is no folder; give the one that holds the table.")
+    known = dict(text.partition("=")[::2] for text in params)
+    read_options(params)  # an unknown option is named before anything is written
+    table, column, frames = _find_table(folder, known.get("table", ""))
+    options = {"table": table.path.name, "column": column}
+    remarks: dict[str, str] = {}
+    if frames != folder:
+        options["frames"] = frames.relative_to(folder).as_posix()
+    numeric = [n for n in table.columns if n != column and _is_numeric(table, n)]
+    found = {role: _columns_of(role, numeric) for role in _WORDS if role != "press"}
+    for role in found.keys() & known:
+        found[role] = [table.column(name) for name in named(known[role])]
+    missing = [role for role in ("x", "y", "depth") if not found[role]]
+    if missing:
+        raise UserError(
+            f"{table.path} has no column that looks like {' or '.join(missing)}; its columns are "
+            f"{', '.join(table.columns)}. Say which it is with --param {missing[0]}=COLUMN; of a "
+            "plate, `tactibench data fit` reads the tilt."
+        )
+    several = len(found["x"]) == len(found["y"]) == len(found["depth"]) > 1
+    if several:
+        options["indenter"] = TIPS
+        for role in ("x", "y", "depth"):
+            options[role] = ",".join(found[role])
+    else:
+        options["indenter"] = DUAL if found["spacing"] else SINGLE
+        for role in ("x", "y", "depth"):
+            options[role] = found[role][0]
+            if len(found[role]) > 1:
+                remarks[role] = f"or {', '.join(found[role][1:])}?"
+    if options["indenter"] == DUAL:
+        options["spacing"] = found["spacing"][0]
+        if found["yaw"]:
+            options["yaw"] = found["yaw"][0]
+            remarks["yaw"] = "0: the pair lies along x"
+        heights = _numbered(numeric, ("height", "h"))
+        if len(heights) == 2:
+            options["heights"] = ",".join(heights)
+    press = _columns_of("press", [n for n in table.columns if n != column])
+    if press and len(set(table.cells[press[0]])) >= _FEWEST_PRESSES:
+        options["press"] = press[0]
+        remarks["press"] = "frames of one press train or test, never both"
+    _guess_units(options, remarks, table)
+    _guess_zeros(options, remarks, table)
+    options["radius_mm"] = "3.0"
+    remarks["radius_mm"] = "of the tip; no table says it"
+    return Guess({**options, **known}, {k: v for k, v in remarks.items() if k not in known})
+
+
+def _words(name: str) -> list[str]:
+    """Return the words and numbers in a column's name: "contactX_1 [mm]" has contact, x, 1, mm."""
+    parts = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", parts)]
+
+
+def _is_numeric(table: Table, name: str) -> bool:
+    """A column of tips that seldom press is mostly empty."""
+    cells = [cell for cell in table.cells[name] if cell.strip()]
+    return bool(cells) and table.numeric_share(name) * len(table) >= 0.9 * len(cells)
+
+
+def _columns_of(role: str, names: Sequence[str]) -> list[str]:
+    """Return the columns with the surest word of a role, in the order of their numbers."""
+    for word in _WORDS[role]:
+        found = [n for n in names if any(re.fullmatch(word, w) for w in _words(n))]
+        found = [n for n in found if not (_OTHER | _PIXELS & {*_words(n)[1:]}) & {*_words(n)}]
+        if found:
+            return sorted(found, key=lambda n: ([int(w) for w in _words(n) if w.isdigit()]))
+    return []
+
+
+def _numbered(names: Sequence[str], words: Sequence[str]) -> list[str]:
+    return [
+        n
+        for n in names
+        if set(words) & set(_words(n)) and any(word.isdigit() for word in _words(n))
+    ]
+
+
+def _guess_units(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
+    """Take the unit of lengths from a name, or from values that are too small for mm."""
+    places = options["x"].split(",") + options["y"].split(",")
+    units = {u for n in places for u in _words(n)[1:] if u in _UNITS}
+    if units:
+        unit = sorted(units)[0]
+        options["unit"] = _UNITS[unit] or unit
+    else:
+        largest = max(float(np.nanmax(np.abs(_values(table, name)))) for name in places)
+        if largest < 0.1:  # 100 um across: no sensor of this kind is so small
+            options["unit"] = "m"
+            remarks["unit"] = f"places reach only {largest:g}"
+        else:
+            remarks["x"] = "; ".join(filter(None, [remarks.get("x", ""), "taken as mm"]))
+    if "yaw" in options:
+        words = set(_words(options["yaw"]))
+        largest = float(np.nanmax(np.abs(_values(table, options["yaw"]))))
+        if words & {"rad", "radian", "radians"} or (not words & _TURNS and largest <= 6.3):
+            options["angles"] = "rad"
+            remarks["angles"] = f"turns reach {largest:.3g}"
+
+
+def _guess_zeros(options: dict[str, str], remarks: dict[str, str], table: Table) -> None:
+    """Move places that never come near 0 to their middle, and depths to a shallowest one of 0."""
+    factor = MM_PER[options.get("unit", "mm")]
+    for axis in "xy":
+        values = factor * np.concatenate([_values(table, n) for n in options[axis].split(",")])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        if low > 0 or high < 0:
+            middle = (low + high) / 2
+            options[f"{axis}_zero_mm"] = f"{middle:.6g}"
+            remarks[f"{axis}_zero_mm"] = f"the middle of {low:.4g} to {high:.4g} mm: check it"
+    names = options["depth"].split(",")
+    values = factor * np.concatenate([_values(table, name) for name in names])
+    if float(np.nanmedian(values)) < 0:
+        options["depth"] = ",".join(f"-{name}" for name in names)
+        remarks["depth"] = "negative values are taken as deeper"
+        values = -values
+    low = float(np.nanmin(values))
+    if low > _FAR_MM or low < 0:
+        options["offset_mm"] = f"{-low:.6g}"
+        remarks["offset_mm"] = "the shallowest is taken as first touch: check it"
+
+
+def _values(table: Table, name: str) -> FloatArray:
+    return table.numbers(name.removeprefix("-"), allow_empty=True)
+
+
+def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
+    """Return the table that names most frames, that column, and the folder of the frames."""
+    paths = [folder / name] if name else sorted(folder.glob("*.csv"))
+    below = sorted(p for p in folder.iterdir() if p.is_dir())
+    places = [folder, *(folder / n for n in FRAME_FOLDERS if (folder / n) in below)]
+    places += [path for path in below if path not in places]
+    best: tuple[int, Table, str, Path] | None = None
+    for path in paths:
+        if not path.is_file():
+            raise UserError(f"{folder} holds no {path.name}; name another table.")
+        table = read_table(path, read_file(path))
+        for column in table.columns:
+            cells = [cell.strip().replace("\\", "/") for cell in table.cells[column][:20]]
+            for place in places:
+                count = sum(bool(cell) and (place / cell).is_file() for cell in cells)
+                if count and (best is None or count > best[0]):
+                    best = (count, table, column, place)
+    if best is None:
+        tables = ", ".join(path.name for path in paths) or "no CSV file"
+        raise UserError(
+            f"{folder} holds {tables}, in which no column names files of the folder; write the "
+            "names of the frames, with .png, into one."
+        )
+    return best[1:]
