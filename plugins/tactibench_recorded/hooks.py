@@ -82,6 +82,11 @@ def tactibench_sensors() -> list[SensorSpec]:
                     choices=("auto", "frames_bw", "images", "sensor_images", "processed_images"),
                 ),
                 Parameter(
+                    "trust_labels",
+                    False,
+                    "take labels that the frames contradict; a row shows it",
+                ),
+                Parameter(
                     "split",
                     "",
                     "who trains, validates and tests: NAME of splits/NAME.json of a data set; "

@@ -12,7 +12,14 @@ from typing import Any
 import numpy.typing as npt
 
 from tactibench import Frame, Pose, Scene, Sensor, SensorContext, UserError
-from tactibench.datasets import ChannelKind, ImportOptions, Recording, RecordingFit, own_workspace
+from tactibench.datasets import (
+    ChannelKind,
+    ImportOptions,
+    Recording,
+    RecordingFit,
+    cached_report,
+    own_workspace,
+)
 from tactibench_recorded.scenes import RecordedPresses, indenter_names, open_presses
 
 _THREADS = min(8, os.cpu_count() or 1)
@@ -35,7 +42,8 @@ class RecordedSensor(Sensor):
     ``labels`` "fitted", all three are fitted to the pins; labels that the pins contradict are
     refused. ``split`` names a split of a data set, which then says what trains, validates and
     tests. ``range`` says whether protocols of tips take the presses in their published range or
-    all; a flat sensor's are all taken. Everything is checked when the sensor is opened.
+    all; a flat sensor's are all taken. Everything is checked when the sensor is opened; labels that
+    the frames contradict are refused unless ``trust_labels`` says that they are right.
 
     Raises:
         UserError: Something is missing or damaged; the sentence names file and row.
@@ -54,6 +62,7 @@ class RecordedSensor(Sensor):
         frames: str = "auto",
         split: str = "",
         range: str = "auto",  # noqa: A002 - what the parameter is called
+        trust_labels: bool = False,
     ) -> None:
         if context.data is None:
             raise UserError(
@@ -71,6 +80,8 @@ class RecordedSensor(Sensor):
         given = (depth_offset_mm, pivot_mm, pivot_side_mm) != (OFFSET_MM, PIVOT_MM, 0.0)
         fit = labels == "fitted" or (labels == "auto" and context.indentation and not given)
         self._presses = open_presses(context.data, options, fit=fit, fit_side=fit_side, split=split)
+        if not trust_labels:
+            _refuse_contradictions(self._presses, fitted=fit)
         self._row = {scene: number for number, scene in enumerate(self._presses.scenes)}
         recording = self._recording
         self.signal = "channels" if isinstance(recording.kind, ChannelKind) else "image"
@@ -170,6 +181,22 @@ class RecordedSensor(Sensor):
         if number is None:
             raise UserError(_not_recorded(self._presses, scene))
         return number
+
+
+def _refuse_contradictions(presses: RecordedPresses, *, fitted: bool) -> None:
+    """Raise UserError where the frames contradict the labels; a fit has looked by itself."""
+    if fitted and presses.label_fit is not None:
+        return
+    scenes: list[Scene | None] = [None] * len(presses.recording)
+    for row, scene in zip(presses.rows, presses.scenes, strict=True):
+        scenes[row] = scene
+    wrong = cached_report(presses.recording, scenes, presses.options).contradictions
+    if wrong:
+        raise UserError(
+            f"the frames of {presses.recording.folder} contradict the labels: {wrong[0]}. Correct "
+            "the table or the parameters of the import; if the labels are right, run with --param "
+            "sensor.trust_labels=yes, which the row will show."
+        )
 
 
 def _described_kind(recording: Recording) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tactibench.cli.data_info import info
+from tactibench.cli.data_info import info, print_labels_report
 from tactibench.cli.options import json_option, param_option, save_json
 
 if TYPE_CHECKING:
@@ -276,6 +276,7 @@ def import_folder(
     """
     from tactibench.cli.output import Terminal
     from tactibench.datasets import (
+        cached_report,
         guess_mapping,
         open_recording,
         read_mapping,
@@ -303,6 +304,8 @@ def import_folder(
     terminal.say(f"{target}: {len(dataset.samples):,} frames of {recording.kind}, {what}")
     for note in recording.notes:
         terminal.say(f"  note: {note}")
+    if known:
+        print_labels_report(terminal, cached_report(recording, recording.scenes, options))
 
 
 @data.command(short_help="check every frame of a data set")

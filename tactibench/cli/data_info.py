@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tactibench.cli.output import Terminal
-    from tactibench.datasets import Recording
+    from tactibench.datasets import ImportOptions, LabelReport, Recording
     from tactibench.datasets.description import LabelSummary, PinSummary
     from tactibench.frames.services import Service
 
@@ -47,7 +47,8 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     from tactibench.frames.services import services
 
     terminal = Terminal()
-    recording = open_recording(folder, read_options(params) if params else None)
+    options = read_options(params)
+    recording = open_recording(folder, options)
     labels = summarize_labels(label_values(recording))
     _print_facts(terminal, folder, recording)
     _print_labels(terminal, labels)
@@ -60,6 +61,8 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
             f"\nchannels: {low.min():g} to {high.max():g}, each over at least "
             f"{(high - low).min():g}"
         )
+    terminal.say("")
+    print_labels_report(terminal, _labels_report(recording, options))
     protocols = services(recording)
     terminal.say("\nprotocols")
     for service in protocols:
@@ -120,6 +123,29 @@ def _print_labels(terminal: Terminal, labels: Sequence[LabelSummary]) -> None:
     same = [f"{label.name} {label.low:g}" for label in labels if label.constant]
     if same:
         terminal.say(f"the same in all frames: {', '.join(same)}")
+
+
+def _labels_report(recording: Recording, options: ImportOptions) -> LabelReport:
+    """Return what the frames say of the labels; labels of nothing known are taken as a plate's."""
+    from tactibench.datasets import LabelReport, cached_report, plate_scenes
+    from tactibench.errors import UserError
+
+    scenes = recording.scenes
+    if not any(scenes):
+        try:
+            scenes, _ = plate_scenes(recording, options)
+        except UserError as error:
+            return LabelReport(0, (f"no labels of a plate: {error}",))
+    return cached_report(recording, scenes, options)
+
+
+def print_labels_report(terminal: Terminal, report: LabelReport) -> None:
+    """Show what the frames say of the labels."""
+    terminal.say(f"labels held against {report.presses:,} frames")
+    for fact in report.facts:
+        terminal.say(f"  {fact}")
+    for wrong in report.contradictions:
+        terminal.say(f"  WARNING: {wrong}")
 
 
 def _print_pins(terminal: Terminal, pins: PinSummary) -> None:

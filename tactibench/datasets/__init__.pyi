@@ -12,9 +12,11 @@ from .mapping import guess_mapping as guess_mapping
 from .mapping import read_mapping as read_mapping
 from .mapping import write_mapping as write_mapping
 from .pivot import RecordingFit as RecordingFit
-from .pivot import cached_fit as cached_fit
 from .pivot import fit_recording as fit_recording
 from .pivot import presses_to_fit as presses_to_fit
+from .plausibility import LabelReport as LabelReport
+from .plausibility import cached_fit as cached_fit
+from .plausibility import cached_report as cached_report
 from .readers.formats import FORMATS as FORMATS
 from .readers.formats import find_format as find_format
 from .readers.formats import open_recording as open_recording

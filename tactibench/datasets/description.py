@@ -151,7 +151,7 @@ def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
         recording: The recording.
         most: Most frames to look at.
     """
-    from tactibench.markers import Tracker, rest_layout
+    from tactibench.markers import Tracker, count_pins
 
     count = min(most, len(recording))
     rows = np.linspace(0, len(recording) - 1, count).round().astype(int).tolist()
@@ -159,7 +159,7 @@ def summarize_pins(recording: Recording, most: int = PIN_FRAMES) -> PinSummary:
     counts = []
     for image in images:
         try:
-            counts.append(len(rest_layout(image)))
+            counts.append(count_pins(image))
         except UserError:  # fewer than three pins
             counts.append(0)
     rest = recording.rest_image()

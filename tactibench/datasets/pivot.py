@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,9 +30,6 @@ from tactibench.datasets.readers.options import PLATE, ImportOptions
 from tactibench.datasets.readers.recording import Recording
 from tactibench.datasets.spreads import direction_of, lean_of, middle_of_spread, spread_of
 from tactibench.errors import UserError
-from tactibench.records.cache import cache_folder
-from tactibench.records.files import read_json, write_json
-from tactibench.records.identity import code_hash, combined, digest
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -62,6 +59,11 @@ recordings, 0 where tilts belong to other frames."""
 MOST_MISFIT = 0.1
 """Share of the spread: .025 and .029 in the public recordings, .14 and .15 where half of the
 depths are permuted, .40 and .47 where all are, .49 in a recording whose fit left the sine out."""
+FARTHEST_MM = 300.0
+"""Of first touch from label 0, and of the pivot: a robot's tool is no longer. 5 and 21 mm in the
+public recordings; thousands where a tilt in rad or a depth in um was taken for deg or mm."""
+SHALLOWEST_MM = 0.1
+"""A deepest press below this was not given in mm."""
 MOST_ASKEW_DEG = 45.0
 """Between where the pins spread and where they lean from: 2 and 0 deg in the public recordings."""
 
@@ -122,6 +124,7 @@ class RecordingFit:
         askew_deg: Angle between that direction and where the pins lean from.
         following: Correlation of sin t with the place about which the pins spread.
         untouched_mm: Median indentation of the presses that were left out; 0 without any.
+        deepest_mm: Largest indentation.
     """
 
     pivot: Pivot
@@ -132,6 +135,7 @@ class RecordingFit:
     askew_deg: float
     following: float
     untouched_mm: float
+    deepest_mm: float = math.inf
 
     def options(self) -> dict[str, str]:
         """Return the options with which an import uses the fit."""
@@ -159,6 +163,12 @@ class RecordingFit:
                 "the pins do not spread as the depth label says (median misfit "
                 f"{pivot.residual:.0%}, at most {MOST_MISFIT:.0%} is allowed)"
             )
+        farthest = max(abs(pivot.offset_mm), abs(pivot.pivot_mm))
+        if farthest > FARTHEST_MM or self.deepest_mm < SHALLOWEST_MM:
+            return (
+                f"first touch or the pivot would be {farthest:.3g} mm away and the deepest press "
+                f"{self.deepest_mm:.3g} mm deep: depth is no mm, or tilt no deg"
+            )
         if self.following < LEAST_FOLLOWING:
             return (
                 "the pins do not spread where the plate is tilted to (correlation "
@@ -173,7 +183,7 @@ class RecordingFit:
 
 def presses_to_fit(recording: Recording) -> int:
     """Return how many frames ``fit_recording`` reads."""
-    return len(_least_sheared(recording, _changing(recording.labels, _TRAVEL)))
+    return len(_least_sheared(recording, _changing(recording.labels, _TRAVEL), MOST))
 
 
 def fit_recording(
@@ -182,6 +192,7 @@ def fit_recording(
     advance: Callable[[int], None] = lambda _: None,
     *,
     side: bool = True,
+    most: int | None = None,
 ) -> RecordingFit:
     """Follow the pins of a recording, and fit offset and pivot.
 
@@ -190,6 +201,7 @@ def fit_recording(
         options: Columns of depth and tilt.
         advance: Called with the number of frames that were read.
         side: Whether q is fitted, too; it is 0 otherwise.
+        most: Presses that are followed at most; None: MOST.
 
     Raises:
         UserError: There is no rest frame, frames have colours, or labels or presses do not suffice.
@@ -206,7 +218,7 @@ def fit_recording(
         )
     tracker = Tracker(rest)
     shear_columns = _changing(labels, _SHEAR)
-    rows = _least_sheared(recording, _changing(labels, _TRAVEL))
+    rows = _least_sheared(recording, _changing(labels, _TRAVEL), most or MOST)
     spread, shift, middle = np.empty(len(rows)), np.empty((len(rows), 2)), np.empty((len(rows), 2))
     for start in range(0, len(rows), _BATCH):
         batch = rows[start : start + _BATCH]
@@ -234,34 +246,8 @@ def fit_recording(
         askew_deg=abs(askew),
         following=following,
         untouched_mm=float(np.median(deep[untouched])) if untouched.any() else 0.0,
+        deepest_mm=float(deep.max()),
     )
-
-
-def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = True) -> RecordingFit:
-    """Return ``fit_recording``, which is kept in the cache. side: fit q; or else it is 0.
-
-    Raises:
-        UserError: As ``fit_recording``; or the pins contradict the labels.
-    """
-    columns = {"depth": options.depth, "tilt": options.tilt}
-    code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
-    key = digest({"recording": recording.sha256, "columns": columns, "code": code, "side": side})
-    path = cache_folder() / "fits" / f"{key[:24]}.json"
-    try:
-        stored = read_json(path)
-        fit = RecordingFit(
-            **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
-        )
-    except (UserError, KeyError, TypeError):
-        fit = fit_recording(recording, options, side=side)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, asdict(fit))
-    if contradiction := fit.contradiction():
-        raise UserError(
-            f"the labels of {recording.folder} give no indentation: {contradiction}; correct the "
-            "table or its columns, or state depth_offset_mm and pivot_mm yourself."
-        )
-    return fit
 
 
 def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tuple[str, ...]:
@@ -269,7 +255,9 @@ def _changing(labels: Mapping[str, FloatArray], pattern: re.Pattern[str]) -> tup
     return tuple(n for n, v in labels.items() if pattern.fullmatch(n) and np.ptp(v) > 0)
 
 
-def _least_sheared(recording: Recording, travels: tuple[str, ...]) -> npt.NDArray[np.intp]:
+def _least_sheared(
+    recording: Recording, travels: tuple[str, ...], most: int
+) -> npt.NDArray[np.intp]:
     """Return rows of the least sheared presses, thinned evenly."""
     rows = np.arange(len(recording))
     if travels:
@@ -277,8 +265,8 @@ def _least_sheared(recording: Recording, travels: tuple[str, ...]) -> npt.NDArra
         for name in travels:
             square += recording.labels[name] ** 2
         rows = np.flatnonzero(square <= np.quantile(square, LEAST_SHEARED))
-    if len(rows) > MOST:
-        rows = rows[np.linspace(0, len(rows) - 1, MOST).round().astype(np.intp)]
+    if len(rows) > most:
+        rows = rows[np.linspace(0, len(rows) - 1, most).round().astype(np.intp)]
     return rows
 
 

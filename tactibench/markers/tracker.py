@@ -56,6 +56,11 @@ def rest_layout(image: Images) -> Array:
     return xy if profile is None else profile.disc[:, :2].copy()
 
 
+def count_pins(image: Images) -> int:
+    """Return how many pins a frame (H, W) uint8 shows, without placing them. As ``rest_layout``."""
+    return len(_find_pins(image)[0])
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """Pins of N frames.

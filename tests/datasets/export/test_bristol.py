@@ -6,20 +6,23 @@ import csv
 import json
 import math
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from small_data_sets import Small, good, smalls, write_taps
+from small_data_sets import Small, draft, good, header, smalls, write_taps
 
 from tactibench import Indenter, Pose, Scene, UserError
 from tactibench.datasets import (
     ImportOptions,
     Sample,
+    Writer,
     export_dataset,
     import_folder,
+    open_dataset,
     open_recording,
     verify,
 )
@@ -206,3 +209,15 @@ def test_the_params_say_what_is_known(tmp_path: Path, name: str, facts: dict[str
     folder = export_dataset(write_taps(tmp_path / "v1"), tmp_path / "out", "bristol").path
     params = json.loads((folder / f"{name}_params.json").read_text("utf-8"))
     assert {key: params[key] for key in facts} == facts
+
+
+def test_how_an_indenter_was_moved_sideways_comes_back(tmp_path: Path) -> None:
+    moved = Scene(Indenter.dual(8.0), Pose(1.0, 2.0, 30.0, depth=3.0, dx=0.5, dy=-0.25, dyaw=4.0))
+    still = Scene(Indenter.single(), Pose(depth=1.0))
+    with Writer(tmp_path / "set", header()) as writer:
+        writer.add_many([replace(draft(0), scene=moved), replace(draft(1), scene=still)])
+    export_dataset(open_dataset(tmp_path / "set"), tmp_path / "out", "bristol")
+    first = (tmp_path / "out" / "targets.csv").read_text().splitlines()[0]
+    assert "shear_x,shear_y,shear_Rz" in first
+    again = import_folder(tmp_path / "out", tmp_path / "again")
+    assert [sample.scene for sample in again.samples] == [moved, still]

@@ -1,0 +1,320 @@
+"""Labels held against frames: what the frames say of depth and place, and what they contradict.
+
+No model is trained. A deeper press moves pins or channels more; pins spread from where the tip is;
+a label belongs to the frame of its own row and to no other. Wrong units show in lengths that no
+soft sensor has.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Scene
+from tactibench.datasets.channels import ChannelKind
+from tactibench.datasets.pivot import FEWEST, Pivot, RecordingFit, fit_recording
+from tactibench.datasets.readers.options import ImportOptions
+from tactibench.datasets.readers.recording import Recording
+from tactibench.datasets.spreads import middle_of_spread, spread_of
+from tactibench.errors import UserError
+from tactibench.records.cache import cache_folder
+from tactibench.records.files import read_json, write_json
+from tactibench.records.identity import code_hash, combined, digest
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST = 200
+"""Presses that are looked at: about a second with 331 pins."""
+LEAST_RANK = 0.3
+"""Rank correlation of depth with how far the pins or channels move: .75 to .95 where labels are
+right, 0 where they belong to other frames, below 0 where depth counts the other way."""
+LEAST_PLACED = 0.5
+"""Share of the variance of the place about which pins spread that x and y explain: above .9 where
+labels are right, 0 where they belong to other frames."""
+MOST_STRETCHED = 4.0
+"""Ratio of the scales of x and y on the frame, 1 to 1.3 of a camera that looks along the axis."""
+_DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
+"""Deepest press of a set: no soft sensor gives way farther, or shows less."""
+_WIDEST_MM = 200.0
+"""Farthest place: no such sensor is so wide."""
+_LAGS = (-3, -2, -1, 1, 2, 3)
+_CLEARLY = 0.1
+"""By so much another row's depth correlates better than the row's own, where rows are shifted."""
+
+
+@dataclass(frozen=True)
+class LabelReport:
+    """What the frames say of the labels.
+
+    Attributes:
+        presses: Number of presses that were looked at.
+        facts: What was found, a line each.
+        contradictions: What cannot be true at once, with the remedy; empty where all agrees.
+    """
+
+    presses: int
+    facts: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()
+
+
+def check_labels(
+    recording: Recording,
+    scenes: Sequence[Scene | None],
+    options: ImportOptions,
+    advance: Callable[[int], None] = lambda _: None,
+) -> LabelReport:
+    """Hold the labels of a recording against its frames.
+
+    Plates and single spherical tips are looked at; too few of them, or a recording without a rest
+    frame, is no contradiction.
+
+    Args:
+        recording: The recording.
+        scenes: What the labels say was pressed in every frame.
+        options: Columns of a plate's labels.
+        advance: Called with the number of frames that were read.
+    """
+    plates = [row for row, scene in enumerate(scenes) if scene and scene.indenter.is_plate]
+    if len(plates) >= FEWEST and recording.labels:
+        return _check_plates(recording, options, advance)
+    singles = [
+        row
+        for row, scene in enumerate(scenes)
+        if scene and not scene.indenter.is_plate and len(scene.indenter.offsets) == 1
+    ]
+    if len(singles) < FEWEST:
+        return LabelReport(0, (f"fewer than {FEWEST} presses by one tip or a plate: not checked",))
+    return _check_tips(recording, scenes, np.array(singles), advance)
+
+
+def _check_plates(
+    recording: Recording, options: ImportOptions, advance: Callable[[int], None]
+) -> LabelReport:
+    try:
+        fit = fit_recording(recording, options, advance, most=MOST)
+    except UserError as error:
+        return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",))
+    pivot = fit.pivot
+    facts = (
+        f"the pins' spread follows the depth with a median misfit of {pivot.residual:.1%}",
+        f"the place of the spread follows the tilt with correlation {fit.following:.2f}",
+        f"a positive tilt moves the contact towards {fit.lean_deg:.0f} deg of the frame (0: right, "
+        "90: down)",
+    )
+    found = fit.contradiction()
+    return LabelReport(pivot.presses + pivot.left_out, facts, (found,) if found else ())
+
+
+def _check_tips(
+    recording: Recording,
+    scenes: Sequence[Scene | None],
+    singles: npt.NDArray[np.intp],
+    advance: Callable[[int], None],
+) -> LabelReport:
+    poses = [scene.pose if scene is not None else None for scene in scenes]
+    x, y, depth = (
+        np.array([math.nan if pose is None else getattr(pose, name) for pose in poses])
+        for name in ("x", "y", "depth")
+    )
+    wrong = _wrong_units(x[singles], y[singles], depth[singles])
+    facts: list[str] = []
+    channels = isinstance(recording.kind, ChannelKind)
+    rows = singles if channels else _thinned(singles)
+    try:
+        moved, middle = _signals(recording, rows) if channels else _pins(recording, rows, advance)
+    except UserError as error:
+        return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
+    deep = depth[rows]
+    touching = deep > 0
+    rank = _rank_correlation(moved[touching], deep[touching])
+    what = "channels" if channels else "pins"
+    facts.append(f"the {what} move more the deeper the press: rank correlation {rank:.2f}")
+    if rank < -LEAST_RANK:
+        wrong.append(
+            f"the {what} move less the deeper the label (rank correlation {rank:.2f}): the depth "
+            "counts the other way; write -COLUMN for it"
+        )
+    elif rank < LEAST_RANK:
+        wrong.append(
+            f"how far the {what} move does not follow the depth (rank correlation {rank:.2f}, at "
+            f"least {LEAST_RANK:g} is needed): the column is another one, or rows are shifted"
+        )
+    if middle is not None:
+        wrong += _misplaced(middle, np.column_stack([x, y])[rows], facts)
+    lag = _better_lag(rows, moved, depth)
+    if lag:
+        wrong.append(
+            f"the depths fit the frames {abs(lag)} row{'s' if abs(lag) > 1 else ''} "
+            f"{'later' if lag > 0 else 'earlier'} better than their own: the rows are shifted"
+        )
+    return LabelReport(len(rows), tuple(facts), tuple(wrong))
+
+
+def cached_report(
+    recording: Recording, scenes: Sequence[Scene | None], options: ImportOptions
+) -> LabelReport:
+    """Return ``check_labels``, which is kept in the cache."""
+    path = _cache_file("labels", recording, options.changed())
+    try:
+        stored = read_json(path)
+        return LabelReport(
+            stored["presses"], tuple(stored["facts"]), tuple(stored["contradictions"])
+        )
+    except (UserError, KeyError, TypeError):
+        report = check_labels(recording, scenes, options)
+        write_json(path, asdict(report))
+        return report
+
+
+def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = True) -> RecordingFit:
+    """Return ``fit_recording``, which is kept in the cache. side: fit q; or else it is 0.
+
+    Raises:
+        UserError: As ``fit_recording``; or the pins contradict the labels.
+    """
+    path = _cache_file("fits", recording, [options.depth, options.tilt, side])
+    try:
+        stored = read_json(path)
+        fit = RecordingFit(
+            **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
+        )
+    except (UserError, KeyError, TypeError):
+        fit = fit_recording(recording, options, side=side)
+        write_json(path, asdict(fit))
+    if contradiction := fit.contradiction():
+        raise UserError(
+            f"the labels of {recording.folder} give no indentation: {contradiction}; correct the "
+            "table or its columns, or state depth_offset_mm and pivot_mm yourself."
+        )
+    return fit
+
+
+def _cache_file(kind: str, recording: Recording, options: Any) -> Path:
+    """Return where something about a recording is kept; equal code and options, equal files."""
+    code = combined([code_hash("tactibench.markers"), code_hash("tactibench.datasets")])
+    key = digest({"recording": recording.sha256, "options": options, "code": code})
+    path = cache_folder() / kind / f"{key[:24]}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _thinned(rows: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Return at most MOST rows, evenly spread."""
+    if len(rows) <= MOST:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, MOST).round().astype(np.intp)]
+
+
+def _wrong_units(x: FloatArray, y: FloatArray, depth: FloatArray) -> list[str]:
+    wrong = []
+    deepest, widest = float(depth.max()), float(max(np.abs(x).max(), np.abs(y).max()))
+    if not _SHALLOWEST_MM <= deepest <= _DEEPEST_MM:
+        wrong.append(
+            f"the deepest press would be {deepest:.3g} mm deep: check the column of the depth, its "
+            "sign, its zero (offset_mm) and its unit"
+        )
+    if widest > _WIDEST_MM or (widest < _SHALLOWEST_MM / 10 and np.ptp(x) + np.ptp(y) > 0):
+        wrong.append(
+            f"places would reach {widest:.3g} mm from the middle: check x_zero_mm, y_zero_mm and "
+            "the unit"
+        )
+    return wrong
+
+
+def _pins(
+    recording: Recording, rows: npt.NDArray[np.intp], advance: Callable[[int], None]
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the pins of every row spread, px, and about which place, in pin radii."""
+    from tactibench.images import gray
+    from tactibench.markers import Tracker
+
+    rest = recording.rest_image()
+    if rest is None:
+        raise UserError("there is no frame of the undeformed sensor.")
+    tracker = Tracker(gray(rest))
+    moved = []
+    for row in rows.tolist():
+        tracks = tracker.track(gray(recording.image(row))[None])
+        moved.append(tracks.xy[0] - tracker.rest)
+        advance(1)
+    field = np.stack(moved)
+    return spread_of(field), middle_of_spread(field, tracker.rest)
+
+
+def _signals(recording: Recording, rows: npt.NDArray[np.intp]) -> tuple[FloatArray, None]:
+    """Return how far the channels of every row are from their medians, in their own deviations.
+
+    Raises:
+        UserError: No channel changes.
+    """
+    values = np.stack([recording.signal(row).ravel() for row in rows.tolist()]).astype(np.float64)
+    centred = values - np.median(values, axis=0)
+    scale = np.abs(centred).mean(axis=0)
+    if not (scale > 0).any():
+        raise UserError("no channel changes.")
+    return np.sqrt(((centred[:, scale > 0] / scale[scale > 0]) ** 2).mean(axis=1)), None
+
+
+def _rank_correlation(first: FloatArray, second: FloatArray) -> float:
+    from scipy.stats import spearmanr
+
+    if len(first) < 3 or np.ptp(first) == 0 or np.ptp(second) == 0:
+        return 0.0
+    return float(spearmanr(first, second).statistic)
+
+
+def _misplaced(middle: FloatArray, xy: FloatArray, facts: list[str]) -> list[str]:
+    """Return how the places about which pins spread contradict x and y."""
+    if np.ptp(xy[:, 0]) == 0 or np.ptp(xy[:, 1]) == 0:
+        return []
+    terms = np.column_stack([np.ones(len(xy)), xy])
+    keep = np.ones(len(xy), dtype=bool)
+    for _ in range(3):  # a press that hardly touches has no place: its residual is left out
+        slope = np.linalg.lstsq(terms[keep], middle[keep], rcond=None)[0]
+        off = np.linalg.norm(middle - terms @ slope, axis=1)
+        keep = off <= 4 * np.median(off)
+    inside, fitted = middle[keep], terms[keep] @ slope
+    share = 1 - ((inside - fitted) ** 2).sum() / ((inside - inside.mean(axis=0)) ** 2).sum()
+    matrix = slope[1:].T  # px of the frame by mm
+    scales = np.linalg.svd(matrix, compute_uv=False)
+    facts.append(f"x and y explain {share:.0%} of where the pins spread")
+    if share < LEAST_PLACED:
+        return [
+            f"the pins do not spread where x and y say ({share:.0%} explained, at least "
+            f"{LEAST_PLACED:.0%} is needed): the columns are others, or rows are shifted"
+        ]
+    if scales[0] > MOST_STRETCHED * scales[1]:
+        return [
+            f"one of x and y is {scales[0] / scales[1]:.1f} times as long on the frame as the "
+            "other: one column is another, or has another unit"
+        ]
+    if np.linalg.det(matrix) < 0:
+        return [
+            "x and y are mirrored on the frame: they are swapped, or one counts the other way "
+            "(write -COLUMN); x goes right and y down where the camera is not turned"
+        ]
+    turn = math.degrees(math.atan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1]))
+    facts.append(f"the camera is turned by {turn:.0f} deg against x and y")
+    return []
+
+
+def _better_lag(rows: npt.NDArray[np.intp], moved: FloatArray, depth: FloatArray) -> int:
+    """Return by how many rows the depths would have to move to fit clearly better; 0: they fit."""
+    own = abs(_rank_correlation(moved, depth[rows]))
+    best, best_rank = 0, own + _CLEARLY
+    for lag in _LAGS:
+        other = rows - lag
+        inside = (other >= 0) & (other < len(depth))
+        inside[inside] &= np.isfinite(depth[other[inside]])
+        if inside.sum() < FEWEST:
+            continue
+        rank = _rank_correlation(moved[inside], depth[other[inside]])
+        if rank > best_rank:
+            best, best_rank = lag, rank
+    return best
