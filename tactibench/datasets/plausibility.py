@@ -34,9 +34,11 @@ MOST = 200
 LEAST_RANK = 0.3
 """Rank correlation of depth with how far the pins or channels move: .75 to .95 where labels are
 right, 0 where they belong to other frames, below 0 where depth counts the other way."""
-LEAST_PLACED = 0.5
+_REVERSED = 0.5
+"""A rank correlation below minus this is no chance: the depth counts the other way."""
+LEAST_PLACED = 0.6
 """Share of the variance of the place about which pins spread that x and y explain: above .9 where
-labels are right, 0 where they belong to other frames."""
+labels are right, below .5 where one column is another, 0 where they belong to other frames."""
 MOST_STRETCHED = 4.0
 """Ratio of the scales of x and y on the frame, 1 to 1.3 of a camera that looks along the axis."""
 _DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
@@ -135,7 +137,7 @@ def _check_tips(
     rank = _rank_correlation(moved[touching], deep[touching])
     what = "channels" if channels else "pins"
     facts.append(f"the {what} move more the deeper the press: rank correlation {rank:.2f}")
-    if rank < -LEAST_RANK:
+    if rank < -_REVERSED:
         wrong.append(
             f"the {what} move less the deeper the label (rank correlation {rank:.2f}): the depth "
             "counts the other way; write -COLUMN for it"

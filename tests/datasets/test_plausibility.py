@@ -1,0 +1,148 @@
+"""Labels held against frames: spoiled copies are noticed, clean ones are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tac_vgnn import tac_vgnn_folder
+
+from tactibench import Indenter, Pose, Scene, SensorContext
+from tactibench.datasets import ImportOptions, Recording, import_folder, open_recording
+from tactibench.datasets.plausibility import check_labels
+from tactibench.plugins.host import PluginHost
+from tactibench.png import encode_png
+from tactibench.records.bound_spec import BoundSpec
+
+Spoil = Callable[[Pose], Pose]
+
+SPOILED: list[tuple[str, Spoil, str]] = [
+    ("x and y swapped", lambda p: replace(p, x=p.y, y=p.x), "mirrored"),
+    ("x the other way", lambda p: replace(p, x=-p.x), "mirrored"),
+    ("depth the other way", lambda p: replace(p, depth=6 - p.depth), "counts the other way"),
+    ("depth and x swapped", lambda p: replace(p, depth=p.x, x=p.depth), "does not follow"),
+    ("metres", lambda p: replace(p, depth=p.depth / 1000), "check the column of the depth"),
+    ("micrometres", lambda p: replace(p, depth=p.depth * 1000), "check the column of the depth"),
+    ("a zero elsewhere", lambda p: replace(p, x=p.x + 300), "places would reach"),
+    ("y in another unit", lambda p: replace(p, y=p.y / 10), "times as long"),
+]
+
+
+def singles(count: int) -> list[Scene]:
+    rng = np.random.default_rng(11)
+    x, y, depth = rng.uniform((-5, -5, 0.5), (5, 5, 5.0), (count, 3)).T.tolist()
+    return [
+        Scene(Indenter.single(), Pose(a, b, depth=d)) for a, b, d in zip(x, y, depth, strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Eighty presses of the simulated sensor, as a lab's folder."""
+    folder = tmp_path_factory.mktemp("pressed")
+    sensor = BoundSpec.named(PluginHost().sensors, "tactip-127", {}).build(
+        SensorContext(np.random.SeedSequence(1))
+    )
+    scenes = singles(80)
+    lines = ["image,x_mm,y_mm,depth_mm"]
+    with sensor:
+        (folder / "init_0.png").write_bytes(encode_png(sensor.rest().image))
+        for number, frame in enumerate(sensor.press_many(scenes)):
+            (folder / f"{number}.png").write_bytes(encode_png(frame.image))
+            pose = scenes[number].pose
+            lines.append(f"{number}.png,{pose.x},{pose.y},{pose.depth}")
+    (folder / "labels.csv").write_text("\n".join(lines))
+    return open_recording(folder)
+
+
+def contradictions(recording: Recording, scenes: tuple[Scene | None, ...]) -> str:
+    return "; ".join(check_labels(recording, scenes, ImportOptions()).contradictions)
+
+
+def posed(recording: Recording, spoil: Spoil) -> tuple[Scene, ...]:
+    return tuple(Scene(s.indenter, spoil(s.pose)) for s in recording.scenes if s is not None)
+
+
+def test_true_labels_are_not_doubted(pressed: Recording) -> None:
+    report = check_labels(pressed, pressed.scenes, ImportOptions())
+    assert report.contradictions == ()
+    assert report.presses == 80
+    turned = posed(pressed, lambda p: replace(p, x=-p.y, y=p.x))  # a camera may be turned
+    assert contradictions(pressed, turned) == ""
+
+
+@pytest.mark.parametrize(("spoil", "words"), [s[1:] for s in SPOILED], ids=[s[0] for s in SPOILED])
+def test_spoiled_labels_of_tips_are_noticed(pressed: Recording, spoil: Spoil, words: str) -> None:
+    assert words in contradictions(pressed, posed(pressed, spoil))
+
+
+@pytest.mark.parametrize("lag", [-3, -1, 1, 2])
+def test_shifted_rows_are_noticed(pressed: Recording, lag: int) -> None:
+    scenes = list(pressed.scenes)
+    wrong = contradictions(pressed, tuple(scenes[-lag:] + scenes[:-lag]))
+    assert f"{abs(lag)} row" in wrong
+    assert ("earlier" if lag > 0 else "later") in wrong
+
+
+def test_channels_are_held_against_their_depth(tmp_path: Path) -> None:
+    """A skin of eight channels: no picture, so that x and y cannot be placed, but depth can."""
+    rng = np.random.default_rng(4)
+    table = rng.uniform((-8, -8, 0.5), (8, 8, 4.0), (300, 3))
+    places = rng.uniform(-8, 8, (8, 2))
+    near = np.exp(-((table[:, None, :2] - places) ** 2).sum(axis=2) / 60)
+    np.savetxt(tmp_path / "field.csv", near * table[:, 2:] ** 1.5, delimiter=",")
+    np.savetxt(
+        tmp_path / "labels.csv", table, delimiter=",", header="x_mm,y_mm,depth_mm", comments=""
+    )
+    skin = open_recording(tmp_path, ImportOptions(channels="field.csv", surface="flat"))
+    assert contradictions(skin, skin.scenes) == ""
+    other = posed(skin, lambda p: replace(p, depth=4.5 - p.depth))
+    assert "counts the other way" in contradictions(skin, other)
+    shifted = skin.scenes[-1:] + tuple(skin.scenes[:-1])
+    assert "1 row earlier" in contradictions(skin, shifted)
+
+
+def test_too_few_presses_are_no_contradiction(pressed: Recording) -> None:
+    few = (*pressed.scenes[:20], *[None] * 60)
+    assert contradictions(pressed, few) == ""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("pins", ["331", "127"])
+def test_the_public_recordings_and_their_spoiled_copies(pins: str) -> None:
+    clean = open_recording(tac_vgnn_folder() / pins / "model_surface2d")
+    labels = dict(clean.labels)
+    depth, tilt = labels["pose_2"], labels["pose_6"]
+    spoiled = {
+        "depth the other way": {"pose_2": -depth},
+        "tilt in rad": {"pose_6": np.radians(tilt)},
+        "depth in um": {"pose_2": 1000 * depth},
+        "depth in m": {"pose_2": depth / 1000},
+        "swapped": {"pose_2": tilt, "pose_6": depth},
+        "depths shifted by one row": {"pose_2": np.roll(depth, 1)},
+        "tilts of other rows": {"pose_6": np.roll(tilt, 1000)},
+        "all shifted by one row": {name: np.roll(column, 1) for name, column in labels.items()},
+        "another column for the depth": {"pose_2": labels["move_1"]},
+        "an edge: it turns about the axis": {"pose_6": labels["move_6"]},
+    }
+
+    def report(recording: Recording) -> tuple[str, ...]:
+        scenes = [Scene(Indenter.plate(), Pose(depth=1.0))] * len(recording)
+        return check_labels(recording, scenes, ImportOptions()).contradictions
+
+    assert report(clean) == ()
+    missed = [
+        name
+        for name, change in spoiled.items()
+        if not report(replace(clean, labels={**labels, **change}))
+    ]
+    assert missed == []
+
+
+def test_a_data_set_keeps_what_was_imported(pressed: Recording, tmp_path: Path) -> None:
+    dataset = import_folder(pressed, tmp_path / "set")
+    again = open_recording(dataset.folder)
+    assert contradictions(again, again.scenes) == ""
