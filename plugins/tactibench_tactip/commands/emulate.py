@@ -78,7 +78,7 @@ def command(
     with rehearse(settings, time_scale=time_scale, sensor=sensor, fps=fps) as rehearsal:
         # The rehearsal's own watchdog is slower than a configuration may ask for.
         watchdog = {"watchdog_hz": settings.robot.watchdog_hz}
-        click.echo(_toml(rehearsal.settings.with_changes(robot=watchdog)))
+        click.echo(as_toml(rehearsal.settings.with_changes(robot=watchdog)))
         click.echo(HELP, err=True)
         _converse(rehearsal.emulation)
 
@@ -125,8 +125,8 @@ def _carry_out(emulation: Emulation, words: list[str]) -> str:
     return f"mounted: {' '.join(words[1:])}"
 
 
-def _toml(settings: Settings) -> str:
-    """The whole configuration as TOML; strings, numbers, booleans and lists are as in JSON."""
+def as_toml(settings: Settings) -> str:
+    """Return the configuration as TOML; strings, numbers, booleans and lists are as in JSON."""
     tables = settings.model_dump(mode="json", by_alias=True)
     lines = [f"schema = {tables.pop('schema')}"]
     for name, table in tables.items():
