@@ -144,6 +144,8 @@ class RecordedSensor(Sensor):
         """Return what determines the frames; the folder's place on this machine does not."""
         recording, options = self._recording, self._presses.options
         rest = None if recording.rest is None else recording.rest.name
+        if recording.estimated_rest is not None:
+            rest = "estimated from the least pressed frames"
         if recording.dataset is not None and self._rest_signal is not None:
             rest = "rest"
         aside, fit = options.pivot_side_mm, self._presses.label_fit
@@ -204,7 +206,8 @@ def _described_kind(recording: Recording) -> dict[str, Any]:
     kind = recording.kind
     if isinstance(kind, ChannelKind):
         return {"signal": list(kind.shape), "names": list(recording.signal_names)}
-    return {"image": [kind.height, kind.width], "channels": recording.channels}
+    view = {} if recording.view is None else {"cut_out": str(recording.view)}
+    return {"image": [kind.height, kind.width], "channels": recording.channels, **view}
 
 
 def _described(fit: RecordingFit) -> dict[str, Any]:

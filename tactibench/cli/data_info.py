@@ -84,6 +84,8 @@ def _print_facts(terminal: Terminal, folder: Path, recording: Recording) -> None
     rest = "none"
     if recording.rest is not None:
         rest = recording.rest.name
+    elif recording.estimated_rest is not None:
+        rest = "estimated"
     elif recording.rest_signal() is not None:
         rest = "there"
     known = sum(scene is not None for scene in recording.scenes)

@@ -98,10 +98,11 @@ def _header(recording: Recording, options: ImportOptions) -> Header:
 
 def _write(recording: Recording, folder: Path, options: ImportOptions, advance: Advance) -> None:
     with Writer(folder, _header(recording, options), fsync=False) as writer:
-        if recording.rest is not None:
-            rest = recording.rest_image()  # names the file if it cannot be decoded
-            data = read_file(recording.rest)
-            writer.reference(data if is_plain_png(data) or rest is None else rest)
+        rest = recording.rest_image()  # names the file if it cannot be decoded
+        if rest is not None:
+            data = b"" if recording.rest is None else read_file(recording.rest)
+            copied = is_plain_png(data) and recording.view is None
+            writer.reference(data if copied else rest)
         for start in range(0, len(recording), _BATCH):
             rows = range(start, min(start + _BATCH, len(recording)))
             try:
@@ -137,7 +138,7 @@ def _draft(recording: Recording, row: int) -> Draft:
 
 def _stored_signal(recording: Recording, row: int) -> bytes | Signal:
     """Return an image's file as it is, where a data set may hold it; otherwise the signal."""
-    if recording.paths:
+    if recording.paths and recording.view is None:
         data = read_file(recording.paths[row])
         if is_plain_png(data):
             return data

@@ -21,6 +21,9 @@ Index = npt.NDArray[np.int64]
 
 REFINEMENTS = ("profile", "centroid")
 _SWEEPS = 12
+MOST_PINS = 2_000
+"""More bright spots are noise or texture, and discs fitted to them would take minutes: known
+sensors have up to 331 pins."""
 _NEIGHBOURS = 10
 _OPEN_DEG = 120.0
 """A pin with no neighbour in a sector this wide stands at the border."""
@@ -213,6 +216,11 @@ def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
         raise UserError(
             f"the rest frame shows {len(pins)} pins; at least three are needed. Give a frame of "
             "the undeformed sensor, with bright pins on a dark ground."
+        )
+    if len(pins) > MOST_PINS:
+        raise UserError(
+            f"the rest frame shows {len(pins):,} bright spots, which are no pins; import raw "
+            "camera frames with --param light=even."
         )
     return np.ascontiguousarray(pins[:, :2]), np.ascontiguousarray(pins[:, 2])
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Scene
 from tactibench.datasets.labels import choose_indenter, role_columns, scenes_of
+from tactibench.datasets.readers.camera import prepare_frames
 from tactibench.datasets.readers.options import AUTO, NONE, REFUSE, ImportOptions
 from tactibench.datasets.readers.recording import FloatArray, Recording
 from tactibench.datasets.readers.table import Table
@@ -110,7 +111,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
     labels = content.labels or read_labels(content, names, options)
     presses = read_presses(table, options) or labels.presses
     kind, sha256 = check_frames(content.data, paths, rest)
-    return Recording(
+    found = Recording(
         format=content.format,
         generation=content.generation,
         folder=content.folder,
@@ -118,7 +119,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
         names=tuple(names[row] for row in rows),
         paths=paths,
         frames=content.frame_folders[0],
-        kind=kind,
+        stored=kind,
         rest=rest,
         labels={name: values[rows] for name, values in labels.labels.items()},
         scenes=tuple(labels.scenes[row] for row in rows),
@@ -137,6 +138,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
         dome_radius_mm=labels.dome_radius_mm,
         notes=_notes(content, len(names) - len(rows), paths, rest),
     )
+    return prepare_frames(found, options.light)
 
 
 def read_labels(
@@ -377,11 +379,6 @@ def _notes(
     if others:
         notes.append(
             f"{_count(len(others), 'PNG file')} that no row names left out, first {others[0]}."
-        )
-    if rest is None:
-        notes.append(
-            f"no frame of the undeformed sensor in {content.rest_folder.name}: models that follow "
-            "pins from the rest layout cannot be run on it (add one as init_0.png)."
         )
     return tuple(notes)
 

@@ -18,6 +18,8 @@ PLATE, SINGLE, DUAL, TRIPLE, TIPS, NONE = "plate", "single", "dual", "triple", "
 contacts, or nothing that is known."""
 MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
 """Units of the columns of lengths."""
+AS_IS, EVEN = "as_is", "even"
+"""Ways to take frames: as they are, or raw pictures of which pins are cut out and evenly lit."""
 REFUSE, SKIP = "refuse", "skip"
 """Ways to treat a row whose frame is no file."""
 
@@ -41,6 +43,12 @@ class ImportOptions:
     table: str = _option("", "the table in the folder; default: targets.csv, or the only CSV file")
     frames: str = _option(
         AUTO, "folder of the frames; auto: the first known one, or the table's own"
+    )
+    light: str = _option(
+        AUTO,
+        "frames: as_is, or even: raw camera pictures, of which the pins are cut out and evenly "
+        "lit; auto: even where a single level does not tell pins from ground",
+        choices=(AUTO, AS_IS, EVEN),
     )
     column: str = _option("", "column that names the frames; default: the first known one")
     labels: str = _option(

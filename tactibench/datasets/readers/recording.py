@@ -18,6 +18,7 @@ from tactibench.datasets.images import Image
 from tactibench.datasets.schema import IMAGES, JOURNAL, Sample
 from tactibench.datasets.splits import Split
 from tactibench.errors import UserError
+from tactibench.markers.pin_view import PinView
 from tactibench.png import ImageKind, decode_png, read_file
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,7 +39,7 @@ class Recording:
         names: Unique names of the frames, in the order of the table.
         paths: Files of the frames; () where one file holds the channels of all.
         frames: The folder that they lie in.
-        kind: Size and colours of every frame, or the shape of its channels.
+        stored: Size and colours of every file, or the shape of its channels.
         rest: File of the undeformed frame.
         labels: Column -> (N,) mm or deg, NaN where a frame has no such label.
         scenes: What was pressed in every frame, None where only labels are known.
@@ -55,6 +56,8 @@ class Recording:
         notes: Sentences about what was left out or is missing.
         values: (N, ...) float32 channels, of a sensor without a camera.
         signal_names: Names of the channels.
+        view: Where in raw pictures the pins are; frames are what it shows of them.
+        estimated_rest: The undeformed frame, from frames that were hardly pressed.
         dataset: The data set that this is, with the numbers of its samples in ``rows``.
     """
 
@@ -65,7 +68,7 @@ class Recording:
     names: tuple[str, ...]
     paths: tuple[Path, ...]
     frames: Path
-    kind: ImageKind | ChannelKind
+    stored: ImageKind | ChannelKind
     rest: Path | None
     labels: Mapping[str, FloatArray]
     scenes: tuple[Scene | None, ...]
@@ -81,8 +84,17 @@ class Recording:
     notes: tuple[str, ...] = ()
     values: npt.NDArray[np.float32] | None = field(default=None, repr=False)
     signal_names: tuple[str, ...] = ()
+    view: PinView | None = None
+    estimated_rest: Image | None = field(default=None, repr=False)
     dataset: Dataset | None = None
     rows: tuple[int, ...] = ()
+
+    @property
+    def kind(self) -> ImageKind | ChannelKind:
+        """Size and colours of every frame, or the shape of its channels."""
+        if self.view is None:
+            return self.stored
+        return ImageKind(self.view.size, self.view.size, colour=False)
 
     @property
     def channels(self) -> Literal[1, 3]:
@@ -110,7 +122,7 @@ class Recording:
         """
         if self.dataset is not None:
             return self.dataset.rest
-        return None if self.rest is None else self._decode(self.rest)
+        return self.estimated_rest if self.rest is None else self._decode(self.rest)
 
     def image(self, row: int) -> Image:
         """Return a frame, (H, W) or RGB (H, W, 3) uint8.
@@ -133,9 +145,10 @@ class Recording:
         return {name: values for name, values in self.labels.items() if not np.isnan(values).any()}
 
     def _decode(self, path: Path) -> Image:
-        if not isinstance(self.kind, ImageKind):
-            raise UserError(f"the frames of {self.folder} are {self.kind} and no images.")
-        return decode_png(path, read_file(path), self.kind)
+        if not isinstance(self.stored, ImageKind):
+            raise UserError(f"the frames of {self.folder} are {self.stored} and no images.")
+        image = decode_png(path, read_file(path), self.stored)
+        return image if self.view is None else self.view.of(image)
 
 
 def read_dataset(folder: Path) -> Recording:
@@ -164,7 +177,7 @@ def read_dataset(folder: Path) -> Recording:
         names=_frame_names(samples),
         paths=tuple(folder / sample.file_name for sample in samples),
         frames=folder / IMAGES,
-        kind=header.kind,
+        stored=header.kind,
         signal_names=header.signal_names,
         rest=None,
         labels={

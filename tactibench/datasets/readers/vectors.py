@@ -70,7 +70,7 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
         names=tuple(frames[row] for row in rows),
         paths=(),
         frames=channel_path,
-        kind=ChannelKind(values.shape[1:]),
+        stored=ChannelKind(values.shape[1:]),
         rest=None,
         labels={name: column[rows] for name, column in labels.labels.items()},
         scenes=tuple(labels.scenes[row] for row in rows),
