@@ -36,11 +36,14 @@ _APART = 2.2
 _GLARE = 1.6
 """A spot this many times as bright as the pins around it is a lamp's reflection: pins beside each
 other differ by 1.3 at most."""
+_FAINT = 0.25
+"""Share of a pin's level down to which the light around a reflection's middle belongs to it."""
 _AROUND = 3.0
 """Distances between pins over which light is taken as one: a lamp's cone covers many pins, and
 a reflection is far outvoted."""
-_MARGIN = 1.5
-"""Distances between pins that stay around the outermost ones: pins move by less than one."""
+_MARGIN = 1.0
+"""Distances between pins that stay around the outermost ones, which move by less than half of one:
+they are fixed at the border."""
 _PIN_LEVEL = 200.0
 """Level of a pin's middle in an evenly lit picture; brighter ones have room up to 255."""
 _MOST_PX = 320
@@ -98,10 +101,11 @@ class PinView:
         """Return (side, side), where spots of a gray picture are too bright for pins."""
         import cv2
 
-        bright = (self._even(level) > _GLARE * _PIN_LEVEL).astype(np.uint8)
-        width = 2 * self.diameter_px + 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
-        return np.asarray(cv2.dilate(bright, kernel), dtype=bool)
+        even = self._even(level)
+        _, spot = cv2.connectedComponents((even > _FAINT * _PIN_LEVEL).astype(np.uint8))
+        glaring = np.unique(spot[even > _GLARE * _PIN_LEVEL])
+        whole = np.isin(spot, glaring[glaring > 0]).astype(np.uint8)
+        return np.asarray(cv2.dilate(whole, np.ones((5, 5), np.uint8)), dtype=bool)
 
     def _even(self, level: Images) -> Floats:
         """Return (side, side) levels over the ground, as if all pins were lit alike."""
@@ -161,7 +165,11 @@ def find_pin_view(image: Images) -> PinView:
     )
     gain = _gain(xy[pins] - (left, top), peak[pins], side, pitch)
     view = PinView(level.shape, top, left, side, min(side, _MOST_PX), diameter, gain)
-    return replace(view, gain=np.where(view.reflections(level), np.float32(0), gain))
+    y, x = np.ogrid[:side, :side]
+    centre = middle - (left, top)
+    reach = np.linalg.norm(xy[pins] - middle, axis=1).max() + _MARGIN * pitch
+    outside = np.hypot(x - centre[0], y - centre[1]) > reach  # the rim in the corners
+    return replace(view, gain=np.where(outside | view.reflections(level), np.float32(0), gain))
 
 
 def _over_ground(level: Images, diameter: int) -> Floats:
@@ -211,8 +219,10 @@ def _find_spots(over: Floats, diameter: int, noise: float) -> tuple[Places, Floa
         return none
     peaks = np.zeros(count, np.float32)
     np.maximum.at(peaks, label.ravel().astype(np.intp), over.ravel())
-    near = _distances(xy, 3)[:, 1] < _APART * _pitch(xy)
-    return xy[near], peaks[which[near]]
+    pins = _distances(xy, 2)[:, 1] < _APART * _pitch(xy)
+    # A rim that the border cuts off looks like a spot there.
+    pins &= ((xy >= diameter) & (xy < np.array(over.shape[::-1]) - diameter)).all(axis=1)
+    return xy[pins], peaks[which[pins]]
 
 
 def _distances(xy: Places, count: int) -> Places:

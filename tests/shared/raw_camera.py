@@ -32,9 +32,9 @@ def raw_frame(image: Images, rng: np.random.Generator, *, colour: bool = True) -
     )
     light += np.where(inside, pins * (0.25 + 0.2 * side_light), 0.0)
     light[(radius >= 0.53 * SIDE) & (radius < 0.57 * SIDE)] = 220.0
-    for angle in np.arange(_LAMPS) * 2 * np.pi / _LAMPS + 0.3:
+    for angle in np.arange(_LAMPS) * 2 * np.pi / _LAMPS + 0.26:
         lamp = np.hypot(
-            x - middle[0] - 0.3 * SIDE * np.cos(angle), y - middle[1] - 0.3 * SIDE * np.sin(angle)
+            x - middle[0] - 0.25 * SIDE * np.cos(angle), y - middle[1] - 0.25 * SIDE * np.sin(angle)
         )
         light += 260.0 * np.exp(-0.5 * (lamp / 4.0) ** 2)
     light = cv2.GaussianBlur(light, (0, 0), 1.0) + rng.normal(0.0, 2.0, light.shape)

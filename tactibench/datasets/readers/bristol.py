@@ -108,7 +108,7 @@ def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
     lettered = any(column.partition("_")[2] in ("x", "Rx") for column in columns)
     poses = "pose_x..pose_Rz" if lettered else "pose_1..pose_6"
     files = sorted(file for pattern in ABOUT for file in folder.glob(pattern) if file.is_file())
-    about = {file.name: _read_json(file) for file in files}
+    about, notes = _read_about(files, needed=OBJECT in table.columns)
     by_options = (options.indenter, options.labels) != (AUTO, AUTO)
     labels = None if by_options or not _is_export(about) else _read_export(folder, table, about)
     return FolderContent(
@@ -124,6 +124,7 @@ def read_bristol(folder: Path, options: ImportOptions) -> FolderContent:
         splits=_read_splits(folder / SPLIT_FILE, table, name),
         about=about,
         labels=labels,
+        notes=notes,
     )
 
 
@@ -133,6 +134,26 @@ def _frames_folder(folder: Path, name: str) -> Path:
         if (folder / candidate).is_dir():
             return folder / candidate
     raise UserError(f"{folder} holds no folder of frames; looked for {', '.join(names)}.")
+
+
+def _read_about(files: list[Path], *, needed: bool) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return what files beside the table say, and notes about those that cannot be read.
+
+    needed: they say what the columns mean, as in a folder that tactibench exported; elsewhere they
+    only describe the recording, which can be read without.
+
+    Raises:
+        UserError: A file that is needed cannot be read.
+    """
+    about, notes = {}, []
+    for file in files:
+        try:
+            about[file.name] = _read_json(file)
+        except UserError as error:
+            if needed:
+                raise
+            notes.append(f"left out: {error}")
+    return about, tuple(notes)
 
 
 def _read_json(path: Path) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from tactibench.contacts import Scene
 from tactibench.datasets.readers.options import AS_IS, AUTO
 from tactibench.datasets.readers.recording import Recording
+from tactibench.errors import UserError
 from tactibench.markers.pin_view import find_pin_view, is_raw
 
 _PROBES = 5
@@ -28,11 +29,14 @@ def prepare_frames(recording: Recording, light: str) -> Recording:
         light: "even" cuts pins out of raw pictures, "as_is" does not, "auto" looks at them.
 
     Raises:
-        UserError: A frame cannot be decoded, or pins are to be cut out and none are found.
+        UserError: Pins are to be cut out and none are found.
     """
-    rest = recording.rest_image()
     probes = np.linspace(0, len(recording) - 1, min(_PROBES, len(recording))).round().astype(int)
-    images = [recording.image(row) for row in probes.tolist()] if rest is None else [rest]
+    try:
+        rest = recording.rest_image()
+        images = [recording.image(row) for row in probes.tolist()] if rest is None else [rest]
+    except UserError:  # whoever needs the frame is told; its labels can be read
+        return recording
     notes = list(recording.notes)
     if light != AS_IS and (light != AUTO or 2 * sum(map(is_raw, images)) > len(images)):
         view = find_pin_view(images[0])

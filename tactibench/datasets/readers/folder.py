@@ -77,6 +77,7 @@ class FolderContent:
         splits: Name -> split of the table's row numbers.
         about: File name -> what files beside the table say.
         labels: Labels where the folder itself says what they mean; None: the options say it.
+        notes: Sentences about files beside the table that were left out.
     """
 
     format: str
@@ -91,6 +92,7 @@ class FolderContent:
     splits: Mapping[str, Split] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
     labels: FrameLabels | None = None
+    notes: tuple[str, ...] = ()
 
 
 def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
@@ -369,7 +371,7 @@ def _renumber_splits(splits: Mapping[str, Split], rows: Sequence[int]) -> dict[s
 def _notes(
     content: FolderContent, skipped: int, paths: Sequence[Path], rest: Path | None
 ) -> tuple[str, ...]:
-    notes = []
+    notes = [*content.notes]
     if skipped:
         notes.append(f"{_count(skipped, 'row')} of {content.table.path.name} left out: no file.")
     listed = {str(path) for path in (*paths, rest)}
