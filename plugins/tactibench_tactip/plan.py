@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -68,8 +68,9 @@ def plan_of(
     Args:
         source: Name of a protocol, or path of a plan.jsonl.
         settings: Configuration of the setup, whose sensor limits the depth.
-        draws: Draws of the protocol to take; all by default.
-        count: Most presses of every indenter of every draw, evenly spread.
+        draws: Draws of the protocol to take, all by default; NAME=N takes so many presses of
+            every indenter of it.
+        count: Most presses of every indenter of every other draw, evenly spread.
         seed: Seed of other presses than the protocol's.
 
     Raises:
@@ -78,15 +79,15 @@ def plan_of(
     press_plan = plan_presses(source, settings.sensor, seed=seed)
     presses = list(press_plan)
     names = list(dict.fromkeys(press.draw for press in presses))
-    for name in draws:
+    chosen = dict(map(_draw_and_count, draws))
+    for name in chosen:
         if name not in names:
             raise UserError(
                 f"{source} has no draw {name!r}; it has {', '.join(filter(None, names)) or 'none'}."
             )
-    if draws:
-        presses = [press for press in presses if press.draw in draws]
-    if count is not None:
-        presses = _limit_presses(presses, count)
+    if chosen:
+        presses = [press for press in presses if press.draw in chosen]
+    presses = _limit_presses(presses, {name: chosen.get(name) or count for name in names})
     ordered = [press for group in by_indenter(presses).values() for press in group]
     ids = {press.id for press in ordered}
     splits = {
@@ -102,12 +103,24 @@ def spread_evenly(items: Sequence[T], count: int) -> list[T]:
     return [items[(2 * k + 1) * len(items) // (2 * few)] for k in range(few)]
 
 
-def _limit_presses(presses: list[Press], count: int) -> list[Press]:
-    """At most count of every indenter of every draw, in the same order."""
+def _draw_and_count(text: str) -> tuple[str, int | None]:
+    """Return name and count of a text NAME or NAME=N."""
+    name, equals, number = text.partition("=")
+    if equals and not (number.isdecimal() and int(number) > 0):
+        raise UserError(f"--draw {text} is not understood; write {name}=N, N from 1 on.")
+    return name, int(number) if equals else None
+
+
+def _limit_presses(presses: list[Press], counts: Mapping[str, int | None]) -> list[Press]:
+    """At most counts[draw] of every indenter of every draw, in the same order."""
     groups: dict[tuple[str, Indenter], list[Press]] = {}
     for press in presses:
         groups.setdefault((press.draw, press.scene.indenter), []).append(press)
-    ids = {press.id for group in groups.values() for press in spread_evenly(group, count)}
+    ids = {
+        press.id
+        for (draw, _), group in groups.items()
+        for press in spread_evenly(group, counts.get(draw) or len(group))
+    }
     return [press for press in presses if press.id in ids]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -174,6 +175,16 @@ def test_a_plan_file(settings: Settings, tmp_path: Path) -> None:
     assert [row["id"] for row in plan.rows()] == [3, 4, 5]
     with pytest.raises(UserError, match="no draw 'singles'"):
         plan_of(str(path), settings, draws=("singles",))
+
+
+def test_a_draw_has_a_count_of_its_own(settings: Settings) -> None:
+    plan = plan_of("exp2", settings, draws=("singles=26", "pairs=2", "catch"), count=5)
+    taken = Counter(press.draw for press in plan.presses)
+    assert taken == {"singles": 26, "pairs": 2 * 12, "catch": 5}  # 12 distances
+    with pytest.raises(UserError, match="write singles=N"):
+        plan_of("exp2", settings, draws=("singles=no",))
+    with pytest.raises(UserError, match="no draw 'single'"):
+        plan_of("exp2", settings, draws=("single=3",))
 
 
 def test_time_of_a_move_in_closed_form() -> None:

@@ -36,7 +36,11 @@ MOST_ROWS = 20
 def plan_options(verb: Verb) -> Verb:
     """Add the options that choose presses of a protocol."""
     draw = click.option(
-        "--draw", "draws", multiple=True, help="Of the protocol only these; repeat it."
+        "--draw",
+        "draws",
+        multiple=True,
+        metavar="NAME[=N]",
+        help="Of the protocol only these, or N of every indenter of it; repeat it.",
     )
     count = click.option(
         "--count",
