@@ -156,6 +156,7 @@ class RecordedSensor(Sensor):
             "frames": recording.frames.name,
             "sha256": recording.sha256,
             **({"recorded_with": known["name"]} if "name" in known else {}),
+            **({"origin": "simulated"} if known.get("origin") == "simulated" else {}),
             "count": len(self._presses.scenes),
             **_described_kind(recording),
             "rest": rest,

@@ -81,6 +81,7 @@ def collect(
     callbacks: Callbacks = NO_CALLBACKS,
     on_station: Callable[[Station], None] = lambda _: None,
     speed_scale: float = 1.0,
+    emulated: bool = False,
 ) -> SessionReport:
     """Make the presses of a plan that the folder has not, and close it when it has them all.
 
@@ -94,6 +95,8 @@ def collect(
         callbacks: Functions that tell and ask a person.
         on_station: Takes every station that is entered.
         speed_scale: Factor of this session's speeds; the data set's configuration stays as it is.
+        emulated: Whether the devices are emulators. The data set says so, and no real device can go
+            on with it.
 
     Returns:
         The outcome of this session.
@@ -110,7 +113,7 @@ def collect(
     with ExitStack() as stack:
         camera = stack.enter_context(Camera(settings.camera))
         warm_up(camera, settings)
-        header = _header(settings, plan, camera, folder)
+        header = _header(settings, plan, camera, folder, emulated=emulated)
         writer = stack.enter_context(Writer(folder, header, plan.rows()))
         for sentence in writer.repaired:
             callbacks.notify(f"{folder}: {sentence}")
@@ -215,7 +218,9 @@ def _is_complete(folder: Path, plan: CollectionPlan) -> bool:
     return dataset.header.status == "closed" and list(dataset.plan()) == plan.rows()
 
 
-def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path) -> Header:
+def _header(
+    settings: Settings, plan: CollectionPlan, camera: Camera, folder: Path, *, emulated: bool
+) -> Header:
     """The header of a collection.
 
     Going on needs the same camera, and the same configuration but for what changes neither labels
@@ -233,6 +238,7 @@ def _header(settings: Settings, plan: CollectionPlan, camera: Camera, folder: Pa
         name="tactip",
         sensor={
             "name": settings.sensor.name,
+            **({"origin": "simulated"} if emulated else {}),
             "plugin": f"tactibench_tactip {__version__}",
             "configuration": configuration,
             "sha256": hashlib.sha256(text.encode()).hexdigest(),

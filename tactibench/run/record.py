@@ -101,8 +101,10 @@ def _simulator_errors(plan: RunPlan) -> dict[str, Any]:
 
 def _sensor(plan: RunPlan, evaluation: Evaluation) -> dict[str, Any]:
     sensor, tested = plan.components.sensor, plan.components.test_sensor
-    values = {**sensor.component.json_values(), "origin": sensor.spec.origin}
     described = plan.frames.sensor_identity["describe"]
+    # A recording of a simulator or of emulators says so: its row is not one of a real sensor.
+    origin = "simulated" if described.get("origin") == "simulated" else sensor.spec.origin
+    values = {**sensor.component.json_values(), "origin": origin}
     if sensor.spec.needs_data and {"folder", "sha256"} <= set(described):
         values["recording"] = {
             "label": described["folder"],

@@ -182,6 +182,7 @@ def test_a_rehearsed_collection_feeds_a_run(
     assert call(["data", "verify", data]) == 0
     run = f"--sensor recorded --data {data} --model nearest --store {tmp_path / 'runs'} --quick"
     assert call(["run", "exp1", *run.split()]) == 0
+    assert "simulated sensor recorded" in capsys.readouterr().out
 
 
 @pytest.mark.slow

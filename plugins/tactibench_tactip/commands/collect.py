@@ -100,6 +100,7 @@ def command(
                 callbacks=callbacks,
                 on_station=watch_envelope,
                 speed_scale=speed_scale,
+                emulated=emulation is not None,
             )
     figures = [
         ("samples", "ok", report.ok, ""),
