@@ -40,6 +40,7 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
     from tactibench.datasets import ChannelKind, open_recording, read_options
     from tactibench.datasets.description import (
         channel_ranges,
+        describe_poses,
         label_values,
         summarize_labels,
         summarize_pins,
@@ -62,12 +63,12 @@ def info(folder: Path, sheet: Path | None, params: tuple[str, ...], json_file: P
             f"{(high - low).min():g}"
         )
     terminal.say("")
-    print_labels_report(terminal, _labels_report(recording, options))
-    protocols = services(recording)
-    terminal.say("\nprotocols")
-    for service in protocols:
-        served = "yes" if service.served else "no"
-        terminal.say(f"  {service.protocol:<10} {served:<4} {service.reason}")
+    report = _labels_report(recording, options)
+    print_labels_report(terminal, report)
+    if poses := describe_poses(recording.labels):
+        terminal.say(f"  {poses}")
+    protocols = services(recording, report.contradictions)
+    _print_services(terminal, protocols)
     for note in recording.notes:
         terminal.say(f"note: {note}")
     if sheet is not None:
@@ -146,8 +147,18 @@ def print_labels_report(terminal: Terminal, report: LabelReport) -> None:
     terminal.say(f"labels held against {report.presses:,} frames")
     for fact in report.facts:
         terminal.say(f"  {fact}")
-    for wrong in report.contradictions:
+    for wrong in (*report.contradictions, *report.doubts):
         terminal.say(f"  WARNING: {wrong}")
+
+
+def _print_services(terminal: Terminal, protocols: Sequence[Service]) -> None:
+    """Show what the recording can serve; protocols with the same answer share a line."""
+    terminal.say("\nprotocols")
+    by_answer: dict[tuple[bool, str], list[str]] = {}
+    for service in protocols:
+        by_answer.setdefault((service.served, service.reason), []).append(service.protocol)
+    for (served, reason), names in by_answer.items():
+        terminal.say(f"  {'yes' if served else 'no':<4}{', '.join(names)}: {reason}")
 
 
 def _print_pins(terminal: Terminal, pins: PinSummary) -> None:

@@ -131,6 +131,32 @@ def unit_of(name: str) -> str:
     return ""
 
 
+def describe_poses(labels: Mapping[str, FloatArray]) -> str:
+    """Return what a robot's pose labels look like, by which of them change; "" without any.
+
+    Lengths are pose_1 to 3 or pose_x to z, angles pose_4 to 6 or pose_Rx to Rz; moves or shears
+    say how the skin was dragged.
+    """
+    changing = [name for name, column in labels.items() if np.ptp(column) > 0]
+    poses = [name for name in changing if name.startswith("pose_")]
+    lengths = [name for name in poses if unit_of(name) == "mm"]
+    angles = [name for name in poses if unit_of(name) == "deg"]
+    drags = [name for name in changing if name.startswith(("move_", "shear_"))]
+    if not poses and not drags:
+        return ""
+    what = ", ".join(lengths + angles) or "no pose"
+    if len(lengths) == 1 and angles:
+        kind = "a plate that is tilted, or an edge that is turned; the frames tell which"
+    elif angles:
+        kind = "an edge or another object at several places and angles, no plate"
+    elif len(lengths) > 1:
+        kind = "a tip or an object at several places, no tilted plate"
+    else:
+        kind = "presses at one place, no tilted plate"
+    text = f"poses ({what} change) look like {kind}"
+    return text + (f"; the skin is dragged ({', '.join(drags)})" if drags else "")
+
+
 def changing_labels(values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return the labels that every frame has and that change, those that say most first.
 

@@ -153,15 +153,15 @@ class RecordingFit:
         total = pivot.presses + pivot.left_out
         if pivot.left_out > MOST_LEFT_OUT * total:
             return f"{pivot.left_out:,} of {total:,} presses do not move the pins"
-        if self.untouched_mm > UNTOUCHED_MM:
-            return (
-                f"{pivot.left_out:,} presses that do not move the pins would be "
-                f"{self.untouched_mm:.1f} mm deep at their median"
-            )
         if pivot.residual > MOST_MISFIT:
             return (
                 "the pins do not spread as the depth label says (median misfit "
                 f"{pivot.residual:.0%}, at most {MOST_MISFIT:.0%} is allowed)"
+            )
+        if self.untouched_mm > UNTOUCHED_MM:
+            return (
+                f"{pivot.left_out:,} presses that do not move the pins would be "
+                f"{self.untouched_mm:.1f} mm deep at their median"
             )
         farthest = max(abs(pivot.offset_mm), abs(pivot.pivot_mm))
         if farthest > FARTHEST_MM or self.deepest_mm < SHALLOWEST_MM:

@@ -1,8 +1,8 @@
 """Labels held against frames: what the frames say of depth and place, and what they contradict.
 
 No model is trained. A deeper press moves pins or channels more; pins spread from where the tip is;
-a label belongs to the frame of its own row and to no other. Wrong units show in lengths that no
-soft sensor has.
+skins that say the same were pressed at the same place; a label belongs to the frame of its own row
+and to no other. Wrong units show in lengths that no soft sensor has.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import numpy.typing as npt
 
 from tactibench.contacts import Scene
 from tactibench.datasets.channels import ChannelKind
+from tactibench.datasets.labels import role_columns
 from tactibench.datasets.pivot import FEWEST, Pivot, RecordingFit, fit_recording
-from tactibench.datasets.readers.options import ImportOptions
+from tactibench.datasets.readers.options import PLATE, ImportOptions
 from tactibench.datasets.readers.recording import Recording
 from tactibench.datasets.spreads import middle_of_spread, spread_of
 from tactibench.errors import UserError
@@ -39,6 +40,12 @@ _REVERSED = 0.5
 LEAST_PLACED = 0.6
 """Share of the variance of the place about which pins spread that x and y explain: above .9 where
 labels are right, below .5 where one column is another, 0 where they belong to other frames."""
+LEAST_ALIKE = 0.6
+"""Correlation of a place with that of the press whose channels are most alike: .99 on the magnetic
+skin of eFlesh, 0 where a column belongs to other frames or is no place."""
+AGAINST_DEG = 90.0
+"""A positive tilt moves the contact down the frame (90 deg) in the public recordings and on the
+simulated sensors; more than this beside it, it rather moves up."""
 MOST_STRETCHED = 4.0
 """Ratio of the scales of x and y on the frame, 1 to 1.3 of a camera that looks along the axis."""
 _DEEPEST_MM, _SHALLOWEST_MM = 30.0, 0.1
@@ -58,11 +65,13 @@ class LabelReport:
         presses: Number of presses that were looked at.
         facts: What was found, a line each.
         contradictions: What cannot be true at once, with the remedy; empty where all agrees.
+        doubts: What may be wrong, but is right on some sensors; no run is refused for it.
     """
 
     presses: int
     facts: tuple[str, ...] = ()
     contradictions: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def check_labels(
@@ -99,6 +108,10 @@ def _check_plates(
     recording: Recording, options: ImportOptions, advance: Callable[[int], None]
 ) -> LabelReport:
     try:
+        tilt = role_columns(options, PLATE, recording.labels, recording.table)["tilt"]
+        if np.ptp(recording.labels[tilt.removeprefix("-")]) == 0:
+            wrong = f"the tilt label {tilt} is the same in all presses: no plate was tilted"
+            return LabelReport(0, (), (wrong,))
         fit = fit_recording(recording, options, advance, most=MOST)
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",))
@@ -110,7 +123,15 @@ def _check_plates(
         "90: down)",
     )
     found = fit.contradiction()
-    return LabelReport(pivot.presses + pivot.left_out, facts, (found,) if found else ())
+    doubts = []
+    if not found and abs((fit.lean_deg - 90.0 + 180.0) % 360.0 - 180.0) > AGAINST_DEG:
+        doubts.append(
+            "a positive tilt moves the contact up the frame, where other recordings have it move "
+            "down: the tilt counts the other way (write -COLUMN), or the camera is turned"
+        )
+    return LabelReport(
+        pivot.presses + pivot.left_out, facts, (found,) if found else (), tuple(doubts)
+    )
 
 
 def _check_tips(
@@ -128,8 +149,12 @@ def _check_tips(
     facts: list[str] = []
     channels = isinstance(recording.kind, ChannelKind)
     rows = singles if channels else _thinned(singles)
+    middle = None
     try:
-        moved, middle = _signals(recording, rows) if channels else _pins(recording, rows, advance)
+        if channels:
+            moved = np.sqrt(np.square(_deviations(recording, rows)).mean(axis=1))
+        else:
+            moved, middle = _pins(recording, rows, advance)
     except UserError as error:
         return LabelReport(0, (f"not checked: {str(error).rstrip('.')}",), tuple(wrong))
     deep = depth[rows]
@@ -147,8 +172,12 @@ def _check_tips(
             f"how far the {what} move does not follow the depth (rank correlation {rank:.2f}, at "
             f"least {LEAST_RANK:g} is needed): the column is another one, or rows are shifted"
         )
+    places = np.column_stack([x, y])[rows]
     if middle is not None:
-        wrong += _misplaced(middle, np.column_stack([x, y])[rows], facts)
+        wrong += _misplaced(middle, places, facts)
+    if channels:
+        presses = np.array(recording.presses)[rows]
+        wrong += _unlike(_deviations(recording, rows), places, presses, facts)
     lag = _better_lag(rows, moved, depth)
     if lag:
         wrong.append(
@@ -165,9 +194,7 @@ def cached_report(
     path = _cache_file("labels", recording, options.changed())
     try:
         stored = read_json(path)
-        return LabelReport(
-            stored["presses"], tuple(stored["facts"]), tuple(stored["contradictions"])
-        )
+        return LabelReport(stored.pop("presses"), **{k: tuple(v) for k, v in stored.items()})
     except (UserError, KeyError, TypeError):
         report = check_labels(recording, scenes, options)
         write_json(path, asdict(report))
@@ -249,8 +276,8 @@ def _pins(
     return spread_of(field), middle_of_spread(field, tracker.rest)
 
 
-def _signals(recording: Recording, rows: npt.NDArray[np.intp]) -> tuple[FloatArray, None]:
-    """Return how far the channels of every row are from their medians, in their own deviations.
+def _deviations(recording: Recording, rows: npt.NDArray[np.intp]) -> FloatArray:
+    """Return (N, C), how far the channels of rows are from their medians, in their own deviations.
 
     Raises:
         UserError: No channel changes.
@@ -260,7 +287,39 @@ def _signals(recording: Recording, rows: npt.NDArray[np.intp]) -> tuple[FloatArr
     scale = np.abs(centred).mean(axis=0)
     if not (scale > 0).any():
         raise UserError("no channel changes.")
-    return np.sqrt(((centred[:, scale > 0] / scale[scale > 0]) ** 2).mean(axis=1)), None
+    return np.asarray(centred[:, scale > 0] / scale[scale > 0])
+
+
+def _unlike(
+    channels: FloatArray, xy: FloatArray, presses: npt.NDArray[np.str_], facts: list[str]
+) -> list[str]:
+    """Return how channels that are alike contradict the places x and y of their presses.
+
+    Args:
+        channels: (N, C).
+        xy: (N, 2) mm.
+        presses: (N,) names; a press is not held against itself.
+        facts: Gets what was found.
+    """
+    from scipy.spatial import cKDTree
+
+    most = int(np.unique(presses, return_counts=True)[1].max())
+    if most == len(presses):
+        return []
+    near = cKDTree(channels).query(channels, k=most + 1)[1]  # one of them is of another press
+    other = near[np.arange(len(near)), (presses[near] != presses[:, None]).argmax(axis=1)]
+    alike = [_rank_correlation(column, column[other]) for column in xy.T if np.ptp(column) > 0]
+    names = [name for name, column in zip("xy", xy.T, strict=True) if np.ptp(column) > 0]
+    facts += [
+        f"presses with channels alike have {name} alike: rank correlation {rank:.2f}"
+        for name, rank in zip(names, alike, strict=True)
+    ]
+    return [
+        f"presses with channels alike have no {name} alike (rank correlation {rank:.2f}, at least "
+        f"{LEAST_ALIKE:g} is needed): the column is another one, or rows are shifted"
+        for name, rank in zip(names, alike, strict=True)
+        if rank < LEAST_ALIKE
+    ]
 
 
 def _rank_correlation(first: FloatArray, second: FloatArray) -> float:

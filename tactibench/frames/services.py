@@ -27,8 +27,11 @@ class Service:
     reason: str
 
 
-def services(recording: Recording) -> list[Service]:
-    """Return, for every protocol that ships, whether ``run --data`` can take the recording."""
+def services(recording: Recording, contradictions: Sequence[str] = ()) -> list[Service]:
+    """Return, for every protocol that ships, whether ``run --data`` can take the recording.
+
+    contradictions: How its frames contradict the labels; then no run takes them.
+    """
     labelled = [
         (scene, press)
         for scene, press in zip(recording.scenes, recording.presses, strict=True)
@@ -44,6 +47,8 @@ def services(recording: Recording) -> list[Service]:
         else:
             pressed = protocol if workspace is None else in_range(protocol, workspace)
             served, reason = _tips(pressed, scenes, presses)
+        if served and contradictions:
+            served, reason = False, f"its frames contradict the labels: {contradictions[0]}"
         services.append(Service(name, protocol.title, served, reason))
     return services
 

@@ -146,7 +146,8 @@ def test_less_light_is_undone_by_the_rest_frame(make_cnn):
     model.fit(with_rest(frames, still), truth, validation=([], []), rng=rng, progress=Epochs())
     dim = [Frame(frame.image // 2, 0.0, frame.pose, still) for frame in frames]
     bright = flat(model.predict(with_rest(frames, still)))
-    np.testing.assert_allclose(flat(model.predict(dim)), bright, atol=0.1)
+    # Halving bytes loses half a level, which an untrained network may take for .1 mm.
+    np.testing.assert_allclose(flat(model.predict(dim)), bright, atol=0.2)
 
 
 def test_weights_come_back_with_the_rest(make_cnn, tmp_path):

@@ -13,6 +13,7 @@ from tactibench.datasets import open_recording
 from tactibench.datasets.description import (
     BINS,
     changing_labels,
+    describe_poses,
     spread_rows,
     summarize_labels,
     summarize_pins,
@@ -110,3 +111,23 @@ def test_the_sheet_is_a_picture(dots, tmp_path):
     sheet = cv2.imread(str(tmp_path / "sheet.png"))
     assert sheet.shape[0] > 1000
     assert sheet.std() > 5
+
+
+@pytest.mark.parametrize(
+    ("changing", "words"),
+    [
+        (("pose_2", "pose_6"), "a plate that is tilted, or an edge"),
+        (("pose_y", "pose_Rz"), "a plate that is tilted, or an edge"),
+        (("pose_1", "pose_3", "pose_6"), "an edge or another object"),
+        (("pose_x", "pose_y", "pose_z"), "a tip or an object at several places"),
+        (("pose_3", "move_1"), "at one place, no tilted plate; the skin is dragged (move_1)"),
+    ],
+)
+def test_pose_labels_say_what_they_look_like(changing, words):
+    labels = {f"pose_{k}": np.zeros(3) for k in range(1, 7)}
+    labels |= {name: np.arange(3.0) for name in changing}
+    assert words in describe_poses(labels)
+
+
+def test_labels_without_poses_look_like_nothing():
+    assert describe_poses({"x_mm": np.arange(3.0), "pose_1": np.zeros(3)}) == ""

@@ -12,7 +12,7 @@ from tac_vgnn import tac_vgnn_folder
 
 from tactibench import Indenter, Pose, Scene, SensorContext
 from tactibench.datasets import ImportOptions, Recording, import_folder, open_recording
-from tactibench.datasets.plausibility import check_labels
+from tactibench.datasets.plausibility import LabelReport, check_labels
 from tactibench.plugins.host import PluginHost
 from tactibench.png import encode_png
 from tactibench.records.bound_spec import BoundSpec
@@ -103,11 +103,68 @@ def test_channels_are_held_against_their_depth(tmp_path: Path) -> None:
     assert "counts the other way" in contradictions(skin, other)
     shifted = skin.scenes[-1:] + tuple(skin.scenes[:-1])
     assert "1 row earlier" in contradictions(skin, shifted)
+    other_rows = rng.permutation(table[:, 0]).tolist()
+    wrong_x = tuple(
+        Scene(s.indenter, replace(s.pose, x=x))
+        for s, x in zip(skin.scenes, other_rows, strict=True)
+        if s is not None
+    )
+    assert "no x alike" in contradictions(skin, wrong_x)
+
+
+def test_a_skin_of_one_press_is_not_held_against_itself(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "field.csv", np.random.default_rng(0).random((80, 4)), delimiter=",")
+    rows = "".join(f"{k / 10},0,{1 + k / 100},same\n" for k in range(80))
+    (tmp_path / "labels.csv").write_text("x_mm,y_mm,depth_mm,trial\n" + rows)
+    options = ImportOptions(channels="field.csv", surface="flat", press="trial")
+    skin = open_recording(tmp_path, options)
+    assert not any("alike" in fact for fact in check_labels(skin, skin.scenes, options).facts)
 
 
 def test_too_few_presses_are_no_contradiction(pressed: Recording) -> None:
     few = (*pressed.scenes[:20], *[None] * 60)
     assert contradictions(pressed, few) == ""
+
+
+def plates(recording: Recording, **labels: np.ndarray) -> LabelReport:
+    scenes = [Scene(Indenter.plate(), Pose(depth=1.0))] * len(recording)
+    changed = {name: np.asarray(column) for name, column in labels.items()}
+    return check_labels(replace(recording, labels=changed), scenes, ImportOptions())
+
+
+def test_places_are_no_plates(pressed: Recording) -> None:
+    """A tip at several places, whose second length stands where a plate's depth would."""
+    poses = [scene.pose for scene in pressed.scenes if scene is not None]
+    depth = np.array([pose.y for pose in poses])
+    report = plates(pressed, pose_2=depth, pose_6=np.zeros(len(poses)))
+    assert "no plate was tilted" in report.contradictions[0]
+
+
+def test_a_tilt_against_the_convention_is_a_doubt(tmp_path: Path) -> None:
+    """Sixty tilted plates of the simulated sensor: their labels agree, whatever the sign."""
+    rng = np.random.default_rng(3)
+    tilt, depth = rng.uniform((-15, 1.0), (15, 4.0), (60, 2)).T
+    sensor = BoundSpec.named(PluginHost().sensors, "tactip-127", {}).build(
+        SensorContext(np.random.SeedSequence(1))
+    )
+    lines = ["image_name,pose_2,pose_6"]
+    with sensor:
+        (tmp_path / "init_0.png").write_bytes(encode_png(sensor.rest().image))
+        scenes = [
+            Scene(Indenter.plate(), Pose(yaw=90.0, tilt=t, depth=d))
+            for t, d in zip(tilt.tolist(), depth.tolist(), strict=True)
+        ]
+        for number, frame in enumerate(sensor.press_many(scenes)):
+            (tmp_path / f"{number}.png").write_bytes(encode_png(frame.image))
+            lines.append(f"{number}.png,{depth[number]},{tilt[number]}")
+    (tmp_path / "targets.csv").write_text("\n".join(lines))
+    recording = open_recording(tmp_path)
+    labels = dict(recording.labels)
+    right = plates(recording, **labels)
+    assert (right.contradictions, right.doubts) == ((), ())
+    turned = plates(recording, **{**labels, "pose_6": -labels["pose_6"]})
+    assert turned.contradictions == ()
+    assert "up the frame" in turned.doubts[0]
 
 
 @pytest.mark.long
@@ -134,6 +191,8 @@ def test_the_public_recordings_and_their_spoiled_copies(pins: str) -> None:
         return check_labels(recording, scenes, ImportOptions()).contradictions
 
     assert report(clean) == ()
+    assert plates(clean, **labels).doubts == ()
+    assert plates(clean, **{**labels, "pose_6": -tilt}).doubts != ()
     missed = [
         name
         for name, change in spoiled.items()

@@ -16,6 +16,7 @@ from tactibench_tactip.camera import Camera
 from tactibench_tactip.collection import StopSignals
 from tactibench_tactip.errors import GuardError, ProtectiveStopError, RobotError, StopNowError
 from tactibench_tactip.motion import Mover, RobotThread, distance_from_line
+from tactibench_tactip.poses import matrix, pose_of
 from tactibench_tactip.press_geometry import PressGeometry
 from tactibench_tactip.robots.base import run_within
 from tactibench_tactip.settings import Settings
@@ -72,6 +73,17 @@ def test_halt_stops_a_move_and_refuses_the_next(robot: FakeRobot, settings: Sett
     with pytest.raises(StopNowError):
         mover.go((0.0, 0.0, -21.0, 0.0, 0.0, 0.0), 5.0)
     assert len(robot.moves) == 1
+
+
+def test_a_tool_beside_its_line_is_stopped_also_without_a_guard(
+    mover: Mover, robot: FakeRobot
+) -> None:
+    robot.busy = True
+    beside = pose_of(robot.work @ matrix((3.0, 0.0, -30.0, 0.0, 0.0, 0.0)))
+    robot.start = lambda *_: setattr(robot, "at", beside)  # type: ignore[method-assign]
+    with pytest.raises(GuardError, match=r"3\.0 mm beside its line"):
+        mover.go((0.0, 0.0, -20.0, 0.0, 0.0, 0.0), 5.0)
+    assert robot.stops == 1
 
 
 def test_a_guard_stops_a_descent(mover: Mover, robot: FakeRobot) -> None:

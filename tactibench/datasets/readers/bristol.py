@@ -133,6 +133,8 @@ def _frames_folder(folder: Path, name: str) -> Path:
     for candidate in names:
         if (folder / candidate).is_dir():
             return folder / candidate
+    if name == AUTO and any(folder.glob("*.png")):  # frames beside the table
+        return folder
     raise UserError(f"{folder} holds no folder of frames; looked for {', '.join(names)}.")
 
 
