@@ -10,6 +10,7 @@ from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from tactibench.protocols.families import Axis
+    from tactibench.protocols.schema import Draw
 
 
 @click.command()
@@ -90,7 +91,7 @@ def _show_protocol(name: str) -> None:
     click.echo(f"  asks for  {spec.answer}")
     for draw in spec.draws:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
-        click.echo(f"  draw      {draw.name}: {count:,} {draw.indenter} presses")
+        click.echo(f"  draw      {draw.name}: {count:,} {_kind(draw)} presses")
     for regime, extra in spec.regimes.items():
         click.echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
     for axis in spec.axes:
@@ -98,6 +99,10 @@ def _show_protocol(name: str) -> None:
     click.echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
     click.echo(f"  metrics   {', '.join(spec.metrics.names)}")
     click.echo(f"  published {', '.join(spec.published.tables) or 'none'}")
+
+
+def _kind(draw: Draw) -> str:
+    return f"{draw.tips}-tip" if draw.offsets_mm else draw.indenter
 
 
 def _family(axis: Axis) -> str:

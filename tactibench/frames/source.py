@@ -258,5 +258,7 @@ def group_of(spec: Protocol, draw: str, scene: Scene) -> str:
         drawn = spec.draw(draw).distances_mm
         near = (other for other in drawn if abs(other - distance) < SAME_MM)
         return str(next(near, round(distance, 6)))
+    if spec.test.group == "indenter" and spec.draw(draw).offsets_mm:
+        return draw  # recordings call any such holder "tips"
     kind = scene.indenter.name.partition(" #")[0]  # a repeated press of a recording has a number
     return kind if spec.test.group == "indenter" else "all"

@@ -137,8 +137,8 @@ def protocol_of(run: StoredRun) -> LoadedProtocol:
     versions = protocol_versions(stated.id)
     if not versions:
         raise UserError(
-            f"{run.folder} was made with protocol {stated.id!r}, which does not ship with "
-            "tactibench; run it again with its .toml file."
+            f"{run.folder} was made with protocol {stated.id!r}, which is not "
+            "installed; name the folder of its .toml file in TACTIBENCH_PROTOCOLS."
         )
     raise UserError(
         f"{run.folder} was made with {stated.label}, but this tactibench has {versions[0].label}; "

@@ -121,7 +121,7 @@ def test_a_protocol_file_with_a_mistake(refused: Any, tmp_path: Path, edit: str)
 
 def test_a_metric_that_is_not_there(cli: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
-    file.write_bytes(EXP1.read_bytes().replace(b'"r2",', b'"r3",'))
+    file.write_bytes(EXP1.read_bytes().replace(b'"r2",', b'"r3",').replace(b'"exp1"', b'"mine"'))
     code, _, err = cli("run", file, "--model", "mean", "--quick")
     assert code == 2
     assert "'r3'" in err

@@ -235,12 +235,9 @@ def test_scoring_again_is_identical(
     spec = planned("exp2").protocol.spec
     arrays = (done.arrays(part) for part in ("truth", "predictions", "maps"))
     assert not metric_differences(done.record.metrics, score_arrays(spec, *arrays))
-    with pytest.raises(UserError, match="run the protocol again"):
-        rescore(done)  # the shipped exp2 is another
-    from tactibench.protocols import loader
-
-    mini = {"exp2": tmp_path / "protocols" / "exp2.toml"}
-    monkeypatch.setattr(loader, "protocol_files", lambda: mini)
+    with pytest.raises(UserError, match="TACTIBENCH_PROTOCOLS"):
+        rescore(done)
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path / "protocols"))
     assert rescore(done) == done.record
     changed = [
         done.record.metrics[0].model_copy(update={"value": 9.0}),

@@ -89,7 +89,8 @@ def _questions(spec: Protocol) -> Iterator[tuple[str, str]]:
 
 def _draw(draw: Draw) -> str:
     count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
-    text = f"{count:,} {draw.indenter}, tip radius {draw.radius_mm:g} mm"
+    kind = f"{draw.tips} tips" if draw.offsets_mm else draw.indenter
+    text = f"{count:,} {kind}, tip radius {draw.radius_mm:g} mm"
     if draw.distances_mm:
         low, high = min(draw.distances_mm), max(draw.distances_mm)
         each = f", {draw.per_distance} each" if draw.per_distance else ""
