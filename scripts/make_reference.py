@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import click
-from reference import commands_page, hooks_page, metrics_page, schemas_page
+from reference import commands_page, helpers_page, hooks_page, metrics_page, schemas_page
 from reference.text import single_spaced
 
 from tactibench.errors import UserError
@@ -24,6 +24,7 @@ COMMAND = "python scripts/make_reference.py"
 NOTE = f"<!-- Made by `{COMMAND}`; do not edit. -->"
 PAGES: Mapping[str, Callable[[Path], list[str]]] = {
     "cli.md": commands_page.lines,
+    "helpers.md": helpers_page.lines,
     "hooks.md": hooks_page.lines,
     "metrics.md": metrics_page.lines,
     "schemas.md": schemas_page.lines,
