@@ -88,7 +88,7 @@ class Table:
         if len(bad):
             cell = self.cells[column][bad[0]]
             raise UserError(
-                f"{self.path} row {bad[0] + 1}: {column} is {cell!r}, but a label must be a finite "
+                f"{self.path} row {bad[0] + 1}: {column} is {cell!r}, but it must be a finite "
                 f"number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); {_advice(cell)}"
             )
         return numbers
