@@ -194,7 +194,7 @@ def test_columns_beside_channels_are_guessed(tmp_path: Path) -> None:
     mapping = tmp_path / "skin.toml"
     write_mapping(mapping, guess)
     assert len(open_recording(folder, read_mapping(mapping))) == 9
-    with pytest.raises(UserError, match="no other CSV file beside the channels field.csv"):
+    with pytest.raises(UserError, match=r"no other CSV file beside the channels field\.csv"):
         guess_mapping(folder, ["channels=field.csv", "table=field.csv"])
     with pytest.raises(UserError, match="--param channels=FILE"):
         guess_mapping(folder)
