@@ -24,6 +24,7 @@ from tactibench.report.numbers import duration, fixed, general, number, span
 from tactibench.report.run_speed import print_speed
 from tactibench.report.simulator_error import error_line
 from tactibench.report.table import (
+    NO_INTERVAL,
     PERCENT,
     Caption,
     Cell,
@@ -36,6 +37,10 @@ from tactibench.report.table import (
 )
 from tactibench.report.writers.terminal import print_table
 
+NO_INTERVAL_NOTE = (
+    f"{NO_INTERVAL}: no interval. One press has none, and of few presses the bootstrap of R2 may "
+    "give none that holds its value."
+)
 OTHERS = 6
 """More stored runs than these would hide the run itself."""
 COUNTS = (Column("n", optional=True), Column("presses", optional=True))
@@ -71,9 +76,13 @@ def print_run(
     _print_heading(console, record)
     if axes:
         _print_hard_cases(console, record, axes)
-    for run_table in spec.run_tables:
+    main = [
+        _main_table(run_table, record, published, comparable[:OTHERS])
+        for run_table in spec.run_tables
+    ]
+    for shown in main:
         console.print()
-        print_table(console, _main_table(run_table, record, published, comparable[:OTHERS]))
+        print_table(console, shown)
     if error := error_line(record):
         console.print(Text(error))
     if labels := labels_line(record):
@@ -83,11 +92,19 @@ def print_run(
     if further.rows:
         console.print()
         print_table(console, further)
+    if any(map(lacks_interval, (*main, further))):
+        console.print(Text(NO_INTERVAL_NOTE, style="dim"))
     print_speed(console, record, spec, published)
     console.print()
-    _print_warning(console, record)
+    print_warning(console, record)
     console.print(Text(record.signature), soft_wrap=True)  # one line, to be copied whole
     console.print(Text(f"record: {path}"), soft_wrap=True)
+
+
+def lacks_interval(shown: Table) -> bool:
+    """Return whether a table holds a value from which no interval could be made."""
+    cells = (cell for row in shown.rows for cell in row)
+    return any(isinstance(cell, Number) and str(cell).endswith(NO_INTERVAL) for cell in cells)
 
 
 def same_question(one: Record, other: Record) -> bool:
@@ -141,7 +158,9 @@ def _print_heading(console: Console, record: Record) -> None:
     data, tested = record.data, record.test_sensor
     encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
     console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
-    console.print(Text(f"{_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}"))
+    console.print(
+        Text(f"{run_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}")
+    )
     why = "rejected by geometry" if record.sensor.recording is None else "of other ranges or tips"
     rejected = f"; {data.rejected:,} {why}" if data.rejected else ""
     if record.sensor.range is not None:
@@ -168,15 +187,16 @@ def _print_heading(console: Console, record: Record) -> None:
         console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
     if prior := training.notes.get("prior"):
         console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
-    _print_warning(console, record)
+    print_warning(console, record)
 
 
-def _print_warning(console: Console, record: Record) -> None:
+def print_warning(console: Console, record: Record) -> None:
+    """Print that a run was cut short, where it was."""
     if line := partial_line(record):
         console.print(Text(line, style="bold red"))
 
 
-def _label(record: Record) -> str:
+def run_label(record: Record) -> str:
     """Return the model with its regime, as published rows are labelled."""
     label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
     return f"{label}, {record.shots:,} labelled presses" if record.shots else label
@@ -215,6 +235,17 @@ def _main_table(
 def _measured(
     run_table: RunTable, record: Record, *, stored: bool = False
 ) -> tuple[tuple[Caption, ...], list[list[Cell]]]:
+    rows, shown = measured_rows(run_table, record)
+    head = f"measured here: {run_label(record)}, {measured_on(record)}"
+    if stored:
+        warning = partial_line(record)
+        head += f"\n  stored as {record.name}" + (f"; {warning}" if warning else "")
+    n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
+    return (Caption(head, "cyan"), Caption("", "italic", f"n {n}, presses {presses}")), rows
+
+
+def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]], list[Metric]]:
+    """Return the rows of a main table, a row a group with its counts, and the metrics in them."""
     metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
     groups = run_table.groups or _distances(run_table, metrics)
     decimals = {m: _decimals(run_table, m, metrics, groups) for m in run_table.metrics}
@@ -228,18 +259,20 @@ def _measured(
         presses = f"{max((metric.clusters for metric in known), default=0):,}"
         values = (_value(metric, decimals[name]) for name, metric in cells.items())
         rows.append([group, *values, n, presses])
-    head = f"measured here: {_label(record)}, {measured_on(record)}"
-    if stored:
-        warning = partial_line(record)
-        head += f"\n  stored as {record.name}" + (f"; {warning}" if warning else "")
-    n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
-    return (Caption(head, "cyan"), Caption("", "italic", f"n {n}, presses {presses}")), rows
+    return rows, shown
 
 
 def _value(metric: Metric | None, decimals: int) -> Number | None:
     value = metric_number(metric, decimals)
+    if value is not None and _is_perfect(metric, value):
+        return replace(value, interval=None)
     # The last tested distance is a bound as it stands: "< 6.5".
     return replace(value, write=general) if value is not None and value.bound else value
+
+
+def _is_perfect(metric: Metric | None, value: Number) -> bool:
+    """Return whether this is R2 of 1.0000 [1.0000, 1.0000]: the interval would say nothing."""
+    return metric is not None and metric.metric == "r2" and value.ends == (value.text, value.text)
 
 
 def _distances(run_table: RunTable, metrics: Mapping[Key, Metric]) -> list[str]:

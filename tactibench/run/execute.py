@@ -47,7 +47,8 @@ def execute(
     if answers is None:
         record, arrays = _answer(plan, reporter, fresh=fresh, timed=timed)
         answers = write_answers(store, record, arrays)
-    return score_answers(answers, plan.protocol)
+    with reporter.task("score", 1):
+        return score_answers(answers, plan.protocol)
 
 
 def _answer(
