@@ -20,9 +20,9 @@ from tactibench.cli.plot_limit import limit
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
-    from tactibench import api
     from matplotlib.figure import Figure
 
+    from tactibench import api
     from tactibench.cli.output import Terminal
     from tactibench.protocols.families import Axis
 

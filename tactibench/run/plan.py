@@ -233,15 +233,18 @@ def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
     for frames in sets:
         trains = frames.role in {"fit", "validation"}
         sensor = plan.components.sensor if trains else plan.components.tested
-        if sensor.spec.needs_data:
-            way = "read {} frames"
-        elif frames.cached:
-            way = "take {} frames from the cache"
-        else:
-            way = f"generate {{}} frames on {sensor.label}"
-        counts = counts_by_way.setdefault(way, {})
         name = f"{frames.name}, validation" if frames.role == "validation" else frames.name
-        counts[name] = counts.get(name, 0) + len(frames.scenes)
+        total, missing = len(frames.scenes), frames.missing
+        ways = {
+            f"generate {{}} frames on {sensor.label}": missing,
+            "take {} frames from the cache": total - missing,
+        }
+        if sensor.spec.needs_data:
+            ways = {"read {} frames": total}
+        for way, count in ways.items():
+            if count:
+                counts = counts_by_way.setdefault(way, {})
+                counts[name] = counts.get(name, 0) + count
     return "; ".join(way.format(_describe_counts(c)) for way, c in counts_by_way.items())
 
 
