@@ -61,10 +61,10 @@ def show_run(
         print_summary(terminal.out, run.record, run.folder, place)
         return
     _print_all(terminal, run, [other.record for other in others])
-    terminal.say(place_line(run.record, place))
     for picture in pictures:
         terminal.say(f"picture: {picture}")
     print_glossary(terminal.out, run.record)
+    terminal.say(place_line(run.record, place))
 
 
 def _print_all(terminal: Terminal, run: StoredRun, others: list[Record]) -> None:

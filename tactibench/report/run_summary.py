@@ -17,7 +17,7 @@ from tactibench.board.placement import Placement, times_bound
 from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records.record import Record
-from tactibench.report.labels import NAMES, UNITS, named
+from tactibench.report.labels import named
 from tactibench.report.numbers import number, plural, significant
 from tactibench.report.run_report import (
     NO_INTERVAL_NOTE,
@@ -29,8 +29,13 @@ from tactibench.report.run_report import (
 from tactibench.report.table import Column, Table, metric_number, table
 from tactibench.report.writers.terminal import print_table
 
-MISSES = {"missed": 1, "spurious": 3, "coverage": 1, "catch_resolved": 1}
-"""Metrics that stand beside every error, with their decimals."""
+MISSES = {
+    "missed": ("missed", 1, " %"),
+    "spurious": ("spurious", 3, " a frame"),
+    "coverage": ("answered", 1, " %"),
+    "catch_resolved": ("single seen as two", 1, " %"),
+}
+"""Metrics that stand beside every error: name, decimals and unit."""
 WHOLE = ("all", "mean")
 """Groups that stand for all test frames."""
 MOST_METRICS = 4
@@ -69,10 +74,11 @@ def print_summary(console: Console, record: Record, folder: Path, place: Placeme
     print_table(console, headline)
     if lacks_interval(headline):
         console.print(Text(NO_INTERVAL_NOTE, style="dim"), soft_wrap=True)
-    for line in (misses_line(record), speed_line(record), place_line(record, place)):
+    for line in (misses_line(record), speed_line(record)):
         console.print(Text(line), soft_wrap=True)
     console.print(Text(record.signature, style="dim"), soft_wrap=True)
     console.print(_rest(record, folder), soft_wrap=True)
+    console.print(Text(place_line(record, place)), soft_wrap=True)
 
 
 def headline_table(record: Record) -> Table:
@@ -81,10 +87,8 @@ def headline_table(record: Record) -> Table:
     run_table = next((one for one in spec.run_tables if one.groups), None)
     if run_table is not None:
         names = ["", *(named(name, _unit(record, name)) for name in run_table.metrics)]
-        rows = tuple(tuple(row) for row in measured_rows(run_table, record)[0])
-        columns = tuple(Column(name, right=False) for name in names)
-        counts = (Column("n", optional=True), Column("presses", optional=True))
-        return Table((*columns, *counts), rows, f"{run_table.title}: value [95 % interval]")
+        rows = (row[: len(names)] for row in measured_rows(run_table, record)[0])
+        return table(names, rows, title=f"{run_table.title}: value [95 % interval]")
     whole = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
     if spec.headline is not None:
         first = (spec.headline.metric, spec.headline.group)
@@ -103,30 +107,29 @@ def _unit(record: Record, name: str) -> str:
 
 def misses_line(record: Record) -> str:
     """Return what no error shows: contacts that were missed or made up, frames without answer."""
-    parts = []
-    for name, decimals in MISSES.items():
-        metric = record.metric(name, "all")
-        value = metric_number(metric, decimals)
-        if metric is not None and value is not None:
-            unit = UNITS.get(metric.unit, metric.unit)
-            parts.append(f"{NAMES[name]} {value}{f' {unit}' if unit else ''}")
-    return f"misses: {'; '.join(parts) or 'not measured'}"
+    values = {name: metric_number(record.metric(name, "all"), MISSES[name][1]) for name in MISSES}
+    parts = (
+        f"{MISSES[name][0]} {value}{MISSES[name][2]}"
+        for name, value in values.items()
+        if value is not None
+    )
+    return f"misses: {', '.join(parts) or 'not measured'}"
 
 
 def speed_line(record: Record) -> str:
     """Return the time of one frame and the best rate, and whether a time still drifted."""
     threads = sorted({row.threads for row in record.speed if row.scenario == "single"})
     times = [
-        f"{number(p90, 2)} ms on {plural(count, 'thread')}"
+        f"{number(p90, 2)} ms ({plural(count, 'thread')})"
         for count in threads
         if (p90 := latency(record, threads=count)) is not None
     ]
     if not times:
         return "speed: not timed"
     rate = frames_per_second(record)
-    text = f"speed: one frame to contacts, p90, {', '.join(times)}"
-    text += "" if rate is None else f"; at most {rate:,.0f} frames/s"
-    return text if all(row.settled for row in record.speed) else f"{text} (some still drifting)"
+    text = f"speed: frame to contacts, p90, {', '.join(times)}"
+    text += "" if rate is None else f", at most {rate:,.0f} frames/s"
+    return text if all(row.settled for row in record.speed) else f"{text}, still drifting"
 
 
 def place_line(record: Record, place: Placement | None) -> str:
@@ -169,7 +172,7 @@ def _next(record: Record, place: Placement | None) -> str:
 
 
 def _rest(record: Record, folder: Path) -> Text:
-    text = Text(f"more: the same command with --full; record and pictures: {folder}; words: ")
+    text = Text(f"more: --full; record and pictures: {folder}; words: ")
     return text.append(glossary_links(record))
 
 
