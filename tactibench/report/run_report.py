@@ -6,8 +6,7 @@ counts as columns.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,19 @@ from tactibench.protocols.families import UNTOUCHED, Axis
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
-from tactibench.report.numbers import duration, fixed, general, number, span
+from tactibench.report.numbers import duration, fixed, number, span
+from tactibench.report.run_rows import (
+    NO_INTERVAL_NOTE,
+    lacks_interval,
+    measured_rows,
+    metric_cell,
+    partial_line,
+    print_warning,
+    run_label,
+)
 from tactibench.report.run_speed import print_speed
 from tactibench.report.simulator_error import error_line
 from tactibench.report.table import (
-    NO_INTERVAL,
     PERCENT,
     Caption,
     Cell,
@@ -37,10 +44,6 @@ from tactibench.report.table import (
 )
 from tactibench.report.writers.terminal import print_table
 
-NO_INTERVAL_NOTE = (
-    f"{NO_INTERVAL}: no interval. One press has none, and of few presses the bootstrap of R2 may "
-    "give none that holds its value."
-)
 OTHERS = 6
 """More stored runs than these would hide the run itself."""
 COUNTS = (Column("n", optional=True), Column("presses", optional=True))
@@ -49,8 +52,6 @@ TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
 """Decimals of the list of further metrics, by unit; 3 for every other."""
-Key = tuple[str, str]
-"""Metric and group."""
 
 
 def print_run(
@@ -101,12 +102,6 @@ def print_run(
     console.print(Text(f"record: {path}"), soft_wrap=True)
 
 
-def lacks_interval(shown: Table) -> bool:
-    """Return whether a table holds a value from which no interval could be made."""
-    cells = (cell for row in shown.rows for cell in row)
-    return any(isinstance(cell, Number) and str(cell).endswith(NO_INTERVAL) for cell in cells)
-
-
 def same_question(one: Record, other: Record) -> bool:
     """Return whether two different runs answer one version of a protocol, tested alike.
 
@@ -125,17 +120,6 @@ def tested_sensor(record: Record) -> list[Any]:
     """Return all that tells a tested sensor from others; [] where it is the trained one."""
     test = record.test_sensor
     return [] if test is None else [test.identity, test.description, test.trained_on]
-
-
-def partial_line(record: Record) -> str:
-    """Return the warning of a run that was cut short; "" for a whole one."""
-    if not record.partial:
-        return ""
-    causes = ["quick"] if record.limits.quick else []
-    if record.limits.limit is not None:
-        causes.append(f"limit {record.limits.limit}")
-    cause = f" ({', '.join(causes)})" if causes else ""
-    return f"PARTIAL{cause}: not for a board"
 
 
 def labels_line(record: Record) -> str:
@@ -190,18 +174,6 @@ def _print_heading(console: Console, record: Record) -> None:
     print_warning(console, record)
 
 
-def print_warning(console: Console, record: Record) -> None:
-    """Print that a run was cut short, where it was."""
-    if line := partial_line(record):
-        console.print(Text(line, style="bold red"))
-
-
-def run_label(record: Record) -> str:
-    """Return the model with its regime, as published rows are labelled."""
-    label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
-    return f"{label}, {record.shots:,} labelled presses" if record.shots else label
-
-
 def _main_table(
     run_table: RunTable,
     record: Record,
@@ -242,60 +214,6 @@ def _measured(
         head += f"\n  stored as {record.name}" + (f"; {warning}" if warning else "")
     n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
     return (Caption(head, "cyan"), Caption("", "italic", f"n {n}, presses {presses}")), rows
-
-
-def measured_rows(run_table: RunTable, record: Record) -> tuple[list[list[Cell]], list[Metric]]:
-    """Return the rows of a main table, a row a group with its counts, and the metrics in them."""
-    metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
-    groups = run_table.groups or _distances(run_table, metrics)
-    decimals = {m: _decimals(run_table, m, metrics, groups) for m in run_table.metrics}
-    rows: list[list[Cell]] = []
-    shown: list[Metric] = []
-    for group in groups:
-        cells = {name: metrics.get((name, group)) for name in run_table.metrics}
-        known = [metric for metric in cells.values() if metric is not None]
-        shown += known
-        n = "/".join(f"{n:,}" for n in sorted({metric.n for metric in known}))
-        presses = f"{max((metric.clusters for metric in known), default=0):,}"
-        values = (_value(metric, decimals[name]) for name, metric in cells.items())
-        rows.append([group, *values, n, presses])
-    return rows, shown
-
-
-def _value(metric: Metric | None, decimals: int) -> Number | None:
-    value = metric_number(metric, decimals)
-    if value is not None and _is_perfect(metric, value):
-        return replace(value, interval=None)
-    # The last tested distance is a bound as it stands: "< 6.5".
-    return replace(value, write=general) if value is not None and value.bound else value
-
-
-def _is_perfect(metric: Metric | None, value: Number) -> bool:
-    """Return whether this is R2 of 1.0000 [1.0000, 1.0000]: the interval would say nothing."""
-    return metric is not None and metric.metric == "r2" and value.ends == (value.text, value.text)
-
-
-def _distances(run_table: RunTable, metrics: Mapping[Key, Metric]) -> list[str]:
-    groups = {group for name, group in metrics if name in run_table.metrics and group != "all"}
-    return sorted(groups, key=float)
-
-
-def _decimals(
-    run_table: RunTable, name: str, metrics: Mapping[Key, Metric], groups: Iterable[str]
-) -> int:
-    """Return the decimals; by distance one less where values reach 1 mm or 10 deg.
-
-    So that the tables of two-point discrimination keep to 80 columns.
-    """
-    decimals = run_table.metrics[name]
-    if run_table.groups:
-        return decimals
-    rows = [metrics[name, group] for group in groups if (name, group) in metrics]
-    if is_share(name):
-        return decimals + any(row.n > 100 and row.value is not None for row in rows)
-    tops = (row.value if row.high is None else row.high for row in rows)
-    top = max((top for top in tops if top is not None), default=0.0)
-    return decimals - (top >= (10.0 if name.endswith("_deg") else 1.0))
 
 
 def _published_label(row: PublishedRow) -> str:
@@ -357,7 +275,7 @@ def _further_metrics(record: Record, tables: Sequence[RunTable]) -> Table:
     last = ""
     for metric in metrics:
         name = "" if metric.metric == last else named(metric.metric, metric.unit)
-        value = _value(metric, DECIMALS.get(metric.unit, 3))
+        value = metric_cell(metric, DECIMALS.get(metric.unit, 3))
         group = (metric.group,) if grouped else ()
         rows.append([name, *group, value, f"{metric.n:,}", f"{metric.clusters:,}"])
         last = metric.metric

@@ -19,7 +19,7 @@ from tactibench.protocols.board_spec import board_spec
 from tactibench.records.record import Record
 from tactibench.report.labels import named
 from tactibench.report.numbers import number, plural, significant
-from tactibench.report.run_report import (
+from tactibench.report.run_rows import (
     NO_INTERVAL_NOTE,
     lacks_interval,
     measured_rows,
