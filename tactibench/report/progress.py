@@ -38,7 +38,9 @@ def progress_on(console: Console, *, quiet: bool = False) -> Reporter:
         return NullReporter()
     if console.is_terminal:
         return ProgressBars(console)
-    return ProgressLines(lambda line: console.print(line, markup=False, soft_wrap=True))
+    return ProgressLines(
+        lambda line: console.print(line, markup=False, soft_wrap=True), interval_s=INTERVAL_S
+    )
 
 
 class ProgressBars:
