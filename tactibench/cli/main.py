@@ -103,8 +103,9 @@ def _plugin_verbs() -> Mapping[str, CommandSpec]:
 )
 @click.version_option(__version__, prog_name="tactibench")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error (after any verb, too).")
+@click.option("--quiet", is_flag=True, help="Show no plan and no progress (after any verb, too).")
 @click.pass_context
-def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out by `call`
+def main(ctx: click.Context, debug: bool, quiet: bool) -> None:  # noqa: ARG001 - read elsewhere
     """Benchmark soft optical tactile sensors: protocols, models, speed beside error.
 
     \b
@@ -154,7 +155,10 @@ def call(arguments: Sequence[str]) -> int:
     With ``--debug`` the exception of a mistake is raised instead.
     """
     debug = "--debug" in arguments
-    given = [argument for argument in arguments if argument != "--debug"]
+    # What stands after a verb means the same as before it; the terminal asks for --quiet.
+    given = [argument for argument in arguments if argument not in ("--debug", "--quiet")]
+    if "--quiet" in arguments:
+        given.insert(0, "--quiet")
     try:
         result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
         sys.stdout.flush()

@@ -133,6 +133,11 @@ class FrameSet(ABC):
     def cached(self) -> bool:
         """Return whether the frames are there already."""
 
+    @property
+    def missing(self) -> int:
+        """Return how many frames have to be made."""
+        return 0 if self.cached else len(self.scenes)
+
     @abstractmethod
     def open(self, advance: Advance) -> Presses:
         """Return the frames, made or read. Raises UserError."""

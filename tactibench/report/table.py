@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 MISSING = "n/a"
 """Text that stands where there is no value."""
+NO_INTERVAL = "[none]"
+"""Text that stands behind a value from which no interval can be made."""
 PERCENT = 100.0
 
 
@@ -56,6 +58,8 @@ class Number:
 
     def __str__(self) -> str:
         """Return the value and its interval in one line: "0.412 [0.398, 0.426]"."""
+        if self.interval == (None, None) and not self.bound:
+            return f"{self.text} {NO_INTERVAL}"
         return self.text if self.ends is None else f"{self.text} [{', '.join(self.ends)}]"
 
 

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from tactibench.protocols.hidden_seed import HiddenSeed
     from tactibench.run.published_predictions import PublishedPredictions
 
-SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "report", "scaffold", "sweep", "testing"})
+SHOWS_ONLY = frozenset(
+    {"_shipped", "api.py", "board", "cli", "report", "scaffold", "sweep", "testing"}
+)
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 MOST_SETS = 6
 """More sets of frames than these are counted in a plan, not named."""
@@ -187,8 +189,16 @@ def _published_predictions(
     return ()
 
 
-def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
-    """Return what will be generated, trained and taken from the cache, line by line."""
+def plan_lines(plan: RunPlan, stored: bool, *, answered: bool = False) -> list[str]:
+    """Return what will be generated, trained and taken from the cache, line by line.
+
+    Args:
+        plan: Of the run.
+        stored: Whether the run is in the store and is only shown.
+        answered: Whether its answers are in the store and are only scored.
+    """
+    if answered and not stored:
+        return [f"plan: the answers of {plan.name} are in the store and are scored"]
     if stored:
         return [f"plan: {plan.name} is in the store and is shown as it is (--fresh runs it again)"]
     frames, model = plan.frames, plan.components.model.label
@@ -223,15 +233,18 @@ def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
     for frames in sets:
         trains = frames.role in {"fit", "validation"}
         sensor = plan.components.sensor if trains else plan.components.tested
-        if sensor.spec.needs_data:
-            way = "read {} frames"
-        elif frames.cached:
-            way = "take {} frames from the cache"
-        else:
-            way = f"generate {{}} frames on {sensor.label}"
-        counts = counts_by_way.setdefault(way, {})
         name = f"{frames.name}, validation" if frames.role == "validation" else frames.name
-        counts[name] = counts.get(name, 0) + len(frames.scenes)
+        total, missing = len(frames.scenes), frames.missing
+        ways = {
+            f"generate {{}} frames on {sensor.label}": missing,
+            "take {} frames from the cache": total - missing,
+        }
+        if sensor.spec.needs_data:
+            ways = {"read {} frames": total}
+        for way, count in ways.items():
+            if count:
+                counts = counts_by_way.setdefault(way, {})
+                counts[name] = counts.get(name, 0) + count
     return "; ".join(way.format(_describe_counts(c)) for way, c in counts_by_way.items())
 
 
