@@ -19,6 +19,13 @@ from tactibench.board.predictions import (
     read_answers_file,
     split_ranked,
 )
+from tactibench.board.provenance import (
+    on_word,
+    refuse_components,
+    refuse_failures,
+    refuse_forms,
+    refuse_underived,
+)
 from tactibench.board.rows import label_of, measured_on
 from tactibench.board.submissions import (
     read_untrusted,
@@ -26,7 +33,7 @@ from tactibench.board.submissions import (
     refuse_names,
     refuse_partial,
 )
-from tactibench.board.truth import Source, labelled_counts, truth_of
+from tactibench.board.truth import Source, labelled_counts, test_set
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
@@ -38,6 +45,7 @@ from tactibench.protocols.loader import (
 )
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Metric, Record, make_signature, parse_record
+from tactibench.run.hard_cases import failures_record
 from tactibench.run.request import HIDDEN
 from tactibench.run.score import LIMIT, score_arrays
 
@@ -55,8 +63,8 @@ FROM_MAPS = frozenset({"surface_rmse_mm"})
 class Verdict:
     """The verdict on a submission that was not refused.
 
-    again: metric rows computed anew and equal to the stated ones. stated: metrics that the record
-    states and nobody can compute without the submitter's heatmaps.
+    again: metric rows computed anew and equal to the stated ones. stated: what is the submitter's
+    word, the names of metrics of heatmaps among them.
     """
 
     path: Path
@@ -87,12 +95,15 @@ def verify(
     folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
     Raises UserError with what is wrong, or with what is lacking to find out.
     """
-    record = parse_record(read_untrusted(path), str(path))
+    values = read_untrusted(path)
+    record = parse_record(values, str(path))
     refuse_names(record, str(path))
     refuse_misplaced(record, path)
     refuse_partial(record, str(path))
     protocol = _kept_protocol(record, path)
     refuse_signature(record, str(path))
+    refuse_forms(record, values, str(path))
+    refuse_components(record, protocol, source.host, str(path))
     _refuse_other_seed(record, path, hidden)
     place = answers_file(path)
     if not place.is_file():
@@ -110,7 +121,8 @@ def verify(
     seed = committed_seed(protocol, folder) if hidden else None
     if seed is not None and record.identity.hidden != seed.commitment:
         raise UserError(f"{path} was tested with another hidden seed than the published one.")
-    truth = truth_of(record, protocol, source, seed)
+    made = test_set(record, protocol, source, seed)
+    truth = made.truth
     times = len(labelled_counts(record, protocol)) or 1
     frames = len(truth["press"]) // times
     if record.data.test != frames:
@@ -118,13 +130,16 @@ def verify(
             f"{path} says that it was tested on {record.data.test} frames, but the "
             f"protocol tests {frames:,}."
         )
+    refuse_underived(record, made.derived, protocol, str(path))
     guarded = bool(protocol.spec.families)
     check_answers(answers, protocol.spec.answer, frames * times, str(place), guarded=guarded)
+    failed = failures_record(answers, truth["group"].tolist()) if guarded else None
+    refuse_failures(record, failed, str(path))
     again = score_arrays(protocol.spec, truth, answers, {})
     stated = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     kept = tuple(row for row in again if row.metric not in FROM_MAPS)
-    return Verdict(path, record, frames, kept, stated)
+    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated))
 
 
 def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:

@@ -33,6 +33,6 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         for row in verdict.headline()
     ]
     print_table(console, table(("  metric", "group", "value [95 %]", Column("presses")), rows))
-    stated = ["times", "training", "weights", *(NAMES.get(n, n) for n in verdict.stated)]
+    stated = [NAMES.get(name, name) for name in verdict.stated]
     text = f"  on the submitter's word: {', '.join(stated)}"
     console.print(Text(text, style="dim"), soft_wrap=True)
