@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 import forged
 
 from tactibench.board.truth import Source, trusted_host
-from tactibench.board.verification import verify
+from tactibench.board.verification import score_again
 from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder
 
@@ -51,7 +51,7 @@ def main() -> int:
     warnings.simplefilter("ignore")
     source = Source(trusted_host(), cache_folder())
     for base in sorted(forged.BASES):  # as they were committed: all must hold
-        verify(forged.base_file(base), source)
+        score_again(forged.base_file(base), source)
     results: Counter[str] = Counter()
     for name, make in attacks():
         if only not in name:
@@ -60,7 +60,7 @@ def main() -> int:
             path = make(Path(folder))
             began = time.process_time()
             try:
-                verify(path, source)
+                score_again(path, source)
                 result, said = "ACCEPTED", ""
             except UserError as error:
                 result, said = "refused", str(error).partition(": ")[2]

@@ -12,7 +12,16 @@ from tactibench.records.record import Record, Value
 
 RETIRED = frozenset({"tolerance", "allow_fem"})
 """Parameters of simulated sensors in older records, which changed none of their frames."""
-ADDED: Mapping[str, Value] = {"instances": 0, "ranges": 1}
+ADDED: Mapping[str, Value] = {
+    "instances": 0,
+    "ranges": 1,
+    "version": 1,
+    "friction": 0.0,
+    "glare_scatter": 0.0,
+    "glare_seed": 0,
+    "pivot_side_mm": 0.0,
+    "trust_labels": False,
+}
 """Parameters that older records lack, and the values with which the frames are the older ones."""
 
 

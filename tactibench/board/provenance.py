@@ -21,6 +21,7 @@ from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, Parameter, SensorSpec
 from tactibench.protocols.loader import LoadedProtocol
+from tactibench.records.identity import canonical
 from tactibench.records.record import Component, Record
 from tactibench.records.store import PARTS
 from tactibench.run.machine import fingerprint_hash
@@ -43,11 +44,15 @@ FORMS: Mapping[str, re.Pattern[str]] = {
 """Key -> the form in which tactibench writes it."""
 LARGEST_SEED = 2**63 - 1
 SCENARIOS = ("single", "offline")
+TEXT = re.compile(r"(?!.*\.\.)[A-Za-z0-9_. -]{0,80}")
+"""A text that a parameter without choices may have: a name, which is no path."""
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
 LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
 """The last two names of a folder, see ``folder_label``."""
 SLACK = 1e-6
 """Relative; sums of another processor differ in the last digits."""
+FIT_SLACK = 1e-3
+"""Relative, of numbers that were fitted to the pins of a recording."""
 MOST_NOTES = 64
 """Notes of a training; the longest of those here has six."""
 
@@ -78,18 +83,22 @@ class Derived:
     shots: bool = False
 
 
-def same(stated: Any, derived: Any) -> bool:
-    """Return whether two JSON values are equal; true is no 1, and 1 is 1.0."""
+def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
+    """Return whether two JSON values are equal, numbers but for a relative slack.
+
+    True is no 1, and 1 is 1.0.
+    """
     if isinstance(stated, bool) or isinstance(derived, bool):
         return stated is derived
     if isinstance(stated, Mapping) and isinstance(derived, Mapping):
         return stated.keys() == derived.keys() and all(
-            same(stated[name], derived[name]) for name in stated
+            same(stated[name], derived[name], slack) for name in stated
         )
     if isinstance(stated, list | tuple) and isinstance(derived, list | tuple):
-        return len(stated) == len(derived) and all(map(same, stated, derived))
+        pairs = zip(stated, derived, strict=False)
+        return len(stated) == len(derived) and all(same(*pair, slack) for pair in pairs)
     if isinstance(stated, float) and isinstance(derived, float):
-        return abs(stated - derived) <= SLACK * max(abs(stated), abs(derived))
+        return abs(stated - derived) <= slack * max(abs(stated), abs(derived))
     return bool(stated == derived)
 
 
@@ -147,19 +156,19 @@ def _unknown_keys(part: BaseModel, place: str = "") -> Iterator[str]:
 def _refuse_forms(record: Record, where: str) -> None:
     identity = record.identity
     for key, form in FORMS.items():
-        value = getattr(identity, key.partition(".")[2])
-        if not isinstance(value, str) or not form.fullmatch(value):
-            raise UserError(f"{where}: {key} is {_short(value)}, which is no such hash.")
+        stated = getattr(identity, key.partition(".")[2])
+        if not isinstance(stated, str) or not form.fullmatch(stated):
+            raise UserError(f"{where}: {key} is {_short(stated)}, which is no such hash.")
     optional = {"tested": identity.tested, "shots": identity.shots}
     lists = {"data": identity.data or [], "test_frames": identity.test_frames}
-    hashes = [
-        *((f"identity.{key}", value) for key, value in optional.items() if value is not None),
-        *((f"identity.{key}", value) for key, several in lists.items() for value in several),
-        *((f"identity.stored.{key}", value) for key, value in identity.stored.items()),
+    hashes: list[tuple[str, Any]] = [
+        *((f"identity.{name}", one) for name, one in optional.items() if one is not None),
+        *((f"identity.{name}", one) for name, several in lists.items() for one in several),
+        *((f"identity.stored.{name}", one) for name, one in identity.stored.items()),
     ]
-    for key, value in hashes:
-        if not isinstance(value, str) or not SHA256.fullmatch(value):
-            raise UserError(f"{where}: {key} is {_short(value)}, which is no sha256.")
+    for place, hashed in hashes:
+        if not isinstance(hashed, str) or not SHA256.fullmatch(hashed):
+            raise UserError(f"{where}: {place} is {_short(hashed)}, which is no sha256.")
     if set(identity.stored) != set(PARTS):
         raise UserError(
             f"{where}: identity.stored names {', '.join(sorted(identity.stored)) or 'nothing'}; "
@@ -357,6 +366,12 @@ def _refuse_model(record: Record, protocol: LoadedProtocol, host: PluginHost, wh
     if model.uses_encoder != (record.encoder is not None):
         what = "uses an encoder" if model.uses_encoder else "uses no encoder"
         raise UserError(f"{where}: model {model.name!r} {what}, but the record says otherwise.")
+    draws = [protocol.spec.draw(name) for name in protocol.spec.regimes[record.regime]]
+    if model.max_contacts == 1 and any(draw.indenter != "single" for draw in draws):
+        raise UserError(
+            f"{where}: model {model.name!r} predicts one contact per frame and is not trained in "
+            f"regime {record.regime!r}, whose frames hold several."
+        )
     encoder = record.encoder and host.encoders.specs.get(record.encoder.name)
     if encoder and encoder.kind not in model.encoders:
         raise UserError(
@@ -383,9 +398,14 @@ def _refuse_parameters(
             continue
         stated = component.parameters[name]
         replaced = str(stated) in spec.retired.get(name, {})
-        if not replaced and not same(stated, today[name]):
+        # As it is written: 0 and 0.0 are one value and two rows of a board.
+        if str(stated) == "-0.0":
+            raise UserError(f"{where}.{name} is -0.0; write 0.0.")
+        if not replaced and canonical(stated) != canonical(today[name]):
             raise UserError(f"{where}.{name} is {_short(stated)}, but is read as {today[name]!r}.")
         _refuse_file(parameter, stated, where)
+        if isinstance(stated, str) and not (parameter.choices or TEXT.fullmatch(stated)):
+            raise UserError(f"{where}.{name} is {_short(stated)}; it may be a name, or empty.")
         if stated != defaults[name]:
             may.add(name)
             if stated not in parameter.earlier and not replaced:
@@ -474,21 +494,28 @@ def _refuse_tested(
     test = record.test_sensor
     assert test is not None  # noqa: S101 - the caller looked
     folders = [text for text in test.options if text.startswith(f"{DATA}=")]
-    stated = {"name": test.name, "asked": test.options, "on": test.description}
-    stated |= {"presses": test.presses, "trained_on": test.trained_on}
-    for name, one in stated.items():
-        other = tested.get(name)
-        if name == "trained_on" and other == "":  # a recording that is not here
-            if one is None or not LABEL.fullmatch(one.removeprefix("real recording ")):
-                raise UserError(f"{where}: sensor.tested.trained_on is {_short(one)}.")
-            continue
+    trained_on = tested.get("trained_on")
+    if trained_on == "":  # on a recording that is not here
+        label = (test.trained_on or "").removeprefix("real recording ")
+        if not LABEL.fullmatch(label) or label == test.trained_on:
+            raise UserError(f"{where}: sensor.tested.trained_on is {_short(test.trained_on)}.")
+        trained_on = test.trained_on
+    pairs = (
+        ("name", test.name, tested["name"]),
+        ("asked", test.options, tested["asked"]),
+        ("on", test.description, tested["on"]),
+        ("presses", test.presses, tested["presses"]),
+        ("trained_on", test.trained_on, trained_on),
+    )
+    for name, one, other in pairs:
         if not same(one, other):
             raise _differs(where, f"sensor.tested.{name}", one, other, because)
     if any(not LABEL.fullmatch(text.partition("=")[2]) for text in folders):
         raise UserError(f"{where}: sensor.tested.asked names a folder by more than two names.")
-    for name, one in test.parameters.items():
-        if name in values and not same(one, values[name]):
-            raise _differs(where, f"sensor.tested.parameters.{name}", one, values[name], because)
+    for name, value in test.parameters.items():
+        if name in values and canonical(value) != canonical(values[name]):
+            key = f"sensor.tested.parameters.{name}"
+            raise _differs(where, key, value, values[name], because)
 
 
 def _refuse_data(record: Record, derived: Derived, where: str, because: str) -> None:
@@ -519,8 +546,19 @@ def _refuse_data(record: Record, derived: Derived, where: str, because: str) -> 
         if seen.adapted:
             pairs.append(("data.of_tested_sensor.adapted", shown, seen.labelled_frames))
     for key, one, other in pairs:
-        if not same(one, other):
+        slack = FIT_SLACK if ".described." in key else SLACK
+        if not same(one, other, slack):
             raise _differs(where, key, one, other, because)
+
+
+def refuse_too_many(record: Record, host: PluginHost, most: int, where: str) -> None:
+    """Raise UserError where a model that ships answers with more contacts than it can."""
+    model = host.models.specs.get(record.model.name)
+    if model is not None and model.max_contacts is not None and most > model.max_contacts:
+        raise UserError(
+            f"{where}: a frame is answered with {most} contacts, but model {model.name!r} gives "
+            f"{model.max_contacts} at most."
+        )
 
 
 def refuse_failures(record: Record, derived: Mapping[str, Any] | None, where: str) -> None:
@@ -536,7 +574,7 @@ def refuse_failures(record: Record, derived: Mapping[str, Any] | None, where: st
 
 def on_word(derived: Derived) -> Sequence[str]:
     """Return what is the submitter's word in a record that was not refused."""
-    words = ["times", "training", "weights", "hashes of frames"]
+    words = ["the model", "its training", "weights", "times", "hashes of frames"]
     if not derived.trained:
         words.append("numbers of training frames")
     return words

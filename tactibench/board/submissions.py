@@ -205,10 +205,10 @@ LARGEST = 2**20
 """Bytes of a record; the longest of those here has 25 kB."""
 
 
-MOST_VALUES = 20_000
-"""Values in a record; the longest of those here has 3,500."""
+MOST_VALUES = 50_000
+"""Values in a record; the longest of those here has 9,700."""
 DEEPEST = 12
-"""Lists and objects inside each other; the deepest of those here has 6."""
+"""Lists and objects inside each other; the deepest of those here has 7."""
 LARGEST_NUMBER = 2.0**63
 """A seed has 63 bits, and floating-point operations are the largest numbers beside it."""
 

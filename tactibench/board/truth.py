@@ -205,10 +205,10 @@ def _facts(frames: FrameSource) -> _Facts:
     if isinstance(frames, TransferFrames) and frames.simulated is None:
         # The recording that trained is not here: --data names the one that was tested.
         sets = frames.test_frames()
-        counts = {"test": sum(len(one.scenes) for one in sets), "published_frames": False}
-        return _Facts(counts, len(sets), None, None, 0, target=target)
+        tests = {"test": sum(len(one.scenes) for one in sets), "published_frames": False}
+        return _Facts(tests, len(sets), None, None, 0, target=target)
     plan = frames.plan()
-    counts = {
+    counts: dict[str, Any] = {
         "train": plan.count("fit"),
         "validation": plan.count("validation"),
         "test": plan.count("test"),
@@ -281,7 +281,7 @@ def _derived(
         tested_values=None if tested is None else tested.values,
         data=data,
         sets=facts.sets,
-        hidden=hidden and hidden.commitment,
+        hidden=None if hidden is None else hidden.commitment,
         released=facts.released,
         trained=facts.describe is not None,
         shots=bool(options.shots) or request.spec.transfer is not None,

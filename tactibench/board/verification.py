@@ -24,6 +24,7 @@ from tactibench.board.provenance import (
     refuse_components,
     refuse_failures,
     refuse_forms,
+    refuse_too_many,
     refuse_underived,
 )
 from tactibench.board.rows import label_of, measured_on
@@ -34,7 +35,7 @@ from tactibench.board.submissions import (
     refuse_partial,
 )
 from tactibench.board.truth import Source, labelled_counts, test_set
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import (
@@ -57,6 +58,9 @@ NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
+
+FORM = ("unit", "better", "censored")
+"""Fields of a metric that do not rest on what was measured."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,23 @@ def verify(
     """Check and score one committed record. hidden: its test presses are from the hidden seed.
 
     folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
-    Raises UserError with what is wrong, or with what is lacking to find out.
+    Raises UserError with what is wrong, or with what is lacking to find out. Whatever else is
+    raised is a verdict on that file, too: a stranger's file must not end the verification of others.
     """
+    try:
+        return score_again(path, source, hidden=hidden, folder=folder)
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(
+            f"{path} could not be scored again ({describe_exception(error)}); submit the run again."
+        ) from error
+
+
+def score_again(
+    path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
+) -> Verdict:
+    """Do what ``verify`` does; another exception than UserError is a mistake of tactibench."""
     values = read_untrusted(path)
     record = parse_record(values, str(path))
     refuse_names(record, str(path))
@@ -130,9 +149,12 @@ def verify(
             f"{path} says that it was tested on {record.data.test} frames, but the "
             f"protocol tests {frames:,}."
         )
+    _refuse_maps(record, frames, str(path))
     refuse_underived(record, made.derived, protocol, str(path))
     guarded = bool(protocol.spec.families)
     check_answers(answers, protocol.spec.answer, frames * times, str(place), guarded=guarded)
+    if protocol.spec.answer == "contacts":
+        refuse_too_many(record, source.host, int(answers["count"].max(initial=0)), str(path))
     failed = failures_record(answers, truth["group"].tolist()) if guarded else None
     refuse_failures(record, failed, str(path))
     again = score_arrays(protocol.spec, truth, answers, {})
@@ -199,9 +221,7 @@ def refuse_differences(
                 f"{where} {what} {metric} of {group}, which the protocol "
                 f"{'asks for' if row is None else 'does not ask for'}."
             )
-        if metric in FROM_MAPS:
-            continue
-        for field in Metric.model_fields:
+        for field in FORM if metric in FROM_MAPS else Metric.model_fields:
             tolerance = LIMIT_TOLERANCE if metric == LIMIT else TOLERANCE
             if not _is_equal(getattr(row, field), getattr(computed, field), tolerance):
                 raise UserError(
@@ -211,6 +231,20 @@ def refuse_differences(
     return tuple(
         sorted({row.metric for row in stated if row.metric in FROM_MAPS and row.value is not None})
     )
+
+
+def _refuse_maps(record: Record, frames: int, where: str) -> None:
+    """Raise UserError for errors of heatmaps that a run without heatmaps, or none, could have."""
+    none = record.identity.stored["maps"] == arrays_hash({})
+    for row in record.metrics:
+        if row.metric not in FROM_MAPS:
+            continue
+        if row.n > frames or row.clusters > frames or (row.value or 0.0) < 0:
+            raise UserError(f"{where}: {row.metric} of {row.group} is of no test of this protocol.")
+        if none and (row.value is not None or row.n):
+            raise UserError(
+                f"{where} states {row.metric} {row.value}, but its run stored no heatmaps."
+            )
 
 
 def _is_equal(stated: Any, again: Any, tolerance: float) -> bool:

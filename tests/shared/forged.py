@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - a forgery a line is read more easily
 """Records and answers as somebody would forge them: a committed submission with one untruth in it.
 
 Whatever a stranger can recompute is recomputed, as he would: the signature, the hash of the
@@ -105,6 +106,34 @@ def both(*changes: Change) -> Change:
 
 
 SHA = "ab" * 32
+SHA_OF_NOTHING = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+
+
+def _set_sensor(**values: Any) -> Change:
+    """Another sensor, said as whoever runs on it would say it."""
+
+    def change(record: Values) -> None:
+        record["sensor"]["parameters"] |= values
+        record["sensor"]["settings"] = list(values)
+
+    return change
+
+
+def _heatmap_error(record: Values) -> None:
+    """An error of heatmaps, which the run did not store."""
+    record["identity"]["stored"]["maps"] = SHA_OF_NOTHING
+    for row in record["metrics"]:
+        if row["metric"] == "surface_rmse_mm":
+            row |= {"value": 0.001, "low": 0.001, "high": 0.001, "n": 9, "clusters": 9}
+
+
+def _negative_heatmap_error(record: Values) -> None:
+    record["identity"]["stored"]["maps"] = SHA
+    for row in record["metrics"]:
+        if row["metric"] == "surface_rmse_mm":
+            row |= {"value": -1.0, "low": -1.0, "high": -1.0, "n": 9, "clusters": 9}
+
+
 OTHER_SENSOR = {
     "name": "tactip-127",
     "parameters": {},
@@ -174,6 +203,9 @@ FORGERIES = (
     Forgery("sensor.parameters bool", "plain", put("sensor.parameters.instance", False)),
     Forgery("sensor.parameters 1e308", "plain", put("sensor.parameters.full_well", 1e308)),
     Forgery("sensor.parameters retired", "plain", put("sensor.parameters.tolerance", "perfect")),
+    Forgery("sensor.parameters 0 for 0.0", "plain", put("sensor.parameters.blur", 0)),
+    Forgery("sensor.parameters -0.0", "plain", put("sensor.parameters.blur", -0.0)),
+    Forgery("tested.parameters nearly", "instance", put("sensor.tested.parameters.blur", 1e-12)),
     Forgery("sensor.account", "plain", put("sensor.account", {"test": {"measured": 1320}})),
     Forgery("sensor.instance", "plain", put("sensor.parameters.instance", 7)),
     Forgery(
@@ -203,6 +235,15 @@ FORGERIES = (
     ),
     Forgery("regime unknown", "plain", put("regime", "zebra")),
     Forgery("regime other", "plain", put("regime", "multiple")),
+    Forgery("sensor of 1000 instances", "plain", _set_sensor(version=1, instances=1000)),
+    Forgery("sensor.parameters long", "plain", _set_sensor(glare_seed=10**9 + 1)),
+    Forgery("heatmaps of no run", "encoded", _heatmap_error),
+    Forgery("heatmaps below nothing", "encoded", _negative_heatmap_error),
+    Forgery(
+        "one contact in several",
+        "plain",
+        both(put("model.name", "cnn"), put("regime", "multiple")),
+    ),
     # What cut it short.
     Forgery("limits.limit", "plain", put("limits.limit", 10)),
     Forgery("limits.quick", "plain", put("limits.quick", True)),
