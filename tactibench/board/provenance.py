@@ -197,8 +197,8 @@ def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
         yield f"environment.versions.{name}", environment.versions.get(name), version
     for name, plugin in identity.plugins.items():
         if isinstance(plugin, Mapping) and plugin.get("distribution") == OURS:
-            version = environment.versions.get(OURS)
-            yield f"identity.plugins.{name}.version", plugin.get("version"), version
+            ours = environment.versions.get(OURS)
+            yield f"identity.plugins.{name}.version", plugin.get("version"), ours
     yield "training.presses", record.training.presses, record.data.train
     yield "training.history", record.training.history, []
     yield "efficiency.training_s", record.efficiency.training_s, record.training.seconds
@@ -331,6 +331,12 @@ def refuse_components(
             continue
         spec: Any = catalogue.specs.get(component.name)
         if spec is None:
+            if place.startswith("sensor"):
+                raise UserError(
+                    f"{where}: sensor {component.name!r} does not ship with tactibench, so its "
+                    "presses cannot be made again here; only runs on sensors that do can be "
+                    "verified."
+                )
             others += 1
             _refuse_settings(component, f"{where}: {place}")
             continue

@@ -98,7 +98,7 @@ def verify(
 
     folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
     Raises UserError with what is wrong, or with what is lacking to find out. Whatever else is
-    raised is a verdict on that file, too: a stranger's file must not end the verification of others.
+    raised is a verdict on that file, too: one file must not end the verification of others.
     """
     try:
         return score_again(path, source, hidden=hidden, folder=folder)
