@@ -273,12 +273,16 @@ def _impossible_times(record: Record) -> Iterator[str]:
             (r.scenario, r.threads, r.batch, r.phase) for r in record.speed
         }:
             yield f"the {what} has no row of its total"
-        if row.phase == "total" and row.p50_ms <= 0:
+        if row.phase == "total" and (row.p50_ms <= 0 or row.mean_ms <= 0):
             yield f"the {what} takes no time"
+        if row.mean_ms < row.p50_ms / 2 * (1 - SLACK):  # half of the calls take p50 or more
+            yield f"the {what} has a mean below half of its median"
     if record.environment.threads < 1:
         yield f"environment.threads is {record.environment.threads}; a run has one or more"
     for timed in (record.timed, *record.timed.raced):
         numbers = (timed.p50_ms, timed.difference_mm, timed.frames, timed.frames_with_another_count)
+        if timed.frames_with_another_count > timed.frames or timed.frames > record.data.test:
+            yield "a configuration in 'timed' was compared on more frames than were tested"
         if any(number is not None and number < 0 for number in numbers):
             yield "a configuration in 'timed' has a negative time, difference or number of frames"
     efficiency = record.efficiency

@@ -257,6 +257,7 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
     """Raise UserError unless a board would rank by what the answers give."""
     same = set(stated) == set(again) and all(
         stated[name].shape == array.shape
+        and stated[name].dtype.kind == array.dtype.kind
         and (
             np.allclose(stated[name], array, rtol=TOLERANCE, atol=NEGLIGIBLE_MM)
             if array.dtype.kind == "f"

@@ -12,7 +12,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,7 +83,7 @@ def put(place: str, value: Any) -> Change:
         *parents, last = place.split(".")
         for name in parents:
             values = values.setdefault(name, {}) if isinstance(values, dict) else values[int(name)]
-        values[last] = value
+        values[last if isinstance(values, dict) else int(last)] = value
 
     return change
 
@@ -377,11 +377,12 @@ def forge_arrays(change: Callable[[Arrays], Arrays], folder: Path) -> Path:
     path = forge(Forgery("arrays", "plain", lambda _: None), folder)
     arrays = change(read_arrays(answers_file(path)))
     write_arrays(answers_file(path), arrays)
-    _state_hash(path, arrays)
+    state_hash(path, arrays)
     return path
 
 
-def _state_hash(path: Path, arrays: Arrays) -> None:
+def state_hash(path: Path, arrays: Arrays) -> None:
+    """State the hash of the answers in their record, where they have one."""
     try:
         answers = {name: array for name, array in arrays.items() if not name.startswith("ranked.")}
         hashed = arrays_hash(answers)
@@ -502,3 +503,75 @@ ARCHIVES: dict[str, Callable[[zipfile.ZipFile, dict[str, bytes]], None]] = {
     "no array": _with("depth.npy", b"x"),
     "a script": _with("run.py", b"print(1)"),
 }  # fmt: skip
+
+
+ON_WORD = (
+    "name",
+    "created",
+    "identity.weights",
+    "identity.sensor",
+    "identity.tested",
+    "identity.test_frames",
+    "identity.code",
+    "identity.commit",
+    "identity.data",
+    "identity.stored",
+    "identity.plugins",
+    "environment.threads",
+    "environment.versions",
+    "sensor.parameters.tolerance",
+    "sensor.parameters.allow_fem",
+    "sensor.tested.parameters.tolerance",
+    "sensor.tested.parameters.allow_fem",
+    "speed",
+    "timed",
+    "efficiency",
+    "training",
+    "data.train",
+    "data.validation",
+)
+"""Keys of which nobody but the submitter knows more than the form: hashes of what is not submitted,
+times and trainings, and two parameters that changed no frame."""
+
+
+def key_forgeries(base: str) -> list[Forgery]:
+    """Return a forgery of every value of a record, several of each, its signature made to fit."""
+    values = json.loads(base_file(base).read_text(encoding="utf-8"))
+    return [
+        Forgery(place, base, put(place, other))
+        for place, value in _leaves(values)
+        if place != "signature"
+        for other in _others(value)
+        if place != "name" or "/" not in other
+    ]
+
+
+def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value and its key; of a list the first and the last."""
+    if isinstance(value, dict) and value:
+        for name, inner in value.items():
+            yield from _leaves(inner, f"{place}.{name}".lstrip("."))
+    elif isinstance(value, list) and value:
+        for number in sorted({0, len(value) - 1}):
+            yield from _leaves(value[number], f"{place}.{number}")
+    else:
+        yield place, value
+
+
+def _others(value: Any) -> list[Any]:
+    """Return values that are not this one."""
+    match value:
+        case bool():
+            return [not value]
+        case int():
+            return [value + 1, 0 if value else 7]
+        case float():
+            return [value * 1.01 + 0.01, 0.0 if value else 1.0]
+        case str():
+            return ["x", value[:-1] + ("1" if value.endswith("0") else "0")]
+        case list():
+            return [["x"], [1]]
+        case dict():
+            return [{"x": 1}]
+        case _:
+            return [1, "x"]

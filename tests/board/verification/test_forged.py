@@ -34,6 +34,21 @@ def test_forged_provenance_is_refused(
         score_again(forged.forge(forgery, tmp_path), trusted)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("base", ["plain", "instance"])
+def test_every_value_is_derived_or_the_submitters_word(
+    base: str, trusted: Source, tmp_path: Path
+) -> None:
+    accepted = set()
+    for forgery in forged.key_forgeries(base):
+        try:
+            score_again(forged.forge(forgery, tmp_path), trusted)
+        except UserError:
+            continue
+        accepted.add(forgery.name)
+    assert {name for name in accepted if not name.startswith(forged.ON_WORD)} == set()
+
+
 @pytest.mark.parametrize("name", forged.TEXTS)
 def test_forged_text_is_refused(name: str, trusted: Source, tmp_path: Path) -> None:
     with pytest.raises(UserError):
