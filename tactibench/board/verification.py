@@ -241,9 +241,10 @@ def _refuse_maps(record: Record, frames: int, where: str) -> None:
             continue
         if row.n > frames or row.clusters > frames or (row.value or 0.0) < 0:
             raise UserError(f"{where}: {row.metric} of {row.group} is of no test of this protocol.")
-        if none and (row.value is not None or row.n):
+        measured = (row.value, row.low, row.high)
+        if (none or row.value is None) and (measured != (None,) * 3 or (none and row.n)):
             raise UserError(
-                f"{where} states {row.metric} {row.value}, but its run stored no heatmaps."
+                f"{where} states {row.metric} {measured}, but its run stored no such heatmaps."
             )
 
 

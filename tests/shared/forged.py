@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.board.predictions import answers_file
+from tactibench.board.verification import FROM_MAPS
 from tactibench.records.files import arrays_hash, read_arrays, write_arrays
 from tactibench.records.record import Record, make_signature
 
@@ -540,10 +541,18 @@ def key_forgeries(base: str) -> list[Forgery]:
     return [
         Forgery(place, base, put(place, other))
         for place, value in _leaves(values)
-        if place != "signature"
+        if place != "signature" and not _of_heatmaps(values, place)
         for other in _others(value)
         if place != "name" or "/" not in other
     ]
+
+
+def _of_heatmaps(values: Values, place: str) -> bool:
+    """Return whether a value is an error of heatmaps that were stored: they are not submitted."""
+    first, _, rest = place.partition(".")
+    stored = values["identity"]["stored"]["maps"] != SHA_OF_NOTHING
+    number = rest.partition(".")[0]
+    return first == "metrics" and stored and values[first][int(number)]["metric"] in FROM_MAPS
 
 
 def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
