@@ -27,7 +27,7 @@ from tactibench.board.provenance import (
     refuse_too_many,
     refuse_underived,
 )
-from tactibench.board.rows import label_of, measured_on
+from tactibench.board.rows import BOUND, below_bound, label_of, measured_on
 from tactibench.board.submissions import (
     read_untrusted,
     refuse_misplaced,
@@ -89,6 +89,12 @@ class Verdict:
         wanted = [] if ranking is None else [(ranking.metric, ranking.group)]
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
         return [row for row in self.again if (row.metric, row.group) in wanted]
+
+    def below_bound(self) -> list[Metric]:
+        """Return the errors that are surely below the Cramer-Rao bound."""
+        return [
+            row for row in self.again if row.metric == BOUND and below_bound(row.value, row.high)
+        ]
 
 
 def verify(
