@@ -3,8 +3,9 @@
     python benchmarks/fuzz.py TARGET [--count 20000] [--seed 0]
     python benchmarks/fuzz.py TARGET --atheris -runs=20000     (pip install 'tactibench[fuzz]')
 
-TARGET: protocol, sweep, hardware, record, answers, table, png, weights, words, or all (without
---atheris). Anything but success or a sentence is an uncaught exception, and printed with its input.
+TARGET: protocol, sweep, hardware, record, submission, arrays, answers, table, png, weights, words,
+or all (without --atheris). Anything but success or a sentence is an uncaught exception, and printed
+with its input.
 """
 
 from __future__ import annotations

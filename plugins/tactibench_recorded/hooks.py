@@ -47,6 +47,7 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "q of that depth",
                     low=-1000.0,
                     high=1000.0,
+                    before=0.0,
                 ),
                 Parameter(
                     "fit_side",
@@ -85,6 +86,7 @@ def tactibench_sensors() -> list[SensorSpec]:
                     "trust_labels",
                     False,
                     "take labels that the frames contradict; a row shows it",
+                    before=False,
                 ),
                 Parameter(
                     "split",

@@ -51,8 +51,15 @@ OPTICAL = (
     Parameter("glare_radius", 0.47, "radius of the reflections' circle, sides", low=0.05, high=1.0),
     Parameter("glare_width", 0.017, "greatest thickness of a reflection, sides", low=0.0, high=0.2),
     Parameter("glare_arc", 27.0, "length of a reflection, deg", low=1.0, high=360.0),
-    Parameter("glare_scatter", 0.0, "irregularity of the reflections, 0: none", low=0.0, high=1.0),
-    Parameter("glare_seed", 0, "which irregular reflections", low=0, high=10**9),
+    Parameter(
+        "glare_scatter",
+        0.0,
+        "irregularity of the reflections, 0: none",
+        low=0.0,
+        high=1.0,
+        before=0.0,
+    ),
+    Parameter("glare_seed", 0, "which irregular reflections", low=0, high=10**9, before=0),
     Parameter("red", 0.92, "red share of white light (output rgb)", low=0.05, high=1.0),
     Parameter("green", 0.98, "green share of white light (output rgb)", low=0.05, high=1.0),
     Parameter("blue", 1.0, "blue share of white light (output rgb)", low=0.05, high=1.0),
@@ -72,6 +79,7 @@ VERSION = Parameter(
     1,
     "2: lever, camera and pins as fitted to the real sensor; 1: as stored runs have them",
     choices=(1, 2),
+    before=1,
 )
 FITTED_OUTPUT: dict[str, str | float] = {"threshold": 50.0}
 FITTED_CAMERA = {**FITTED_OUTPUT, "lens": "fisheye", "window_thickness": 0.0}
@@ -102,7 +110,12 @@ DOME = (
         "how scenes become displacement fields; `sim validate` compares them",
         choices=("coupled", "fem", "superpose"),
     ),
-    Parameter("table", "", "file of scripts/fem/tabulate_dome.py; empty: the table that ships"),
+    Parameter(
+        "table",
+        "",
+        "file of scripts/fem/tabulate_dome.py; empty: the table that ships",
+        built_in=("",),
+    ),
     Parameter(
         "instance",
         0,
@@ -116,12 +129,14 @@ DOME = (
         "train on so many sensor instances (10 and on), 0 or 1: on one; tests stay nominal",
         low=0,
         high=1000,
+        before=0,
     ),
     Parameter(
         "ranges",
         1,
         "ranges that instance is drawn from, 1: assumed, 2: tolerances, as for instances",
         choices=(1, 2),
+        before=1,
     ),
     Parameter("pin_length", 2.0, "length of the pins, mm", low=0.0, high=6.0),
     Parameter(
@@ -130,6 +145,7 @@ DOME = (
         "Coulomb's coefficient of tips that move sideways (dx, dy, dyaw of a pose); 0: no drag",
         low=0.0,
         high=2.0,
+        before=0.0,
     ),
 )
 RETIRED: dict[str, dict[str, str]] = {
@@ -141,7 +157,12 @@ RETIRED: dict[str, dict[str, str]] = {
 
 PLANAR = (
     Parameter("tier", "coupled", "how contacts share the load", choices=("coupled", "superpose")),
-    Parameter("table", "", "file of scripts/fem/tabulate_pad.py; empty: the table that ships"),
+    Parameter(
+        "table",
+        "",
+        "file of scripts/fem/tabulate_pad.py; empty: the table that ships",
+        built_in=("",),
+    ),
     Parameter("instance", 0, "0: nominal; N: another sensor instance", low=0, high=10**9),
 )
 
@@ -151,6 +172,7 @@ FITTED = (
         1,
         "2: pins as large as in real frames, larger when pressed; 1: as stored runs have them",
         choices=(1, 2),
+        before=1,
     ),
     Parameter("size", 256, "frame side, px", low=32, high=1024),
     Parameter("drag", 5.0, "a plate's sideways travel, at most, mm", low=0.0, high=20.0),
@@ -170,9 +192,10 @@ FITTED = (
         "",
         "331 or 127: the fit to that public recording, with slip; or a file of `sim real --keep`; "
         "empty: version 1, a fit to 200 presses of the 331-pin recording without slip",
+        built_in=("", "127", "331"),
     ),
     *(
-        p
+        replace(p, before=p.default)
         for p in OPTICAL
         if p.name.startswith(("glare", "threshold")) or p.name in {"output", "leds"}
     ),

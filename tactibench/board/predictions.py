@@ -2,16 +2,17 @@
 
 The file holds the packed predictions as they were stored, and under ``ranked.`` the error that
 orders the board, press by press, so that a board ranks its rows without making any truth again.
-``tactibench board verify`` computes both anew. Files of strangers are read too: sizes are looked up
-before anything is unpacked, and arrays are checked before a metric sees them.
+``tactibench board verify`` computes both anew. Files of strangers are read too: numbers,
+sizes and types are looked up before anything is unpacked, and values before a metric sees them.
 """
 
 from __future__ import annotations
 
+import re
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,6 @@ from tactibench.metrics.compare import press_means
 from tactibench.metrics.trials import PlateTrials, Trials
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.schema import Protocol
-from tactibench.records.files import read_arrays
 from tactibench.run.hard_cases import FAILURE_COLUMNS as FAILURES
 from tactibench.run.hard_cases import LONGEST_CAUSE
 from tactibench.run.score import trials_of
@@ -34,6 +34,13 @@ Arrays = dict[str, npt.NDArray[Any]]
 RANKED = "ranked."
 LARGEST = 64 * 2**20
 """Bytes of all arrays of a file, unpacked; exp3 needs a third of a megabyte."""
+LARGEST_PACKED = 8 * 2**20
+"""Bytes of a file; the longest of those here has 550 kB."""
+MOST_ARRAYS = 16
+"""Arrays of a file: five of answers, three of failures, two to rank by."""
+LONGEST_TEXT = 200
+"""Characters of a text in an array: a cause, or the name of a press."""
+ARRAY_NAME = re.compile(r"[a-z_.]{1,40}\.npy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +84,13 @@ def split_ranked(arrays: Arrays) -> tuple[Arrays, Arrays]:
 
 
 def read_answers_file(path: Path) -> Arrays:
-    """Read all arrays. Raises UserError for a file that is missing, damaged or too large."""
-    _refuse_large(path)
-    return read_arrays(path)
+    """Read all arrays.
+
+    Raises:
+        UserError: for a file that is missing, damaged, too large, or holds other arrays than
+            tactibench writes.
+    """
+    return _read_checked(path)
 
 
 def read_press_errors(path: Path) -> PressErrors | None:
@@ -89,65 +100,101 @@ def read_press_errors(path: Path) -> PressErrors | None:
     """
     if not path.is_file():
         return None
-    _refuse_large(path)
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            press, errors = file[f"{RANKED}press"], file[f"{RANKED}error"].astype(np.float64)
-    except KeyError:
+    arrays = _read_checked(path, f"{RANKED}press", f"{RANKED}error")
+    if len(arrays) < 2:
         return None
-    except Exception as error:  # noqa: BLE001 - zip, zlib, header and value errors alike
-        raise UserError(
-            f"{path} is damaged ({type(error).__name__}); submit the run again."
-        ) from None
-    if press.shape != errors.shape or errors.ndim != 1 or not np.isfinite(errors).all():
+    press, errors = arrays[f"{RANKED}press"], arrays[f"{RANKED}error"]
+    fitting = press.dtype.kind == "U" and errors.dtype.kind == "f" and errors.ndim == 1
+    if not fitting or press.shape != errors.shape or not np.isfinite(errors).all():
         raise UserError(f"{path} does not hold one finite error a press; submit the run again.")
+    if len(np.unique(press)) < len(press):
+        raise UserError(f"{path} holds two errors of one press; submit the run again.")
     return PressErrors(press, errors)
 
 
-def _refuse_large(path: Path) -> None:
-    """Raise UserError unless the file is an archive whose arrays fit in LARGEST bytes.
+def _read_checked(path: Path, *wanted: str) -> Arrays:
+    """Return the arrays of an archive, or those that are wanted; nothing is made unchecked.
 
-    Both the sizes in the archive's directory and the shapes in the arrays' headers are looked at:
-    either would have memory allocated for it.
+    The number of members, their sizes in the archive's directory, and every array's own header are
+    looked at before memory is asked for.
     """
     if path.is_symlink() or not path.is_file():
         raise UserError(f"{path} is missing: the answers belong beside the record.")
+    if (packed := path.stat().st_size) > LARGEST_PACKED:
+        raise UserError(
+            f"{path} has {packed:,} bytes, more than the {LARGEST_PACKED:,} that answers may take; "
+            "submit the answers to the test frames alone."
+        )
     try:
         with zipfile.ZipFile(path) as archive:
-            total = sum(member.file_size for member in archive.infolist())
-            claimed = 0
-            for member in archive.infolist():
-                if total <= LARGEST:
-                    claimed += _claimed_bytes(archive, member)
-    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        # RuntimeError: encrypted, or compressed in a way that zipfile does not know.
-        raise UserError(f"{path} is no archive of arrays ({type(error).__name__}).") from None
-    if max(total, claimed) > LARGEST:
+            members = archive.infolist()
+            _refuse_members(members, path)
+            names = [member.filename.removesuffix(".npy") for member in members]
+            return {
+                name: _read_array(archive, member, f"{path}: array {name!r}")
+                for name, member in zip(names, members, strict=True)
+                if not wanted or name in wanted
+            }
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 - what zip, zlib, tokenizer and parser raise
         raise UserError(
-            f"{path} holds {max(total, claimed):,} bytes of arrays, more than the "
-            f"{LARGEST:,} that answers may take; submit the answers to the test frames alone."
+            f"{path} is no archive of arrays ({type(error).__name__}); submit the run again."
+        ) from None
+
+
+def _refuse_members(members: list[zipfile.ZipInfo], path: Path) -> None:
+    if len(members) > MOST_ARRAYS:
+        raise UserError(
+            f"{path} holds {len(members):,} arrays, more than the {MOST_ARRAYS} that answers may "
+            "take; submit the answers to the test frames alone."
+        )
+    names = [member.filename for member in members]
+    if len(set(names)) < len(names) or not all(map(ARRAY_NAME.fullmatch, names)):
+        raise UserError(f"{path} holds a member that is no array, or two of one name.")
+    _refuse_bytes(sum(member.file_size for member in members), path)
+
+
+def _refuse_bytes(count: int, what: object) -> None:
+    if count > LARGEST:
+        raise UserError(
+            f"{what} holds {count:,} bytes of arrays, more than the {LARGEST:,} that answers may "
+            "take; submit the answers to the test frames alone."
         )
 
 
-def _claimed_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Return the bytes that an array's header asks for. Raises ValueError for anything else."""
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) -> npt.NDArray[Any]:
+    """Return an array of a type and size that tactibench writes. Raises whatever a parser does."""
     with archive.open(member) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }.get(version)
-        if read is None:
-            raise ValueError(f"array format {version}")
-        shape, _, dtype = read(stream)
-    count = 1
-    for length in shape:
-        count *= length
-    return count * dtype.itemsize
+        if np.lib.format.read_magic(stream) != (1, 0):
+            raise UserError(f"{what} is written in another format than tactibench writes.")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
+        text = dtype.kind == "U" and 0 < dtype.itemsize <= 4 * LONGEST_TEXT
+        plain = dtype.names is None and dtype.subdtype is None and dtype.isnative
+        if not plain or not (text or dtype.str[1:] in ("i8", "f8", "b1")):
+            raise UserError(
+                f"{what} has type {dtype}, which is not how answers are stored; submit the run "
+                "with `tactibench board submit`."
+            )
+        if len(shape) not in (1, 2) or any(type(n) is not int or n < 0 for n in shape):
+            raise UserError(
+                f"{what} has type {dtype} and shape {shape}, which is not how answers are stored; "
+                "submit the run with `tactibench board submit`."
+            )
+        size = prod(shape) * dtype.itemsize
+        _refuse_bytes(size, what)
+        data = stream.read(size + 1)
+    if len(data) != size:
+        raise UserError(f"{what} holds {len(data):,} bytes, but its shape asks for {size:,}.")
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").copy()
 
 
 MOST = 64
 """Contacts in a frame; no protocol presses more than three."""
+FARTHEST = 1e6
+"""mm or deg of an answer, a kilometre: farther ones would overflow where they are squared."""
+SMALLEST_STD = 1e-9
+"""mm or deg of a standard deviation; an error is divided by it and squared."""
 CONTACTS = {
     "count": ("i", ()),
     "xy": ("f", (2,)),
@@ -263,4 +310,11 @@ def _check_finite(array: npt.NDArray[Any], name: str, where: str) -> None:
         raise UserError(
             f"{where}: {int(bad.sum()):,} values of array {name!r} are NaN or infinite; an answer "
             "is finite, and a frame without contacts is answered with none."
+        )
+    low = SMALLEST_STD if name.endswith("std") else -FARTHEST
+    known = array[np.isfinite(array)]
+    if known.size and not low <= known.min() <= known.max() <= FARTHEST:
+        raise UserError(
+            f"{where}: values of array {name!r} go from {known.min():g} to {known.max():g}; "
+            f"{low:g} to {FARTHEST:g} are allowed."
         )

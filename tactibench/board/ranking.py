@@ -2,12 +2,13 @@
 
 Rows are ordered by an error that no missing contact can improve, where there is one. The order is
 no ranking: rows that no paired interval over presses tells apart share a rank. Of two rows with
-predictions beside all their records the per-press errors, averaged over seeds, are paired, and the
-t interval of their mean difference decides. Where one has none, the intervals on the board do, and
-rows are told apart only when these do not overlap. That never claims too much: the standard
-deviation of a difference is at most the sum of the standard deviations, so the paired interval is
-no wider than both halves together and lies beyond 0 wherever the two are apart. Seeds are not
-resampled: a rank says which of these trained models is better on such presses.
+predictions beside all their records the per-press errors, averaged over seeds, are paired on their
+common presses, which must be nearly all, and the t interval of their mean difference decides.
+Where one has none, the intervals on the board do, and rows are told apart only when these do not
+overlap. That never claims too much: the standard deviation of a difference is at most the sum of
+the standard deviations, so the paired interval is no wider than both halves together and lies
+beyond 0 wherever the two are apart. Seeds are not resampled: a rank says which of these trained
+models is better on such presses.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from functools import reduce
 import numpy as np
 
 from tactibench.board.predictions import PressErrors
-from tactibench.board.rows import Row
+from tactibench.board.rows import PooledMetric, Row
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.protocols.board_spec import Ranking, board_spec
@@ -55,6 +56,9 @@ def _place(protocol: str, row: Row) -> tuple[bool, float]:
 
 
 LEVEL = 0.95
+SHARED = 0.95
+"""Share of the presses of each row that must be common: a row with an error of few presses only
+could choose what it is compared on. Models here miss three presses in a thousand."""
 Errors = Mapping[str, PressErrors]
 """Per-press errors by the name of the record."""
 
@@ -96,12 +100,16 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
     metrics = [row.metric(by.metric, by.group) for row in rows]
     tables = [_pool_seeds(row, errors) for row in rows]
     values = {k: f.value for k, f in enumerate(metrics) if f is not None and not f.censored}
-    order = sorted(values, key=lambda k: (values[k], rows[k].label))
+    # A row without an interval of any kind can be told apart from none, so it has no rank.
+    comparable = [k for k in values if tables[k] is not None or _has_interval(metrics[k])]
+    order = sorted(comparable, key=lambda k: (values[k], rows[k].label))
 
     def worse(k: int, best: int) -> bool:
         one, other = tables[k], tables[best]
         if one is not None and other is not None:
-            return _is_worse_when_paired(one, other)
+            paired = _is_worse_when_paired(one, other)
+            if paired is not None:
+                return paired
         high, low = (getattr(metrics[i], end) for i, end in ((best, "high"), (k, "low")))
         return high is not None and low is not None and low > high
 
@@ -110,20 +118,31 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
     return Ranks(tuple(by_row.get(k) for k in range(len(rows))), paired)
 
 
-def _is_worse_when_paired(one: PressErrors, other: PressErrors) -> bool:
-    """Return whether the first is worse on the presses that both have."""
-    _, i, j = np.intersect1d(one.press, other.press, return_indices=True)
+def _has_interval(pooled: PooledMetric | None) -> bool:
+    return pooled is not None and pooled.low is not None and pooled.high is not None
+
+
+def _is_worse_when_paired(one: PressErrors, other: PressErrors) -> bool | None:
+    """Return whether the first is worse on the presses of both; None where these are too few."""
+    shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
+    if len(shared) < SHARED * max(len(one.press), len(other.press)):
+        return None
     difference = one.error[i] - other.error[j]
     low = mean_interval(difference, np.arange(len(difference)), level=LEVEL).low
     return low is not None and low > 0
 
 
 def _pool_seeds(row: Row, errors: Errors) -> PressErrors | None:
-    """Return the mean over seeds of presses that all have; None where a seed has no answers."""
+    """Return the mean over seeds of presses that all have.
+
+    None where a seed has no answers, or where the seeds share too few presses.
+    """
     known = [errors.get(record.name) for record in row.records]
     seeds = [one for one in known if one is not None]
     if not seeds or len(seeds) < len(known):
         return None
     shared = reduce(np.intersect1d, [one.press for one in seeds])
+    if len(shared) < SHARED * max(len(one.press) for one in seeds):
+        return None
     columns: list[FloatArray] = [one.error[np.isin(one.press, shared)] for one in seeds]
     return PressErrors(shared, np.mean(columns, axis=0))

@@ -12,13 +12,24 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from tactibench.metrics.location import AXES
 from tactibench.records.record import Record
 from tactibench.run.request import SHOTS
 
 MIXING = "mixing"
 """The parameter of a model that trains on contacts mixed out of single presses."""
+BOUND = "rmse_over_bound"
+BELOW_BOUND = (
+    "more exact than the Cramer-Rao bound of the frames, which no unbiased reading of them is: the "
+    "model may know more than the frames say, such as the test presses"
+)
 TRIVIAL = frozenset({"mean", "nearest"})
 """Models that learn next to nothing: what any other has to beat."""
+
+
+def below_bound(value: float | None, high: float | None) -> bool:
+    """Return whether an error over its Cramer-Rao bound is below 1, its whole interval included."""
+    return value is not None and (value if high is None else high) < 1.0
 
 
 def mixing_of(record: Record) -> str:
@@ -159,6 +170,12 @@ class Row:
     def trivial(self) -> bool:
         """True for a model that learns next to nothing."""
         return self.first.model.name in TRIVIAL
+
+    @property
+    def below_bound(self) -> bool:
+        """Return whether an error is surely below the Cramer-Rao bound, see ``below_bound``."""
+        pooled = (self.metric(BOUND, axis) for axis in AXES)
+        return any(below_bound(one.value, one.high) for one in pooled if one is not None)
 
     def metric(self, metric: str, group: str) -> PooledMetric | None:
         """Return the metric over all seeds; None where one has none: the others would flatter."""

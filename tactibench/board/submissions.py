@@ -205,6 +205,14 @@ LARGEST = 2**20
 """Bytes of a record; the longest of those here has 25 kB."""
 
 
+MOST_VALUES = 50_000
+"""Values in a record; the longest of those here has 9,700."""
+DEEPEST = 12
+"""Lists and objects inside each other; the deepest of those here has 7."""
+LARGEST_NUMBER = 2.0**63
+"""A seed has 63 bits, and floating-point operations are the largest numbers beside it."""
+
+
 def read_untrusted(path: Path) -> dict[str, Any]:
     """Return the JSON object in a file of at most LARGEST bytes.
 
@@ -226,7 +234,28 @@ def read_untrusted(path: Path) -> dict[str, Any]:
         raise UserError(f"{path} cannot be read as JSON: {error}.") from None
     if not isinstance(value, dict):
         raise UserError(f"{path} holds a {type(value).__name__}, not a record.")
+    _refuse_extremes(value, str(path))
     return value
+
+
+def _refuse_extremes(value: Any, where: str) -> None:
+    """Raise UserError for more values, deeper ones or larger numbers than a record has."""
+    level, count, depth = [value], 0, 0
+    while level:
+        count, depth = count + len(level), depth + 1
+        if count > MOST_VALUES or depth > DEEPEST:
+            raise UserError(
+                f"{where} holds more than {MOST_VALUES:,} values, or lists more than {DEEPEST} "
+                "deep; a committed record holds no arrays and no history."
+            )
+        if any(isinstance(one, int | float) and abs(one) > LARGEST_NUMBER for one in level):
+            raise UserError(f"{where} holds a number beyond {LARGEST_NUMBER:g}.")
+        several = [
+            one.values() if isinstance(one, dict) else one
+            for one in level
+            if isinstance(one, dict | list)
+        ]
+        level = [inner for one in several for inner in one]
 
 
 def refuse_names(record: Record, where: str) -> None:
@@ -246,7 +275,8 @@ def refuse_names(record: Record, where: str) -> None:
                 f"{where}: {key} holds a text of {len(text):,} characters that is too long or not "
                 f"printable; a text has at most {LONGEST:,} and no control characters."
             )
-    for kind, component in _components(record):
+    tested = [] if record.test_sensor is None else [("sensor.tested", record.test_sensor)]
+    for kind, component in (*_components(record), *tested):
         for key, value in component.parameters.items():
             if isinstance(value, str) and re.search(r"[/\\<>]", value):
                 raise UserError(
@@ -271,6 +301,10 @@ def _names(record: Record) -> Iterator[tuple[str, str]]:
         yield from ((f"{kind}.parameters", name) for name in component.parameters)
     if record.test_sensor is not None:
         yield "sensor.tested.name", record.test_sensor.name
+        yield from (("sensor.tested.parameters", name) for name in record.test_sensor.parameters)
+    yield from (("identity.plugins", name) for name in record.identity.plugins)
+    yield from (("training.notes", name) for name in record.training.notes)
+    yield from (("environment.versions", name) for name in record.environment.versions)
 
 
 def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:

@@ -7,18 +7,23 @@ frames are read from their folder. No model and no encoder is imported.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from math import isinf
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
+from tactibench.board.provenance import OURS, Derived
 from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
 from tactibench.frames.drawn_presses import DrawnFrames
 from tactibench.frames.factory import frame_source
+from tactibench.frames.ground_truth import simulator_error
 from tactibench.frames.presses import true_answers
-from tactibench.frames.recorded import Recording
 from tactibench.frames.source import FrameRequest, FrameSet, FrameSource
 from tactibench.frames.transfer import TransferFrames
 from tactibench.frames.two_point_limit import sampled_limits
@@ -30,26 +35,51 @@ from tactibench.protocols.hidden_seed import HiddenSeed
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
+from tactibench.records.identity import digest
 from tactibench.records.record import Record
 from tactibench.records.store import Arrays
 from tactibench.run.evaluation import truth_arrays
 from tactibench.run.few_shot import count_groups, repeat
 from tactibench.run.published_predictions import find_published, published_arrays
-from tactibench.run.request import HIDDEN, TestOptions, read_test_options
+from tactibench.run.request import DATA, HIDDEN, TestOptions, read_test_options
 from tactibench.run.score import LIMIT
-from tactibench.run.test_sensor import resolve_test_sensor
+from tactibench.run.test_sensor import resolve_test_sensor, target_record
 
-OURS = "tactibench"
-"""The distribution whose plugins are trusted."""
+T = TypeVar("T")
+
+MOST_KEPT = 16
+"""Test sets whose truth is kept: pull requests are of one or two, and one takes a megabyte."""
+MOST_BOUND_S = 900.0
+"""Processor time for the bounds of a test set: thirty times what the shipped protocols need. They
+grow with the size of a frame, which a record may name."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """The sources of the truth. data: folder of recorded frames. cache: of frames."""
+    """The sources of the truth.
+
+    Attributes:
+        host: plugins that are trusted.
+        cache: of frames.
+        data: folder of recorded frames.
+        kept: truths that were drawn, and facts about the sets of frames, by all that determines
+            them, so that a second submission on the same test set costs no draw.
+    """
 
     host: PluginHost
     cache: Path
     data: Path | None = None
+    kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def keep(self, identity: Any, make: Callable[[], T]) -> T:
+        """Return what was made of an identity, a JSON value, or make it."""
+        key = digest(identity)
+        if key not in self.kept:
+            while len(self.kept) >= MOST_KEPT:
+                del self.kept[next(iter(self.kept))]
+            self.kept[key] = make()
+        kept: T = self.kept[key]
+        return kept
 
 
 def trusted_host() -> PluginHost:
@@ -57,6 +87,21 @@ def trusted_host() -> PluginHost:
     return PluginHost(
         [(point, origin) for point, origin in installed() if origin.distribution == OURS]
     )
+
+
+@dataclass(frozen=True)
+class TestSet:
+    """The test set of a record.
+
+    Attributes:
+        truth: packed true answers with press and group, and the bounds that the metrics need.
+        derived: what a record must say of its test set, its training set and its sensors.
+    """
+
+    __test__ = False  # not a test case, whatever its name
+
+    truth: Arrays
+    derived: Derived
 
 
 def truth_of(
@@ -67,7 +112,19 @@ def truth_of(
     Raises:
         UserError: where they cannot be made here.
     """
-    protocol = _without_sensor_settings(protocol)
+    return test_set(record, protocol, source, hidden).truth
+
+
+def test_set(
+    record: Record, protocol: LoadedProtocol, source: Source, hidden: HiddenSeed | None
+) -> TestSet:
+    """Return the test set that a record names, made again.
+
+    Raises:
+        UserError: where it cannot be made here.
+    """
+    if protocol.archived:
+        protocol = _without_sensor_settings(protocol)
     options = _test_options(record, source)
     if protocol.spec.transfer is None and options.shots != record.shots:
         raise UserError(
@@ -80,28 +137,164 @@ def truth_of(
             "tested, not in the one trained on; name the folder of the tested one with --data DIR."
         )
     sensor = _sensor(record, source)
+    tested = _as_old_as(record, resolve_test_sensor(options, protocol.spec, sensor, source.host))
     request = FrameRequest(
         protocol=protocol,
         regime=record.regime,
         sensor=sensor,
-        test_sensor=_as_old_as(
-            record, resolve_test_sensor(options, protocol.spec, sensor, source.host)
-        ),
+        test_sensor=tested,
         cache=source.cache,
         data=source.data,
         test_data=options.data,
         reference=options.reference,
         hidden=hidden,
         presses=record.limits.presses,
+        shots=options.shots,
     )
-    frames = frame_source(request)
+    identity = [
+        protocol.hash,
+        sensor.component.identity,
+        tested and tested.component.identity,
+        options.reference,
+        hidden and hidden.commitment,
+        str(source.data),
+    ]
+    frames = cache(lambda: frame_source(request))
+    training = [record.regime, record.limits.presses, options.shots]
+    facts = source.keep(["facts", *identity, *training], lambda: _facts(frames()))
+    counts = labelled_counts(record, protocol)
+    if protocol.spec.transfer is not None:
+        _check_same_recording(record, facts.target, request.test_data)
+    # Records from before the limit was known do not state it.
+    limits = bool(record.metric(LIMIT, "all"))
+    truth = source.keep(
+        ["truth", *identity, limits, counts], lambda: _truth(frames(), counts, limits)
+    )
+    return TestSet(truth, _derived(record, options, request, facts, truth, hidden))
+
+
+def _truth(frames: FrameSource, counts: tuple[int, ...], limits: bool) -> Arrays:
     if isinstance(frames, TransferFrames):
-        return _transfer_truth(record, frames)
+        return _transfer_truth(frames, counts)
     if not isinstance(frames, DrawnFrames):
         return _recorded_truth(frames)
     truth = _drawn_truth(frames)
-    # Records from before the limit was known do not state it.
-    return truth | _limits(frames) if record.metric(LIMIT, "all") else truth
+    return truth | _limits(frames) if limits else truth
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """The facts of a plan that a record states, without its scenes.
+
+    describe: what the training sensor says of itself; None where its recording is not here.
+    target: what the recording that was tested says of itself; empty for drawn presses.
+    """
+
+    data: dict[str, Any]
+    sets: int
+    describe: Mapping[str, Any] | None
+    range: dict[str, Any] | None
+    calibrated: int
+    released: tuple[Mapping[str, Any], ...] = ()
+    target: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _facts(frames: FrameSource) -> _Facts:
+    request, tested = frames.request, frames.request.tested.spec
+    target = frames.target.identity["describe"] if isinstance(frames, TransferFrames) else {}
+    if isinstance(frames, TransferFrames) and frames.simulated is None:
+        # The recording that trained is not here: --data names the one that was tested.
+        sets = frames.test_frames()
+        tests = {"test": sum(len(one.scenes) for one in sets), "published_frames": False}
+        return _Facts(tests, len(sets), None, None, 0, target=target)
+    plan = frames.plan()
+    counts: dict[str, Any] = {
+        "train": plan.count("fit"),
+        "validation": plan.count("validation"),
+        "test": plan.count("test"),
+        "rejected": plan.rejected,
+        "published_frames": frames.published,
+    }
+    if tested.origin != "simulated" or tested.reference_of:
+        counts["simulator"] = []
+    elif not request.protocol.archived:  # whose settings of a sensor may be gone
+        errors = [simulator_error(frame_set) for frame_set in plan.test]
+        counts["simulator"] = [error for error in errors if error is not None]
+    space = None
+    if plan.workspace is not None:
+        radius = plan.workspace.dome_radius_mm
+        space = {**asdict(plan.workspace), "dome_radius_mm": None if isinf(radius) else radius}
+    released: tuple[Mapping[str, Any], ...] = ()
+    if frames.published:
+        released = tuple(
+            one.identity for one in find_published(request.protocol, request.data, None)
+        )
+    describe = plan.sensor_identity["describe"]
+    return _Facts(counts, len(plan.test), describe, space, plan.calibrated, released, target)
+
+
+def _derived(
+    record: Record,
+    options: TestOptions,
+    request: FrameRequest,
+    facts: _Facts,
+    truth: Arrays,
+    hidden: HiddenSeed | None,
+) -> Derived:
+    """Return what the record must say of all this."""
+    origin, describe = request.sensor.spec.origin, facts.describe or {}
+    if describe.get("origin") == "simulated":
+        origin = "simulated"
+    sensor: dict[str, Any] = {"origin": origin, "range": facts.range}
+    if request.sensor.spec.needs_data and {"folder", "sha256"} <= set(describe):
+        sensor["recording"] = {
+            "sha256": describe["sha256"],
+            "sensor": str(describe.get("recorded_with", "")),
+        }
+    tested = request.test_sensor
+    if tested is not None:
+        presses = len(set(truth["press"].tolist()))
+        sensor["tested"] = target_record(tested, request.sensor, options, presses, None)
+        if options.data is not None:
+            stated = [] if record.test_sensor is None else record.test_sensor.options
+            sensor["tested"] |= _as_labelled(stated, sensor["tested"])
+            if request.sensor.spec.needs_data:
+                sensor["tested"]["trained_on"] = ""
+    data = dict(facts.data)
+    if request.spec.transfer is not None:
+        seen = record.data.of_tested_sensor
+        data["of_tested_sensor"] = {
+            "rest_image": True,
+            "unlabelled_frames": 0,
+            "labelled_frames": [] if seen is None else seen.labelled_frames,  # checked before
+            "left_out_calibrated": facts.calibrated,
+            "described": facts.target,
+        }
+    elif options.shots:
+        data["of_tested_sensor"] = {
+            "rest_image": True,
+            "unlabelled_frames": 0,
+            "labelled_frames": [options.shots],
+        }
+    return Derived(
+        sensor=sensor,
+        tested_values=None if tested is None else tested.values,
+        data=data,
+        sets=facts.sets,
+        hidden=None if hidden is None else hidden.commitment,
+        released=facts.released,
+        trained=facts.describe is not None,
+        shots=bool(options.shots) or request.spec.transfer is not None,
+    )
+
+
+def _as_labelled(stated: Sequence[str], tested: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options and description with the folder as the submitter called it."""
+    ours = next(text for text in tested["asked"] if text.startswith(f"{DATA}="))
+    theirs = next(text for text in stated if text.startswith(f"{DATA}="))
+    asked = [theirs if text == ours else text for text in tested["asked"]]
+    label, other = (text.partition("=")[2] for text in (ours, theirs))
+    return {"asked": asked, "on": tested["on"].replace(f"recording {label}", f"recording {other}")}
 
 
 def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:
@@ -135,10 +328,8 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
     )
 
 
-def _transfer_truth(record: Record, frames: TransferFrames) -> Arrays:
+def _transfer_truth(frames: TransferFrames, counts: tuple[int, ...]) -> Arrays:
     """Return the truth of the recording that was tested, which --data names."""
-    counts = labelled_counts(record, frames.request.protocol)
-    _check_same_recording(record, frames.target, frames.request.test_data)
     (test,) = frames.test_frames()
     truth = true_answers(frames.spec, [test.open(lambda _: None)])
     return truth_arrays(
@@ -149,11 +340,11 @@ def _transfer_truth(record: Record, frames: TransferFrames) -> Arrays:
     )
 
 
-def _check_same_recording(record: Record, target: Recording, folder: Path | None) -> None:
+def _check_same_recording(record: Record, target: Mapping[str, Any], folder: Path | None) -> None:
     """Raise UserError where the labels in the folder are not those that the run was tested on."""
     seen, test = record.data.of_tested_sensor, record.test_sensor
     stated = None if seen is None else seen.described.get("sha256")
-    if stated is None or stated != target.identity["describe"].get("sha256"):
+    if stated is None or stated != target.get("sha256"):
         raise UserError(
             f"{record.name} was tested on {'' if test is None else test.description}, which is "
             f"not the recording in {folder}; name its folder with --data DIR."
@@ -192,12 +383,13 @@ def _as_old_as(
 def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:
     """Return the sensor that pressed the training scenes, as the record says that it was set."""
     stated, sensors = record.sensor, source.host.sensors
-    if stated.name not in sensors.specs:
+    spec = sensors[stated.name]
+    if spec.origin == "real" and not spec.needs_data:
         raise UserError(
-            f"{record.name}: sensor {stated.name!r} does not ship with tactibench, so its "
-            "presses cannot be made again here; only runs on sensors that do can be verified."
+            f"{record.name}: sensor {stated.name!r} presses for itself, and what it reached "
+            "cannot be made again here; record its presses, and run on the recording."
         )
-    if sensors[stated.name].needs_data and source.data is None:
+    if spec.needs_data and source.data is None:
         raise UserError(
             f"{record.name}: the truth of {record.protocol.id!r} on sensor "
             f"{stated.name!r} is in the recording; name its folder with --data DIR."
@@ -228,12 +420,19 @@ def _drawn_truth(frames: DrawnFrames) -> Arrays:
     if "rmse_over_bound" not in frames.spec.metrics.names:
         return arrays
     bounds: list[FloatArray] = []
+    began = time.process_time()
     with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
         for scene in scenes:
             bound = sensor.bound(scene)
             if bound is None:
                 return arrays
             bounds.append(bound)
+            if time.process_time() - began > MOST_BOUND_S:
+                raise UserError(
+                    f"the bounds of {frames.testing.component.label} take more than "
+                    f"{MOST_BOUND_S / 60:g} minutes, so a run on it is not verified; run it with "
+                    "smaller frames."
+                )
     return {**arrays, "bound": np.concatenate(bounds)}
 
 

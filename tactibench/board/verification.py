@@ -19,15 +19,23 @@ from tactibench.board.predictions import (
     read_answers_file,
     split_ranked,
 )
-from tactibench.board.rows import label_of, measured_on
+from tactibench.board.provenance import (
+    on_word,
+    refuse_components,
+    refuse_failures,
+    refuse_forms,
+    refuse_too_many,
+    refuse_underived,
+)
+from tactibench.board.rows import BOUND, below_bound, label_of, measured_on
 from tactibench.board.submissions import (
     read_untrusted,
     refuse_misplaced,
     refuse_names,
     refuse_partial,
 )
-from tactibench.board.truth import Source, labelled_counts, truth_of
-from tactibench.errors import UserError, did_you_mean
+from tactibench.board.truth import Source, labelled_counts, test_set
+from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import (
@@ -38,6 +46,7 @@ from tactibench.protocols.loader import (
 )
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Metric, Record, make_signature, parse_record
+from tactibench.run.hard_cases import failures_record
 from tactibench.run.request import HIDDEN
 from tactibench.run.score import LIMIT, score_arrays
 
@@ -50,13 +59,16 @@ NEGLIGIBLE_MM = 1e-6
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
 
+FORM = ("unit", "better", "censored")
+"""Fields of a metric that do not rest on what was measured."""
+
 
 @dataclass(frozen=True)
 class Verdict:
     """The verdict on a submission that was not refused.
 
-    again: metric rows computed anew and equal to the stated ones. stated: metrics that the record
-    states and nobody can compute without the submitter's heatmaps.
+    again: metric rows computed anew and equal to the stated ones. stated: what is the submitter's
+    word, the names of metrics of heatmaps among them.
     """
 
     path: Path
@@ -78,6 +90,12 @@ class Verdict:
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
         return [row for row in self.again if (row.metric, row.group) in wanted]
 
+    def below_bound(self) -> list[Metric]:
+        """Return the errors that are surely below the Cramer-Rao bound."""
+        return [
+            row for row in self.again if row.metric == BOUND and below_bound(row.value, row.high)
+        ]
+
 
 def verify(
     path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
@@ -85,14 +103,32 @@ def verify(
     """Check and score one committed record. hidden: its test presses are from the hidden seed.
 
     folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
-    Raises UserError with what is wrong, or with what is lacking to find out.
+    Raises UserError with what is wrong, or with what is lacking to find out. Whatever else is
+    raised is a verdict on that file, too: one file must not end the verification of others.
     """
-    record = parse_record(read_untrusted(path), str(path))
+    try:
+        return score_again(path, source, hidden=hidden, folder=folder)
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(
+            f"{path} could not be scored again ({describe_exception(error)}); submit the run again."
+        ) from error
+
+
+def score_again(
+    path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
+) -> Verdict:
+    """Do what ``verify`` does; another exception than UserError is a mistake of tactibench."""
+    values = read_untrusted(path)
+    record = parse_record(values, str(path))
     refuse_names(record, str(path))
     refuse_misplaced(record, path)
     refuse_partial(record, str(path))
     protocol = _kept_protocol(record, path)
     refuse_signature(record, str(path))
+    refuse_forms(record, values, str(path))
+    refuse_components(record, protocol, source.host, str(path))
     _refuse_other_seed(record, path, hidden)
     place = answers_file(path)
     if not place.is_file():
@@ -110,7 +146,8 @@ def verify(
     seed = committed_seed(protocol, folder) if hidden else None
     if seed is not None and record.identity.hidden != seed.commitment:
         raise UserError(f"{path} was tested with another hidden seed than the published one.")
-    truth = truth_of(record, protocol, source, seed)
+    made = test_set(record, protocol, source, seed)
+    truth = made.truth
     times = len(labelled_counts(record, protocol)) or 1
     frames = len(truth["press"]) // times
     if record.data.test != frames:
@@ -118,13 +155,19 @@ def verify(
             f"{path} says that it was tested on {record.data.test} frames, but the "
             f"protocol tests {frames:,}."
         )
+    _refuse_maps(record, frames, str(path))
+    refuse_underived(record, made.derived, protocol, str(path))
     guarded = bool(protocol.spec.families)
     check_answers(answers, protocol.spec.answer, frames * times, str(place), guarded=guarded)
+    if protocol.spec.answer == "contacts":
+        refuse_too_many(record, source.host, int(answers["count"].max(initial=0)), str(path))
+    failed = failures_record(answers, truth["group"].tolist()) if guarded else None
+    refuse_failures(record, failed, str(path))
     again = score_arrays(protocol.spec, truth, answers, {})
     stated = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     kept = tuple(row for row in again if row.metric not in FROM_MAPS)
-    return Verdict(path, record, frames, kept, stated)
+    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated))
 
 
 def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:
@@ -184,9 +227,7 @@ def refuse_differences(
                 f"{where} {what} {metric} of {group}, which the protocol "
                 f"{'asks for' if row is None else 'does not ask for'}."
             )
-        if metric in FROM_MAPS:
-            continue
-        for field in Metric.model_fields:
+        for field in FORM if metric in FROM_MAPS else Metric.model_fields:
             tolerance = LIMIT_TOLERANCE if metric == LIMIT else TOLERANCE
             if not _is_equal(getattr(row, field), getattr(computed, field), tolerance):
                 raise UserError(
@@ -196,6 +237,21 @@ def refuse_differences(
     return tuple(
         sorted({row.metric for row in stated if row.metric in FROM_MAPS and row.value is not None})
     )
+
+
+def _refuse_maps(record: Record, frames: int, where: str) -> None:
+    """Raise UserError for errors of heatmaps that a run without heatmaps, or none, could have."""
+    none = record.identity.stored["maps"] == arrays_hash({})
+    for row in record.metrics:
+        if row.metric not in FROM_MAPS:
+            continue
+        if row.n > frames or row.clusters > frames or (row.value or 0.0) < 0:
+            raise UserError(f"{where}: {row.metric} of {row.group} is of no test of this protocol.")
+        measured = (row.value, row.low, row.high)
+        if (none or row.value is None) and (measured != (None,) * 3 or (none and row.n)):
+            raise UserError(
+                f"{where} states {row.metric} {measured}, but its run stored no such heatmaps."
+            )
 
 
 def _is_equal(stated: Any, again: Any, tolerance: float) -> bool:
@@ -208,6 +264,7 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
     """Raise UserError unless a board would rank by what the answers give."""
     same = set(stated) == set(again) and all(
         stated[name].shape == array.shape
+        and stated[name].dtype.kind == array.dtype.kind
         and (
             np.allclose(stated[name], array, rtol=TOLERANCE, atol=NEGLIGIBLE_MM)
             if array.dtype.kind == "f"

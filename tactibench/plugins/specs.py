@@ -47,7 +47,13 @@ class Parameter:
         high: Largest allowed number.
         decode_only: For encoders: changes how maps are read, but not the maps that a model is
             trained on, so that trained weights stay valid.
-        before: The value of records that are older than the parameter; None: the default.
+        before: The value of records that are older than the parameter; None: every record states
+            one.
+        built_in: Values that need no file of the user's, of a parameter that can name one; empty
+            for all others. A committed record has one of them: nothing that a record names is
+            opened.
+        earlier: Values that were the default once, so that an older record does not name the
+            parameter among those that were changed.
     """
 
     name: str
@@ -58,6 +64,8 @@ class Parameter:
     high: float | None = None
     decode_only: bool = False
     before: Value | None = None
+    built_in: tuple[Value, ...] = ()
+    earlier: tuple[Value, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():

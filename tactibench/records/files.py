@@ -45,9 +45,19 @@ def write_json(path: Path, value: Any) -> None:
 def parse_json(text: str) -> Any:
     """Return the value of a JSON text, every number finite: ``write_json`` writes no other.
 
-    Raises ValueError, for NaN and 1e999 too, and RecursionError for lists without an end.
+    Raises ValueError, for NaN and 1e999 too and for a key that stands twice (whoever reads the text
+    would see one value, and a program another), and RecursionError for lists without an end.
     """
-    return json.loads(text, parse_constant=_finite, parse_float=_finite)
+    return json.loads(text, parse_constant=_finite, parse_float=_finite, object_pairs_hook=_unique)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"it holds the key {twice[:40]!r} twice")
+    return values
 
 
 def _finite(word: str) -> float:

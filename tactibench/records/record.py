@@ -305,8 +305,12 @@ class Training(_Open):
 
 
 class AdaptedSensor(_Open):
-    """All of the tested sensor that a model saw before its test. described: its recording."""
+    """All of the tested sensor that a model saw before its test. described: its recording.
 
+    rest_image: whether the frames brought an image of it at rest.
+    """
+
+    rest_image: bool = False
     unlabelled_frames: int = 0
     labelled_frames: list[int] | None = None
     left_out_calibrated: int = 0

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from tactibench.board.curve import Curve, curves
 from tactibench.board.grouping import rows_of, section_key, whole
 from tactibench.board.ranking import Errors, ordered, ranks
-from tactibench.board.rows import TRIVIAL, Row, command_options, trained_on
+from tactibench.board.rows import BELOW_BOUND, TRIVIAL, Row, command_options, trained_on
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,
@@ -32,7 +32,13 @@ from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol
 from tactibench.protocols.published import PublishedTable, published_for
 from tactibench.records.files import atomic
 from tactibench.records.record import Record
-from tactibench.report.board_tables import cost_blocks, curve_table, metric_table, published_blocks
+from tactibench.report.board_tables import (
+    BELOW,
+    cost_blocks,
+    curve_table,
+    metric_table,
+    published_blocks,
+)
 from tactibench.report.document import Block, Fold, Heading, Inline, Paragraph, Prose, prose
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
@@ -234,6 +240,7 @@ def _page_section(
         *_test_frames(first, any(row.first.shots for row in rows)),
         *_scene_counts(first),
         *_simulator_error(rows),
+        *([prose(f"{BELOW}: {BELOW_BOUND}.")] if any(row.below_bound for row in rows) else []),
     ]
     ranked = ranks(name, rows, errors)
     for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):

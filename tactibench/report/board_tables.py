@@ -26,6 +26,8 @@ IDENTITY = (
     Column("mixing"),
     Column("seeds"),
 )
+BELOW = "†"
+"""Marks a model whose errors are below the Cramer-Rao bound."""
 PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distance error, mm"}
 LATENCY_NOTE = (
     "One frame to contacts in mm, batch 1, one thread where nothing else is said; mean over seeds. "
@@ -42,8 +44,9 @@ COST_NOTE = (
 
 def identity(row: Row) -> list[Cell]:
     """Return the cells of IDENTITY; trivial models are in italics."""
+    model = f"{row.model} {BELOW}" if row.below_bound else row.model
     return [
-        Text(row.model, "italic" if row.trivial else ""),
+        Text(model, "italic" if row.trivial else ""),
         row.encoder or "none",
         row.regime,
         row.mixing or "no",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.board.rows import BELOW_BOUND
 from tactibench.board.verification import Verdict
 from tactibench.report.labels import NAMES, named
 from tactibench.report.table import Column, metric_number, table
@@ -33,6 +34,9 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         for row in verdict.headline()
     ]
     print_table(console, table(("  metric", "group", "value [95 %]", Column("presses")), rows))
-    stated = ["times", "training", "weights", *(NAMES.get(n, n) for n in verdict.stated)]
+    for row in verdict.below_bound():
+        text = f"  BELOW the Cramer-Rao bound: {named(row.metric, '')} of {row.group} is "
+        console.print(Text(f"{text}{row.value:.3g}; {BELOW_BOUND}", style="bold"), soft_wrap=True)
+    stated = [NAMES.get(name, name) for name in verdict.stated]
     text = f"  on the submitter's word: {', '.join(stated)}"
     console.print(Text(text, style="dim"), soft_wrap=True)

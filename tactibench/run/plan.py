@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -85,15 +86,16 @@ class RunPlan:
     def name(self) -> str:
         """Return the name of the run in the store."""
         request = self.request
-        terms = [self.spec.id, self.components.model.name, self.components.regime]
-        if request.quick:
-            terms.append("quick")
-        if request.presses is not None:
-            terms.append(f"n{request.presses}")
-        if request.test:
-            options = "-".join(text.removeprefix("sensor.") for text in request.test.texts)
-            terms.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', options)}")
-        return "-".join([*terms, f"s{request.seed}", digest(self.identity)[:8]])
+        stem = name_stem(
+            self.spec.id,
+            self.components.model.name,
+            self.components.regime,
+            request.seed,
+            quick=request.quick,
+            presses=request.presses,
+            tested=request.test.texts,
+        )
+        return f"{stem}-{digest(self.identity)[:8]}"
 
     @property
     def predictions_file(self) -> Path:
@@ -113,6 +115,28 @@ class RunPlan:
             checkpoints=self.weights.checkpoints,
             transfers=self.spec.transfer is not None,
         )
+
+
+def name_stem(
+    protocol: str,
+    model: str,
+    regime: str,
+    seed: int,
+    *,
+    quick: bool = False,
+    presses: int | None = None,
+    tested: Sequence[str] = (),
+) -> str:
+    """Return the name of a run without the hash at its end; ``tested``: texts of ``--test``."""
+    terms = [protocol, model, regime]
+    if quick:
+        terms.append("quick")
+    if presses is not None:
+        terms.append(f"n{presses}")
+    if tested:
+        options = "-".join(text.removeprefix("sensor.") for text in tested)
+        terms.append(f"on-{re.sub(r'[^A-Za-z0-9.]+', '-', options)}")
+    return "-".join([*terms, f"s{seed}"])
 
 
 def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
 import random
 import re
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
+
+import numpy as np
 
 Random = random.Random
 Mutation = Callable[[Random, bytes], bytes]
@@ -72,6 +76,7 @@ VALUES: tuple[Any, ...] = (
     float("nan"),
     float("inf"),
 )
+NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
 PIECE = re.compile(r"[A-Za-z_][\w-]*|-?\d+(?:\.\d+)?|\"[^\"\n]*\"|[^\s\w]")
 
 
@@ -92,6 +97,57 @@ def bytes_wrong(rng: Random, data: bytes) -> bytes:
             case _:
                 del out[at : at + rng.randint(1, 32)]
     return bytes(out)
+
+
+TYPES = (
+    "<f4",
+    "<f2",
+    ">f8",
+    "<i8",
+    "<u8",
+    "|b1",
+    "<c16",
+    "<U3",
+    "|S0",
+    "|V8",
+    "<M8[s]",
+    "longdouble",
+)
+EXTREMES = (0.0, -0.0, -1.0, 1e308, -1e308, 5e-324, 2.0**62, float("nan"), float("inf"), 1e-9, 1e6)
+
+
+def arrays_wrong(rng: Random, data: bytes) -> bytes:
+    """Another type, shape, value or name of a few arrays of an archive."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        arrays: dict[str, Any] = {name: file[name] for name in file.files}
+    for _ in range(rng.randint(1, 2)):
+        name = rng.choice(sorted(arrays))
+        array = arrays[name]
+        with suppress(Exception), np.errstate(all="ignore"):
+            match rng.randrange(9):
+                case 0:
+                    arrays[name] = array.astype(rng.choice(TYPES))
+                case 1:
+                    arrays[name] = np.full_like(array, rng.choice(EXTREMES))
+                case 2:
+                    array = array.copy()
+                    array.reshape(-1)[rng.randrange(array.size)] = rng.choice(EXTREMES)
+                    arrays[name] = array
+                case 3:
+                    arrays[name] = array[: rng.randrange(len(array) + 1)]
+                case 4:
+                    arrays[name] = array.reshape(rng.choice([(-1,), (1, -1), (-1, 1), (2, -1)]))
+                case 5:
+                    del arrays[name]
+                case 6:
+                    arrays[rng.choice(["failed", "raised", "cause", "x", name + "x"])] = array
+                case 7:
+                    arrays[name] = array[::-1]
+                case _:
+                    arrays[name] = array * rng.choice([1 + 1e-12, 1.5, -1.0, 1e200])
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
 
 
 def tokens_wrong(rng: Random, data: bytes) -> bytes:

@@ -15,15 +15,19 @@ from tactibench import Contacts, SensorSpec
 from tactibench.board import verification
 from tactibench.board.predictions import answers_file, ranked_errors
 from tactibench.board.submissions import FOLDER, compact, text_of
-from tactibench.board.truth import Source, truth_of
+from tactibench.board.truth import Source, TestSet, test_set
 from tactibench.plugins.discovery import Origin
 from tactibench.plugins.host import Catalogue
 from tactibench.protocols import loader
 from tactibench.protocols.loader import LoadedProtocol, read_protocol
 from tactibench.records.answers import pack_contacts, unpack_contacts
 from tactibench.records.files import arrays_hash, write_arrays
-from tactibench.records.record import Record, make_signature
+from tactibench.records.record import Efficiency, FrameCounts, Record, make_signature
+from tactibench.records.store import PARTS
+from tactibench.run.machine import fingerprint_hash
 from tactibench.run.score import score_arrays
+
+SHA = "ab" * 32
 
 
 @pytest.fixture
@@ -46,7 +50,9 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
         ),
     }
     origins = dict.fromkeys(specs, Origin("tiny", "tactibench", "1"))
-    host: Any = SimpleNamespace(sensors=Catalogue("sensor", specs, origins, {}))
+    none: Any = Catalogue("model", {}, {}, {})
+    sensors = Catalogue("sensor", specs, origins, {})
+    host: Any = SimpleNamespace(sensors=sensors, models=none, encoders=none)
     return Source(host, tmp_path / "cache")
 
 
@@ -59,9 +65,10 @@ def submitted(
     def made(asked: str = "exp1", *, hidden: Any = None, **more: Any) -> Path:
         protocol = mini(asked)
         record = stated(fabricate(asked, encoder=None, **more), protocol)
-        truth = truth_of(record, protocol, source, hidden)
+        made = test_set(record, protocol, source, hidden)
+        truth = made.truth
+        state(record, made)
         answers = pack_contacts([moved(contacts) for contacts in unpack_contacts(truth)])
-        record.data.test = len(truth["press"])
         record.metrics = score_arrays(protocol.spec, truth, answers, {})
         return write(tmp_path, record, answers, ranked_errors(protocol.spec, truth, answers))
 
@@ -69,11 +76,32 @@ def submitted(
 
 
 def stated(record: Record, protocol: LoadedProtocol) -> Record:
-    """The record as one of that protocol, with a whole signature."""
+    """The record as one of that protocol, of a machine and of plugins."""
     record.protocol.hash = protocol.hash
+    record.model.parameters = {}
     record.sensor.parameters = {}
-    record.signature = make_signature(record)
+    environment, identity = record.environment, record.identity
+    environment.versions = {"tactibench": "1"}
+    facts = {"cpu": environment.cpu, "cores_logical": environment.cores_logical}
+    environment.fingerprint = fingerprint_hash(facts)
+    identity.machine = environment.fingerprint
+    identity.protocol = f"{protocol.label} {protocol.hash}"
+    identity.seed, identity.quick = record.seed, False
+    for key in ("weights", "code", "sensor", "weights_hash"):
+        setattr(identity, key, SHA)
+    plugin = {"distribution": "tactibench", "version": "1", "code": SHA[:16]}
+    identity.plugins = {"tiny": plugin, "theirs": {**plugin, "distribution": "theirs"}}
+    record.efficiency = Efficiency(training_s=record.training.seconds)
     return record
+
+
+def state(record: Record, made: TestSet) -> None:
+    """Let the record say what its sensors and its protocol determine, and sign it."""
+    counts = {**record.data.json_values(), **made.derived.data}
+    record.data = FrameCounts.model_validate(counts)
+    record.training.presses = record.data.train
+    record.identity.data = record.identity.test_frames = [SHA] * made.derived.sets
+    record.signature = make_signature(record)
 
 
 def moved(contacts: Contacts) -> Contacts:
@@ -84,7 +112,7 @@ def moved(contacts: Contacts) -> Contacts:
 def write(folder: Path, record: Record, answers: Any, ranked: Any) -> Path:
     hashed = arrays_hash(answers)
     record.identity.predictions_hash = hashed
-    record.identity.stored = {"predictions": hashed}
+    record.identity.stored = {**dict.fromkeys(PARTS, SHA), "predictions": hashed}
     path = folder / FOLDER / record.protocol.id / f"{record.name}.json"
     write_arrays(answers_file(path), {**answers, **ranked})
     path.write_text(text_of(compact(record)), encoding="utf-8")

@@ -42,8 +42,11 @@ def answered(path: Path, **changes: Any) -> Path:
     packed = {name: array for name, array in arrays.items() if not name.startswith("ranked.")}
     hashed = arrays_hash(packed)
 
-    identity = {"predictions_hash": hashed, "stored": {"predictions": hashed}}
-    return edited(path, lambda record: record["identity"].update(identity))
+    def state(record: dict[str, Any]) -> None:
+        record["identity"]["predictions_hash"] = hashed
+        record["identity"]["stored"]["predictions"] = hashed
+
+    return edited(path, state)
 
 
 @pytest.mark.parametrize("sign", [">", "<"])
@@ -57,7 +60,8 @@ def test_a_row_that_states_more_than_its_answers_give_is_refused(submitted, sour
 def test_a_submission_that_holds_is_verified(submitted, source, name, frames) -> None:
     found = verify(submitted(name), source)
     assert found.frames == frames
-    assert found.stated == ()
+    assert "times" in found.stated
+    assert "surface_rmse_mm" not in found.stated
     assert {row.metric: row.value for row in found.headline()}["missed"] == 0
     if name == "exp1":
         (mae,) = [row for row in found.again if (row.metric, row.group) == ("mae_mm", "x")]
@@ -103,7 +107,7 @@ def test_the_truth_is_that_of_the_protocol(mini, source, fabricate) -> None:
 
 def test_no_model_and_no_stranger_is_imported(submitted, source, monkeypatch) -> None:
     path = submitted("exp1", model="a-model-of-mine")
-    monkeypatch.setattr("tactibench.plugins.host.PluginHost.models", None)
+    monkeypatch.setattr("tactibench.plugins.specs.ModelSpec.load", None)
     assert "a-model-of-mine" in verify(path, source).subject
     assert {origin.distribution for origin in trusted_host().plugins} == {"tactibench"}
 
@@ -155,7 +159,10 @@ def stranger(record: dict[str, Any]) -> None:
             "the signature says 'seed:1', but the record says 'seed:0'",
         ),
         (
-            lambda r: r["identity"].update(predictions_hash="ab", stored={"predictions": "ab"}),
+            lambda r: (
+                r["identity"].update(predictions_hash="ab" * 32),
+                r["identity"]["stored"].update(predictions="ab" * 32),
+            ),
             "are not those of .* submit the run again",
         ),
         (lambda r: r["data"].update(test=19), "was tested on 19 frames, but the protocol tests 20"),
@@ -287,9 +294,13 @@ def test_hidden_presses_are_verified_by_who_has_the_seed(
     def hide(record: dict[str, Any]) -> None:
         record["sensor"] = sensor
         record["signature"] = record["signature"].replace("|weights:", "|test:hidden|weights:")
-        record["identity"]["hidden"] = seed.commitment
+        record["identity"] |= {"hidden": seed.commitment, "tested": "ab" * 32}
+        record["name"] = record["name"].replace("-s0", "-on-hidden-s0")
 
     edited(path, hide)
+    hidden = path.with_name(path.name.replace("-s0", "-on-hidden-s0"))
+    answers_file(path).rename(answers_file(hidden))
+    path = path.rename(hidden)
     assert verify(path, source, hidden=True, folder=folder).frames == 20
     with pytest.raises(UserError, match="only who has the seed can verify it"):
         verify(path, source)

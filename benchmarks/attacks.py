@@ -1,0 +1,90 @@
+"""Attack `board verify`: forged records, answers and archives, and how many of them get through.
+
+    python benchmarks/attacks.py [--only WORD] [--keys]
+
+--keys: also change every single value of a few records; what is accepted must be the submitter's
+word.
+Every forgery is a committed submission with one untruth in it (tests/shared/forged.py). Prints what
+was accepted, what raised, and what took long; the exit code is 1 where there is any.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
+
+import forged
+
+from tactibench.board.truth import Source, trusted_host
+from tactibench.board.verification import score_again
+from tactibench.errors import UserError
+from tactibench.records.cache import cache_folder
+
+SLOW_S = 3.0
+"""Processor time of a verdict on a forged file; the first of a test set draws its truth."""
+
+
+def attacks(*, keys: bool) -> Iterator[tuple[str, Callable[[Path], Path]]]:
+    """Yield name and maker of every forged submission."""
+    for one in forged.FORGERIES:
+        yield f"record: {one.name}", lambda folder, one=one: forged.forge(one, folder)
+    for name, text in forged.TEXTS.items():
+        yield f"text: {name}", lambda folder, text=text: forged.forge_text(text, folder)
+    for name, arrays in forged.ARRAYS.items():
+        yield f"answers: {name}", lambda folder, arrays=arrays: forged.forge_arrays(arrays, folder)
+    for name, write in forged.ARCHIVES.items():
+        yield f"archive: {name}", lambda folder, write=write: forged.forge_archive(write, folder)
+    for base in forged.BASES if keys else ():
+        for one in forged.key_forgeries(base):
+            if not one.name.startswith(forged.ON_WORD):
+                yield f"{base}: {one.name}", lambda folder, one=one: forged.forge(one, folder)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="")
+    parser.add_argument("--keys", action="store_true")
+    asked = parser.parse_args()
+    warnings.simplefilter("ignore")
+    source = Source(trusted_host(), cache_folder())
+    for base in sorted(forged.BASES):  # as they were committed: all must hold
+        score_again(forged.base_file(base), source)
+    results: Counter[str] = Counter()
+    for name, make in attacks(keys=asked.keys):
+        if asked.only not in name:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            path = make(Path(folder))
+            began = time.process_time()
+            try:
+                score_again(path, source)
+                result, said = "ACCEPTED", ""
+            except UserError as error:
+                result, said = "refused", str(error).partition(": ")[2]
+            except BaseException as error:  # noqa: BLE001 - what is looked for
+                place = traceback.extract_tb(error.__traceback__)[-1]
+                result = "RAISED"
+                said = f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}"
+            took = time.process_time() - began
+        results[result] += 1
+        slow = f" SLOW {took:.1f} s" if took > SLOW_S else ""
+        results["slow"] += bool(slow)
+        if result != "refused" or slow or not asked.keys:
+            print(f"{result:9}{name}{slow}: {said[:160]}", flush=True)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{dict(results)}, peak {peak:,.0f} MB")
+    return int(bool(results["ACCEPTED"] or results["RAISED"] or results["slow"]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

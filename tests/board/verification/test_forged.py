@@ -1,0 +1,81 @@
+"""Forged submissions: a committed one with one untruth in it is refused with a sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import forged
+import pytest
+
+from tactibench import UserError
+from tactibench.board.truth import Source, trusted_host
+from tactibench.board.verification import score_again
+
+pytestmark = pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")
+
+
+@pytest.fixture(scope="module")
+def trusted(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    return Source(trusted_host(), tmp_path_factory.mktemp("cache"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("base", sorted(forged.BASES))
+def test_what_is_forged_was_right_before(base: str, trusted: Source) -> None:
+    assert score_again(forged.base_file(base), trusted).frames > 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("forgery", forged.FORGERIES, ids=lambda one: one.name)
+def test_forged_provenance_is_refused(
+    forgery: forged.Forgery, trusted: Source, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError):
+        score_again(forged.forge(forgery, tmp_path), trusted)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("base", ["plain", "instance"])
+def test_every_value_is_derived_or_the_submitters_word(
+    base: str, trusted: Source, tmp_path: Path
+) -> None:
+    accepted = set()
+    for forgery in forged.key_forgeries(base):
+        try:
+            score_again(forged.forge(forgery, tmp_path), trusted)
+        except UserError:
+            continue
+        accepted.add(forgery.name)
+    assert {name for name in accepted if not name.startswith(forged.ON_WORD)} == set()
+
+
+@pytest.mark.parametrize("name", forged.TEXTS)
+def test_forged_text_is_refused(name: str, trusted: Source, tmp_path: Path) -> None:
+    with pytest.raises(UserError):
+        score_again(forged.forge_text(forged.TEXTS[name], tmp_path), trusted)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", forged.ARRAYS)
+def test_forged_answers_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
+    with pytest.raises(UserError):
+        score_again(forged.forge_arrays(forged.ARRAYS[name], tmp_path), trusted)
+
+
+@pytest.mark.parametrize("name", forged.ARCHIVES)
+def test_forged_archives_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
+    with pytest.raises(UserError):
+        score_again(forged.forge_archive(forged.ARCHIVES[name], tmp_path), trusted)
+
+
+def test_another_exception_is_a_verdict_on_that_file(
+    trusted: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tactibench.board import verification
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("of a file")
+
+    monkeypatch.setattr(verification, "score_again", broken)
+    with pytest.raises(UserError, match=r"could not be scored again \(ZeroDivisionError: of a"):
+        verification.verify(tmp_path / "it.json", trusted)
