@@ -13,7 +13,7 @@ from importlib import import_module
 from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
+from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean, printable
 
 if TYPE_CHECKING:
     from tactibench.plugins.base import Encoder, Model, Sensor
@@ -62,10 +62,15 @@ class Parameter:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise ValueError(f"parameter {self.name!r} has no name that Python could take")
+        _check_texts(self.name, help=self.help)
+        object.__setattr__(self, "help", printable(self.help))
         default: object = self.default  # whatever an untyped plugin hands over
         if not isinstance(default, Value):
             kind = type(default).__name__
             raise ValueError(f"parameter {self.name!r} has a default of type {kind}")
+        for value in (self.default, *self.choices):
+            if printable(str(value)) != str(value):  # a user types it, a terminal shows it
+                raise ValueError(f"parameter {self.name!r} has the unprintable value {value!r}")
         try:
             self.check(self.default)
         except UserError as error:
@@ -113,6 +118,8 @@ class _Spec:
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
+        _check_texts(self.name, summary=self.summary)
+        object.__setattr__(self, "summary", printable(self.summary))
         object.__setattr__(self, "parameters", tuple(self.parameters))
         names = [parameter.name for parameter in self.parameters]
         if len(set(names)) < len(names):
@@ -312,6 +319,8 @@ class CommandSpec:
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
+        _check_texts(self.name, summary=self.summary)
+        object.__setattr__(self, "summary", printable(self.summary))
 
     def load(self) -> Any:
         """Import and return the click command. Raises UserError when that fails."""
@@ -368,6 +377,13 @@ def _check_names(name: object, target: object) -> None:
         raise ValueError(f"name {name!r} may hold letters, digits, '_' and '-' only")
     if not isinstance(target, str) or not _TARGET.fullmatch(target):
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")
+
+
+def _check_texts(name: str, **texts: object) -> None:
+    """Raise for a summary or a help text that is no text: it would break every listing."""
+    for key, text in texts.items():
+        if not isinstance(text, str):
+            raise ValueError(f"{name!r} has a {key} of type {type(text).__name__}; a text")
 
 
 def _import_target(name: str, target: str) -> Any:
