@@ -76,7 +76,8 @@ def time_model(
     seen = [blinded(frames[row]) for row in rows]
     scored, true = [answers[row] for row in rows], [truth[row] for row in rows]
     calls, budget_s = (QUICK_CALLS, QUICK_BUDGET_S) if quick else (CALLS, BUDGET_S)
-    configuration, stages = model.timed_as, declared_stages(model)
+    configuration: str = model.timed_as
+    stages: Sequence[Stage] = declared_stages(model)
     raced: list[dict[str, Any]] = []
     if model.configurations and not quick:
         from tactibench.run.configurations import race_briefly
