@@ -68,8 +68,19 @@ GRACE_S = 5.0
 _HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later
 
 
+class _PassedOnError(Exception):
+    """An exception, its cause, that click would turn into a bare Abort."""
+
+
 class Verbs(click.Group):
     """Built-in verbs, then those of plugins; a plugin cannot replace a built-in verb."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a verb. What looks like the end of the input may be a plugin's exception."""
+        try:
+            return super().invoke(ctx)
+        except (EOFError, KeyboardInterrupt) as error:
+            raise _PassedOnError from error
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Return the verbs in alphabetical order."""
@@ -203,9 +214,7 @@ def call(arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         raise
     except BaseException as error:  # noqa: BLE001 - `_fail` raises what is none of its business
-        # click turns KeyboardInterrupt and EOFError into Abort
-        aborted = isinstance(error, click.exceptions.Abort)
-        cause = error.__cause__ or error if aborted else error
+        cause = error.__cause__ or error if isinstance(error, _PassedOnError) else error
         return _fail(cause, debug, own_verb=bool(given) and given[0] in VERBS)
     return result if isinstance(result, int) else 0
 

@@ -178,9 +178,7 @@ def _checked_answer(
         if answer.xy.shape != (n, 2) or answer.score.shape != (n,) or answer.depth.shape != (n,):
             raise BadAnswerError("the model answered contacts whose arrays do not fit", source)
         if n and not (answer.score.min() >= 0 and answer.score.max() <= 1):
-            raise BadAnswerError(
-                "the model answered a contact whose score lies outside 0..1", source
-            )
+            raise BadAnswerError("the model answered a contact with a score outside 0..1", source)
         if rules.max_contacts is not None and n > rules.max_contacts:
             raise BadAnswerError(
                 f"the model declares at most {rules.max_contacts} contacts per frame, but gave {n}",
