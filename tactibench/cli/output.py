@@ -17,6 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from tactibench.errors import printable
 from tactibench.protocols.families import Axis
 from tactibench.records.store import RECORD, StoredRun, stored_runs
 
@@ -29,8 +30,9 @@ class Terminal:
         self.err = Console(stderr=True, highlight=False)
 
     def say(self, line: str) -> None:
-        """Print a line as it is; the terminal breaks it."""
-        self.out.print(line, markup=False, soft_wrap=True)
+        """Print a line, control characters escaped; the terminal breaks it."""
+        text = "\n".join(map(printable, line.split("\n")))
+        self.out.print(text, markup=False, soft_wrap=True)
 
     @contextmanager
     def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
