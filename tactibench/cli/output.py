@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from tactibench.errors import printable
 from tactibench.plugins.base import Progress
 from tactibench.protocols.families import Axis
 from tactibench.records.record import Record
@@ -26,8 +27,9 @@ class Terminal:
         self._progress = progress_on(Console(stderr=True, highlight=False), quiet=self.quiet)
 
     def say(self, line: str) -> None:
-        """Print a line as it is; the terminal breaks it."""
-        self.out.print(line, markup=False, soft_wrap=True)
+        """Print a line, control characters escaped; the terminal breaks it."""
+        text = "\n".join(map(printable, line.split("\n")))
+        self.out.print(text, markup=False, soft_wrap=True)
 
     def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
         """Show progress while something of ``total`` steps is done; yields what advances it."""

@@ -139,8 +139,24 @@ def name_stem(
     return "-".join([*terms, f"s{seed}"])
 
 
-def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
-    """Resolve a request. Raises UserError for anything that does not exist or fit."""
+def make_plan(
+    request: RunRequest,
+    host: PluginHost,
+    cache: Path,
+    frame_plans: dict[str, FramePlan] | None = None,
+) -> RunPlan:
+    """Resolve a request.
+
+    Args:
+        request: What is asked for.
+        host: The plugins.
+        cache: Folder of frames and weights.
+        frame_plans: Plans of the same sweep, by what they are made of. Those that are missing are
+            added: many cells share their frames, and a plan of frames takes most of the time.
+
+    Raises:
+        UserError: For anything that does not exist or fit.
+    """
     protocol = load_protocol(request.protocol)
     spec, test = protocol.spec, request.test
     data_folder(request.data)
@@ -154,7 +170,7 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         from tactibench.protocols.hidden_seed import committed_seed
 
         hidden = committed_seed(protocol)
-    frames = frame_source(
+    frames = _plan_frames(
         FrameRequest(
             protocol=protocol,
             regime=components.regime,
@@ -169,8 +185,9 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
             limit=request.limit,
             presses=request.presses,
             shots=test.shots,
-        )
-    ).plan()
+        ),
+        {} if frame_plans is None else frame_plans,
+    )
     _check_signals(components, frames)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
@@ -183,6 +200,15 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         cache=cache,
     )
     return RunPlan(request, protocol, components, device, frames, weights, published, hidden)
+
+
+def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePlan:
+    """Return the plan of the frames, taken from the known ones or added to them."""
+    fields = {name: value for name, value in vars(request).items() if name != "protocol"}
+    key = f"{request.protocol.hash} {fields}"  # the hash stands for everything in the file
+    if key not in known:
+        known[key] = frame_source(request).plan()
+    return known[key]
 
 
 def _check_signals(components: Components, frames: FramePlan) -> None:

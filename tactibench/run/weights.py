@@ -163,7 +163,7 @@ def _train(
     frames, truth = examples("fit")
     plan.checkpoints.mkdir(parents=True, exist_ok=True)
     seed = np.random.SeedSequence(plan.identity["seed"], spawn_key=(TRAINING_STREAM,))
-    report: FitReport = model.fit(
+    report: object = model.fit(
         frames,
         truth,
         validation=examples("validation"),
@@ -197,8 +197,13 @@ def _hash(files: dict[str, str]) -> str:
     return combined([f"{name} {value}" for name, value in sorted(files.items())])
 
 
-def _report_as_json(report: FitReport, model: str) -> dict[str, Any]:
+def _report_as_json(report: object, model: str) -> dict[str, Any]:
     """The report as JSON values, numpy's numbers as Python's."""
+    if not isinstance(report, FitReport):
+        raise UserError(
+            f"fit of model {model!r} gave {type(report).__name__} where a FitReport is asked; end "
+            "it with `return FitReport(...)`."
+        )
     try:
         text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())
     except (ValueError, TypeError, AttributeError) as error:
