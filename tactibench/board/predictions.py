@@ -107,8 +107,11 @@ def read_press_errors(path: Path) -> PressErrors | None:
     fitting = press.dtype.kind == "U" and errors.dtype.kind == "f" and errors.ndim == 1
     if not fitting or press.shape != errors.shape or not np.isfinite(errors).all():
         raise UserError(f"{path} does not hold one finite error a press; submit the run again.")
-    if len(np.unique(press)) < len(press):
-        raise UserError(f"{path} holds two errors of one press; submit the run again.")
+    if not (press[1:] > press[:-1]).all():
+        raise UserError(
+            f"{path} holds errors of presses that are not in order, each once; submit the run "
+            "again."
+        )
     return PressErrors(press, errors)
 
 

@@ -124,10 +124,16 @@ def _has_interval(pooled: PooledMetric | None) -> bool:
 
 def _is_worse_when_paired(one: PressErrors, other: PressErrors) -> bool | None:
     """Return whether the first is worse on the presses of both; None where these are too few."""
+    if one.press is other.press:  # of one test set, see ``all_press_errors``
+        return _is_positive(one.error - other.error)
     shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
     if len(shared) < SHARED * max(len(one.press), len(other.press)):
         return None
-    difference = one.error[i] - other.error[j]
+    return _is_positive(one.error[i] - other.error[j])
+
+
+def _is_positive(difference: FloatArray) -> bool:
+    """Return whether the mean of a difference is surely above 0."""
     low = mean_interval(difference, np.arange(len(difference)), level=LEVEL).low
     return low is not None and low > 0
 
@@ -141,6 +147,8 @@ def _pool_seeds(row: Row, errors: Errors) -> PressErrors | None:
     seeds = [one for one in known if one is not None]
     if not seeds or len(seeds) < len(known):
         return None
+    if all(one.press is seeds[0].press for one in seeds):
+        return PressErrors(seeds[0].press, np.mean([one.error for one in seeds], axis=0))
     shared = reduce(np.intersect1d, [one.press for one in seeds])
     if len(shared) < SHARED * max(len(one.press) for one in seeds):
         return None

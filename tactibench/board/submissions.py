@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
+
 from tactibench.board.grouping import row_key
 from tactibench.board.predictions import (
     Arrays,
@@ -102,8 +104,15 @@ def press_errors(board: Path, record: Record) -> PressErrors | None:
 
 def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
     """Read the errors of all records that have predictions, by name. Raises UserError."""
-    pairs = ((record.name, press_errors(board, record)) for record in records)
-    return {name: errors for name, errors in pairs if errors is not None}
+    # Records of one test set name the same presses: they are kept once.
+    names: dict[bytes, npt.NDArray[Any]] = {}
+    known = {}
+    for record in records:
+        errors = press_errors(board, record)
+        if errors is not None:
+            press = names.setdefault(errors.press.tobytes(), errors.press)
+            known[record.name] = PressErrors(press, errors.error)
+    return known
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any, Literal
 
 from pydantic import (
@@ -366,6 +367,15 @@ class FrameCounts(_Open):
     failures: Failures | None = None
 
 
+class _MetricIndex:
+    """The rows of a list of metrics by metric and group; the first of two counts."""
+
+    def __init__(self) -> None:
+        self.rows: list[Metric] | None = None
+        self.count = 0
+        self.by_name: dict[tuple[str, str], Metric] = {}
+
+
 class Record(_Strict):
     """The contents of ``record.json``."""
 
@@ -420,7 +430,18 @@ class Record(_Strict):
 
     def metric(self, metric: str, group: str) -> Metric | None:
         """Return the row of a metric and group, None where there is none."""
-        return next((m for m in self.metrics if (m.metric, m.group) == (metric, group)), None)
+        rows, index = self.metrics, self.metric_index
+        # A list may have been exchanged, or have grown, since it was looked at.
+        if index.rows is not rows or index.count != len(rows):
+            index.rows, index.count, index.by_name = rows, len(rows), {}
+            for row in rows:
+                index.by_name.setdefault((row.metric, row.group), row)
+        return index.by_name.get((metric, group))
+
+    @cached_property
+    def metric_index(self) -> _MetricIndex:
+        """The rows of ``metrics`` by name: boards look up a hundred of three thousand."""
+        return _MetricIndex()
 
     def value(self, metric: str, group: str) -> float | None:
         """Return a metric's value, None when it is n/a or not there."""

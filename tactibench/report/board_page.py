@@ -31,6 +31,7 @@ from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
 from tactibench.protocols.published import PublishedTable, published_for
 from tactibench.records.files import atomic
+from tactibench.records.identity import canonical
 from tactibench.records.record import Record
 from tactibench.report.board_tables import (
     BELOW,
@@ -192,8 +193,17 @@ def board_page(
     """
     name = protocol.spec.id
     spec = board_spec(name)
+    on_section: dict[str, list[Record]] = {}
+    for record in records:
+        on_section.setdefault(canonical(section_key(record)), []).append(record)
     sections = tuple(
-        _page_section(spec, section, protocol, records, errors)
+        _page_section(
+            spec,
+            section,
+            protocol,
+            on_section[canonical(section_key(section.record))],
+            errors,
+        )
         for section in sections_of(whole(records))
     )
     intro = [*_archive_note(protocol), prose(READING), *_order(spec)]
@@ -248,8 +258,7 @@ def _page_section(
     blocks += hard_case_blocks(rows, protocol.spec.axes)
     learning: tuple[Curve, ...] = ()
     if spec.ranking is not None:
-        here = [r for r in records if section_key(r) == section_key(first)]
-        learning = tuple(curves(rows_of(here), spec.ranking))
+        learning = tuple(curves(rows_of(records), spec.ranking))
         blocks.append(curve_table(learning, spec.ranking))
     timed = any(record.speed for row in rows for record in row.records)
     if timed and (first.test_sensor is None or trained_on(first)):
