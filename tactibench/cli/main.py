@@ -219,7 +219,8 @@ def call(arguments: Sequence[str]) -> int:
         raise
     except BaseException as error:  # noqa: BLE001 - `_fail` raises what is none of its business
         cause = error.__cause__ or error if isinstance(error, _PassedOnError) else error
-        return _fail(cause, debug, own_verb=bool(given) and given[0] in VERBS)
+        verb = next((argument for argument in given if not argument.startswith("-")), "")
+        return _fail(cause, debug, own_verb=verb in VERBS)
     return result if isinstance(result, int) else 0
 
 
