@@ -36,6 +36,20 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"known: {', '.join(names) or 'none'}."
 
 
+def printable(text: str) -> str:
+    """Return a text that only shows itself: control characters as Python writes them (``\\x1b``).
+
+    Line breaks and tabs stay. A name in a file, a record or a plugin could clear the screen, or
+    turn the order of letters around.
+    """
+    return "".join(
+        sign
+        if sign.isprintable() or sign in "\n\t"
+        else sign.encode("unicode_escape").decode("ascii")
+        for sign in text
+    )
+
+
 def describe_exception(error: BaseException) -> str:
     """Return type and message of an exception on one line, cut after 300 characters."""
     text = " ".join(str(error).split())

@@ -6,7 +6,7 @@ import errno
 
 import click
 
-from tactibench.errors import UserError
+from tactibench.errors import UserError, printable
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
@@ -19,7 +19,7 @@ def sentence(error: click.ClickException | UserError | OSError) -> str:
         text = error.format_message()
     else:
         text = str(error)
-    text = " ".join(text.split())
+    text = printable(" ".join(text.split()))
     if isinstance(error, click.UsageError) and error.ctx and not text.endswith(("?", ")")):
         text = f"{text.rstrip('.')}; see `{error.ctx.command_path} --help`."
     return text if text.endswith((".", "?", ")")) else f"{text}."

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactibench import __version__
+from tactibench.cli.text import echo
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out b
     tactibench list                       what is installed
     """
     if ctx.invoked_subcommand is None:
-        click.echo(ctx.get_help())
+        echo(ctx.get_help())
 
 
 def run() -> None:
@@ -159,10 +160,10 @@ def call(arguments: Sequence[str]) -> int:
         result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
         sys.stdout.flush()
     except (click.exceptions.Abort, KeyboardInterrupt):
-        click.echo(STOPPED, err=True)
+        echo(STOPPED, err=True)
         return INTERRUPTED
     except _HELP_SHOWN as error:
-        click.echo(error.format_message())
+        echo(error.format_message())
         return 0
     except BrokenPipeError:
         raise
@@ -171,6 +172,6 @@ def call(arguments: Sequence[str]) -> int:
             raise
         from tactibench.cli.failures import sentence
 
-        click.echo(f"tactibench: {sentence(error)}", err=True)
+        echo(f"tactibench: {sentence(error)}", err=True)
         return MISTAKE
     return result if isinstance(result, int) else 0

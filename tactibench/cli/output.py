@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,17 +16,33 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 
+from tactibench.errors import printable
 from tactibench.protocols.families import Axis
 from tactibench.records.store import RECORD, StoredRun, stored_runs
+
+
+class PlainConsole(Console):
+    """A console whose texts only show themselves: styles are the writer's, never the text's."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Yield the segments of something that is printed, control characters escaped."""
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                yield Segment(printable(segment.text), segment.style)
 
 
 class Terminal:
     """Results on stdout, and progress on stderr, which is silent where it is no terminal."""
 
     def __init__(self) -> None:
-        self.out = Console(soft_wrap=False, highlight=False)
-        self.err = Console(stderr=True, highlight=False)
+        self.out = PlainConsole(soft_wrap=False, highlight=False)
+        self.err = PlainConsole(stderr=True, highlight=False)
 
     def say(self, line: str) -> None:
         """Print a line as it is; the terminal breaks it."""
