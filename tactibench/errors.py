@@ -44,20 +44,19 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """Return the text with every control character as an escape: ESC becomes ``\\x1b``.
+    """Return a text that only shows itself: control characters as escapes (ESC: ``\\x1b``).
 
-    A terminal obeys such characters, so that a name could clear the screen or move the cursor.
-    Marks that turn the direction of writing count as well.
+    A terminal obeys such characters, so that a name in a file, a record or a plugin could clear the
+    screen or move the cursor. Marks that turn the direction of writing count as well. Line breaks
+    and tabs stay.
     """
-    if text.isprintable():
-        return text
-    return "".join(_escape(sign) for sign in text)
+    return text if text.isprintable() else "".join(map(_escape, text))
 
 
 def _escape(sign: str) -> str:
     """Return a sign of one of Unicode's categories "other" (C) or "line" (Zl, Zp) as an escape."""
     category = unicodedata.category(sign)
-    hidden = category.startswith("C") or category in ("Zl", "Zp")
+    hidden = sign not in "\n\t" and (category.startswith("C") or category in ("Zl", "Zp"))
     return sign.encode("unicode_escape").decode("ascii") if hidden else sign
 
 

@@ -16,6 +16,7 @@ from tactibench.cli.options import (
     save_json,
     store_option,
 )
+from tactibench.cli.text import echo
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
     if check:
         ctx.invoke(check_pages)
     else:
-        click.echo(ctx.get_help())
+        echo(ctx.get_help())
 
 
 @board.command()
@@ -94,14 +95,14 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
     made = page_files(board_folder)
     stale = [page for page in made if not page.current]
     for page in stale:
-        click.echo(
+        echo(
             f"{page.path} is not what the committed records give; "
             "run `tactibench board write` and commit it.",
             err=True,
         )
     if stale:
         ctx.exit(1)
-    click.echo(f"{len(made)} pages are what the committed records give")
+    echo(f"{len(made)} pages are what the committed records give")
 
 
 @board.command()
@@ -119,7 +120,7 @@ def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
     check_folder(board_folder)
     for run in _complete_runs(store, names):
         added = add(run, board_folder)
-        click.echo(f"added {added.path}")
+        echo(f"added {added.path}")
         _echo_replaced(added.replaced)
     _write_pages(board_folder)
 
@@ -141,9 +142,9 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     check_folder(board_folder)
     added = add(open_run(store, name), board_folder)
     for path in (added.path, answers_file(added.path)):
-        click.echo(f"wrote {path} ({path.stat().st_size / 1000:,.0f} kB)")
+        echo(f"wrote {path} ({path.stat().st_size / 1000:,.0f} kB)")
     _echo_replaced(added.replaced)
-    click.echo(
+    echo(
         f"check it with `tactibench board verify {added.path}`, then open a pull request with "
         "both files; docs/submit.md says what is checked there."
     )
@@ -263,7 +264,7 @@ def hidden(protocol: str, board_folder: Path) -> None:
     path = commitment_file(loaded.spec.id, board_folder / "hidden")
     if path.exists():
         if read_commitment(path) == seed.commitment:
-            click.echo(f"{path} holds the hash of this seed already")
+            echo(f"{path} holds the hash of this seed already")
             return
         raise UserError(
             f"{path} holds the hash of another seed; to exchange a seed, remove the file in a "
@@ -271,7 +272,7 @@ def hidden(protocol: str, board_folder: Path) -> None:
         )
     with atomic(path) as stream:
         stream.write(commitment_text(loaded, seed).encode())
-    click.echo(f"wrote {path}: sha256 {seed.commitment}; commit it before the first run")
+    echo(f"wrote {path}: sha256 {seed.commitment}; commit it before the first run")
 
 
 def _write_pages(board_folder: Path) -> None:
@@ -281,9 +282,9 @@ def _write_pages(board_folder: Path) -> None:
     check_folder(board_folder)
     pages = page_files(board_folder)
     if not pages:
-        click.echo(f"{board_folder} holds no run; `tactibench board add RUN` adds one")
+        echo(f"{board_folder} holds no run; `tactibench board add RUN` adds one")
     for page in pages:
-        click.echo(_page_line(page))
+        echo(_page_line(page))
         if not page.current:
             page.write()
 
@@ -296,7 +297,7 @@ def _page_line(page: PageFile) -> str:
 
 def _echo_replaced(paths: tuple[Path, ...]) -> None:
     for path in paths:
-        click.echo(f"  in place of {path.name}, the same row and seed")
+        echo(f"  in place of {path.name}, the same row and seed")
 
 
 def _complete_runs(store: Path, names: tuple[str, ...]) -> list[StoredRun]:

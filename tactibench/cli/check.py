@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.options import json_option, param_option, save_json
+from tactibench.cli.text import echo
 from tactibench.errors import UserError, did_you_mean
 from tactibench.plugins.specs import KINDS
 
@@ -70,10 +71,10 @@ def check(
         check_names(properties(subject_kind), reasons)
     reports = []
     for subject_kind, subject in subjects.items():
-        click.echo(f"{subject.title}:")
+        echo(f"{subject.title}:")
         expectations = expected_failures(subject, reasons)
         report = run_checks(properties(subject_kind), subject, expectations, _print_finding)
-        click.echo(report.summary())
+        echo(report.summary())
         reports.append(report)
     save_json(json_file, _json_values(reports))
     if not all(report.ok for report in reports):
@@ -81,7 +82,7 @@ def check(
 
 
 def _print_finding(finding: Finding) -> None:
-    click.echo(f"  {finding.line()}")
+    echo(f"  {finding.line()}")
 
 
 def _kinds_of(name: str, host: PluginHost) -> list[str]:

@@ -10,6 +10,7 @@ import click
 
 from tactibench.cli.data_info import info, print_labels_report
 from tactibench.cli.options import json_option, param_option, save_json
+from tactibench.cli.text import echo
 
 if TYPE_CHECKING:
     from tactibench.cli.output import Terminal
@@ -221,7 +222,7 @@ def _show_parameters(ctx: click.Context, _option: click.Parameter, wanted: bool)
     for parameter in PARAMETERS:
         default = f" [{parameter.default}]" if parameter.default != "" else ""
         choices = f" ({', '.join(map(str, parameter.choices))})" if parameter.choices else ""
-        click.echo(f"  {parameter.name:<15} {parameter.help}{choices}{default}")
+        echo(f"  {parameter.name:<15} {parameter.help}{choices}{default}")
     ctx.exit()
 
 

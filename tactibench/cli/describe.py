@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tactibench.cli.text import echo
 from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
@@ -36,9 +37,9 @@ def describe(name: str) -> None:
 
 
 def _show_spec(kind: str, spec: Any, origin: Any) -> None:
-    click.echo(f"{kind} {spec.name}: {spec.summary}")
-    click.echo(f"  from      plugin {origin}")
-    click.echo(f"  class     {spec.target}")
+    echo(f"{kind} {spec.name}: {spec.summary}")
+    echo(f"  from      plugin {origin}")
+    echo(f"  class     {spec.target}")
     for field, label in (
         ("answers", "answers"),
         ("reads", "reads"),
@@ -49,14 +50,14 @@ def _show_spec(kind: str, spec: Any, origin: Any) -> None:
         ("needs_data", "--data"),
     ):
         if hasattr(spec, field):
-            click.echo(f"  {label:<9} {_describe_field(field, spec)}")
+            echo(f"  {label:<9} {_describe_field(field, spec)}")
     for p in spec.parameters:
         allowed = f" ({', '.join(map(str, p.choices))})" if p.choices else _range(p)
-        click.echo(f"  --param {kind}.{p.name}={p.default}{allowed}")
-        click.echo(f"            {p.help}")
+        echo(f"  --param {kind}.{p.name}={p.default}{allowed}")
+        echo(f"            {p.help}")
     for version, values in getattr(spec, "versions", {}).items():
         own = " ".join(f"{name}={value}" for name, value in values.items())
-        click.echo(f"  by default, with version={version}: {own}")
+        echo(f"  by default, with version={version}: {own}")
 
 
 def _describe_field(field: str, spec: Any) -> str:
@@ -83,22 +84,22 @@ def _show_protocol(name: str) -> None:
 
     protocol = load_protocol(name)
     spec = protocol.spec
-    click.echo(f"protocol {protocol.label}: {spec.title}")
-    click.echo(f"  hash      {protocol.hash}")
+    echo(f"protocol {protocol.label}: {spec.title}")
+    echo(f"  hash      {protocol.hash}")
     versions = [one.label for one in protocol_versions(spec.id) if one.hash != protocol.hash]
     if versions:
-        click.echo(f"  versions  {', '.join(versions)}")
-    click.echo(f"  asks for  {spec.answer}")
+        echo(f"  versions  {', '.join(versions)}")
+    echo(f"  asks for  {spec.answer}")
     for draw in spec.draws:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
-        click.echo(f"  draw      {draw.name}: {count:,} {_kind(draw)} presses")
+        echo(f"  draw      {draw.name}: {count:,} {_kind(draw)} presses")
     for regime, extra in spec.regimes.items():
-        click.echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
+        echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
     for axis in spec.axes:
-        click.echo(f"  {_family(axis)}")
-    click.echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
-    click.echo(f"  metrics   {', '.join(spec.metrics.names)}")
-    click.echo(f"  published {', '.join(spec.published.tables) or 'none'}")
+        echo(f"  {_family(axis)}")
+    echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
+    echo(f"  metrics   {', '.join(spec.metrics.names)}")
+    echo(f"  published {', '.join(spec.published.tables) or 'none'}")
 
 
 def _kind(draw: Draw) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tactibench.cli.text import echo
 from tactibench.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,11 +36,11 @@ def doctor(ctx: click.Context, data: Path | None) -> None:
     problems = 0
     for line in _check_all(data):
         problems += not line.ok
-        click.echo(f"{line.heading if line.ok else 'broken':<10}{line.text}")
+        echo(f"{line.heading if line.ok else 'broken':<10}{line.text}")
     if problems:
-        click.echo(f"{problems} problem{'s' if problems > 1 else ''} found")
+        echo(f"{problems} problem{'s' if problems > 1 else ''} found")
         ctx.exit(1)
-    click.echo("all is well")
+    echo("all is well")
 
 
 def _check_all(data: Path | None) -> Iterator[Line]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tactibench.cli.options import board_option, json_option, save_json, store_option
+from tactibench.cli.text import echo
 
 if TYPE_CHECKING:
     from tactibench.plugins.host import PluginHost
@@ -51,13 +52,13 @@ def _list_plugins(kinds: tuple[str, ...]) -> dict[str, list[Row]]:
     rows = {kind: _plugin_rows(host, kind) for kind in kinds}
     for kind, listed in rows.items():
         width = max((len(row["name"]) for row in listed), default=0)
-        click.echo(f"{kind}:")
+        echo(f"{kind}:")
         for row in listed:
-            click.echo(f"  {row['name']:<{width}}  {row['summary']}")
+            echo(f"  {row['name']:<{width}}  {row['summary']}")
     count = len(host.problems)
     if count:
         plural = "s" if count > 1 else ""
-        click.echo(f"{count} plugin problem{plural}: run `tactibench doctor`.", err=True)
+        echo(f"{count} plugin problem{plural}: run `tactibench doctor`.", err=True)
     return rows
 
 
@@ -158,8 +159,8 @@ def _weights_label(weights: CachedWeights, host: PluginHost) -> str:
 def _list_published(board_folder: Path) -> list[Row]:
     rows: list[Row] = []
     for table in _published_tables(board_folder):
-        click.echo(f"{table.name}: {table.authors}, {table.title}, {table.year}")
-        click.echo(f"  measured on: {table.measured_on}")
+        echo(f"{table.name}: {table.authors}, {table.title}, {table.year}")
+        echo(f"  measured on: {table.measured_on}")
         rows += [
             {
                 "table": table.name,
@@ -190,13 +191,13 @@ def _published_tables(board_folder: Path) -> list[PublishedTable]:
 def _print(rows: list[Row], heads: tuple[str, ...], empty: str) -> None:
     """Print rows as aligned columns; without rows, say where they would come from."""
     if not rows:
-        click.echo(empty)
+        echo(empty)
         return
     cells = [heads, *(tuple(_text(row[head]) for head in heads) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     for line in cells:
         padded = (f"{text:<{width}}" for text, width in zip(line, widths, strict=True))
-        click.echo("  ".join(padded).rstrip())
+        echo("  ".join(padded).rstrip())
 
 
 def _text(value: Any) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactibench import __version__
+from tactibench.cli.text import echo
 from tactibench.errors import (
     Interruption,
     PluginError,
@@ -138,7 +139,7 @@ def main(ctx: click.Context, debug: bool, quiet: bool) -> None:  # noqa: ARG001 
     tactibench list                       what is installed
     """
     if ctx.invoked_subcommand is None:
-        click.echo(ctx.get_help())
+        echo(ctx.get_help())
 
 
 def run() -> None:
@@ -170,7 +171,7 @@ def _note_threads(code: int) -> None:
     from tactibench.plugins.failures import describe_threads
 
     for sentence in describe_threads(left):
-        click.echo(f"tactibench: {sentence}", err=True)
+        echo(f"tactibench: {sentence}", err=True)
 
     def end() -> None:
         main_thread = threading.main_thread()
@@ -213,7 +214,7 @@ def call(arguments: Sequence[str]) -> int:
         result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
         sys.stdout.flush()
     except _HELP_SHOWN as error:
-        click.echo(error.format_message())
+        echo(error.format_message())
         return 0
     except BrokenPipeError:
         raise
@@ -239,11 +240,11 @@ def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
         if text is not None:
             if debug:
                 raise error if isinstance(error, Exception) else _as_exception(error)
-            click.echo(f"tactibench: {text}", err=True)
+            echo(f"tactibench: {text}", err=True)
             return MISTAKE
         if not isinstance(error, KeyboardInterrupt):
             raise error
-    click.echo(STOPPED, err=True)
+    echo(STOPPED, err=True)
     return INTERRUPTED
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from tactibench.cli.text import echo
 from tactibench.plugins.specs import KINDS
 
 LIBRARIES = ("numpy", "torch", "sklearn")
@@ -50,9 +51,9 @@ def new(kind: str, name: str, out: Path, library: str, channels: bool) -> None:
     template = "skin" if channels else "" if library == LIBRARIES[0] else library
     folder = write_package(names, out, template)
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        click.echo(f"wrote {path}")
+        echo(f"wrote {path}")
     place = folder if folder.is_absolute() else f"./{folder}"  # a bare name, pip would look up
     example = EXAMPLES[kind].format(name=name)
-    click.echo("next:")
+    echo("next:")
     for command in (f"pip install -e {place}", f"tactibench check {name}", example):
-        click.echo(f"  {command}")
+        echo(f"  {command}")

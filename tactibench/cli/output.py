@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
 import click
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 
 from tactibench.errors import printable
 from tactibench.plugins.base import Progress
@@ -17,19 +18,33 @@ from tactibench.records.store import RECORD, StoredRun, stored_runs
 from tactibench.report.progress import progress_on
 
 
+class PlainConsole(Console):
+    """A console whose texts only show themselves: styles are the writer's, never the text's."""
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Yield the segments of something that is printed, control characters escaped."""
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                yield Segment(printable(segment.text), segment.style)
+
+
 class Terminal:
     """Results on stdout, and progress on stderr: bars, or lines where it is no terminal."""
 
     def __init__(self) -> None:
-        self.out = Console(soft_wrap=False, highlight=False)
+        self.out = PlainConsole(soft_wrap=False, highlight=False)
         context = click.get_current_context(silent=True)
         self.quiet = context is not None and bool(context.find_root().params.get("quiet"))
-        self._progress = progress_on(Console(stderr=True, highlight=False), quiet=self.quiet)
+        console = PlainConsole(stderr=True, highlight=False)
+        self._progress = progress_on(console, quiet=self.quiet)
 
     def say(self, line: str) -> None:
         """Print a line, control characters escaped; the terminal breaks it."""
-        text = "\n".join(map(printable, line.split("\n")))
-        self.out.print(text, markup=False, soft_wrap=True)
+        self.out.print(line, markup=False, soft_wrap=True)
 
     def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
         """Show progress while something of ``total`` steps is done; yields what advances it."""

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactibench.board.cost import latency, machine
-from tactibench.board.frontier import frontiers
+from tactibench.board.frontier import Frontier, frontiers
 from tactibench.board.rows import Row
 from tactibench.errors import UserError
 from tactibench.metrics.gospa import gospa_per_frame
@@ -61,6 +61,13 @@ class Option:
     image: str
     tables: tuple[Table, ...] = ()
     note: str = ""
+
+
+MOST_PICTURES = 3
+"""Pictures of one kind and sensor: eighteen rows are more than anybody compares by eye, and a
+picture takes a second or more."""
+MOST_POINTS = 40
+"""Points beside the line of a frontier that can still be told apart."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,8 @@ def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
             words = machine_words(regimes[0].points[0].row.first)
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            image = _image(frontier_figure(regimes, error, title="", measured_on=words))
+            drawn = [_less_crowded(regime) for regime in regimes]
+            image = _image(frontier_figure(drawn, error, title="", measured_on=words))
             tables = tuple(frontier_table(regime, error) for regime in regimes)
             options.append(Option(words, image, tables, note))
     caption = (
@@ -138,6 +146,18 @@ def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
         "least error within a time. Times are compared inside one machine only."
     )
     return Panel("Speed against error", caption, tuple(options), "timed on")
+
+
+def _less_crowded(regime: Frontier) -> Frontier:
+    """Return the frontier with the points on its line and the best others."""
+    if len(regime.points) <= MOST_POINTS:
+        return regime
+    others = sorted(
+        (point for point in regime.points if point not in regime.best),
+        key=lambda point: point.error.value,
+    )
+    kept = {point.label for point in (*regime.best, *others[:MOST_POINTS])}
+    return replace(regime, points=tuple(p for p in regime.points if p.label in kept))
 
 
 def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
@@ -180,10 +200,12 @@ def _batch_options(
 ) -> tuple[Option, ...]:
     """Return a picture and a table of the rows by sixes, the best first, named by their places."""
     options = []
-    for start in range(0, len(rows), CURVES):
-        part = rows[start : start + CURVES]
+    drawn = rows[: MOST_PICTURES * CURVES]
+    for start in range(0, len(drawn), CURVES):
+        part = drawn[start : start + CURVES]
         label = "" if len(rows) <= CURVES else f"{start + 1} to {start + len(part)}"
-        options.append(Option(label, _image(draw(part), kind), (tabulate(part),)))
+        note = f"The best {len(drawn)} of {len(rows):,} rows." if len(drawn) < len(rows) else ""
+        options.append(Option(label, _image(draw(part), kind), (tabulate(part),), note))
     return tuple(options)
 
 

@@ -1,0 +1,12 @@
+"""Lines on the terminal that only show themselves, whoever wrote what is in them."""
+
+from __future__ import annotations
+
+import click
+
+from tactibench.errors import printable
+
+
+def echo(text: str, *, err: bool = False) -> None:
+    """Print a line, its control characters escaped."""
+    click.echo(printable(text), err=err)
