@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -91,7 +92,8 @@ def demo(
             import webbrowser
 
             webbrowser.open(page.url)
-        threading.Event().wait()
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
 
 
 def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str, ...]) -> RunPlan:

@@ -110,7 +110,10 @@ def _handler(files: Files, posts: Mapping[str, Post]) -> type[BaseHTTPRequestHan
         protocol_version = "HTTP/1.1"  # the connection stays open from picture to picture
         server_version, sys_version = "tactibench", ""
         disable_nagle_algorithm = True
-        timeout = IDLE_S
+
+        def setup(self) -> None:
+            self.request.settimeout(IDLE_S)
+            super().setup()
 
         def do_GET(self) -> None:
             self._answer(lambda: files.get(self.path))

@@ -6,6 +6,7 @@
 const CIVIDIS = [[0, 34, 78], [26, 56, 111], [67, 78, 108], [97, 101, 111], [125, 124, 120],
   [155, 148, 118], [188, 174, 108], [222, 201, 88], [254, 232, 56]];
 const READ = "#ff7a1a", SEEN = "#2ecc71", UNSEEN = "#ff5c5c";
+const LAMP = [0.45, 0.54, 0.71];  // of length 1, so steep that the dome's own side is not dark
 const STEP_MM = 0.1;
 const RECENT = 40;  // answers over which speed is shown
 const MOST_MEASURES = 2000;
@@ -91,9 +92,9 @@ function asSkin(data, { values, width, height }) {
       const up = Math.max(0, i - 1), down = Math.min(height - 1, i + 1);
       const dx = (z[i * width + right] - z[i * width + left]) / ((right - left) * pitch);
       const dy = (z[down * width + j] - z[up * width + j]) / ((down - up) * pitch);
-      const light = (0.5 * dx + 0.6 * dy + 0.75) / Math.hypot(dx, dy, 1) / 1.08;
-      const shade = 25 + 215 * Math.max(0, Math.min(1, light));
-      const deep = Math.min(1, Math.max(0, values[k]) / 4);
+      const light = (LAMP[0] * dx + LAMP[1] * dy + LAMP[2]) / Math.hypot(dx, dy, 1);
+      const shade = 45 + 205 * Math.max(0, light);
+      const deep = Math.min(1, Math.max(0, values[k]) / 3);
       data[4 * k] = shade * (0.62 + 0.38 * deep);
       data[4 * k + 1] = shade * (0.74 - 0.25 * deep);
       data[4 * k + 2] = shade * (0.9 - 0.55 * deep);
@@ -152,6 +153,11 @@ function drawDome(message) {
   context.setLineDash([]);
   for (const [x, y] of message.truth || []) {
     ring(context, place(x, side), place(y, side), 6 * scale, scale);
+    context.beginPath();
+    context.arc(place(x, side), place(y, side), find("#sliders").radius.value / half * side / 2, 0, 2 * Math.PI);
+    context.lineWidth = scale;
+    context.strokeStyle = "rgba(255,255,255,.5)";
+    context.stroke();
   }
   find("#where").textContent = state.tips.length === 1
     ? `x ${state.tips[0][0].toFixed(1)}, y ${state.tips[0][1].toFixed(1)} mm`
@@ -179,7 +185,7 @@ function drawFrame(message) {
     context.stroke();
   }
   const seen = message.pins.filter((pin) => pin[4]).length;
-  find("#pins").textContent = message.pins.length ? `${seen} of ${message.pins.length} pins` : "";
+  find("#pins").textContent = message.pins.length ? `${seen}/${message.pins.length} pins` : "";
 }
 
 function errorLine(error) {
@@ -369,9 +375,7 @@ function lift(event) {
 function showValues() {
   for (const input of document.querySelectorAll("#sliders input")) {
     const digits = (input.step.split(".")[1] || "").length, unit = input.dataset.unit;
-    const nominal = input.name === "instance" && input.value === "0";
-    input.parentElement.querySelector("output").textContent =
-      nominal ? "0, of the training" : `${Number(input.value).toFixed(digits)}${unit ? ` ${unit}` : ""}`;
+    input.parentElement.querySelector("output").textContent = `${Number(input.value).toFixed(digits)}${unit ? ` ${unit}` : ""}`;
   }
 }
 
@@ -436,6 +440,7 @@ async function begin() {
     if (kind === "watch") figure.querySelector(".ring").nextSibling.remove(), figure.querySelector(".ring").remove();
     find("#panels").append(figure);
   });
+  find("#panels").dataset.models = models.length;
   find("#panels").style.setProperty("--count", models.length + (kind === "press" ? 2 : 1));
   new ResizeObserver(() => { if (state.last) draw(state.last); }).observe(find("#panels"));
   document.documentElement.dataset.ready = "yes";
