@@ -99,24 +99,26 @@ def demo(
 def _plan(protocol: str, model: str, options: dict[str, Any], models: tuple[str, ...]) -> RunPlan:
     """Return the plan behind a model's weights. Raises UserError for a sensor without a press."""
     from tactibench.plugins.host import PluginHost
+    from tactibench.protocols.loader import load_protocol
     from tactibench.records.cache import cache_folder
+    from tactibench.run.components import resolve_components
     from tactibench.run.plan import make_plan
 
     host = PluginHost()
     request = request_of(protocol, model, _own_options(model, options, models, host))
-    plan = make_plan(request, host, cache_folder())
-    sensor = plan.components.sensor.spec
-    if sensor.needs_data or sensor.origin != "simulated":
+    spec = load_protocol(request.protocol).spec
+    sensor = resolve_components(request, spec, host).sensor.spec
+    if sensor.needs_data or sensor.origin != "simulated" or sensor.reference_of:
         raise UserError(
             f"sensor {sensor.name!r} cannot be pressed by mouse; take a simulated one of "
             "`tactibench list sensors`, or watch a real one with `tactibench hw live`."
         )
-    if plan.spec.answer != "contacts":
+    if spec.answer != "contacts":
         raise UserError(
-            f"protocol {plan.spec.id!r} asks for {plan.spec.answer} poses, and the page presses "
-            "tips; take one that asks for contacts, such as exp2."
+            f"protocol {spec.id!r} asks for {spec.answer} poses, and the page presses tips; take "
+            "one that asks for contacts, such as exp2."
         )
-    return plan
+    return make_plan(request, host, cache_folder())
 
 
 def _own_options(
