@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -53,8 +54,9 @@ def demo(
 ) -> None:
     """Press a simulated sensor by mouse or fingers and see what one or two models answer.
 
-    A page of this machine shows the frame, the dimple, the maps, true and read contacts, errors and
-    times. Without a MODEL it is superpose, which trains in about a minute the first time.
+    A page of this machine shows frame, dimple, maps, true and read contacts, errors and times. A
+    MODEL is a name or a file of `weights export`. Without one it is superpose, which trains in
+    about a minute the first time.
     """
     if len(models) > MOST_MODELS:
         raise UserError(f"{len(models)} models are named; the page shows {MOST_MODELS} at most.")
@@ -63,10 +65,12 @@ def demo(
     from tactibench.report.plots.style import model_look
 
     terminal = Terminal()
-    names = models or (DEFAULT,)
+    given = models or (DEFAULT,)
+    names = tuple(_model_name(text) for text in given)
     plans = [_plan(protocol, name, options, names) for name in names]
     subjects = [
-        _subject(plan, terminal, train=train or plan.request.model == DEFAULT) for plan in plans
+        _subject(plan, text, terminal, train=train or text == DEFAULT)
+        for plan, text in zip(plans, given, strict=True)
     ]
     plan = plans[0]
     spec = plan.frames.on_range(plan.spec)
@@ -144,23 +148,31 @@ def _own_options(
     return {**options, "encoder": encoder, "params": params}
 
 
-def _subject(plan: RunPlan, terminal: Terminal, *, train: bool) -> Subject:
+def _model_name(text: str) -> str:
+    """Return the name of a model, given by name or by a weights file."""
+    from tactibench.run.weights_file import SUFFIX, read_weights
+
+    return read_weights(Path(text)).description.model.name if text.endswith(SUFFIX) else text
+
+
+def _subject(plan: RunPlan, text: str, terminal: Terminal, *, train: bool) -> Subject:
     """Return a model with its weights. Raises UserError where they would have to be trained."""
     from tactibench.live.press import Subject
     from tactibench.plugins.host import PluginHost
+    from tactibench.run.plan import no_weights
     from tactibench.run.train import train_model
+    from tactibench.run.weights_file import SUFFIX, open_weights
 
     label = plan.components.model.label
-    if not plan.weights.cached:
-        if not train:
-            raise UserError(
-                f"there are no trained weights of {label} in the cache; add --train, or make them "
-                f"with `tactibench run {plan.request.protocol} --model {plan.request.model} "
-                "--train-only` and the same options."
-            )
-        count = plan.frames.count("fit")
-        terminal.say(f"{label} is trained on {count:,} simulated presses, once.")
-    model, _ = train_model(plan, terminal)
+    if text.endswith(SUFFIX):
+        model, label = open_weights(Path(text), device=plan.request.device)
+    else:
+        if not (plan.weights.cached or train):
+            raise no_weights(plan)
+        if not plan.weights.cached:
+            count = plan.frames.count("fit")
+            terminal.say(f"{label} is trained on {count:,} simulated presses, once.")
+        model, _ = train_model(plan, terminal)
     encoder = None
     if plan.components.encoder is None:  # a map is drawn from its contacts, and labelled so
         encoder = PluginHost().encoders[plan.spec.defaults.encoder].load()()

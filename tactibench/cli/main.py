@@ -34,6 +34,7 @@ VERBS = {
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
+    "weights": ("tactibench.cli.weights:weights", "trained weights as a file: export, import"),
 }
 RETIRED = {
     "curve": "plot curve",

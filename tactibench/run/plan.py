@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from tactibench.protocols.hidden_seed import HiddenSeed
     from tactibench.run.published_predictions import PublishedPredictions
 
-SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "report", "scaffold", "sweep", "testing"})
+SHOWS_ONLY = frozenset(
+    {"_shipped", "board", "cli", "live", "report", "scaffold", "sweep", "testing"}
+)
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 MOST_SETS = 6
 """More sets of frames than these are counted in a plan, not named."""
@@ -157,6 +159,16 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         cache=cache,
     )
     return RunPlan(request, protocol, components, device, frames, weights, published, hidden)
+
+
+def no_weights(plan: RunPlan) -> UserError:
+    """Return the error of a request whose weights are not in the cache."""
+    request = plan.request
+    return UserError(
+        f"there are no trained weights of {plan.components.model.label} in the cache for this "
+        f"request; make them with `tactibench run {request.protocol} --model {request.model} "
+        "--train-only` and the same options."
+    )
 
 
 def _check_signals(components: Components, frames: FramePlan) -> None:

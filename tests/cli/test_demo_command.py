@@ -17,7 +17,10 @@ from tactibench.plugins.host import PluginHost
     [
         ("mean nearest cnn", "3 models are named; the page shows 2 at most"),
         ("nothing", "nothing"),
-        ("unet", "there are no trained weights of unet in the cache; add --train"),
+        (
+            "unet",
+            "there are no trained weights of unet in the cache for this request; make them with",
+        ),
         ("superpose --sensor tactip", "sensor 'tactip' cannot be pressed by mouse"),
         ("cnn --protocol surface --data .", "sensor 'recorded' cannot be pressed by mouse"),
         ("cnn --protocol surface --sensor fitted-127", "protocol 'surface' asks for plate poses"),
