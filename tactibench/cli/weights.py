@@ -112,8 +112,8 @@ def _export_onnx(plan: RunPlan, path: Path, terminal: Terminal) -> None:
     frames = [frame for presses in sets for frame in presses.frames]
     facts = {"model": label, "weights": trained.hash, "source": "tactibench weights export"}
     check = export_onnx(model, frames, path, facts)
-    shape = " x ".join(map(str, check.inputs))
+    shape = " x ".join("N" if size is None else str(size) for size in check.inputs)
     terminal.say(
-        f"{path}: inputs N x {shape}; answers to {check.frames} frames equal those of {label} "
-        f"within {number(check.largest_mm, 6)} mm"
+        f"{path}: inputs {shape}; answers to {check.frames} frames equal those of {label} "
+        f"within {number(check.largest_mm, 6)} mm, its outputs within {check.largest_share:.1e}"
     )

@@ -32,13 +32,14 @@ class OnnxCheck:
         largest_share: Largest difference of raw outputs, as a share of the largest.
         largest_mm: Largest difference of x, y and depth of a contact, mm; of a plate's depth, mm,
             and tilt, deg.
-        inputs, outputs: Shapes; the first axis is the number of frames.
+        inputs: Shape of the inputs; the first is the number of frames, None: any.
+        outputs: Shape of the outputs of one frame.
     """
 
     frames: int
     largest_share: float
     largest_mm: float
-    inputs: tuple[int, ...]
+    inputs: tuple[int | None, ...]
     outputs: tuple[int, ...]
 
 
@@ -51,7 +52,7 @@ def export_onnx(
     inputs, ``model.answers(outputs)`` reads its outputs.
 
     Args:
-        model: Trained, on the CPU.
+        model: Trained.
         frames: That both answer.
         path: The file.
         facts: Texts that the file holds about itself.
@@ -75,14 +76,18 @@ def export_onnx(
         )
     import torch
 
-    inputs, network = model.inputs(frames), model.fold(model.network, "float32")
-    try:
-        content = onnx_model(network, inputs[:2])
-    except Exception as error:
-        first = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise UserError(f"the network of {name} cannot be exported: {first[:200]}.") from error
-    content = _with_facts(content, facts)
-    raw = _computed(content, inputs.numpy())
+    inputs, network = model.inputs(frames), model.fold(model.network, "float32").cpu()
+    free, single = len(inputs), 1
+    for count in (free, single):  # some graphs hold the number of frames that they were traced with
+        try:
+            content = _with_facts(onnx_model(network, inputs[: min(2, count)]), facts, count == 1)
+            raw = _computed(content, inputs.numpy(), count)
+            break
+        except Exception as error:  # noqa: BLE001 - exporters raise whatever they like
+            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            why = error
+    else:
+        raise UserError(f"the network of {name} cannot be exported: {first[:200]}.") from why
     with torch.inference_mode():
         wanted = network(inputs).numpy()
     share = float(np.abs(raw - wanted).max() / max(1.0, float(np.abs(wanted).max())))
@@ -91,11 +96,12 @@ def export_onnx(
     if not (largest <= MOST_MM and share <= MOST_SHARE):
         raise UserError(
             f"the ONNX file of {name} answers otherwise than the model (by {largest:.3g} mm, "
-            f"its outputs by {share:.2g}), so it was not written; report this with the model's name."
+            f"its outputs by {share:.2g}) and was not written; report this with the model's name."
         )
     with atomic(path) as stream:
         stream.write(content)
-    return OnnxCheck(len(frames), share, largest, tuple(inputs.shape[1:]), raw.shape[1:])
+    shape = (None if count > 1 else 1, *inputs.shape[1:])
+    return OnnxCheck(len(frames), share, largest, shape, raw.shape[1:])
 
 
 def largest_difference(answers: Sequence[Answer | None], others: Sequence[Answer | None]) -> float:
@@ -112,18 +118,27 @@ def _difference(one: Answer | None, other: Answer | None) -> float:
     return 0.0 if one is other is None else float("inf")
 
 
-def _with_facts(content: bytes, facts: dict[str, str]) -> bytes:
+def _with_facts(content: bytes, facts: dict[str, str], single: bool) -> bytes:
+    """Return the model with texts about itself, and, where it holds for one frame only, so said."""
     import onnx
 
     graph: Any = onnx.load_from_string(content)
     for name, value in facts.items():
         graph.metadata_props.add(key=name, value=value)
+    if single:
+        for end in (*graph.graph.input, *graph.graph.output):
+            end.type.tensor_type.shape.dim[0].dim_value = 1
     serialized: bytes = graph.SerializeToString()
     return serialized
 
 
-def _computed(content: bytes, inputs: Any) -> Any:
+def _computed(content: bytes, inputs: Any, count: int) -> Any:
+    """Return the outputs of (N, ...) inputs, ``count`` at a time."""
     import onnxruntime
 
-    session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
-    return session.run(None, {"inputs": inputs})[0]
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4  # what fails is raised, too
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    starts = range(0, len(inputs), count)
+    rows = [session.run(None, {"inputs": inputs[k : k + count]})[0] for k in starts]
+    return np.concatenate(rows)
