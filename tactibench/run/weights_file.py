@@ -16,16 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal, Self
+from typing import Any
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    ValidationError,
-    model_validator,
-)
+from pydantic import ValidationError
 
 from tactibench import __version__
 from tactibench.contacts import Grid
@@ -46,6 +39,13 @@ from tactibench.run.weights import (
     training_code,
     weights_hash,
 )
+from tactibench.run.weights_description import (
+    MOST_FILES,
+    ComponentValues,
+    TrainedIdentity,
+    WeightsDescription,
+    weights_card,
+)
 
 SUFFIX = ".zip"
 DESCRIPTION, CARD, FOLDER = "weights.json", "README.md", "weights/"
@@ -54,97 +54,8 @@ FIRST_DAY = (1980, 1, 1, 0, 0, 0)
 MOST_BYTES = 2 * 1024**3
 """Of all files together; the largest model that ships has 40 MB."""
 MOST_DESCRIPTION_BYTES = 1024**2
-MOST_FILES = 64
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}){0,3}")
 """Of a file inside: relative, and nowhere up."""
-
-Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ComponentValues(_Strict):
-    """A model or an encoder with the values of all its parameters."""
-
-    name: str
-    parameters: dict[str, bool | int | float | str] = {}
-
-
-class BuildContext(_Strict):
-    """What a model is told when it is made (`ModelContext`)."""
-
-    answer: Literal["contacts", "plate"]
-    cells: tuple[Annotated[int, Field(ge=1, le=1024)], Annotated[int, Field(ge=1, le=1024)]]
-    origin_mm: tuple[float, float]
-    pitch_mm: Annotated[float, Field(gt=0)]
-    max_depth_mm: Annotated[float, Field(gt=0)]
-    transfers: bool
-
-
-class _EncoderIdentity(BaseModel):
-    name: str
-    code: str
-
-
-class _Identity(BaseModel):
-    """What is read of an identity; it holds more."""
-
-    model: str
-    parameters: dict[str, bool | int | float | str]
-    code: str
-    encoder: _EncoderIdentity | None
-    versions: dict[str, str]
-    seed: int
-    device: str
-
-
-class _Report(BaseModel):
-    """What is read of the report of a training."""
-
-    epochs: int
-    seconds: float
-    notes: dict[str, Any]
-
-
-class WeightsDescription(_Strict):
-    """``weights.json``.
-
-    Attributes:
-        made_with: Version of tactibench.
-        model, encoder, context: What the model is built from.
-        identity: Everything that determined the weights, as in the cache.
-        files: sha256 of every file that the model saved, by name.
-        hash: Hash of the weights, as records hold it.
-        report: Of the training.
-        presses: That it learned from.
-        trained_on: Sensor and presses in words.
-        license: As the exporter states it.
-    """
-
-    @model_validator(mode="after")
-    def _is_of_this_model(self) -> Self:
-        trained = _Identity.model_validate(self.identity)
-        _Report.model_validate(self.report)
-        if (trained.model, trained.parameters) != (self.model.name, self.model.parameters):
-            raise ValueError("the weights were trained for another model than the file names")
-        if (trained.encoder and trained.encoder.name) != (self.encoder and self.encoder.name):
-            raise ValueError("the weights were trained for another encoder than the file names")
-        return self
-
-    schema_: Literal["tactibench-weights/1"] = Field(alias="schema")
-    made_with: str
-    model: ComponentValues
-    encoder: ComponentValues | None
-    context: BuildContext
-    identity: dict[str, Any]
-    files: Annotated[dict[str, Sha256], Field(min_length=1, max_length=MOST_FILES)]
-    hash: Sha256
-    report: dict[str, Any]
-    presses: int | None
-    trained_on: str
-    license: str
 
 
 @dataclass(frozen=True)
@@ -166,7 +77,10 @@ class WeightsFile:
 
         Raises UserError for a model that is not installed.
         """
-        trained, model = _Identity.model_validate(self.description.identity), self._model(host)
+        trained, model = (
+            TrainedIdentity.model_validate(self.description.identity),
+            self._model(host),
+        )
         here = installed_versions(*TRAINED_WITH)
         words = [
             f"{name} {here.get(name)} in place of {trained.versions.get(name)}"
@@ -196,7 +110,7 @@ class WeightsFile:
         )
         return model
 
-    def extract(self, folder: Path) -> None:
+    def write_files(self, folder: Path) -> None:
         """Write the model's files into an empty folder."""
         with _opened(self.path) as archive:
             for name in self.description.files:
@@ -324,7 +238,7 @@ def open_weights(
     file = read_weights(path, sha256=sha256)
     model = file.build(PluginHost(), choose_device(device))
     with TemporaryDirectory(prefix="tactibench-weights-") as folder:
-        file.extract(Path(folder))
+        file.write_files(Path(folder))
         model.load(Path(folder))
     return model, file.label
 
@@ -354,7 +268,7 @@ def import_weights(file: WeightsFile, cache: Path) -> tuple[Path, bool]:
         temporary = plan.folder.with_name(plan.folder.name + ".made")
         shutil.rmtree(temporary, ignore_errors=True)
         temporary.mkdir(parents=True)
-        file.extract(temporary)
+        file.write_files(temporary)
         file.build(host, "cpu").load(temporary)  # refuses weights of another architecture
         notes = {**description.report["notes"], "imported": file.sha256}
         manifest = {
@@ -370,57 +284,6 @@ def import_weights(file: WeightsFile, cache: Path) -> tuple[Path, bool]:
     return plan.folder, False
 
 
-def weights_card(description: WeightsDescription, label: str) -> str:
-    """Return the model card, Markdown: what it is, from what, and how it is used."""
-    identity = _Identity.model_validate(description.identity)
-    report = _Report.model_validate(description.report)
-    context = description.context
-    settings = ", ".join(f"{k}={v}" for k, v in sorted(description.model.parameters.items()))
-    half = context.pitch_mm * context.cells[1] / 2
-    encoder = description.encoder.name if description.encoder else "none"
-    versions = ", ".join(f"{k} {v}" for k, v in identity.versions.items())
-    presses = "n/a" if description.presses is None else f"{description.presses:,}"
-    rows = {
-        "model": f"{description.model.name} ({settings or 'no parameters'})",
-        "encoder": encoder,
-        "answers": description.context.answer,
-        "trained on": f"{description.trained_on}; {presses} presses, seed {identity.seed}",
-        "training": f"{report.epochs} epochs, {report.seconds:.0f} s on {identity.device}",
-        "made with": f"tactibench {description.made_with}, {versions}",
-        "range": f"x and y within {half:g} mm of the map, depth to {context.max_depth_mm:g} mm",
-        "weights": description.hash,
-        "license": description.license,
-    }
-    table = "\n".join(f"| {name} | {_cell(value)} |" for name, value in rows.items())
-    return f"""# {_cell(label)}
-
-Weights of a model that reads a soft optical tactile sensor.
-
-| | |
-|---|---|
-{table}
-
-## Use
-
-```python
-from pathlib import Path
-from tactibench.lab import open_weights
-
-model, label = open_weights(Path("FILE.zip"))
-contacts = model.predict([frame])[0]  # frame: tactibench.Frame, with the sensor's rest image
-```
-
-`tactibench demo FILE.zip` shows it on a simulated sensor, `tactibench hw live FILE.zip` on a real
-one. `tactibench weights import FILE.zip` lets runs take these weights.
-
-## Limits
-
-It holds for the sensor, tips and range of its training. Other sensors, tips and light are what
-`tactibench run stability` and `--test sensor.instance=1` measure. The file holds no scores: a run
-makes them.
-"""
-
-
 def _values(component: BoundSpec[Any]) -> dict[str, Any]:
     return {"name": component.name, "parameters": dict(component.values)}
 
@@ -432,10 +295,6 @@ def _bound(catalogue: Any, component: ComponentValues) -> Any:
 
 def _json(value: Mapping[str, Any]) -> str:
     return json.dumps(value, indent=1, sort_keys=True, allow_nan=False)
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
 
 
 def _opened(path: Path) -> zipfile.ZipFile:

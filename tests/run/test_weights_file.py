@@ -19,12 +19,8 @@ from tactibench.run.plan import RunPlan, make_plan
 from tactibench.run.reporter import NullReporter
 from tactibench.run.request import RunRequest
 from tactibench.run.train import train_model
-from tactibench.run.weights_file import (
-    WeightsDescription,
-    export_weights,
-    import_weights,
-    read_weights,
-)
+from tactibench.run.weights_description import WeightsDescription
+from tactibench.run.weights_file import export_weights, import_weights, read_weights
 
 Entries = dict[str, bytes]
 DARK = np.zeros((64, 64), np.uint8)
