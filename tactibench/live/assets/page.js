@@ -268,7 +268,9 @@ function measure(events) {
 function showSpeed() {
   const within = recent.at.filter((at) => at > performance.now() - 1000);
   const rate = within.length > 4 ? `${within.length} pictures a second` : "";
-  const delay = recent.ms.length ? `${median(recent.ms).toFixed(0)} ms from ${state.settings.kind === "press" ? "mouse" : "request"} to answer on this page (median)` : "";
+  // A camera's frame is waited for: the time from a request would say how often frames come.
+  const pressed = state.settings.kind === "press" && recent.ms.length;
+  const delay = pressed ? `${median(recent.ms).toFixed(0)} ms from mouse to answer on this page (median)` : "";
   find("#speed").textContent = [delay, rate].filter(Boolean).join(" · ");
 }
 
