@@ -24,6 +24,7 @@ PUBLIC_MODULES = (
     "tactibench.datasets",
     "tactibench.geometry",
     "tactibench.lab",
+    "tactibench.live",
     "tactibench.markers",
     "tactibench.png",
     "tactibench.superposition",

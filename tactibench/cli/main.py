@@ -35,6 +35,7 @@ VERBS = {
     "check": ("tactibench.cli.check:check", "prove that a plugin behaves as its kind must"),
     "compare": ("tactibench.cli.compare:compare", "runs against each other, press by press"),
     "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
+    "demo": ("tactibench.cli.demo:demo", "press a simulated sensor by mouse; see models answer"),
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
     "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
@@ -45,6 +46,7 @@ VERBS = {
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
+    "weights": ("tactibench.cli.weights:weights", "trained weights as a file: export, import"),
 }
 RETIRED = {
     "curve": "plot curve",

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tactibench.run.published_predictions import PublishedPredictions
 
 SHOWS_ONLY = frozenset(
-    {"_shipped", "api.py", "board", "cli", "report", "scaffold", "sweep", "testing"}
+    {"_shipped", "api.py", "board", "cli", "live", "report", "scaffold", "sweep", "testing"}
 )
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 MOST_SETS = 6
@@ -209,6 +209,16 @@ def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePla
     if key not in known:
         known[key] = frame_source(request).plan()
     return known[key]
+
+
+def no_weights(plan: RunPlan) -> UserError:
+    """Return the error of a request whose weights are not in the cache."""
+    request = plan.request
+    return UserError(
+        f"there are no trained weights of {plan.components.model.label} in the cache for this "
+        f"request; make them with `tactibench run {request.protocol} --model {request.model} "
+        "--train-only` and the same options."
+    )
 
 
 def _check_signals(components: Components, frames: FramePlan) -> None:

@@ -83,7 +83,7 @@ def check_names(options: dict[str, object]) -> None:
     named = {}
     for kind, catalogue in zip(("model", "sensor", "encoder"), HOST.catalogues, strict=True):
         name = options.get(kind)
-        if isinstance(name, str) and name not in OWN and "," not in name:
+        if isinstance(name, str) and name not in OWN and not re.search(r",|\.zip$", name):
             named[kind] = catalogue[name]
     named.setdefault("sensor", HOST.sensors["tactip-127"])
     for text in [*_texts(options.get("params")), *_texts(options.get("tests"))]:
