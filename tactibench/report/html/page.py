@@ -102,13 +102,14 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
 
 def _chapter(board: ReportBoard, page: BoardPage) -> Chapter:
     sections = tuple(
-        _section(board, section, _anchor(board.name, k)) for k, section in enumerate(page.sections)
+        _section(board, page, section, _anchor(board.name, k))
+        for k, section in enumerate(page.sections)
     )
     published = html(compact_blocks(page.published[1:]))  # the template has its heading
     return Chapter(board.name, page.title, html(page.intro), sections, published)
 
 
-def _section(board: ReportBoard, section: PageSection, key: str) -> SectionView:
+def _section(board: ReportBoard, page: BoardPage, section: PageSection, key: str) -> SectionView:
     stored = any(row.first.name in board.runs for row in section.rows)
     lacking = board.protocol.spec.answer == "contacts" and not stored
     blocks = compact_blocks(section.blocks)
@@ -118,7 +119,7 @@ def _section(board: ReportBoard, section: PageSection, key: str) -> SectionView:
         section.title,
         html(blocks[:first]),
         html(map(_folded, blocks[first:])),
-        tuple(panels(section, board)),
+        tuple(panels(section, board, [one.section for one in page.sections])),
         WITHOUT_FRAMES.format(board.name) if lacking else "",
     )
 

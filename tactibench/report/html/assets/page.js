@@ -96,7 +96,7 @@
     const wide = () => boxes.filter((box) => box.scrollWidth > box.clientWidth + 1);
     boxes.forEach((box) => box.classList.remove("tight", "cards"));
     wide().forEach((box) => box.classList.add("tight"));
-    wide().forEach((box) => box.classList.add("cards"));
+    wide().forEach((box) => box.classList.replace("tight", "cards"));
   };
   all("details").forEach((fold) => fold.addEventListener("toggle", () => { if (fold.open) fit(fold); }));
   all("select[data-options]").forEach((select) => select.addEventListener("change", () => fit()));
