@@ -466,6 +466,15 @@ class Plot:
         """The figure of matplotlib, drawn when it is first asked for."""
         return self.data.draw()
 
+    @cached_property
+    def detail(self) -> Figure | None:
+        """Of "stability": the error case by case, a panel a family; None for other kinds.
+
+        Raises:
+            UserError: There are too many rows for one panel.
+        """
+        return None if self.data.draw_detail is None else self.data.draw_detail()
+
     def save(self, path: str | Path) -> Path:
         """Write the figure as a PNG file and return its path."""
         from tactibench.report.plots.style import save_png

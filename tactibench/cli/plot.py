@@ -126,6 +126,7 @@ def curve(
 @plot.command()
 @click.argument("protocol", default="stability")
 @board_options
+@picture_file("--errors", "Draw the error case by case, a panel a family, of at most six rows.")
 @picture_file("--cases", "Draw one frame of every case, from a run of --store.")
 @click.option("--rows", multiple=True, metavar="LABEL", help="Only these rows, in this order.")
 def stability(
@@ -135,6 +136,7 @@ def stability(
     runs: Path | None,
     sensor: str | None,
     json_file: Path | None,
+    errors: Path | None,
     cases: Path | None,
     rows: tuple[str, ...],
 ) -> None:
@@ -144,15 +146,20 @@ def stability(
 
     \b
     tactibench run stability --model superpose
-    tactibench plot stability --store runs --out stability.png --cases cases.png
+    tactibench plot stability --out heat.png --errors curves.png
+    tactibench plot stability --store runs --out heat.png --cases cases.png
     """
     from tactibench import api
 
     made = api.plot("stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows)
     terminal = _show(made, out, json_file)
+    from tactibench.report.plots.style import save_png
+
+    if errors is not None and made.detail is not None:
+        save_png(made.detail, errors)
+        terminal.say(f"picture: {errors}")
     if cases is not None:
         from tactibench.protocols.loader import load_protocol
-        from tactibench.report.plots.style import save_png
 
         save_png(_case_frames(protocol, runs, load_protocol(protocol).spec.axes), cases)
         terminal.say(f"picture: {cases}")

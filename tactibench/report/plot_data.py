@@ -15,7 +15,13 @@ from tactibench.board.frontier import frontiers
 from tactibench.board.grouping import whole
 from tactibench.board.ranking import ordered, ranking_error
 from tactibench.board.rows import Row
-from tactibench.board.sections import all_records, gather_records, left_out, select_section
+from tactibench.board.sections import (
+    all_records,
+    gather_records,
+    left_out,
+    sections_of,
+    select_section,
+)
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import load_protocol
 from tactibench.report.hard_cases import doubling_table
@@ -46,6 +52,7 @@ class PlotData:
         remarks: How to read them, and what they leave out.
         rows: The numbers, a mapping a point.
         draw: Draws the figure.
+        draw_detail: Draws the curves behind a heat map; None where there is no such figure.
     """
 
     title: str
@@ -54,6 +61,7 @@ class PlotData:
     rows: JsonRows = field(repr=False)
     draw: Callable[[], Figure] = field(repr=False)
     remarks: tuple[str, ...] = ()
+    draw_detail: Callable[[], Figure] | None = field(default=None, repr=False)
 
 
 def frontier_data(
@@ -84,9 +92,11 @@ def frontier_data(
         remarks.append(f"Left out: {hidden:,} runs on other sensors.")
 
     def draw() -> Figure:
-        from tactibench.report.plots.frontier import frontier_figure
+        from tactibench.report.plots.frontier import frontier_figure, off_nominal
 
-        return frontier_figure(regimes, error, measured_on=subject)
+        everywhere = sections_of(whole(all_records(protocol, board, runs)))
+        other = off_nominal(section.rows, everywhere, regimes, error)
+        return frontier_figure(regimes, error, off_nominal=other, measured_on=subject)
 
     return PlotData(
         f"Speed against {error.name}",
@@ -188,12 +198,24 @@ def stability_data(
     subject = f"{protocol}, {section.title.lower()}"
 
     def draw() -> Figure:
-        from tactibench.report.plots.stability import stability_figure
+        from tactibench.report.plots.doubling import doubling_figure
 
+        return doubling_figure(chosen, axes, measured_on=subject)
+
+    def draw_cases() -> Figure:
+        from tactibench.report.plots.stability import stability_figure
+        from tactibench.report.plots.style import CURVES
+
+        if len(chosen) > CURVES:
+            raise UserError(
+                f"{len(chosen)} rows are too many for one panel; name at most {CURVES} with "
+                "--rows LABEL."
+            )
         return stability_figure(chosen, axes, measured_on=subject)
 
     shown = (doubling_table(chosen, axes),)
-    return PlotData("", subject, shown, stability_rows(chosen, axes), draw)
+    rows = stability_rows(chosen, axes)
+    return PlotData("", subject, shown, rows, draw, draw_detail=draw_cases)
 
 
 def _rows_named(rows: Sequence[Row], labels: tuple[str, ...]) -> list[Row]:

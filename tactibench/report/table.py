@@ -65,10 +65,19 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """Words of a cell or a paragraph. style: "" (plain), "italic" or "code"."""
+    """Words of a cell or a paragraph.
+
+    Attributes:
+        text: The words.
+        style: "" (plain), "italic" or "code".
+        below: What stands below the words on a page that leaves the columns of detail out.
+        link: Where the words lead on a page, such as "#row"; "" for nowhere.
+    """
 
     text: str
     style: str = ""
+    below: str = ""
+    link: str = ""
 
 
 Cell = Number | Text | str | None
@@ -85,6 +94,8 @@ class Column:
         title: An explanation of the head, for a page.
         optional: Whether a narrow terminal may leave the column out.
         who: Whether the column names its row; it stays in view when a page scrolls.
+        detail: Whether the column qualifies the name of the row, which says it as well.
+        spread: Whether it is the standard deviation of the column before it.
     """
 
     head: str
@@ -92,6 +103,8 @@ class Column:
     title: str = ""
     optional: bool = False
     who: bool = False
+    detail: bool = False
+    spread: bool = False
 
 
 Head = Column | str
@@ -117,6 +130,7 @@ class Table:
         title: The heading.
         note: A paragraph below the table.
         captions: Lines above rows, by the number of the row.
+        anchors: A name for every row, to which a page can be linked; () for none.
     """
 
     columns: tuple[Column, ...]
@@ -124,6 +138,7 @@ class Table:
     title: str = ""
     note: str = ""
     captions: Mapping[int, tuple[Caption, ...]] = field(default_factory=dict)
+    anchors: tuple[str, ...] = ()
 
 
 def table(

@@ -10,16 +10,19 @@ import base64
 import hashlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any
 
 from tactibench import __version__
 from tactibench.errors import UserError
 from tactibench.report.board_page import BoardPage, PageSection, board_page
+from tactibench.report.document import Block, Group
+from tactibench.report.html.compact import compact, compact_blocks
 from tactibench.report.html.facts import best_rows, machines, plan, software
 from tactibench.report.html.figures import WITHOUT_FRAMES, Panel, panels
 from tactibench.report.html.report_data import ReportBoard, ReportData
+from tactibench.report.table import Table
 from tactibench.report.writers.html import html, prose_html, table_html
 
 POLICY = (
@@ -30,10 +33,20 @@ POLICY = (
 
 @dataclass(frozen=True)
 class SectionView:
-    """One sensor on the page. key: of its anchor. lacking: why some figures are not there."""
+    """One sensor on the page.
+
+    Attributes:
+        key: Of its anchor.
+        title: The sensor.
+        first: HTML of the table that orders the rows, with what stands before it.
+        tables: HTML of the other tables.
+        panels: The figures.
+        lacking: Why some figures are not there.
+    """
 
     key: str
     title: str
+    first: str
     tables: str
     panels: tuple[Panel, ...]
     lacking: str
@@ -89,22 +102,33 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
 
 def _chapter(board: ReportBoard, page: BoardPage) -> Chapter:
     sections = tuple(
-        _section(board, section, _anchor(board.name, k)) for k, section in enumerate(page.sections)
+        _section(board, page, section, _anchor(board.name, k))
+        for k, section in enumerate(page.sections)
     )
-    published = html(page.published[1:])  # the template has its heading
+    published = html(compact_blocks(page.published[1:]))  # the template has its heading
     return Chapter(board.name, page.title, html(page.intro), sections, published)
 
 
-def _section(board: ReportBoard, section: PageSection, key: str) -> SectionView:
+def _section(board: ReportBoard, page: BoardPage, section: PageSection, key: str) -> SectionView:
     stored = any(row.first.name in board.runs for row in section.rows)
     lacking = board.protocol.spec.answer == "contacts" and not stored
+    blocks = compact_blocks(section.blocks)
+    first = next((k + 1 for k, block in enumerate(blocks) if isinstance(block, Table)), len(blocks))
     return SectionView(
         key,
         section.title,
-        html(section.blocks),
-        tuple(panels(section, board)),
+        html(blocks[:first]),
+        html(map(_folded, blocks[first:])),
+        tuple(panels(section, board, [one.section for one in page.sections])),
         WITHOUT_FRAMES.format(board.name) if lacking else "",
     )
+
+
+def _folded(block: Block) -> Block:
+    """Return a table behind its title, so that a reader sees at once which tables there are."""
+    if isinstance(block, Table) and block.title:
+        return Group(block.title, (replace(block, title=""),))
+    return block
 
 
 def _anchor(name: str, number: int) -> str:
@@ -123,9 +147,14 @@ def _template() -> Any:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    for name, write in (("table", table_html), ("prose", prose_html)):
+    for name, write in (("table", _compact_html), ("prose", prose_html)):
         environment.filters[name] = _marked(Markup, write)
     return environment.from_string(_asset("page.html.j2"))
+
+
+def _compact_html(table: Table) -> str:
+    shown = compact(table)
+    return "" if shown is None else table_html(shown)
 
 
 def _marked(markup: type[str], write: Callable[[Any], str]) -> Callable[[Any], str]:

@@ -38,6 +38,8 @@ DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
 MODELS = ("unet", "superpose", "vgnn", "mixture", "cnn", "pins", "kernel")
 """Models in the order of SERIES; any other takes a colour by its name."""
 TRIVIAL = {"nearest": (GREY, "<"), "mean": (GREY, ">")}
+CURVES = 6
+"""Curves in one panel: more could not be told apart."""
 HEAT = "cividis"
 """Perceptually uniform, and the same to readers with and without colour blindness."""
 DPI = 150
