@@ -43,20 +43,23 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"known: {', '.join(names) or 'none'}."
 
 
-def printable(text: str) -> str:
+def printable(text: str, keep: str = "") -> str:
     """Return a text that only shows itself: control characters as escapes (ESC: ``\\x1b``).
 
     A terminal obeys such characters, so that a name in a file, a record or a plugin could clear the
-    screen or move the cursor. Marks that turn the direction of writing count as well. Line breaks
-    and tabs stay.
+    screen or move the cursor. Marks that turn the direction of writing count as well.
+
+    Args:
+        text: Anybody's.
+        keep: Control characters that stay, such as the line breaks of a whole page.
     """
-    return text if text.isprintable() else "".join(map(_escape, text))
+    return text if text.isprintable() else "".join(_escape(sign, keep) for sign in text)
 
 
-def _escape(sign: str) -> str:
+def _escape(sign: str, keep: str) -> str:
     """Return a sign of one of Unicode's categories "other" (C) or "line" (Zl, Zp) as an escape."""
     category = unicodedata.category(sign)
-    hidden = sign not in "\n\t" and (category.startswith("C") or category in ("Zl", "Zp"))
+    hidden = sign not in keep and (category.startswith("C") or category in ("Zl", "Zp"))
     return sign.encode("unicode_escape").decode("ascii") if hidden else sign
 
 

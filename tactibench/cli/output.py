@@ -29,7 +29,7 @@ class PlainConsole(Console):
             if segment.control or segment.text.isprintable():
                 yield segment
             else:
-                yield Segment(printable(segment.text), segment.style)
+                yield Segment(printable(segment.text, keep="\n\t"), segment.style)
 
 
 class Terminal:

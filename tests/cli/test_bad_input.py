@@ -21,7 +21,7 @@ UNET = ("run", "exp2", "--model", "unet")
     ("arguments", "words"),
     [
         (["runn"], ["unknown command 'runn'", "did you mean 'run'?"]),
-        (["zzz"], ["unknown command 'zzz'", "known: board, check, compare, data, describe"]),
+        (["zzz"], ["unknown command 'zzz'", "known: board, check, compare, data, demo, describe"]),
         (["run"], ["Missing argument 'PROTOCOL'", "tactibench run --help"]),
         (["run", "exp1"], ["Missing option '--model'", "tactibench run --help"]),
         (["run", "exp1", "--model"], ["'--model' requires an argument"]),

@@ -60,7 +60,7 @@ class Bad(tactibench.Model):
     {more}
 """
 LIST = ("list", "models")
-RUN = ("run", "protocols/exp1.toml", "--model", "bad", "--sensor", "tiny")
+RUN = ("run", "protocols/few-exp1.toml", "--model", "bad", "--sensor", "tiny")
 HANG = "while True: time.sleep(0.01)"
 STUBBORN = """
 while True:
@@ -77,7 +77,9 @@ def bad(
     install: Any, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tactibench: Call
 ) -> Call:
     """Code for the places of a plugin -> what a command beside it says."""
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(FAKE), os.environ["PYTHONPATH"]]))
+    monkeypatch.setenv(
+        "PYTHONPATH", os.pathsep.join(filter(None, [str(FAKE), os.environ.get("PYTHONPATH")]))
+    )
     monkeypatch.setenv("TACTIBENCH_HOOK_SECONDS", "1")
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.chdir(tmp_path)
@@ -329,7 +331,7 @@ def test_check_stops_at_the_first_cause_and_shows_file_and_line(bad: Call) -> No
 def test_an_aborting_model_ends_its_own_cell_only(bad: Call, tmp_path: Path) -> None:
     for package in ("distributed", "cryptography"):
         pytest.importorskip(package, reason="the engine of sweeps is an extra of its own")
-    keys = 'protocol = "protocols/exp1.toml"\nsensor = "tiny"\nmodel = ["bad", "mean"]\n'
+    keys = 'protocol = "protocols/few-exp1.toml"\nsensor = "tiny"\nmodel = ["bad", "mean"]\n'
     (tmp_path / "sweep.toml").write_text(keys, encoding="utf-8")
     done = bad(("sweep", "sweep.toml", "--workers", "1"), predict="os._exit(0)")
     assert done.returncode == 1, done.stderr

@@ -23,7 +23,7 @@ from few_presses import few_presses
 
 TESTS = Path(__file__).parents[1]
 SWEEP = """
-protocol = ["protocols/exp1.toml", "protocols/exp2.toml"]
+protocol = ["protocols/few-exp1.toml", "protocols/few-exp2.toml"]
 sensor = "toy"
 model = ["toy", "mean"]
 seed = [0, 1]

@@ -81,7 +81,7 @@ class Lab:
         folder.mkdir(parents=True, exist_ok=True)
         self.protocols = folder / "protocols"
         if not self.protocols.is_dir():
-            few_presses(self.protocols)
+            few_presses(self.protocols, prefix="")
 
     def fork(
         self, where: Path, arguments: tuple[str, ...], before: Callable[[], None] | None = None

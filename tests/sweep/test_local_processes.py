@@ -32,7 +32,7 @@ MEASURED = {"created", "environment", "speed", "timed", "efficiency", "training"
 
 
 def records(store: Path) -> dict[str, Any]:
-    found = [json.loads(path.read_text()) for path in sorted(store.glob("*/record.json"))]
+    found = [json.loads(path.read_text()) for path in sorted(store.glob("[!.]*/record.json"))]
     return {record["name"]: record for record in found}
 
 
