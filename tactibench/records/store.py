@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,7 +87,7 @@ def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> S
     record = parse_record(values, f"the record of {record.name}")
     folder = store / record.name
     answers, temporary = (_beside(folder, suffix) for suffix in (ANSWERS, ".made"))
-    with locked(_beside(folder, ".lock")):
+    with held_name(store, record.name):
         shutil.rmtree(temporary, ignore_errors=True)
         temporary.mkdir(parents=True)
         try:
@@ -99,6 +99,11 @@ def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> S
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     return StoredRun(answers, record)
+
+
+def held_name(store: Path, name: str) -> AbstractContextManager[None]:
+    """Hold the name of a run: two processes that make one run write and score in turn."""
+    return locked(_beside(store / name, ".lock"))
 
 
 def unscored_run(store: Path, name: str) -> StoredRun | None:
@@ -118,7 +123,12 @@ def complete_run(answers: StoredRun, record: Record) -> StoredRun:
     record = parse_record(values, f"the record of {record.name}")
     folder = answers.folder.with_name(record.name)
     before = _beside(folder, BEFORE)
-    with locked(_beside(folder, ".lock")):
+    with held_name(folder.parent, record.name):
+        if not answers.folder.is_dir():
+            raise UserError(
+                f"the answers of {record.name} are gone, because another process stored the run "
+                "meanwhile; show it with `tactibench score`."
+            )
         _put_back(before, folder)
         write_json(answers.folder / RECORD, values)
         try:

@@ -15,7 +15,13 @@ from tactibench.frames.presses import Presses
 from tactibench.metrics.registry import check_metrics
 from tactibench.plugins.base import SensorContext
 from tactibench.records.record import Record
-from tactibench.records.store import Arrays, StoredRun, unscored_run, write_answers
+from tactibench.records.store import (
+    Arrays,
+    StoredRun,
+    held_name,
+    unscored_run,
+    write_answers,
+)
 from tactibench.run.evaluation import Evaluation, TestFrames
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import cached_predictions
@@ -43,10 +49,18 @@ def execute(
             that answers something else than it declared, and where the answers cannot be scored.
     """
     check_metrics(plan.protocol)
-    answers = None if fresh else unscored_run(store, plan.name)
-    if answers is None:
-        record, arrays = _answer(plan, reporter, fresh=fresh, timed=timed)
-        answers = write_answers(store, record, arrays)
+    if not fresh and unscored_run(store, plan.name) is not None:
+        with held_name(store, plan.name):
+            waiting = unscored_run(store, plan.name)  # unless another process scored it
+            if waiting is not None:
+                return _scored(waiting, plan, reporter)
+    record, arrays = _answer(plan, reporter, fresh=fresh, timed=timed)
+    # Held until the run has its name: another process may have the same answers by now.
+    with held_name(store, plan.name):
+        return _scored(write_answers(store, record, arrays), plan, reporter)
+
+
+def _scored(answers: StoredRun, plan: RunPlan, reporter: Reporter) -> StoredRun:
     with reporter.task("score", 1):
         return score_answers(answers, plan.protocol)
 

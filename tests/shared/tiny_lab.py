@@ -75,13 +75,16 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
 
 
 class Lab:
-    """folder: of the protocols. Commands run in folders of their own, with a cache there."""
+    """folder: of the protocols. Commands run in folders of their own, with a cache there.
 
-    def __init__(self, folder: Path) -> None:
+    prefix: of the protocols' ids; without one they stand for those that ship.
+    """
+
+    def __init__(self, folder: Path, prefix: str = "") -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.protocols = folder / "protocols"
         if not self.protocols.is_dir():
-            few_presses(self.protocols, prefix="")
+            few_presses(self.protocols, prefix)
 
     def fork(
         self, where: Path, arguments: tuple[str, ...], before: Callable[[], None] | None = None
