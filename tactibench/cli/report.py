@@ -73,6 +73,8 @@ def report(
     from tactibench.report.html.report_data import gather
 
     named = ctx.get_parameter_source("store") is not ParameterSource.DEFAULT
+    if site is not None and ctx.get_parameter_source("out") is not ParameterSource.DEFAULT:
+        raise UserError("--out names one file and --site a folder of pages; give one of them.")
     if not store.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
         raise UserError(f"there is no run store in {store}; name one with --store DIR.")
     if site is not None and origin == AUTO:

@@ -56,7 +56,7 @@ def _first_rows(
             value = metric_number(row.metric(error.metric, error.group), error.decimals)
             if rank == 1 and value is not None and not row.trivial:
                 name = Text(row.label, link=link(board, row_anchor(row)))
-                names = [board.name, section.title, name, f"{error.name}, {error.unit}"]
+                names: list[Cell] = [board.name, section.title, name, f"{error.name}, {error.unit}"]
                 seeds = ", ".join(str(seed) for seed in row.seeds)
                 yield [*names, value, misses(row), row_latency(row), seeds]
 

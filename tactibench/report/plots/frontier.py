@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tactibench.board.frontier import Frontier, Point, elsewhere_frontiers
-from tactibench.board.rows import Row
 from tactibench.board.sections import KINDS, Section
 from tactibench.board.sections import NOMINAL as NOMINAL_KIND
 from tactibench.protocols.board_spec import Ranking
@@ -57,25 +56,26 @@ class Condition:
 
 
 def off_nominal(
-    rows: Sequence[Row], sections: Sequence[Section], nominal: Sequence[Frontier], error: Ranking
+    here: Section, sections: Sequence[Section], nominal: Sequence[Frontier], error: Ranking
 ) -> Condition | None:
     """Return how the same configurations did where the sensor was not the nominal one.
 
     Args:
-        rows: Of the nominal section.
+        here: The section of the frontiers.
         sections: All of the board.
-        nominal: Frontiers of the rows.
+        nominal: Frontiers of its rows.
         error: That ranks.
 
     Returns:
-        The section of the same sensor with most of the configurations; None where none has two.
+        The section of the same sensor with most of the configurations; None where none has two,
+        or where the frontiers themselves are not of the nominal sensor.
     """
-    sensor = rows[0].first.sensor if rows else None
+    if here.kind != NOMINAL_KIND:
+        return None
     best: Condition | None = None
     most = 1  # a single point shows no order
     for section in sections:
-        same = sensor is not None and section.sensor.name == sensor.name
-        if section.kind == NOMINAL_KIND or not same:
+        if section.kind == NOMINAL_KIND or section.sensor.name != here.sensor.name:
             continue
         moved = elsewhere_frontiers(nominal, section.rows, error)
         count = sum(len(frontier.points) for frontier in moved)
