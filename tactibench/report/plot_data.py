@@ -95,7 +95,7 @@ def frontier_data(
         from tactibench.report.plots.frontier import frontier_figure, off_nominal
 
         everywhere = sections_of(whole(all_records(protocol, board, runs)))
-        other = off_nominal(section.rows, everywhere, regimes, error)
+        other = off_nominal(section, everywhere, regimes, error)
         return frontier_figure(regimes, error, off_nominal=other, measured_on=subject)
 
     return PlotData(

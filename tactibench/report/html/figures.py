@@ -97,7 +97,7 @@ def panels(
     """Return the figures of one sensor. sections: all of the board."""
     rows = [row for row in section.rows if not row.trivial]
     candidates = (
-        _frontier_panel(rows, board.name, sections),
+        _frontier_panel(section.section, board.name, sections),
         *_distance_panels(rows, board, section.title),
         _curve_panel(section, board.name),
         *_stability_panels(rows, board, section.title),
@@ -121,7 +121,7 @@ def misses(row: Row) -> str:
         for group in ("all", "0"):
             pooled = row.metric(metric, group)
             if pooled is not None:
-                return f"{words} {number(100 * pooled.value, 2)} %"
+                return f"{words} {number(100 * pooled.value, 2)}\N{NO-BREAK SPACE}%"
     return ""
 
 
@@ -138,20 +138,19 @@ def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
     return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
 
 
-def _frontier_panel(
-    rows: Sequence[Row], protocol: str, sections: Sequence[Section]
-) -> Panel | None:
+def _frontier_panel(here: Section, protocol: str, sections: Sequence[Section]) -> Panel | None:
     error = board_spec(protocol).ranking
     if error is None:
         return None
     options = []
+    rows = [row for row in here.rows if not row.trivial]
     for name in sorted({machine(record) for row in rows for record in row.records}):
         regimes = [regime for regime in frontiers(rows, error, name) if regime.points]
         if regimes:
             words = machine_words(regimes[0].points[0].row.first)
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            other = off_nominal(rows, sections, regimes, error)
+            other = off_nominal(here, sections, regimes, error)
             drawn = [_less_crowded(regime) for regime in regimes]
             figure = frontier_figure(drawn, error, off_nominal=other, title="", measured_on=words)
             image = _image(figure)

@@ -1,4 +1,4 @@
-"""The page of a report: one template fed with pages of boards and their figures.
+"""The pages of a report, one file or a site: one template fed with boards and their figures.
 
 The same data gives the same bytes. A Content-Security-Policy names the one script by its hash, so
 that nothing else runs, whatever a name or note says.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any
@@ -63,8 +63,12 @@ class Chapter:
     published: str
 
 
+INDEX = "index.html"
+END_LINKS = (("#plan", "Plan"), ("#environment", "Environment"))
+
+
 def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: None) -> str:
-    """Return the HTML of a report.
+    """Return the HTML of a report, all in one file.
 
     Args:
         data: What it shows.
@@ -74,27 +78,91 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
         UserError: The library of the extra ``report`` is missing.
     """
     template = _template()
-    pages = [
-        (board, board_page(board.protocol, board.records, board.published, board.errors))
-        for board in data.boards
-    ]
+    pages = _board_pages(data)
     chapters = []
     for board, page in pages:
         advance(board.name)
         chapters.append(_chapter(board, page))
     advance("page")
-    records = [record for board in data.boards for record in board.records]
+    best = best_rows(pages, lambda _, anchor: f"#{anchor}")
+    links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters), *END_LINKS]
+    return _rendered(template, data, pages, chapters, links, best=best)
+
+
+def site_pages(
+    data: ReportData, *, advance: Callable[[str], None] = lambda _: None
+) -> Iterator[tuple[str, str]]:
+    """Yield the name and the HTML of every page of a site: the index, then one a protocol.
+
+    A row has the address ``PROTOCOL.html#ANCHOR``, which stays when others are added.
+
+    Args:
+        data: What the site shows.
+        advance: Is told the protocol that is being worked on.
+
+    Raises:
+        UserError: The library of the extra ``report`` is missing.
+    """
+    template = _template()
+    pages = _board_pages(data)
+    others = [(_file(board), board.name) for board, _ in pages]
+    best = best_rows(pages, lambda board, anchor: f"{_file(board)}#{anchor}")
+    index = [(INDEX, "All boards"), *others, *END_LINKS]
+    advance("page")
+    yield INDEX, _rendered(template, data, pages, [], index, best=best, here=INDEX)
+    for board, page in pages:
+        advance(board.name)
+        chapter, links = _chapter(board, page), [(INDEX, "All boards"), *others, *END_LINKS]
+        one = [(board, page)]
+        yield _file(board), _rendered(template, data, one, [chapter], links, here=_file(board))
+
+
+def _file(board: ReportBoard) -> str:
+    return f"{board.name.replace('@', '-')}.html"
+
+
+def _board_pages(data: ReportData) -> list[tuple[ReportBoard, BoardPage]]:
+    return [
+        (board, board_page(board.protocol, board.records, board.published, board.errors))
+        for board in data.boards
+    ]
+
+
+def _rendered(
+    template: Any,
+    data: ReportData,
+    pages: Sequence[tuple[ReportBoard, BoardPage]],
+    chapters: Sequence[Chapter],
+    links: Sequence[tuple[str, str]],
+    *,
+    best: Table | None = None,
+    here: str = "",
+) -> str:
+    """Return a page.
+
+    Args:
+        template: Of all pages.
+        data: For the line on where the rows are from.
+        pages: Whose plans, machines and software are listed.
+        chapters: The boards that are shown.
+        links: Address and name, of the chapters or of the other pages of a site.
+        best: Rows of rank 1; None on a page of one board.
+        here: The page's own address in a site.
+    """
+    records = [record for board, _ in pages for record in board.records]
     script = _asset("page.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     text: str = template.render(
         origin=data.origin,
         version=__version__,
+        links=links,
+        here=here,
         chapters=chapters,
         style=_asset("page.css"),
         script=script,
         policy=POLICY.format(f"sha256-{digest}"),
-        best=best_rows(pages),
-        plans=[plan(board) for board in data.boards],
+        best=best,
+        plans=[plan(board) for board, _ in pages],
         environment=[machines(records), software(records)],
     )
     return text

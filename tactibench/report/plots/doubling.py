@@ -49,7 +49,7 @@ def doubling_figure(
             _show_cell(panel, x, y, grade, colours)
     for x, row in enumerate(rows):
         _show_model(panel, x, row)
-    heads = [f"{family_head(axis)}  {axis.easy:g} → {axis.values[-1]:g}" for axis in ordered]
+    heads = [f"{family_head(axis)}: {axis.easy:g} → {axis.values[-1]:g}" for axis in ordered]
     panel.set_yticks(np.arange(len(ordered)) + 0.5, heads, fontsize=8.5)
     panel.set(xlim=(0, max(len(rows), 1)), ylim=(len(ordered), 0))
     panel.set_xticks([])

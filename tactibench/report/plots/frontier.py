@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tactibench.board.frontier import Frontier, Point, elsewhere_frontiers
-from tactibench.board.rows import Row
 from tactibench.board.sections import KINDS, Section
 from tactibench.board.sections import NOMINAL as NOMINAL_KIND
 from tactibench.protocols.board_spec import Ranking
@@ -35,9 +34,15 @@ LINE_INCH, LETTER_INCH = 0.17, 0.066
 WIDE_INCH, NARROW_INCH = 8.4, 4.3
 """Width of a panel alone and of two beside each other, nearly."""
 HEIGHT_INCH = 3.4
+TINY = 1e-12
+"""In place of 0, which a logarithmic axis does not have."""
 GAP = 0.09
 """Between a point and its name, inches."""
+STRANGE = 0.16
+"""Between a name and the point of another, inches."""
 FADED = 0.45
+TITLE_LETTERS = 66
+ABSENT: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": 9}
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
 NOMINAL = "nominal"
 
@@ -51,32 +56,33 @@ class Condition:
 
 
 def off_nominal(
-    rows: Sequence[Row], sections: Sequence[Section], nominal: Sequence[Frontier], error: Ranking
+    here: Section, sections: Sequence[Section], nominal: Sequence[Frontier], error: Ranking
 ) -> Condition | None:
     """Return how the same configurations did where the sensor was not the nominal one.
 
     Args:
-        rows: Of the nominal section.
+        here: The section of the frontiers.
         sections: All of the board.
-        nominal: Frontiers of the rows.
+        nominal: Frontiers of its rows.
         error: That ranks.
 
     Returns:
-        The section of the same sensor with most of the configurations; None where none has two.
+        The section of the same sensor with most of the configurations; None where none has two,
+        or where the frontiers themselves are not of the nominal sensor.
     """
-    sensor = rows[0].first.sensor if rows else None
+    if here.kind != NOMINAL_KIND:
+        return None
     best: Condition | None = None
     most = 1  # a single point shows no order
     for section in sections:
-        same = sensor is not None and section.sensor.name == sensor.name
-        if section.kind == NOMINAL_KIND or not same:
+        if section.kind == NOMINAL_KIND or section.sensor.name != here.sensor.name:
             continue
         moved = elsewhere_frontiers(nominal, section.rows, error)
         count = sum(len(frontier.points) for frontier in moved)
         if count > most:
             test = section.record.test_sensor
-            words = KINDS[section.kind] if test is None else f"tested on {test.description}"
-            best, most = Condition(f"off-nominal, {words}", tuple(moved)), count
+            words = KINDS[section.kind] if test is None else test.description
+            best, most = Condition(f"off-nominal: {words}", tuple(moved)), count
     return best
 
 
@@ -118,12 +124,15 @@ def frontier_figure(
                 _show_point(axes, point, hollow=point.label in frontier.dominated)
             _show_labels(axes, frontier, size)
             names = filter(None, (f"trained in regime {frontier.regime}", condition.title))
-            axes.set_title("; ".join(names), fontsize=9.5, loc="left")
+            axes.set_title(short_label(", ".join(names), TITLE_LETTERS), fontsize=9.5, loc="left")
+            if points and not frontier.points:
+                axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, **ABSENT)
     for axes in panels.flat:
         plain(axes)
     for axes in panels[:, 0]:
         axes.set_ylabel(f"{error.name}, {error.unit}")
-    figure.supxlabel("one frame to contacts, p90 on one thread, ms", fontsize=10)
+    for axes in panels[-1]:
+        axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
         models = sorted({_model(point) for point in points})
         legend_below(figure, min(5, 2 + len(models)), _legend(models))
@@ -204,14 +213,24 @@ def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> N
     low, high = (np.log(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
     values = [(point.latency.value, point.error.value) for point in frontier.points]
     places = [tuple((np.log(value) - low) / (high - low) * size) for value in values]
-    taken = [(x - GAP, y - GAP, x + GAP, y + GAP) for x, y in places]
+    taken: list[Box] = []
+    lines = [
+        tuple(np.ravel((np.log(np.maximum(ends, TINY)) - low) / (high - low) * size))
+        for ends in [*_bars(frontier.points), *_steps(frontier.best, axes.get_xlim()[1])]
+    ]
     ranked = sorted(
         zip(frontier.points, places, strict=True),
         key=lambda pair: (pair[0] not in frontier.best, pair[0].label in frontier.dominated),
     )
     for point, (x, y) in ranked:
         name = short_label(point.label)
-        box = _free_box(x, y, LETTER_INCH * len(name), size, taken)
+        width = LETTER_INCH * len(name)
+        points = [
+            _around(place, GAP if place == (x, y) else STRANGE) for place in places
+        ]  # a name must not seem to be that of another point
+        box = _free_box(x, y, width, size, [*points, *taken, *lines])
+        if box is None:  # a name across a bar is better than none
+            box = _free_box(x, y, width, size, [*points, *taken])
         if box is None:
             continue
         taken.append(box)
@@ -225,6 +244,29 @@ def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> N
             annotation_clip=False,
             bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.6},
         )
+
+
+def _around(place: tuple[float, ...], gap: float) -> Box:
+    x, y = place
+    return x - gap, y - gap, x + gap, y + gap
+
+
+def _bars(points: Sequence[Point]) -> Iterator[list[tuple[float, float]]]:
+    """Yield the ends of all bars, lower left and upper right, in the units of the axes."""
+    for point in points:
+        x, y = point.latency, point.error
+        yield [(x.low, y.value), (x.high, y.value)]
+        yield [(x.value, y.low), (x.value, y.high)]
+
+
+def _steps(best: Sequence[Point], right: float) -> Iterator[list[tuple[float, float]]]:
+    """Yield the ends of the pieces of the line, lower left and upper right."""
+    x = [*(point.latency.value for point in best), right]
+    for k, point in enumerate(best):
+        y = point.error.value
+        yield [(x[k], y), (x[k + 1], y)]
+        if k:
+            yield [(x[k], y), (x[k], best[k - 1].error.value)]
 
 
 def _free_box(

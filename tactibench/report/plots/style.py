@@ -131,10 +131,10 @@ def legend_mark(label: str, **look: Any) -> Line2D:
     return Line2D([], [], linestyle="none", label=label, **look)
 
 
-def short_label(text: str) -> str:
+def short_label(text: str, longest: int = LONGEST_LABEL) -> str:
     """Return a name as it may stand in a picture: on one line, not too long, no formula."""
     line = " ".join(text.split())
-    line = line if len(line) <= LONGEST_LABEL else f"{line[: LONGEST_LABEL - 1]}…"
+    line = line if len(line) <= longest else f"{line[: longest - 1]}…"
     return line.replace("$", r"\$")
 
 

@@ -123,6 +123,7 @@
 
   const here = new IntersectionObserver((entries) => entries.forEach((entry) => {
     const link = document.querySelector(`nav a[href="#${entry.target.id}"]`);
+    if (!link) return; // a page of a site: its links lead to other pages
     link.classList.toggle("here", entry.isIntersecting);
     if (entry.isIntersecting) link.setAttribute("aria-current", "true"); else link.removeAttribute("aria-current");
   }), { rootMargin: "-20% 0px -70% 0px" });
