@@ -12,6 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -121,12 +122,21 @@ def first_byte(address: str, context: ssl.SSLContext | None) -> bytes:
         plain.close()
 
 
+def anybody_in(group: int) -> bool:
+    """Return whether a process group has a process."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 @pytest.mark.long
 def test_a_sweep_that_is_killed_half_way_is_continued(
     asked: Callable[[str], Path], tactibench: Command, toy: Path, tmp_path: Path
 ) -> None:
-    """SIGKILL of all its processes after the first cells: these are not run again, and every other
-    cell is there once in the end."""
+    """SIGKILL of its first process after the first cells: its workers end, too, the finished cells
+    are not run again, and every other one is there once in the end."""
     file = asked('model = ["toy", "toy, noise=0.5"]\nseed = [0, 1, 2]')
     command = [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "2"]
     process = subprocess.Popen(
@@ -138,8 +148,14 @@ def test_a_sweep_that_is_killed_half_way_is_continued(
             assert process.poll() is None
             assert time.monotonic() < end
             time.sleep(0.02)
+        process.kill()
+        process.wait()
+        while anybody_in(process.pid):
+            assert time.monotonic() < end, "a worker outlived its sweep"
+            time.sleep(0.02)
     finally:
-        os.killpg(process.pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     kept = records(tmp_path / "runs")
     assert 2 <= len(kept) < 12
