@@ -15,6 +15,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import pytest
 
@@ -97,6 +99,14 @@ def test_nobody_without_the_key_of_a_sweep_reaches_its_scheduler(toy: Path) -> N
         private = Path(os.environ["TACTIBENCH_CACHE"]).resolve() / "workers"
         assert all(folder.is_relative_to(private) for folder in folders)
         assert private.stat().st_mode & 0o077 == 0
+        pages = [
+            cluster.client.scheduler_info(n_workers=-1)["services"],
+            *workers_services(workers),
+        ]
+        for services in pages:
+            for path in ("info/main/workers.html", "json/identity.json", "proxy/1/x", "health"):
+                with pytest.raises(HTTPError, match="404"):
+                    urlopen(f"http://127.0.0.1:{services['dashboard']}/{path}", timeout=10)
         key = cluster.client.security.get_connection_args("client")["ssl_context"]
         other = Security.temporary().get_connection_args("client")["ssl_context"]
         nobody = ssl.create_default_context()
@@ -105,6 +115,10 @@ def test_nobody_without_the_key_of_a_sweep_reaches_its_scheduler(toy: Path) -> N
             assert first_byte(each, key), "who has the key is greeted"
             for stranger in (other, nobody, None):
                 assert first_byte(each, stranger) == b""
+
+
+def workers_services(workers: Any) -> list[dict[str, int]]:
+    return [worker["services"] for worker in workers.values() if worker["services"]]
 
 
 def first_byte(address: str, context: ssl.SSLContext | None) -> bytes:
