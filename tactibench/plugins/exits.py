@@ -7,8 +7,9 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-OWN = frozenset({"tactibench", "__main__"})
-"""Top-level modules beside the standard library's that may end the process at once."""
+OWN = frozenset({"tactibench", "__main__", "distributed"})
+"""Top-level modules beside the standard library's that may end the process at once: a worker of
+dask does so when the process that started it has died."""
 
 
 class ProcessExitError(BaseException):
@@ -19,7 +20,7 @@ def forbid_exit() -> None:
     """Make ``os._exit`` and ``os.abort`` raise ProcessExitError where a plugin calls them.
 
     The process would end with the plugin's exit code, 0 perhaps, and without a word. The standard
-    library, this package, and processes that are forked from this one end as before.
+    library, this package, dask, and processes that are forked from this one end as before.
     """
     for name in ("_exit", "abort"):
         end = getattr(os, name)

@@ -30,6 +30,9 @@ PATIENCE_S = 3.0
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables that say with how many threads a process computes."""
 
+LOCAL_PAGE = "127.0.0.1:0"
+"""Address of dask's web server: any free port, since 8787, the default, may be another sweep's."""
+
 _MANY = 1_000_000
 
 T = TypeVar("T")
@@ -200,6 +203,9 @@ def local_cluster(workers: int, threads: int, deaths: int) -> Iterator[Cluster]:
     settings = {
         "distributed.scheduler.allowed-failures": deaths,
         "distributed.worker.daemon": False,
+        # Both have a web server, which cannot be left out: it shows nothing.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
     }
     scheduler = {
         "protocol": "tls://",
@@ -207,7 +213,7 @@ def local_cluster(workers: int, threads: int, deaths: int) -> Iterator[Cluster]:
         "host": "127.0.0.1",
         "port": 0,
         "dashboard": False,
-        "dashboard_address": None,
+        "dashboard_address": LOCAL_PAGE,
     }
     with dask.config.set(settings), _quiet_log():
         cluster = distributed.SpecCluster(
@@ -328,7 +334,7 @@ def _local_workers(
             "nthreads": 1,
             "memory_limit": 0,
             "dashboard": False,
-            "dashboard_address": None,
+            "dashboard_address": LOCAL_PAGE,
             "silence_logs": logging.CRITICAL,
             "env": environment,
         }

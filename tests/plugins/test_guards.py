@@ -124,6 +124,10 @@ for how in ("os._exit(0)", "_exit(3)", "posix._exit(0)", "os.abort()"):
         plugin.end(how)
     except ProcessExitError as error:
         print(error)
+worker = types.ModuleType("distributed.process")
+exec(code, worker.__dict__)
+assert os.fork() or worker.end("os._exit(6)")
+print(os.waitstatus_to_exitcode(os.wait()[1]))
 child = os.fork()
 if child == 0:
     plugin.end("os._exit(5)")
@@ -144,6 +148,7 @@ def test_only_a_plugin_in_this_very_process_cannot_end_it() -> None:
         "os._exit(3)",
         "os._exit(0)",
         "os.abort()",
+        "6",
         "5",
         "forked",
         "0",

@@ -12,8 +12,11 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import pytest
 
@@ -96,6 +99,14 @@ def test_nobody_without_the_key_of_a_sweep_reaches_its_scheduler(toy: Path) -> N
         private = Path(os.environ["TACTIBENCH_CACHE"]).resolve() / "workers"
         assert all(folder.is_relative_to(private) for folder in folders)
         assert private.stat().st_mode & 0o077 == 0
+        pages = [
+            cluster.client.scheduler_info(n_workers=-1)["services"],
+            *workers_services(workers),
+        ]
+        for services in pages:
+            for path in ("info/main/workers.html", "json/identity.json", "proxy/1/x", "health"):
+                with pytest.raises(HTTPError, match="404"):
+                    urlopen(f"http://127.0.0.1:{services['dashboard']}/{path}", timeout=10)
         key = cluster.client.security.get_connection_args("client")["ssl_context"]
         other = Security.temporary().get_connection_args("client")["ssl_context"]
         nobody = ssl.create_default_context()
@@ -104,6 +115,10 @@ def test_nobody_without_the_key_of_a_sweep_reaches_its_scheduler(toy: Path) -> N
             assert first_byte(each, key), "who has the key is greeted"
             for stranger in (other, nobody, None):
                 assert first_byte(each, stranger) == b""
+
+
+def workers_services(workers: Any) -> list[dict[str, int]]:
+    return [worker["services"] for worker in workers.values() if worker["services"]]
 
 
 def first_byte(address: str, context: ssl.SSLContext | None) -> bytes:
@@ -121,12 +136,21 @@ def first_byte(address: str, context: ssl.SSLContext | None) -> bytes:
         plain.close()
 
 
+def anybody_in(group: int) -> bool:
+    """Return whether a process group has a process."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 @pytest.mark.long
 def test_a_sweep_that_is_killed_half_way_is_continued(
     asked: Callable[[str], Path], tactibench: Command, toy: Path, tmp_path: Path
 ) -> None:
-    """SIGKILL of all its processes after the first cells: these are not run again, and every other
-    cell is there once in the end."""
+    """SIGKILL of its first process after the first cells: its workers end, too, the finished cells
+    are not run again, and every other one is there once in the end."""
     file = asked('model = ["toy", "toy, noise=0.5"]\nseed = [0, 1, 2]')
     command = [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "2"]
     process = subprocess.Popen(
@@ -138,8 +162,14 @@ def test_a_sweep_that_is_killed_half_way_is_continued(
             assert process.poll() is None
             assert time.monotonic() < end
             time.sleep(0.02)
+        process.kill()
+        process.wait()
+        while anybody_in(process.pid):
+            assert time.monotonic() < end, "a worker outlived its sweep"
+            time.sleep(0.02)
     finally:
-        os.killpg(process.pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     kept = records(tmp_path / "runs")
     assert 2 <= len(kept) < 12
