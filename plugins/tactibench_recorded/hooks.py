@@ -54,6 +54,7 @@ def tactibench_sensors() -> list[SensorSpec]:
                     True,
                     "labels that are fitted: q as well; off, as before it was known: q = 0",
                     before=False,
+                    checks_only=True,
                 ),
                 Parameter(
                     "labels",

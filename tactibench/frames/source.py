@@ -224,9 +224,11 @@ class FrameSource(ABC):
 
 def sensor_identity(sensor: BoundSpec[SensorSpec], description: dict[str, Any]) -> dict[str, Any]:
     """Return all of a sensor that determines its frames, but the seed."""
+    checks = {p.name: p.default for p in sensor.spec.parameters if p.checks_only}
+    values = {k: v for k, v in sensor.values.items() if k not in checks or v != checks[k]}
     return {
         "name": sensor.name,
-        "parameters": dict(sensor.values),
+        "parameters": values,
         "code": sensor.code(),
         "describe": description,
     }

@@ -53,6 +53,8 @@ class Parameter:
             opened.
         earlier: Values that were the default once, so that an older record does not name the
             parameter among those that were changed.
+        checks_only: For sensors: decides what is refused, and changes no frame; at its default it
+            is no part of what identifies frames.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Parameter:
     before: Value | None = None
     built_in: tuple[Value, ...] = ()
     earlier: tuple[Value, ...] = ()
+    checks_only: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():

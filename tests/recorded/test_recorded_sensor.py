@@ -213,3 +213,16 @@ def test_public_recordings(tac_vgnn, open_recording, name, size):
     frames = list(sensor.press_many(list(scenes.values())[::500]))
     assert [frame.timestamp for frame in frames] == list(range(0, 5000, 500))
     assert {frame.image.shape for frame in frames} == {tuple(size)}
+
+
+def test_trust_in_labels_is_part_of_frames_only_where_it_is_given() -> None:
+    """The default refuses and changes no frame: recordings of before keep their identity."""
+    from tactibench.frames.source import sensor_identity
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.bound_spec import BoundSpec
+
+    sensors = PluginHost().sensors
+    usual = BoundSpec.named(sensors, "recorded", {})
+    trusting = BoundSpec.named(sensors, "recorded", {"trust_labels": "yes"})
+    assert "trust_labels" not in sensor_identity(usual, {})["parameters"]
+    assert sensor_identity(trusting, {})["parameters"]["trust_labels"] is True
