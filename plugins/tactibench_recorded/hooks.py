@@ -54,7 +54,6 @@ def tactibench_sensors() -> list[SensorSpec]:
                     True,
                     "labels that are fitted: q as well; off, as before it was known: q = 0",
                     before=False,
-                    checks_only=True,
                 ),
                 Parameter(
                     "labels",
@@ -88,6 +87,7 @@ def tactibench_sensors() -> list[SensorSpec]:
                     False,
                     "take labels that the frames contradict; a row shows it",
                     before=False,
+                    checks_only=True,
                 ),
                 Parameter(
                     "split",

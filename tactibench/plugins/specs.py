@@ -33,6 +33,13 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder na
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
 
+_TRUTHS = {
+    **dict.fromkeys(("yes", "true", "1"), True),
+    **dict.fromkeys(("no", "false", "0"), False),
+}
+"""Words for a parameter that is true or false: a person's, those of TOML, and digits."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A number or word that a user may set with ``--param KIND.NAME=VALUE``.
@@ -90,11 +97,11 @@ class Parameter:
         kind = type(self.default)
         try:
             if kind is bool:
-                value: Value = {"true": True, "1": True, "false": False, "0": False}[text.lower()]
+                value: Value = _TRUTHS[text.lower()]
             else:
                 value = kind(text)
         except (KeyError, ValueError):
-            names = {bool: "true or false", int: "a whole number", float: "a number"}
+            names = {bool: "yes or no", int: "a whole number", float: "a number"}
             raise UserError(
                 f"parameter {self.name!r} is {text!r}, but must be {names[kind]}."
             ) from None

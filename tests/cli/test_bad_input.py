@@ -53,7 +53,7 @@ UNET = ("run", "exp2", "--model", "unet")
         ([*UNET, "--param", "model.epochs=-1"], ["'epochs' is -1", ">= 0"]),
         ([*UNET, "--param", "encoder.blur=nan"], ["'blur' is nan", "finite number"]),
         ([*UNET, "--param", "encoder.blur=inf"], ["'blur' is inf", "finite number"]),
-        ([*UNET, "--param", "sensor.noise=perhaps"], ["'noise' is 'perhaps'", "true or false"]),
+        ([*UNET, "--param", "sensor.noise=perhaps"], ["'noise' is 'perhaps'", "yes or no"]),
         (
             [*UNET, "--param", "model.width=8", "--param", "model.width=16"],
             ["model.width is given twice"],

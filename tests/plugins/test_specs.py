@@ -53,7 +53,7 @@ def test_whole_numbers_out_of_range_are_refused(value: int) -> None:
         (RATE, "much", "parameter 'rate' is 'much', but must be a number."),
         (RATE, "nan", "parameter 'rate' is nan; it must be a finite number."),
         (RATE, "-inf", "parameter 'rate' is -inf; it must be a finite number."),
-        (NOISE, "maybe", "parameter 'noise' is 'maybe', but must be true or false."),
+        (NOISE, "maybe", "parameter 'noise' is 'maybe', but must be yes or no."),
         (WORD, "papper", "parameter 'recipe' is 'papper'; allowed: default, paper."),
     ],
 )
