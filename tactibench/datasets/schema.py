@@ -185,6 +185,11 @@ def image_name(number: int) -> str:
     return f"{IMAGES}/{number // PER_FOLDER:06d}/{number:06d}.png"
 
 
+def image_number(name: str) -> int:
+    """Return the id of the sample that an image is of, by its name, see ``is_image_name``."""
+    return int(name.rpartition("/")[2].removesuffix(".png"))
+
+
 def is_image_name(name: str) -> bool:
     """Return whether this is the name of some sample's image."""
     match = _IMAGE_NAME.fullmatch(name)

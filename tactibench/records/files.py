@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -49,6 +50,10 @@ def parse_json(text: str) -> Any:
     would see one value, and a program another), and RecursionError for lists without an end.
     """
     return json.loads(text, parse_constant=_finite, parse_float=_finite, object_pairs_hook=_unique)
+
+
+HUGE = re.compile(r"[eE]\+?0*[1-9]\d\d|\d{290}")
+"""Exponents of three digits, or as many digits."""
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

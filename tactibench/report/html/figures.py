@@ -64,9 +64,9 @@ class Option:
 
 
 MOST_PICTURES = 3
-"""Pictures of one kind and sensor: eighteen rows are more than anybody compares by eye, and a
-picture takes a second or more."""
-MOST_POINTS = 40
+"""Pictures of one kind and sensor. Of more rows than they hold the best ones are drawn alone: a
+picture takes a second or more, and nobody compares hundreds by eye."""
+MOST_POINTS = 24
 """Points beside the line of a frontier that can still be told apart."""
 
 
@@ -200,7 +200,7 @@ def _batch_options(
 ) -> tuple[Option, ...]:
     """Return a picture and a table of the rows by sixes, the best first, named by their places."""
     options = []
-    drawn = rows[: MOST_PICTURES * CURVES]
+    drawn = rows if len(rows) <= MOST_PICTURES * CURVES else rows[:CURVES]
     for start in range(0, len(drawn), CURVES):
         part = drawn[start : start + CURVES]
         label = "" if len(rows) <= CURVES else f"{start + 1} to {start + len(part)}"
