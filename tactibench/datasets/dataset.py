@@ -12,6 +12,7 @@ from typing import Any, cast
 
 from tactibench.contacts import Contacts, Signal
 from tactibench.datasets.channels import ChannelKind, read_channels, reference_channels
+from tactibench.datasets.checksums import refuse_changed
 from tactibench.datasets.images import Image, ImageCache, read_image
 from tactibench.datasets.index import JournalIndex
 from tactibench.datasets.journal import (
@@ -91,6 +92,8 @@ class Dataset:
         """Name -> split. Raises UserError for one that leaks or is damaged."""
         splits = {}
         for name, path in split_files(self.folder).items():
+            if self.header.status == "closed":
+                refuse_changed(self.folder, path.relative_to(self.folder).as_posix())
             splits[name] = read_split(path)
             check_split(splits[name], self.samples, str(path))
         return splits

@@ -174,7 +174,8 @@ def read_journal(folder: Path) -> tuple[JournalIndex, Sequence[Sample]]:
     if len(new) >= SHORTEST:
         with suppress(OSError):  # of a folder that cannot be written, or a full disk
             write_index(folder, index)
-    return index, tuple(scan.samples) if index.count < SHORTEST else Samples(index)
+    short = len(scan.samples) == index.count
+    return index, tuple(scan.samples) if short else Samples(index)
 
 
 def write_index(folder: Path, index: JournalIndex) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind, unacknowledged_bytes
+from tactibench.datasets.checksums import refuse_changed
 from tactibench.datasets.index import JournalIndex, read_journal
 from tactibench.datasets.rows import parse_object, read_optional, read_row
 from tactibench.datasets.schema import (
@@ -99,6 +100,8 @@ def read_content(folder: Path) -> Content:
             set was changed. The sentence names file and line.
     """
     header = read_header(folder)
+    if header.status == "closed":
+        refuse_changed(folder, HEADER, EVENTS)
     path = folder / JOURNAL
     changed = UserError(
         f"{path} is not what it was when the data set was closed; restore it "

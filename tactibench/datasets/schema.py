@@ -7,6 +7,7 @@ images/000000/     PNG files, 1000 in a folder; images/reference/: the undeforme
 channels.f32       in place of images, where the sensor is no camera: a row of float32 a sample
 events.jsonl       reference frames, stops, warnings
 splits/NAME.json   ids of training, validation and test samples
+checksums.json     hashes of header, events and splits of a data set that is closed
 .cache/  .trash/   derived arrays, and what repairs moved aside
 """
 

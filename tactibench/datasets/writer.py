@@ -19,6 +19,7 @@ import numpy as np
 
 from tactibench.contacts import Signal
 from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind
+from tactibench.datasets.checksums import write_checksums
 from tactibench.datasets.images import (
     discard_images,
     rename_images,
@@ -273,6 +274,7 @@ class Writer:
                 self.header, status="closed", counts=counts, journal_sha256=journal.sha256
             )
             write_header(self.folder, self.header)
+            write_checksums(self.folder)
             sync_folder(self.folder)
         self.leave_open()
 

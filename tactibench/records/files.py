@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
+from tactibench.records.identity import digest
 
 
 @contextmanager
@@ -52,6 +53,7 @@ def parse_json(text: str) -> Any:
     return json.loads(text, parse_constant=_finite, parse_float=_finite, object_pairs_hook=_unique)
 
 
+CHECKSUM = "checksum"
 HUGE = re.compile(r"[eE]\+?0*[1-9]\d\d|\d{290}")
 """Exponents of three digits, or as many digits."""
 
@@ -80,6 +82,26 @@ def read_json(path: Path) -> Any:
         raise UserError(f"{path} does not exist.") from None
     except (ValueError, RecursionError, OSError) as error:
         raise UserError(f"{path} cannot be read as JSON: {error}.") from None
+
+
+def write_checked_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON object with a checksum of everything in it."""
+    write_json(path, {**values, CHECKSUM: digest(dict(values))})
+
+
+def read_checked_json(path: Path) -> dict[str, Any]:
+    """Return the object of ``write_checked_json``; an older file without a checksum is taken.
+
+    Raises:
+        UserError: the file is missing, damaged, or not what was written.
+    """
+    values = read_json(path)
+    if not isinstance(values, dict):
+        raise UserError(f"{path} holds no JSON object; restore it.")
+    stated = values.pop(CHECKSUM, None)
+    if stated is not None and stated != digest(values):
+        raise UserError(f"{path} is not what was written; delete it, or restore it.")
+    return values
 
 
 def write_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
