@@ -22,7 +22,14 @@ from tactibench.records.identity import digest
 
 @contextmanager
 def atomic(path: Path) -> Iterator[IO[bytes]]:
-    """Open a temporary neighbour of ``path`` for writing; it takes the name when all went well."""
+    """Open a temporary neighbour of ``path`` for writing; it takes the name when all went well.
+
+    What is no plain file, such as ``/dev/stdout`` or a pipe, is written to and stays what it is.
+    """
+    if path.exists() and not path.is_file():
+        with path.open("wb") as stream:
+            yield stream
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
