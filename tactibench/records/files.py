@@ -57,7 +57,9 @@ def parse_json(text: str) -> Any:
     Raises ValueError, for NaN and 1e999 too and for a key that stands twice (whoever reads the text
     would see one value, and a program another), and RecursionError for lists without an end.
     """
-    return json.loads(text, parse_constant=_finite, parse_float=_finite, object_pairs_hook=_unique)
+    # Only such a number can be too large; elsewhere the parser's own conversion is faster.
+    check = _finite if HUGE.search(text) else None
+    return json.loads(text, parse_constant=_finite, parse_float=check, object_pairs_hook=_unique)
 
 
 CHECKSUM = "checksum"
