@@ -1,18 +1,21 @@
 """Kill every stage of the work, call the same command again, and compare its final record.
 
     python benchmarks/faults.py [--kills 50] [--changes MOST] [--full MOST] [--stage NAME]...
-                                [--seed 0] [--json FILE]
+                                [--sweeps KILLS] [--seed 0] [--json FILE]
 
-Stages: generate a data set, train, predict (a run whose weights are there), replace a stored run,
-score, board; on tiny protocols, a sensor of twelve pixels and a model with one weight, so that most
-of the time goes into files, which is where things break. --kills: SIGKILLs at random moments of the
-stage's measured running time. --changes: also one before each operation that changes the file
-system (opening for writing, fsync, rename, remove, making a folder), at most so many, spread over
-all. --full: also a disk that is full from such operations on.
+Stages: generate, export and import a data set, begin a plugin, train, predict (a run whose weights
+are there), replace a stored run, score, board, submit, list, report, speed. They run on tiny
+protocols, a sensor of twelve pixels and a model with one weight, so that most of the time goes into
+files, which is where things break. --kills: SIGKILLs at random moments of the stage's measured
+running time. --changes: also one before each operation that changes the file system (opening for
+writing, fsync, rename, remove, making a folder), at most so many, spread over all. --sweeps:
+SIGKILLs of a sweep of 8 cells in processes of its own, in turns of all of them and of the first one
+alone. --full: also a disk that is full from such operations on.
 
 right: the same record as undisturbed. named: one sentence and exit code 2. lost: something that was
-there or should be there is not. silent: another record, or half of one, without a word. Exit code 1
-when anything is lost or silent.
+there or should be there is not. twice: a finished cell was run again. hung: the same command did
+not end, or a worker outlived its sweep. silent: another record, or half of one, without a word.
+Exit code 1 when anything is lost, twice, hung or silent.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
 from killed import OUTCOMES, STAGES, Result, Trial, lab_in
+from killed_sweep import SweepTrial
 
 MEMORY = Path("/dev/shm")  # noqa: S108 - a folder of our own is made in it
 """Where files live in memory: fsync on a disk that others use would be most of the time."""
@@ -55,6 +59,19 @@ def random_kills(trial: Trial, kills: int, rng: np.random.Generator) -> Result:
         folder = trial.killed_at(moment)
         if folder is not None:
             note(result, f"killed after {moment:.3f} s", trial.again(folder))
+    return result
+
+
+def sweep_kills(place: Path, kills: int, rng: np.random.Generator) -> Result:
+    trial, result = SweepTrial(place), Result("sweep")
+    for _ in range(kills * STALLED):
+        if result.stops == kills:
+            break
+        moment, alone = float(rng.uniform(0, trial.seconds)), bool(result.stops % 2)
+        outcome = trial.killed_at(moment, alone=alone)
+        if outcome is not None:
+            how = "the first process" if alone else "all processes"
+            note(result, f"{how} killed after {moment:.3f} s", outcome)
     return result
 
 
@@ -114,6 +131,7 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--changes", type=int, default=0, metavar="MOST")
     parser.add_argument("--full", type=int, default=0, metavar="MOST")
+    parser.add_argument("--sweeps", type=int, default=0, metavar="KILLS")
     parser.add_argument("--stage", action="append", choices=[stage.name for stage in STAGES])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, dest="file")
@@ -132,6 +150,10 @@ def main() -> int:
             for result in results_of(trial, asked.kills, asked.changes, asked.full, rng):
                 print(line(result), flush=True)
                 results.append(result)
+        if asked.sweeps:
+            result = sweep_kills(Path(place), asked.sweeps, np.random.default_rng(asked.seed))
+            print(line(result), flush=True)
+            results.append(result)
     stops = sum(result.stops for result in results)
     print(f"{stops} stops in {time.perf_counter() - began:.0f} s")
     if asked.file:
@@ -147,7 +169,8 @@ def main() -> int:
                 ]
             )
         )
-    return 1 if any(r.outcomes["lost"] + r.outcomes["silent"] for r in results) else 0
+    bad = set(OUTCOMES) - {"right", "named"}
+    return 1 if any(r.outcomes[name] for r in results for name in bad) else 0
 
 
 if __name__ == "__main__":

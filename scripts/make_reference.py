@@ -13,7 +13,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import click
-from reference import commands_page, hooks_page, metrics_page, schemas_page
+from reference import (
+    api_page,
+    commands_page,
+    helpers_page,
+    hooks_page,
+    metrics_page,
+    schemas_page,
+)
 from reference.text import single_spaced
 
 from tactibench.errors import UserError
@@ -23,7 +30,9 @@ ROOT = Path(__file__).resolve().parents[1]
 COMMAND = "python scripts/make_reference.py"
 NOTE = f"<!-- Made by `{COMMAND}`; do not edit. -->"
 PAGES: Mapping[str, Callable[[Path], list[str]]] = {
+    "api.md": api_page.lines,
     "cli.md": commands_page.lines,
+    "helpers.md": helpers_page.lines,
     "hooks.md": hooks_page.lines,
     "metrics.md": metrics_page.lines,
     "schemas.md": schemas_page.lines,
@@ -46,7 +55,7 @@ def text_of(name: str, root: Path = ROOT) -> str:
 )
 @click.pass_context
 def main(ctx: click.Context, check: bool, out: Path) -> None:
-    """Write the pages of docs/reference from hooks, commands, schemas and metrics."""
+    """Write the pages of docs/reference from the code."""
     try:
         wanted = {out / name: text_of(name) for name in PAGES}
     except UserError as error:

@@ -36,6 +36,7 @@ finds_contacts
 float_frame
 frame_size
 input_unchanged
+global_state
 nan_frame
 pure
 rest_frame

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import difflib
 import errno
+import signal
+import threading
+import unicodedata
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
@@ -24,6 +27,10 @@ class PluginError(Exception):
     """A call into a plugin that raised; the message is one line, the cause is the exception."""
 
 
+class Interruption(KeyboardInterrupt):
+    """Ctrl-C of the user; a plugin that raises KeyboardInterrupt by itself raises another class."""
+
+
 class NotFiniteError(ValueError):
     """A value that must be a finite number is NaN or infinite."""
 
@@ -42,39 +49,63 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"known: {', '.join(names) or 'none'}."
 
 
-def printable(text: str) -> str:
-    """Return a text that only shows itself: control characters as Python writes them (``\\x1b``).
+def printable(text: str, keep: str = "") -> str:
+    """Return a text that only shows itself: control characters as escapes (ESC: ``\\x1b``).
 
-    Line breaks and tabs stay. A name in a file, a record or a plugin could clear the screen, or
-    turn the order of letters around.
+    A terminal obeys such characters, so that a name in a file, a record or a plugin could clear the
+    screen or move the cursor. Marks that turn the direction of writing count as well.
+
+    Args:
+        text: Anybody's.
+        keep: Control characters that stay, such as the line breaks of a whole page.
     """
-    return "".join(
-        sign
-        if sign.isprintable() or sign in "\n\t"
-        else sign.encode("unicode_escape").decode("ascii")
-        for sign in text
-    )
+    return text if text.isprintable() else "".join(_escape(sign, keep) for sign in text)
+
+
+def _escape(sign: str, keep: str) -> str:
+    """Return a sign of one of Unicode's categories "other" (C) or "line" (Zl, Zp) as an escape."""
+    category = unicodedata.category(sign)
+    hidden = sign not in keep and (category.startswith("C") or category in ("Zl", "Zp"))
+    return sign.encode("unicode_escape").decode("ascii") if hidden else sign
 
 
 def describe_exception(error: BaseException) -> str:
     """Return type and message of an exception on one line, cut after 300 characters."""
-    text = " ".join(str(error).split())
+    try:
+        text = printable(" ".join(str(error).split()))
+    except Exception as own:  # noqa: BLE001 - its class is a plugin's, too
+        text = f"its message cannot be read ({type(own).__name__})"
     if len(text) > LONGEST_MESSAGE:
         text = f"{text[: LONGEST_MESSAGE - 1]}…"
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def is_interruption(error: BaseException) -> bool:
+    """Return whether an exception is the user's Ctrl-C.
+
+    The command line raises ``Interruption``. Elsewhere, in a notebook, Python's own handler raises
+    KeyboardInterrupt in the main thread; without that handler a plugin has raised it.
+    """
+    if isinstance(error, Interruption):
+        return True
+    return (
+        isinstance(error, KeyboardInterrupt)
+        and threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
 
 
 def call_plugin(function: Callable[[], T]) -> T:
     """Return what a function of a plugin returns.
 
     Raises:
-        PluginError: For whatever it raises, SystemExit and other bare BaseExceptions included
-            (bindings to other languages raise such). Only KeyboardInterrupt, which is the user's,
-            passes.
+        PluginError: For whatever it raises, SystemExit, its own KeyboardInterrupt and other bare
+            BaseExceptions included (bindings to other languages raise such). Only the user's
+            Ctrl-C passes, see ``is_interruption``.
     """
     try:
         return function()
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
+        if is_interruption(error):
+            raise
         raise PluginError(describe_exception(error)) from error

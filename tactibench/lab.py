@@ -13,7 +13,7 @@ from tactibench.datasets.press_plan import (
     plan_of_protocol,
     press_rows,
 )
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import did_you_mean
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.mistakes import first_mistake
 from tactibench.records.files import write_json
@@ -27,6 +27,7 @@ __all__ = [
     "PressPlan",
     "did_you_mean",
     "first_mistake",
+    "open_weights",
     "plan_presses",
     "press_rows",
     "trained_model",
@@ -69,7 +70,7 @@ def trained_model(
     """Return a model with weights from the cache, and the label it goes by.
 
     Args:
-        name: Name of the model.
+        name: Name of the model, or a file of ``tactibench weights export``, which says the rest.
         protocol: Name or file of the protocol that it was trained on.
         params: Parameters as texts, such as "model.width=32".
         data: Folder of recorded frames that it was trained on.
@@ -82,11 +83,14 @@ def trained_model(
     """
     from tactibench.plugins.host import PluginHost
     from tactibench.records.cache import cache_folder
-    from tactibench.run.plan import make_plan
+    from tactibench.run.plan import make_plan, no_weights
     from tactibench.run.reporter import NullReporter
     from tactibench.run.request import RunRequest, read_parameters
     from tactibench.run.train import train_model as load
+    from tactibench.run.weights_file import SUFFIX
 
+    if name.endswith(SUFFIX):
+        return open_weights(Path(name))
     request = RunRequest(
         protocol,
         name,
@@ -100,8 +104,23 @@ def trained_model(
     if untrained:
         return plan.components.build_model(plan.context()), label
     if not plan.weights.cached:
-        raise UserError(
-            f"there are no trained weights of {label} in the cache for this request; make them "
-            f"with `tactibench run {protocol} --model {name} --train-only` and the same options."
-        )
+        raise no_weights(plan)
     return load(plan, NullReporter())[0], label
+
+
+def open_weights(
+    path: Path, *, sha256: str | None = None, device: str = "auto"
+) -> tuple[Model, str]:
+    """Return the model of a weights file, ready to answer frames, and the label it goes by.
+
+    Args:
+        path: A file of ``tactibench weights export``.
+        sha256: Of the whole file, as whoever handed it on said; None: it is not compared.
+        device: "auto", "cpu" or "cuda".
+
+    Raises:
+        UserError: The file is damaged or another one, or this installation has no such model.
+    """
+    from tactibench.run.weights_file import open_weights as open_file
+
+    return open_file(path, sha256=sha256, device=device)

@@ -21,8 +21,10 @@ from tactibench.training import (
     regression_rows,
 )
 from tactibench_pins.architecture import Members
+from tactibench_pins.augmentation import move_presses
 from tactibench_pins.displacements import (
     LATTICE,
+    Channels,
     Components,
     Reader,
     contact_threshold,
@@ -43,6 +45,8 @@ RECIPE = Recipe(
     weight_decay=1e-2,
     precision="float32",
 )
+CHANNELS = replace(RECIPE, epochs=33)
+"""Fewer epochs for channels: with the moved presses each holds nine times as many frames."""
 _COMPONENTS = 40
 """Components of the displacements; further ones hold less than the pins' noise on real frames."""
 _WHITENING = 0.5
@@ -79,6 +83,7 @@ class Pins(LearnedModel):
             architecture["transfers"] = True
         recipe = TRANSFER if context.transfers else RECIPE
         super().__init__(context, recipe.with_choices(epochs, precision), architecture)
+        self._recipe_of_channels = CHANNELS.with_choices(epochs, precision)
         self._timed_as_trained = self.timed_as
         self._reader: Reader | None = None
         self._correction: Correction | None = None
@@ -103,8 +108,25 @@ class Pins(LearnedModel):
         self._scale = Normalisation.of(targets)
         self._reader = find_reader(frames, targets, self.context.transfers)
         self._size = self._reader.size
+        if isinstance(self._reader, Channels):
+            self.recipe = self._recipe_of_channels
         most = _SHARED if self.context.transfers else _COMPONENTS
         self._components = min(most, self._size + self._reader.polar, max(1, len(frames) - 1))
+
+    def examples(
+        self, frames: Sequence[Frame], truth: Sequence[Answer], rng: np.random.Generator
+    ) -> Examples:
+        """Return the frames; those of channels with presses that are moved from them."""
+        examples = super().examples(frames, truth, rng)
+        if not isinstance(self._reader, Channels):
+            return examples
+        targets, moved = move_presses(
+            examples.targets.double().numpy(), examples.images.double().numpy(), rng
+        )
+        return Examples(
+            torch.cat([examples.images, torch.from_numpy(moved).float()]),
+            torch.cat([examples.targets, torch.from_numpy(targets).float()]),
+        )
 
     def initialise(self, network: Members, training: Examples) -> None:
         moved = training.images.double().numpy()

@@ -1,4 +1,4 @@
-"""A model that watches the camera: loop, latency, pictures, a page, presses meanwhile."""
+"""A model that watches the camera: loop, latency, a picture, presses meanwhile."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
 from typing import Any, Self
 
@@ -15,8 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tactibench import Contacts, Frame, Model, PlatePose, Pose, UserError
-from tactibench.markers import Tracker
+from tactibench import Contacts, Frame, Model, PlatePose, Pose
+from tactibench.live import AnswerView, FrameView, PinLines, ask, describe_prediction, has_contact
 from tactibench_tactip.camera import Camera, CameraFrame, Image
 from tactibench_tactip.errors import StopNowError
 from tactibench_tactip.plan import is_mounted, plan_of, with_smallest_turn
@@ -32,7 +31,6 @@ HALF_MM = 12.8
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 RED, GREEN, WHITE = (60, 60, 255), (80, 220, 80), (235, 235, 235)
 """OpenCV's blue, green, red."""
-HOST = "127.0.0.1"
 HELD_S = 1.0
 END_S = 15.0
 """Host seconds for a press to come to its end, before the robot is stopped."""
@@ -59,7 +57,13 @@ class LiveReading:
     @property
     def has_contact(self) -> bool:
         """True where the model sees a contact."""
-        return describe_prediction(self.prediction) != "no contact"
+        return has_contact(self.prediction)
+
+    def view(self, pins: PinLines) -> FrameView:
+        """Return what a page shows of it."""
+        image = self.frame.image
+        answer = AnswerView(self.prediction, self.latency_ms, self.maps)
+        return FrameView(image, pins(image), [answer])
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ def watch(
         if turn == WARM_UP:
             start = camera.frames
         taken = camera.fresh(since_ns, 1)[0]
-        prediction, maps = _predict(model, Frame(taken.image, taken.t_ns * 1e-9, Pose(), rest))
+        prediction, maps = ask(model, Frame(taken.image, taken.t_ns * 1e-9, Pose(), rest))
         since_ns = time.monotonic_ns()
         latency = (since_ns - taken.t_ns) * 1e-6
         if turn >= WARM_UP:
@@ -109,35 +113,14 @@ def watch(
     return Latency.of(raw or [float("nan")], camera.frames - start)
 
 
-def _predict(model: Model, frame: Frame) -> tuple[Any, npt.NDArray[Any] | None]:
-    """As a run asks: maps once where the model can show them, then what they say."""
-    maps = model.maps([frame])
-    if maps is None:
-        return model.predict([frame])[0], None
-    return model.read_maps(maps)[0], maps[0]
-
-
-def describe_prediction(prediction: Contacts | PlatePose | None) -> str:
-    """Return a prediction in words."""
-    if isinstance(prediction, PlatePose):
-        return f"plate {prediction.depth:.2f} mm deep, tilted {prediction.tilt:.1f} deg"
-    if prediction is None or not len(prediction):
-        return "no contact"
-    contacts = zip(prediction.xy.tolist(), prediction.depth.tolist(), strict=True)
-    return "; ".join(f"({x:+.2f}, {y:+.2f}) {depth:.2f} mm" for (x, y), depth in contacts)
-
-
 class Painter:
     """Draws a turn: the frame with its pins, the heatmap with the contacts, the figures.
 
-    rest: Frame of the undeformed sensor, from which pins are followed where there are any.
+    pins: Of the sensor, where it has any.
     """
 
-    def __init__(self, rest: Image) -> None:
-        try:
-            self._tracker: Tracker | None = Tracker(rest, refine="centroid")
-        except UserError:
-            self._tracker = None
+    def __init__(self, pins: PinLines) -> None:
+        self._pins = pins
 
     def draw(self, reading: LiveReading, label: str) -> Picture:
         """Return (SIDE + 60, 2 SIDE, 3) uint8, blue, green, red."""
@@ -151,14 +134,12 @@ class Painter:
     def _draw_frame(self, image: Image) -> Picture:
         big = cv2.resize(image, (SIDE, SIDE), interpolation=cv2.INTER_NEAREST)
         panel: Any = cv2.cvtColor(big, cv2.COLOR_GRAY2BGR)
-        if self._tracker is not None:
-            tracks = self._tracker.track(image[None])
-            scale = np.array([SIDE / image.shape[1], SIDE / image.shape[0]])
-            starts = ((self._tracker.rest + 0.5) * scale).astype(int)
-            ends = ((tracks.xy[0] + 0.5) * scale).astype(int)
-            for start, end, seen in zip(starts, ends, tracks.seen[0], strict=True):
-                cv2.line(panel, start.tolist(), end.tolist(), GREEN if seen else RED, 1)
-                cv2.circle(panel, end.tolist(), 2, GREEN if seen else RED, -1)
+        scale = np.array([SIDE / image.shape[1], SIDE / image.shape[0]])
+        for x0, y0, x, y, seen in self._pins(image):
+            start, end = ((np.array([[x0, y0], [x, y]]) + 0.5) * scale).astype(int).tolist()
+            colour = GREEN if seen else RED
+            cv2.line(panel, start, end, colour, 1)
+            cv2.circle(panel, end, 2, colour, -1)
         return np.asarray(panel, dtype=np.uint8)
 
 
@@ -173,77 +154,6 @@ def _draw_map(reading: LiveReading) -> Picture:
             at = tuple(int(SIDE / 2 * (1 + value / HALF_MM)) for value in (x, y))
             cv2.drawMarker(panel, at, WHITE, cv2.MARKER_CROSS, 22, 2)
     return np.asarray(panel, dtype=np.uint8)
-
-
-class Page:
-    """A page on this machine, on loopback alone, that shows the latest picture (MJPEG).
-
-    port: 0: any that is free. Raises UserError for a taken one.
-    """
-
-    def __init__(self, port: int = 0) -> None:
-        self._news = threading.Condition()
-        self._jpeg, self._number, self._ended = b"", 0, False
-        try:
-            self._server = ThreadingHTTPServer((HOST, port), self._handler())
-        except OSError as error:
-            raise UserError(
-                f"port {port} cannot be used ({error.strerror or error}); take another with --port."
-            ) from None
-        self._server.daemon_threads = True
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return f"http://{HOST}:{self._server.server_address[1]}/"
-
-    def __enter__(self) -> Self:
-        threading.Thread(target=self._server.serve_forever, name="tactip page", daemon=True).start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with self._news:
-            self._ended = True
-            self._news.notify_all()
-        self._server.shutdown()
-        self._server.server_close()
-
-    def show(self, picture: Picture) -> None:
-        """Send a picture to everybody who looks."""
-        good, data = cv2.imencode(".jpg", picture)
-        if good:
-            with self._news:
-                self._jpeg, self._number = data.tobytes(), self._number + 1
-                self._news.notify_all()
-
-    def _next(self, after: int) -> tuple[bytes, int]:
-        with self._news:
-            self._news.wait_for(lambda: self._number > after or self._ended, 1.0)
-            return (b"" if self._ended else self._jpeg), self._number
-
-    def _handler(self) -> type[BaseHTTPRequestHandler]:
-        page = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                self.send_response(200)
-                self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-                self.end_headers()
-                number = 0
-                try:
-                    while True:
-                        data, number = page._next(number)
-                        if not data:
-                            return
-                        head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}"
-                        self.wfile.write(head.encode() + b"\r\n\r\n" + data + b"\r\n")
-                except OSError:  # the reader went away
-                    return
-
-            def log_message(self, *_: Any) -> None:
-                """Nobody reads them."""
-
-        return Handler
 
 
 class PressLoop:

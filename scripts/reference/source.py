@@ -49,8 +49,12 @@ def outline(node: ast.ClassDef) -> str:
             lines.append(f"    {ast.unparse(item)}")
         elif isinstance(item, ast.FunctionDef):
             lines += [f"    {line}" for line in _comment(ast.get_docstring(item))]
-            if any(ast.unparse(one) == "property" for one in item.decorator_list):
-                lines.append("    @property")
+            shown = {"property", "classmethod", "staticmethod"}
+            lines += [
+                f"    @{one.id}"
+                for one in item.decorator_list
+                if isinstance(one, ast.Name) and one.id in shown
+            ]
             lines.append(f"    {signature(item)}: ...")
     return "\n".join(lines)
 

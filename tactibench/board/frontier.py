@@ -12,7 +12,7 @@ from __future__ import annotations
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tactibench.board.cost import latency, machine
 from tactibench.board.rows import Row
@@ -114,6 +114,33 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) 
         elsewhere,
         tuple(untimed),
     )
+
+
+def elsewhere_frontiers(
+    nominal: Sequence[Frontier], rows: Iterable[Row], error: Ranking
+) -> list[Frontier]:
+    """Return the same configurations with their errors on other test frames, in the same order.
+
+    The times are those of the nominal frontiers: the same weights cost the same elsewhere.
+
+    Args:
+        nominal: Where the configurations were timed.
+        rows: Of the section with the other test frames.
+        error: That ranks.
+    """
+    by_label = {(row.regime, row.short): row for row in rows if not row.trivial}
+    moved = []
+    for frontier in nominal:
+        points = []
+        for point in frontier.points:
+            row = by_label.get((frontier.regime, point.label))
+            errors = None if row is None else _error(row, error)
+            if row is not None and errors is not None:
+                points.append(Point(row, point.latency, errors))
+        dominated = {point.label: by for point in points if (by := _dominators(point, points))}
+        best = tuple(line(points))
+        moved.append(replace(frontier, points=tuple(points), best=best, dominated=dominated))
+    return moved
 
 
 def busiest(rows: Iterable[Row]) -> str:

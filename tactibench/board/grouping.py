@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -31,6 +32,12 @@ def row_key(record: Record) -> list[Any]:
     model = record.model.identity
     key = [section_key(record), model, encoder, record.regime, record.limits.presses]
     return [*key, record.shots] if record.shots else key
+
+
+def row_anchor(row: Row) -> str:
+    """Return a name for links to a row: it stays the same when rows and seeds are added."""
+    words = re.sub(r"[^a-z0-9]+", "-", row.label.lower()).strip("-")
+    return f"{words[:40].rstrip('-')}-{digest(row_key(row.first))[:8]}"
 
 
 def section_key(record: Record) -> list[Any]:

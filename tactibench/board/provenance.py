@@ -474,7 +474,8 @@ def refuse_underived(
         for name in ("origin", "range")
     ]
     recording = derived.sensor.get("recording")
-    if (said := stated.get("recording")) is not None:
+    # Of a recording that is not here, its submitter alone says what it was.
+    if (said := stated.get("recording")) is not None and derived.trained:
         # Where a folder lies is its owner's; what is in it is not.
         pairs += [
             (f"sensor.recording.{name}", said[name], recording and recording[name])

@@ -174,8 +174,8 @@ def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:
     stated, files = record.protocol, protocol_files()
     if stated.id not in files:
         raise UserError(
-            f"{path} answers protocol {stated.id!r}, which does not ship with tactibench; "
-            f"{did_you_mean(stated.id, files)}"
+            f"{path} answers protocol {stated.id!r}, which is not installed; "
+            f"{did_you_mean(stated.id, files)} TACTIBENCH_PROTOCOLS names a folder of others."
         )
     protocol = version_of(stated.id, stated.hash)
     if protocol is None or protocol.spec.version != stated.version:

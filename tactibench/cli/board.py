@@ -280,7 +280,10 @@ def _write_pages(board_folder: Path) -> None:
     from tactibench.report.board_page import page_files
 
     check_folder(board_folder)
-    for page in page_files(board_folder):
+    pages = page_files(board_folder)
+    if not pages:
+        echo(f"{board_folder} holds no run; `tactibench board add RUN` adds one")
+    for page in pages:
         echo(_page_line(page))
         if not page.current:
             page.write()

@@ -8,7 +8,6 @@ import click
 
 from tactibench.cli.completion import RUN
 from tactibench.cli.options import json_option, save_json, store_option
-from tactibench.errors import UserError
 
 
 @click.command()
@@ -25,14 +24,10 @@ def compare(names: tuple[str, ...], distances: bool, store: Path, json_file: Pat
     \b
     tactibench compare exp2-superpose-single-s0-1a2b3c4d exp2-unet-single-s0-5e6f7a8b
     """
-    from tactibench.board.compare import compare_runs, rows_of
+    from tactibench import api
     from tactibench.cli.output import Terminal
-    from tactibench.records.store import open_run
     from tactibench.report.compare_report import print_comparisons
 
-    if len(names) < 2:
-        raise UserError("one run alone cannot be compared; name two or more.")
-    runs = [open_run(store, name) for name in names]
-    comparisons = compare_runs(runs, distances=distances)
-    print_comparisons(Terminal().out, runs, comparisons)
-    save_json(json_file, rows_of(runs, comparisons))
+    compared = api.compare(*names, distances=distances, store=store)
+    print_comparisons(Terminal().out, compared.runs, compared.pairs)
+    save_json(json_file, compared.rows)

@@ -11,6 +11,7 @@ from tactibench.errors import UserError, did_you_mean
 
 if TYPE_CHECKING:
     from tactibench.protocols.families import Axis
+    from tactibench.protocols.schema import Draw
 
 
 @click.command()
@@ -91,7 +92,7 @@ def _show_protocol(name: str) -> None:
     echo(f"  asks for  {spec.answer}")
     for draw in spec.draws:
         count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
-        echo(f"  draw      {draw.name}: {count:,} {draw.indenter} presses")
+        echo(f"  draw      {draw.name}: {count:,} {_kind(draw)} presses")
     for regime, extra in spec.regimes.items():
         echo(f"  regime    {regime}: {' + '.join(['the training share', *extra])}")
     for axis in spec.axes:
@@ -99,6 +100,10 @@ def _show_protocol(name: str) -> None:
     echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
     echo(f"  metrics   {', '.join(spec.metrics.names)}")
     echo(f"  published {', '.join(spec.published.tables) or 'none'}")
+
+
+def _kind(draw: Draw) -> str:
+    return f"{draw.tips}-tip" if draw.offsets_mm else draw.indenter
 
 
 def _family(axis: Axis) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from types import FrameType
@@ -14,7 +16,16 @@ import click
 
 from tactibench import __version__
 from tactibench.cli.text import echo
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import (
+    Interruption,
+    PluginError,
+    UserError,
+    describe_exception,
+    did_you_mean,
+    is_interruption,
+    printable,
+)
+from tactibench.plugins.exits import forbid_exit
 
 if TYPE_CHECKING:
     from tactibench.plugins.specs import CommandSpec
@@ -24,6 +35,7 @@ VERBS = {
     "check": ("tactibench.cli.check:check", "prove that a plugin behaves as its kind must"),
     "compare": ("tactibench.cli.compare:compare", "runs against each other, press by press"),
     "data": ("tactibench.cli.data:data", "data sets on the disk: import, verify, export, info"),
+    "demo": ("tactibench.cli.demo:demo", "press a simulated sensor by mouse; see models answer"),
     "describe": ("tactibench.cli.describe:describe", "show one plugin's or protocol's details"),
     "doctor": ("tactibench.cli.doctor:doctor", "check the installation and name broken plugins"),
     "list": ("tactibench.cli.listing:listing", "list plugins, protocols, runs, weights, papers"),
@@ -34,6 +46,7 @@ VERBS = {
     "score": ("tactibench.cli.score:score", "score stored predictions again"),
     "speed": ("tactibench.cli.speed:speed", "time a model's ways to compute against each other"),
     "sweep": ("tactibench.cli.sweep:sweep", "many runs on all cores, or on a cluster"),
+    "weights": ("tactibench.cli.weights:weights", "trained weights as a file: export, import"),
 }
 RETIRED = {
     "curve": "plot curve",
@@ -52,11 +65,25 @@ MISTAKE, INTERRUPTED = 2, 130
 """Exit codes: 2 as click and argparse give for a wrong option, 130 as a shell gives for Ctrl-C."""
 STOPPED = "tactibench: stopped; the same command continues where it was."
 
+GRACE_S = 5.0
+"""Seconds that threads may run on when the command is done; those of pools end in milliseconds."""
+
 _HELP_SHOWN = getattr(click.exceptions, "NoArgsIsHelpError", ())  # click 8.2 and later
+
+
+class _PassedOnError(Exception):
+    """An exception, its cause, that click would turn into a bare Abort."""
 
 
 class Verbs(click.Group):
     """Built-in verbs, then those of plugins; a plugin cannot replace a built-in verb."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a verb. What looks like the end of the input may be a plugin's exception."""
+        try:
+            return super().invoke(ctx)
+        except (EOFError, KeyboardInterrupt) as error:
+            raise _PassedOnError from error
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
         """Return the verbs in alphabetical order."""
@@ -104,8 +131,9 @@ def _plugin_verbs() -> Mapping[str, CommandSpec]:
 )
 @click.version_option(__version__, prog_name="tactibench")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error (after any verb, too).")
+@click.option("--quiet", is_flag=True, help="Show no plan and no progress (after any verb, too).")
 @click.pass_context
-def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out by `call`
+def main(ctx: click.Context, debug: bool, quiet: bool) -> None:  # noqa: ARG001 - read elsewhere
     """Benchmark soft optical tactile sensors: protocols, models, speed beside error.
 
     \b
@@ -118,6 +146,8 @@ def main(ctx: click.Context, debug: bool) -> None:  # noqa: ARG001 - taken out b
 
 def run() -> None:
     """Entry point of the console script."""
+    faulthandler.enable()  # a crash in compiled code shows the line of Python that led to it
+    forbid_exit()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else the job ignores it
         signal.signal(signal.SIGINT, _interrupted)
     for stream in (sys.stdout, sys.stderr):
@@ -131,7 +161,30 @@ def run() -> None:
         sys.stdout.flush()
     except OSError:  # it was reported; Python's own flush at exit would complain a second time
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    _note_threads(code)
     sys.exit(code)
+
+
+def _note_threads(code: int) -> None:
+    """Name the threads that plugins left, and end the process where one would keep it for ever."""
+    left = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
+    if not left:
+        return
+    from tactibench.plugins.failures import describe_threads
+
+    for sentence in describe_threads(left):
+        echo(f"tactibench: {sentence}", err=True)
+
+    def end() -> None:
+        main_thread = threading.main_thread()
+        kept = [t.name for t in threading.enumerate() if not (t.daemon or t is main_thread)]
+        text = f"tactibench: the threads {', '.join(kept)} still run; they are stopped."
+        os.write(2, f"{printable(text)}\n".encode("utf-8", "replace"))
+        os._exit(code)
+
+    watch = threading.Timer(GRACE_S, end)
+    watch.daemon = True
+    watch.start()
 
 
 def _interrupted(_number: int, _frame: FrameType | None) -> None:
@@ -140,7 +193,7 @@ def _interrupted(_number: int, _frame: FrameType | None) -> None:
     Nothing is lost by it: files take their names when they are whole.
     """
     signal.signal(signal.SIGINT, _at_once)
-    raise KeyboardInterrupt
+    raise Interruption
 
 
 def _at_once(_number: int, _frame: FrameType | None) -> None:
@@ -151,27 +204,54 @@ def _at_once(_number: int, _frame: FrameType | None) -> None:
 def call(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code.
 
-    0; 1 where a verb says so; 2 after one sentence about a mistake; 130 when interrupted.
-    With ``--debug`` the exception of a mistake is raised instead.
+    0; 1 where a verb says so; 2 after one sentence about a mistake of the user's or of a plugin's;
+    130 when interrupted. With ``--debug`` the exception of a mistake is raised instead.
     """
     debug = "--debug" in arguments
-    given = [argument for argument in arguments if argument != "--debug"]
+    # What stands after a verb means the same as before it; the terminal asks for --quiet.
+    given = [argument for argument in arguments if argument not in ("--debug", "--quiet")]
+    if "--quiet" in arguments:
+        given.insert(0, "--quiet")
     try:
         result = main.main(args=given, prog_name="tactibench", standalone_mode=False)
         sys.stdout.flush()
-    except (click.exceptions.Abort, KeyboardInterrupt):
-        echo(STOPPED, err=True)
-        return INTERRUPTED
     except _HELP_SHOWN as error:
         echo(error.format_message())
         return 0
     except BrokenPipeError:
         raise
-    except (click.ClickException, UserError, OSError) as error:
-        if debug:
-            raise
+    except BaseException as error:  # noqa: BLE001 - `_fail` raises what is none of its business
+        cause = error.__cause__ or error if isinstance(error, _PassedOnError) else error
+        verb = next((argument for argument in given if not argument.startswith("-")), "")
+        return _fail(cause, debug, own_verb=verb in VERBS)
+    return result if isinstance(result, int) else 0
+
+
+def _fail(error: BaseException, debug: bool, *, own_verb: bool) -> int:
+    """Say in one sentence what went wrong; return the exit code.
+
+    Raises what is neither a mistake nor a plugin's, and with ``debug`` everything.
+    """
+    interrupted = is_interruption(error) or isinstance(error, click.exceptions.Abort)
+    if isinstance(error, SystemExit) and not own_verb:  # a verb of a plugin may end as it likes
+        raise error
+    if not interrupted:
         from tactibench.cli.failures import sentence
 
-        echo(f"tactibench: {sentence(error)}", err=True)
-        return MISTAKE
-    return result if isinstance(result, int) else 0
+        text = sentence(error)
+        if text is not None:
+            if debug:
+                raise error if isinstance(error, Exception) else _as_exception(error)
+            echo(f"tactibench: {text}", err=True)
+            return MISTAKE
+        if not isinstance(error, KeyboardInterrupt):
+            raise error
+    echo(STOPPED, err=True)
+    return INTERRUPTED
+
+
+def _as_exception(error: BaseException) -> PluginError:
+    """Return what Python shows with a traceback and ends with 1 for, unlike SystemExit."""
+    wrapped = PluginError(describe_exception(error))
+    wrapped.__cause__ = error
+    return wrapped

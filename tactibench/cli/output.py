@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
+import click
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeRemainingColumn,
-)
 from rich.segment import Segment
 
 from tactibench.errors import printable
+from tactibench.plugins.base import Progress
 from tactibench.protocols.families import Axis
+from tactibench.records.record import Record
 from tactibench.records.store import RECORD, StoredRun, stored_runs
+from tactibench.report.progress import progress_on
 
 
 class PlainConsole(Console):
@@ -34,93 +29,68 @@ class PlainConsole(Console):
             if segment.control or segment.text.isprintable():
                 yield segment
             else:
-                yield Segment(printable(segment.text), segment.style)
+                yield Segment(printable(segment.text, keep="\n\t"), segment.style)
 
 
 class Terminal:
-    """Results on stdout, and progress on stderr, which is silent where it is no terminal."""
+    """Results on stdout, and progress on stderr: bars, or lines where it is no terminal."""
 
     def __init__(self) -> None:
         self.out = PlainConsole(soft_wrap=False, highlight=False)
-        self.err = PlainConsole(stderr=True, highlight=False)
+        context = click.get_current_context(silent=True)
+        self.quiet = context is not None and bool(context.find_root().params.get("quiet"))
+        console = PlainConsole(stderr=True, highlight=False)
+        self._progress = progress_on(console, quiet=self.quiet)
 
     def say(self, line: str) -> None:
-        """Print a line as it is; the terminal breaks it."""
+        """Print a line, control characters escaped; the terminal breaks it."""
         self.out.print(line, markup=False, soft_wrap=True)
 
-    @contextmanager
-    def task(self, title: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Show a bar while something of ``total`` steps is done; yields what advances it."""
-        with self._progress(MofNCompleteColumn()) as progress:
-            job = progress.add_task(title, total=total)
-            yield lambda done: progress.advance(job, done)
+    def task(self, title: str, total: int) -> AbstractContextManager[Callable[[int], None]]:
+        """Show progress while something of ``total`` steps is done; yields what advances it."""
+        return self._progress.task(title, total)
 
-    @contextmanager
-    def training(self) -> Iterator[TrainingBar]:
-        """Show a bar while a model is trained."""
-        bar = TrainingBar(self._progress(TextColumn("{task.fields[note]}")))
-        try:
-            yield bar
-        finally:
-            bar.stop()
-
-    def _progress(self, *columns: ProgressColumn) -> Progress:
-        return Progress(
-            TextColumn("{task.description:<26}"),
-            BarColumn(bar_width=24),
-            *columns,
-            TimeRemainingColumn(),
-            console=self.err,
-            transient=True,
-            disable=not self.err.is_terminal,
-        )
+    def training(self) -> AbstractContextManager[Progress]:
+        """Show progress while a model is trained."""
+        return self._progress.training()
 
 
-class TrainingBar:
-    """A bar with loss, validation error in mm and time left of a training."""
+def show_run(
+    terminal: Terminal, run: StoredRun, store: Path, board: Path, *, full: bool = False
+) -> None:
+    """Print a run in about ten lines, or whole, and update its pictures.
 
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._job: Any = None
-        self._steps = 0
-        self._note = ""
+    Args:
+        terminal: Where to print.
+        run: That is shown.
+        store: Other runs, for the pictures.
+        board: Folder of the leaderboards, for the place of the run.
+        full: Print all tables, published rows and other runs of the store.
+    """
+    from tactibench.board.placement import place_run
+    from tactibench.report.plots.run_pictures import update_pictures
+    from tactibench.report.run_summary import place_line, print_glossary, print_summary
 
-    def start(self, epochs: int, steps: int) -> None:
-        """Begin with so many epochs of so many steps."""
-        self._steps = steps
-        self._progress.start()
-        self._job = self._progress.add_task("train", total=epochs * steps, note="")
-
-    def step(self, loss: float) -> None:
-        """Show the loss of one more step."""
-        if self._job is not None:
-            note = f"loss {loss:.4f}{self._note}"
-            self._progress.update(self._job, advance=1, note=note)
-
-    def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
-        """Show the loss and the validation error of an epoch."""
-        error = "" if validation_mm is None else f"  validation {validation_mm:.3f} mm"
-        self._note = f"  epoch {epoch}{error}"
-        if self._job is not None:
-            note = f"loss {loss:.4f}{self._note}"
-            self._progress.update(self._job, completed=epoch * self._steps, note=note)
-
-    def stop(self) -> None:
-        """Take the bar away."""
-        if self._job is not None:
-            self._progress.stop()
+    others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
+    pictures = update_pictures(run, others)
+    place = place_run(run, board)
+    if not full:
+        print_summary(terminal.out, run.record, run.folder, place)
+        return
+    _print_all(terminal, run, [other.record for other in others])
+    for picture in pictures:
+        terminal.say(f"picture: {picture}")
+    print_glossary(terminal.out, run.record)
+    terminal.say(place_line(run.record, place))
 
 
-def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
-    """Print the result beside the published numbers, and its pictures."""
+def _print_all(terminal: Terminal, run: StoredRun, others: list[Record]) -> None:
     from tactibench.protocols.loader import version_of
     from tactibench.protocols.published import PublishedTable, published_for
-    from tactibench.report.plots.run_pictures import update_pictures
     from tactibench.report.run_report import print_run
     from tactibench.shipped import shipped_folder
 
     record = run.record
-    others = [other for other in stored_runs(store) if other.folder.name != run.folder.name]
     published: list[PublishedTable] = []
     axes: tuple[Axis, ...] = ()
     protocol = version_of(record.protocol.id, record.protocol.hash)
@@ -132,8 +102,4 @@ def show_run(terminal: Terminal, run: StoredRun, store: Path) -> None:
             for table in published_for(protocol.spec, shipped_folder("published"))
             if not table.sensor or (recorded is not None and recorded.sensor == table.sensor)
         ]
-    records = [other.record for other in others]
-    print_run(terminal.out, record, run.folder / RECORD, published, records, axes)
-    for picture in update_pictures(run, others):
-        terminal.say(f"picture: {picture}")
-    terminal.say("terms: docs/glossary.md")
+    print_run(terminal.out, record, run.folder / RECORD, published, others, axes)

@@ -17,16 +17,14 @@ from tactibench.cli.options import (
     save_json,
 )
 from tactibench.cli.plot_limit import limit
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import UserError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tactibench.board.rows import Row
-    from tactibench.board.sections import Section
+    from tactibench import api
     from tactibench.cli.output import Terminal
     from tactibench.protocols.families import Axis
-    from tactibench.records.record import Record
 
 
 @click.group()
@@ -77,48 +75,12 @@ def frontier(
     \b
     tactibench plot frontier exp2 --out docs/images/frontier-exp2.png
     """
-    from tactibench.board.frontier import frontiers
-    from tactibench.board.grouping import whole
-    from tactibench.board.ranking import ranking_error
-    from tactibench.board.sections import gather_records, left_out
-    from tactibench.cli.output import Terminal
-    from tactibench.report.plot_tables import frontier_remarks, frontier_rows, frontier_table
-    from tactibench.report.writers.terminal import print_table
+    from tactibench import api
 
-    records = whole(gather_records(protocol, board_folder, runs))
-    section = _section(records, sensor, protocol)
-    error = ranking_error(protocol)
-    regimes = frontiers(section.rows, error, _known_machine(machine, section.rows))
-    timed = [point for regime in regimes for point in regime.points]
-    subject = f"{protocol}, {section.title.lower()}"
-    if timed:
-        subject += f", timed on {timed[0].row.first.environment.cpu} ({regimes[0].machine})"
-    terminal = Terminal()
-    _say_subject(terminal, f"Speed against {error.name}", subject)
-    for regime in regimes:
-        terminal.say("")
-        print_table(terminal.out, frontier_table(regime, error))
-    terminal.say("")
-    for remark in frontier_remarks(regimes):
-        terminal.say(remark)
-    if hidden := left_out(records, section):
-        terminal.say(f"Left out: {hidden:,} runs on other sensors.")
-    if out is not None:
-        from tactibench.report.plots.frontier import frontier_figure
-
-        _save(terminal, frontier_figure(regimes, error, measured_on=subject), out)
-    save_json(json_file, [line for regime in regimes for line in frontier_rows(regime, error)])
-
-
-def _known_machine(machine: str | None, rows: Sequence[Row]) -> str | None:
-    from tactibench.board.cost import machine as machine_of
-
-    known = sorted({machine_of(record) for row in rows for record in row.records})
-    if machine is not None and machine not in known:
-        raise UserError(
-            f"no run was timed on a machine {machine!r}; {did_you_mean(machine, known)}"
-        )
-    return machine
+    made = api.plot(
+        "frontier", protocol, board=board_folder, store=runs, sensor=sensor, machine=machine
+    )
+    _show(made, out, json_file)
 
 
 @plot.command()
@@ -153,73 +115,18 @@ def curve(
     tactibench run exp1 --model kernel --param sensor.instance=1 --presses 50
     tactibench plot curve exp1 --new-sensor --store runs --out new.png
     """
-    from tactibench.board.curve import curves
-    from tactibench.board.ranking import ranking_error
-    from tactibench.board.sections import gather_records
-    from tactibench.cli.output import Terminal
-    from tactibench.report.plot_tables import curve_rows, curve_steps_table
-    from tactibench.report.writers.terminal import print_table
+    from tactibench import api
 
-    error = ranking_error(protocol)
-    if new_sensor:
-        _new_sensor_curve(protocol, board_folder, runs, sensor, out, json_file)
-        return
-    section = _section(gather_records(protocol, board_folder, runs), sensor, protocol)
-    learning = curves(section.rows, error)
-    if not learning:
-        raise UserError(
-            f"no configuration of {protocol} was run with several numbers of presses; make some "
-            f"with `tactibench run {protocol} --presses N`."
-        )
-    subject = f"{protocol}, {section.title.lower()}"
-    terminal = Terminal()
-    _say_subject(terminal, "", subject)
-    print_table(terminal.out, curve_steps_table(learning, error))
-    if out is not None:
-        from tactibench.report.plots.curve import curve_figure
-
-        _save(terminal, curve_figure(learning, error, measured_on=subject), out)
-    save_json(json_file, curve_rows(learning, error))
-
-
-def _new_sensor_curve(
-    protocol: str,
-    board_folder: Path,
-    runs: Path | None,
-    sensor: str | None,
-    out: Path | None,
-    json_file: Path | None,
-) -> None:
-    from tactibench.board.curve import new_sensor_curves
-    from tactibench.board.ranking import ranking_error
-    from tactibench.board.sections import all_records
-    from tactibench.cli.output import Terminal
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.report.plot_tables import curve_rows, new_sensor_table
-    from tactibench.report.writers.terminal import print_table
-
-    error = ranking_error(protocol)
-    name = sensor or load_protocol(protocol).spec.defaults.sensor
-    learning = new_sensor_curves(all_records(protocol, board_folder, runs), error, name)
-    if not learning:
-        raise UserError(
-            f"no run of {protocol} on sensor {name!r} was tested on another instance than it was "
-            f"trained on; make some with `tactibench run {protocol} --test sensor.instance=1`."
-        )
-    subject = f"{protocol}, simulated sensor {name}, instances that no training saw"
-    terminal = Terminal()
-    _say_subject(terminal, "", subject)
-    print_table(terminal.out, new_sensor_table(learning, error))
-    if out is not None:
-        from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
-
-        _save(terminal, curve_figure(learning, error, NEW_SENSOR, measured_on=subject), out)
-    save_json(json_file, curve_rows(learning, error))
+    made = api.plot(
+        "curve", protocol, board=board_folder, store=runs, sensor=sensor, new_sensor=new_sensor
+    )
+    _show(made, out, json_file)
 
 
 @plot.command()
 @click.argument("protocol", default="stability")
 @board_options
+@picture_file("--errors", "Draw the error case by case, a panel a family, of at most six rows.")
 @picture_file("--cases", "Draw one frame of every case, from a run of --store.")
 @click.option("--rows", multiple=True, metavar="LABEL", help="Only these rows, in this order.")
 def stability(
@@ -229,6 +136,7 @@ def stability(
     runs: Path | None,
     sensor: str | None,
     json_file: Path | None,
+    errors: Path | None,
     cases: Path | None,
     rows: tuple[str, ...],
 ) -> None:
@@ -238,41 +146,23 @@ def stability(
 
     \b
     tactibench run stability --model superpose
-    tactibench plot stability --store runs --out stability.png --cases cases.png
+    tactibench plot stability --out heat.png --errors curves.png
+    tactibench plot stability --store runs --out heat.png --cases cases.png
     """
-    from tactibench.board.grouping import whole
-    from tactibench.board.ranking import ordered
-    from tactibench.board.sections import gather_records
-    from tactibench.cli.output import Terminal
-    from tactibench.protocols.loader import load_protocol
-    from tactibench.report.hard_cases import doubling_table
-    from tactibench.report.plot_tables import stability_rows
-    from tactibench.report.writers.terminal import print_table
+    from tactibench import api
 
-    axes = load_protocol(protocol).spec.axes
-    if not axes:
-        raise UserError(f"{protocol} has no families of hard cases; take stability.")
-    section = _section(whole(gather_records(protocol, board_folder, runs)), sensor, protocol)
-    chosen = _rows_named(ordered(protocol, section.rows), rows)
-    subject = f"{protocol}, {section.title.lower()}"
-    terminal = Terminal()
-    _say_subject(terminal, "", subject)
-    print_table(terminal.out, doubling_table(chosen, axes))
-    if out is not None:
-        from tactibench.report.plots.stability import stability_figure
+    made = api.plot("stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows)
+    terminal = _show(made, out, json_file)
+    from tactibench.report.plots.style import save_png
 
-        _save(terminal, stability_figure(chosen, axes, measured_on=subject), out)
+    if errors is not None and made.detail is not None:
+        save_png(made.detail, errors)
+        terminal.say(f"picture: {errors}")
     if cases is not None:
-        _save(terminal, _case_frames(protocol, runs, axes), cases)
-    save_json(json_file, stability_rows(chosen, axes))
+        from tactibench.protocols.loader import load_protocol
 
-
-def _rows_named(rows: Sequence[Row], labels: tuple[str, ...]) -> list[Row]:
-    by_label = {row.label: row for row in rows}
-    for label in labels:
-        if label not in by_label:
-            raise UserError(f"no row is called {label!r}; {did_you_mean(label, by_label)}")
-    return [by_label[label] for label in labels] if labels else list(rows)
+        save_png(_case_frames(protocol, runs, load_protocol(protocol).spec.axes), cases)
+        terminal.say(f"picture: {cases}")
 
 
 def _case_frames(protocol: str, runs: Path | None, axes: Sequence[Axis]) -> Figure:
@@ -302,22 +192,26 @@ def _case_frames(protocol: str, runs: Path | None, axes: Sequence[Axis]) -> Figu
 plot.add_command(limit)
 
 
-def _section(records: Sequence[Record], sensor: str | None, protocol: str) -> Section:
-    from tactibench.board.sections import select_section
-
-    return select_section(records, sensor, protocol)
-
-
-def _say_subject(terminal: Terminal, title: str, subject: str) -> None:
+def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
+    """Print the numbers behind a figure, and write the figure where it is asked for."""
     from rich.text import Text
 
-    if title:
-        terminal.out.print(Text(title, style="bold"))
-    terminal.out.print(Text(subject, style="cyan"), soft_wrap=True)
+    from tactibench.cli.output import Terminal
+    from tactibench.report.writers.terminal import print_table
 
-
-def _save(terminal: Terminal, figure: Figure, out: Path) -> None:
-    from tactibench.report.plots.style import save_png
-
-    save_png(figure, out)
-    terminal.say(f"picture: {out}")
+    terminal, shown = Terminal(), made.data
+    if shown.title:
+        terminal.out.print(Text(shown.title, style="bold"))
+    terminal.out.print(Text(shown.subject, style="cyan"), soft_wrap=True)
+    for one in shown.tables:
+        if shown.title:
+            terminal.say("")
+        print_table(terminal.out, one)
+    if shown.remarks:
+        terminal.say("")
+    for remark in shown.remarks:
+        terminal.say(remark)
+    if out is not None:
+        terminal.say(f"picture: {made.save(out)}")
+    save_json(json_file, shown.rows)
+    return terminal

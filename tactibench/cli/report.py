@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from tactibench.cli.options import board_option, output_file, store_option
 from tactibench.errors import UserError
-from tactibench.report.html import AUTO, BOTH, ORIGINS, RUNS
+from tactibench.report.html import AUTO, BOARD, BOTH, ORIGINS, RUNS
 
 
 @click.command()
@@ -20,6 +20,14 @@ from tactibench.report.html import AUTO, BOTH, ORIGINS, RUNS
     show_default=True,
     metavar="FILE.html",
     help="Write the page here.",
+)
+@click.option(
+    "--site",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write a site into this folder instead: an index and a page a protocol, to host as "
+    "static files. Every row has a link of its own. It shows the boards, where --from says "
+    "nothing else, earlier versions of protocols included.",
 )
 @store_option
 @board_option
@@ -43,6 +51,7 @@ from tactibench.report.html import AUTO, BOTH, ORIGINS, RUNS
 def report(
     ctx: click.Context,
     out: Path,
+    site: Path | None,
     store: Path,
     board_folder: Path,
     origin: str,
@@ -56,17 +65,35 @@ def report(
     \b
     tactibench report --out report.html
     tactibench report --store runs --from both --protocol exp2
+    tactibench report --site public
     """
     from tactibench.cli.output import Terminal
     from tactibench.records.files import atomic
-    from tactibench.report.html.page import report_page
+    from tactibench.report.html.page import report_page, site_pages
     from tactibench.report.html.report_data import gather
 
     named = ctx.get_parameter_source("store") is not ParameterSource.DEFAULT
+    if site is not None and ctx.get_parameter_source("out") is not ParameterSource.DEFAULT:
+        raise UserError("--out names one file and --site a folder of pages; give one of them.")
     if not store.is_dir() and (origin in (RUNS, BOTH) or (named and origin == AUTO)):
         raise UserError(f"there is no run store in {store}; name one with --store DIR.")
-    data = gather(store, board_folder, origin=origin, protocols=protocols)
+    if site is not None and origin == AUTO:
+        origin = RUNS if named else BOARD
+    data = gather(
+        store, board_folder, origin=origin, protocols=protocols, archived=site is not None
+    )
     terminal = Terminal()
+    if site is not None:
+        with terminal.task("site", len(data.boards) + 1) as advance:
+            pages = dict(site_pages(data, advance=lambda _: advance(1)))
+        site.mkdir(parents=True, exist_ok=True)
+        for name, text in pages.items():
+            with atomic(site / name) as stream:
+                stream.write(text.encode())
+        size = sum(len(text.encode()) for text in pages.values())
+        terminal.say(data.origin)
+        terminal.say(f"{site / 'index.html'}: {len(pages)} pages, {size / 1e6:.1f} MB")
+        return
     with terminal.task("report", len(data.boards) + 1) as advance:
         page = report_page(data, advance=lambda _: advance(1)).encode()
     with atomic(out) as stream:

@@ -9,16 +9,17 @@ import click
 
 from tactibench.cli.completion import MODEL, PROTOCOL
 from tactibench.cli.options import (
+    board_option,
+    full_option,
     json_option,
-    request_of,
     request_options,
     save_json,
     store_option,
 )
 
 if TYPE_CHECKING:
+    from tactibench import api
     from tactibench.cli.output import Terminal
-    from tactibench.run.plan import RunPlan
 
 
 @click.command()
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--test",
-    "tests",
+    "test",
     multiple=True,
     metavar="reference|sensor.NAME=VALUE|shots=N|data=FOLDER",
     help="Test on other frames than the model is trained for: the sensor's reference scenes, a "
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--hidden-seed",
-    "hidden",
     is_flag=True,
     help="Test on presses drawn from the secret seed in TACTIBENCH_HIDDEN_SEED.",
 )
@@ -59,19 +59,18 @@ if TYPE_CHECKING:
 )
 @json_option
 @store_option
+@board_option
+@full_option
 @click.option("--train-only", is_flag=True, help="Train and keep the weights; test nothing.")
 @click.option("--fresh", is_flag=True, help="Predict, time and score again, even if stored.")
 @click.option("--dry-run", is_flag=True, help="Print the plan and stop.")
 def run(
     protocol: str,
     model: str,
-    quick: bool,
-    limit: int | None,
-    presses: int | None,
-    tests: tuple[str, ...],
-    hidden: bool,
     json_file: Path | None,
     store: Path,
+    board_folder: Path,
+    full: bool,
     train_only: bool,
     fresh: bool,
     dry_run: bool,
@@ -79,64 +78,46 @@ def run(
 ) -> None:
     """Run PROTOCOL (such as exp1, exp2, fine, surface or a .toml file) with a model; score it.
 
+    Prints about ten lines: errors, misses, speed, and the place on the board; --full prints all.
     Frames and weights are cached and shared; an interrupted run continues by the same command.
     """
+    from tactibench import api
     from tactibench.cli.output import Terminal, show_run
-    from tactibench.plugins.host import PluginHost
-    from tactibench.records.cache import cache_folder
-    from tactibench.records.store import RECORD, open_run
-    from tactibench.run.plan import make_plan, plan_lines
-    from tactibench.run.request import read_test_options
 
-    test = read_test_options(tests, hidden=hidden)
-    request = request_of(
-        protocol, model, options, quick=quick, limit=limit, presses=presses, test=test
-    )
     terminal = Terminal()
-    plan = make_plan(request, PluginHost(), cache_folder())
+    plan = api.plan(protocol, model, store=store, **options)
     if train_only and not dry_run:
-        _train(plan, terminal, json_file)
+        _show_training(plan.train(progress=terminal), terminal, json_file)
         return
-    stored = not fresh and (store / plan.name / RECORD).is_file()
-    if not stored:  # a stored run was checked when it was made
-        from tactibench.metrics.registry import check_metrics
-
-        check_metrics(plan.protocol)
-    for line in plan_lines(plan, stored):
-        terminal.say(line)
+    if fresh or not plan.stored:  # a stored run was checked when it was made
+        plan.check()
+    if dry_run or not terminal.quiet:
+        for line in plan.lines(fresh=fresh):
+            terminal.say(line)
     if dry_run:
         return
-    if stored:
-        finished = open_run(store, plan.name)
-    else:
-        from tactibench.run.execute import execute
-
-        finished = execute(plan, store, terminal, fresh=fresh)
-    show_run(terminal, finished, store)
+    finished = plan.carry_out(fresh=fresh, progress=terminal)
+    show_run(terminal, finished, store, board_folder, full=full)
     save_json(json_file, finished.record.json_values())
 
 
-def _train(plan: RunPlan, terminal: Terminal, json_file: Path | None) -> None:
-    """Train, or find the weights in the cache, and say where they are."""
+def _show_training(trained: api.Training, terminal: Terminal, json_file: Path | None) -> None:
+    """Say how a model was trained, and where its weights are."""
     from tactibench.report.numbers import duration
-    from tactibench.run.train import train_model
 
-    _, trained = train_model(plan, terminal)
-    report, model = trained.report, plan.components.model.label
     how = "found in the cache, trained" if trained.reused else "trained"
     terminal.say(
-        f"{model} ({plan.components.regime}), seed {plan.request.seed}: {how} "
-        f"{report['epochs']} epochs on {plan.frames.count('fit'):,} presses in "
-        f"{duration(report['seconds'])}"
+        f"{trained.model} ({trained.regime}), seed {trained.seed}: {how} {trained.epochs} epochs "
+        f"on {trained.presses:,} presses in {duration(trained.seconds)}"
     )
-    terminal.say(f"weights {trained.hash[:8]} in {plan.weights.folder}")
+    terminal.say(f"weights {trained.weights[:8]} in {trained.folder}")
     facts = {
-        "model": model,
-        "regime": plan.components.regime,
-        "seed": plan.request.seed,
-        "weights": trained.hash,
+        "model": trained.model,
+        "regime": trained.regime,
+        "seed": trained.seed,
+        "weights": trained.weights,
         "reused": trained.reused,
-        "training_s": report["seconds"],
-        "epochs": report["epochs"],
+        "training_s": trained.seconds,
+        "epochs": trained.epochs,
     }
     save_json(json_file, facts)

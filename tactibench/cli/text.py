@@ -8,5 +8,5 @@ from tactibench.errors import printable
 
 
 def echo(text: str, *, err: bool = False) -> None:
-    """Print a line, its control characters escaped."""
-    click.echo(printable(text), err=err)
+    """Print lines, control characters in them escaped."""
+    click.echo(printable(text, keep="\n\t"), err=err)

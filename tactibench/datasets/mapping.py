@@ -112,7 +112,8 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
     """Guess the options for a folder of frames with a table.
 
     Args:
-        folder: Holds a CSV file, and the frames in it or in a folder below.
+        folder: Holds a CSV file, and the frames in it or in a folder below; or the table of
+            ``channels`` that is known.
         params: NAME=VALUE that is known; nothing is guessed of these.
 
     Raises:
@@ -122,11 +123,16 @@ def guess_mapping(folder: Path, params: Sequence[str] = ()) -> Guess:
         raise UserError(f"{folder} is no folder; give the one that holds the table.")
     known = dict(text.partition("=")[::2] for text in params)
     read_options(params)  # an unknown option is named before anything is written
-    table, column, frames = _find_table(folder, known.get("table", ""))
-    options = {"table": table.path.name, "column": column}
     remarks: dict[str, str] = {}
-    if frames != folder:
-        options["frames"] = frames.relative_to(folder).as_posix()
+    if "channels" in known:
+        table, column = _find_labels(folder, known), ""
+        options = {"table": table.path.name, "surface": "flat"}
+        remarks["surface"] = "no table says it; remove the line if a dome is pressed"
+    else:
+        table, column, frames = _find_table(folder, known.get("table", ""))
+        options = {"table": table.path.name, "column": column}
+        if frames != folder:
+            options["frames"] = frames.relative_to(folder).as_posix()
     numeric = [n for n in table.columns if n != column and _is_numeric(table, n)]
     found = {role: _columns_of(role, numeric) for role in _WORDS if role != "press"}
     for role in found.keys() & known:
@@ -246,6 +252,19 @@ def _values(table: Table, name: str) -> FloatArray:
     return table.numbers(name.removeprefix("-"), allow_empty=True)
 
 
+def _find_labels(folder: Path, known: Mapping[str, str]) -> Table:
+    """Return the table of labels beside a table of channels."""
+    names = [known["table"]] if "table" in known else [p.name for p in folder.glob("*.csv")]
+    others = sorted(name for name in names if name != known["channels"])
+    if len(others) != 1 or not (folder / others[0]).is_file():
+        found = ", ".join(others) or "no other CSV file"
+        raise UserError(
+            f"{folder} holds {found} beside the channels {known['channels']}; name the table of "
+            "labels with --param table=FILE."
+        )
+    return read_table(folder / others[0], read_file(folder / others[0]))
+
+
 def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
     """Return the table that names most frames, that column, and the folder of the frames."""
     paths = [folder / name] if name else sorted(folder.glob("*.csv"))
@@ -267,6 +286,7 @@ def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
         tables = ", ".join(path.name for path in paths) or "no CSV file"
         raise UserError(
             f"{folder} holds {tables}, in which no column names files of the folder; write the "
-            "names of the frames, with .png, into one."
+            "names of the frames, with .png, into one. Of a sensor without a camera, name the "
+            "table of its numbers with --param channels=FILE."
         )
     return best[1:]

@@ -60,8 +60,8 @@ MOST_MISFIT = 0.1
 """Share of the spread: .025 and .029 in the public recordings, .14 and .15 where half of the
 depths are permuted, .40 and .47 where all are, .49 in a recording whose fit left the sine out."""
 FARTHEST_MM = 300.0
-"""Of first touch from label 0, and of the pivot: a robot's tool is no longer. 5 and 21 mm in the
-public recordings; thousands where a tilt in rad or a depth in um was taken for deg or mm."""
+"""Distance of first touch from label 0, and of the pivot: a robot's tool is no longer. 5 and 21 mm
+in the public recordings; thousands where a tilt in rad or a depth in um was taken for deg or mm."""
 SHALLOWEST_MM = 0.1
 """A deepest press below this was not given in mm."""
 MOST_ASKEW_DEG = 45.0

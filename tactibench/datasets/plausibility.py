@@ -59,7 +59,7 @@ _CLEARLY = 0.1
 
 @dataclass(frozen=True)
 class LabelReport:
-    """What the frames say of the labels.
+    """Facts of the frames beside what the labels say.
 
     Attributes:
         presses: Number of presses that were looked at.

@@ -1,4 +1,4 @@
-"""Where and how far the pins of a press spread, from their displacements."""
+"""The place about which pins spread, and how far."""
 
 from __future__ import annotations
 

@@ -57,6 +57,8 @@ class FrameRecipe:
         seed: root seed and spawn key of the sensor's randomness.
         dome_radius: of the sensor's surface, mm, inf where it is flat; None: the protocol's.
         secret: whether the seed is known to few and must not be written down.
+        longer: a recipe that begins with these presses and differs in nothing else; whole chunks
+            are taken from its frames where they are in the cache. None: there is none.
     """
 
     name: str
@@ -67,6 +69,7 @@ class FrameRecipe:
     seed: tuple[int, ...]
     dome_radius: float | None = None
     secret: bool = False
+    longer: FrameRecipe | None = None
 
     @cached_property
     def key(self) -> str:
@@ -111,6 +114,17 @@ def is_cached(folder: Path) -> bool:
     return (folder / MANIFEST).is_file()
 
 
+def count_missing(recipe: FrameRecipe, cache: Path) -> int:
+    """Return how many frames of a recipe have to be made, as far as it is known without opening."""
+    if is_cached(folder_of(cache, recipe.key)):
+        return 0
+    count = len(recipe.scenes)
+    longer = recipe.longer
+    if longer is not None and is_cached(folder_of(cache, longer.key)):
+        return count % CHUNK
+    return count
+
+
 def open_frames(
     recipe: FrameRecipe, cache: Path, advance: Callable[[int], None] = lambda _: None
 ) -> Presses:
@@ -130,7 +144,7 @@ def open_frames(
     with locked(_beside(folder, ".lock")):
         manifest = _intact_manifest(folder, recipe)
         if manifest is None:
-            manifest = _generate(recipe, folder, advance)
+            manifest = _generate(recipe, folder, cache, advance)
         for leftover in (_beside(folder, ".parts"), _beside(folder, ".made")):
             shutil.rmtree(leftover, ignore_errors=True)
         signals = np.load(folder / "frames.npy", mmap_mode="r")
@@ -182,13 +196,18 @@ def _arrays_of(manifest: Mapping[str, Any]) -> tuple[str, ...]:
     return (*ARRAYS, *(name for name in REST_ARRAYS if name in manifest))
 
 
-def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None]) -> dict[str, Any]:
+def _generate(
+    recipe: FrameRecipe, folder: Path, cache: Path, advance: Callable[[int], None]
+) -> dict[str, Any]:
     chunks: list[Chunk] = []
+    longer = None if recipe.longer is None else _stored_arrays(recipe.longer, cache)
     for number, start in enumerate(range(0, len(recipe.scenes), CHUNK)):
         scenes = recipe.scenes[start : start + CHUNK]
         path = _beside(folder, ".parts") / f"chunk-{number:05d}.npz"
         chunk = read_checked_arrays(path)
-        if chunk is None:
+        if chunk is None and longer is not None and len(scenes) == CHUNK:
+            chunk = _cut_chunk(longer, start)
+        elif chunk is None:
             chunk = _press(recipe, number, scenes)
             write_checked_arrays(path, chunk, compress=False)
         chunks.append(chunk)
@@ -220,6 +239,36 @@ def _generate(recipe: FrameRecipe, folder: Path, advance: Callable[[int], None])
         shutil.rmtree(folder)
     temporary.rename(folder)
     return manifest
+
+
+def _stored_arrays(recipe: FrameRecipe, cache: Path) -> Chunk | None:
+    """The files of a set in the cache, frames mapped; None where it is not there or not intact."""
+    folder = folder_of(cache, recipe.key)
+    manifest = _intact_manifest(folder, recipe)
+    if manifest is None:
+        return None
+    return {
+        name: np.load(folder / f"{name}.npy", mmap_mode="r" if name == "frames" else None)
+        for name in _arrays_of(manifest)
+    }
+
+
+def _cut_chunk(longer: Chunk, start: int) -> Chunk:
+    """A whole chunk of a longer set, as ``_press`` returns it.
+
+    A chunk depends on its own presses and its number alone, so that the frames are the same.
+    """
+    rows = slice(start, start + CHUNK)
+    images, poses = np.array(longer["frames"][rows]), longer["poses"][rows]
+    numbers = longer[REST_ARRAYS[1]][rows] if REST_ARRAYS[1] in longer else np.zeros(CHUNK, int)
+    own = list(dict.fromkeys(int(number) for number in numbers if number))  # 0: the sensor's own
+    rests = [longer[REST_ARRAYS[0]][number] for number in own]
+    return {
+        "images": images,
+        "poses": poses,
+        "rests": np.array(rests, dtype=images.dtype),
+        "rest_of": np.array([own.index(k) if k else -1 for k in numbers], dtype=np.intp),
+    }
 
 
 def _press(recipe: FrameRecipe, number: int, scenes: tuple[Scene, ...]) -> Chunk:

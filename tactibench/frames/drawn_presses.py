@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.frames.cache import FrameRecipe, folder_of, is_cached, open_frames
+from tactibench.frames.cache import FrameRecipe, count_missing, folder_of, is_cached, open_frames
 from tactibench.frames.presses import Presses
 from tactibench.frames.source import (
     QUICK_FIT,
@@ -60,6 +60,11 @@ class GeneratedFrameSet(FrameSet):
     def cached(self) -> bool:
         """Return whether the frames are in the cache."""
         return is_cached(folder_of(self.cache, self.key))
+
+    @property
+    def missing(self) -> int:
+        """Return how many frames have to be made; others may be those of a longer set."""
+        return count_missing(self.recipe, self.cache)
 
     def open(self, advance: Advance) -> Presses:
         """Return the frames, made where they are not in the cache."""
@@ -197,7 +202,8 @@ class DrawnFrames(FrameSource):
         return FramePlan(
             source=self,
             fit=tuple(
-                self._frame_set(self.training, "fit", name, rows, FIT) for name, rows in fit.items()
+                self._fit_set(name, rows, divided.fit if name == split.draw else rows)
+                for name, rows in fit.items()
             ),
             validation=(
                 self._frame_set(self.training, "validation", split.draw, validation, VALIDATION),
@@ -210,6 +216,14 @@ class DrawnFrames(FrameSource):
             workspace=self.training.sensor.workspace,
             test_identity=None if request.test_sensor is None else self.testing.identity,
         )
+
+    def _fit_set(self, name: str, rows: Sequence[int], all_rows: Sequence[int]) -> FrameSet:
+        """Return frames to learn from, the first of those that a run on all presses has cached."""
+        frames = self._frame_set(self.training, "fit", name, rows, FIT)
+        if len(rows) == len(all_rows):
+            return frames
+        longer = self._frame_set(self.training, "fit", name, all_rows, FIT).recipe
+        return replace(frames, recipe=replace(frames.recipe, longer=longer))
 
     def test_frames(self) -> tuple[FrameSet, ...]:
         """Return the presses that the protocol tests, or as many as are asked for."""
@@ -246,7 +260,7 @@ class DrawnFrames(FrameSource):
 
     def _frame_set(
         self, frames: SensorFrames, role: str, name: str, rows: Sequence[int], part: int
-    ) -> FrameSet:
+    ) -> GeneratedFrameSet:
         scenes = frames.draw(name).scenes
         return frames.frame_set(
             role,

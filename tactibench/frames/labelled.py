@@ -14,7 +14,7 @@ DEEPEST = 1.5
 """Depths up to this share of the deepest press are taken: a tip may end a little deeper than asked.
 Labels in another unit than mm are at least ten times off."""
 SHALLOWEST = 0.02
-"""Where the deepest of all labels is below this share of the deepest press, they are not in mm."""
+"""Labels whose deepest is below this share of the deepest press are not in mm."""
 
 
 def check_labelled(

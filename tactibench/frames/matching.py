@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactibench.contacts import Scene
-from tactibench.protocols.draws import SAME_MM, TIPS, fits
+from tactibench.protocols.draws import SAME_MM, fits
 from tactibench.protocols.schema import Draw, Protocol, Split, Workspace
 from tactibench.protocols.split import SPLIT_STREAM
 
@@ -44,11 +44,13 @@ class Match:
 def could_be_drawn(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
     """Return whether the protocol could have drawn this press."""
     tips = np.array(scene.indenter.offsets)
-    count = TIPS[draw.indenter]
+    count = draw.tips
     if len(tips) != count or abs(scene.indenter.radius - draw.radius_mm) > SAME_MM:
         return False
     if scene.pose.tilt or not fits(scene, workspace):
         return False
+    if draw.indenter == "tips":
+        return bool(np.abs(tips - np.array(draw.offsets_mm)).max() < SAME_MM)
     pairs = np.triu_indices(count, 1)
     distances = np.linalg.norm(tips[:, None, :2] - tips[None, :, :2], axis=2)[pairs]
     if draw.indenter == "dual":
@@ -138,7 +140,8 @@ def describe_range(scenes: Sequence[Scene]) -> str:
 def describe_draw(draw: Draw) -> str:
     """Return what a draw is pressed with: "two tips of radius 3 mm 6.5 to 12 mm apart"."""
     tips = {"single": "one spherical tip", "dual": "two tips", "triple": "three tips"}
-    text = f"{tips[draw.indenter]} of radius {draw.radius_mm:g} mm"
+    kind = tips.get(draw.indenter, f"{draw.tips} tips on the holder {draw.name!r}")
+    text = f"{kind} of radius {draw.radius_mm:g} mm"
     if draw.distances_mm:
         text += f" {min(draw.distances_mm):g} to {max(draw.distances_mm):g} mm apart"
     if draw.side_mm is not None and not math.isclose(draw.side_mm, 0):

@@ -8,7 +8,7 @@ from tactibench.contacts import Scene
 from tactibench.errors import UserError
 from tactibench.frames.drawn_presses import DrawnFrames
 from tactibench.frames.source import FrameSet, spread
-from tactibench.protocols.draws import TIPS, fits
+from tactibench.protocols.draws import fits
 from tactibench.protocols.schema import Draw
 
 PART = 4
@@ -85,4 +85,4 @@ class ReferenceFrames(DrawnFrames):
 
 def _has_tips_of(scene: Scene, draw: Draw) -> bool:
     tips = scene.indenter
-    return len(tips.offsets) == TIPS[draw.indenter] and tips.radius == draw.radius_mm
+    return len(tips.offsets) == draw.tips and tips.radius == draw.radius_mm

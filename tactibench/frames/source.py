@@ -133,6 +133,11 @@ class FrameSet(ABC):
     def cached(self) -> bool:
         """Return whether the frames are there already."""
 
+    @property
+    def missing(self) -> int:
+        """Return how many frames have to be made."""
+        return 0 if self.cached else len(self.scenes)
+
     @abstractmethod
     def open(self, advance: Advance) -> Presses:
         """Return the frames, made or read. Raises UserError."""
@@ -258,5 +263,7 @@ def group_of(spec: Protocol, draw: str, scene: Scene) -> str:
         drawn = spec.draw(draw).distances_mm
         near = (other for other in drawn if abs(other - distance) < SAME_MM)
         return str(next(near, round(distance, 6)))
+    if spec.test.group == "indenter" and spec.draw(draw).offsets_mm:
+        return draw  # recordings call any such holder "tips"
     kind = scene.indenter.name.partition(" #")[0]  # a repeated press of a recording has a number
     return kind if spec.test.group == "indenter" else "all"

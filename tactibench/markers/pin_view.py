@@ -55,7 +55,7 @@ all in pictures that were made for pins (Tac-VGNN, the simulator), and none besi
 
 @dataclass(frozen=True, eq=False)
 class PinView:
-    """Where in raw pictures the pins are, and how brightly they are lit.
+    """The part of raw pictures that shows pins, and how brightly it is lit.
 
     Attributes:
         shape: Height and width of the pictures, px.

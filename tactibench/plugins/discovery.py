@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.metadata import Distribution, EntryPoint, distributions
 
+from tactibench.errors import printable
 from tactibench.plugins.hookspecs import GROUP
 
 UNKNOWN = "unknown"
@@ -53,7 +54,7 @@ def _entry_points(distribution: Distribution) -> list[EntryPoint]:
             section = line.strip("[] ")
         elif section == GROUP and line and line[0] not in "#;":
             name, _, target = line.partition("=")
-            points.append(EntryPoint(name.strip(), target.strip(), GROUP))
+            points.append(EntryPoint(printable(name.strip()), target.strip(), GROUP))
     return points
 
 
@@ -65,7 +66,7 @@ def _name_and_version(distribution: Distribution) -> tuple[str, str]:
         if not line:  # the description follows
             break
         key, _, value = line.partition(":")
-        fields.setdefault(key, value.strip())
+        fields.setdefault(key, printable(value.strip()))
     return fields.get("Name") or UNKNOWN, fields.get("Version") or "?"
 
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import EntryPoint
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import pluggy
@@ -19,6 +25,16 @@ if TYPE_CHECKING:
     from tactibench.plugins.base import Sensor, SensorContext
 
 SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec, CommandSpec)
+
+T = TypeVar("T")
+
+VARIABLE = "TACTIBENCH_HOOK_SECONDS"
+LIMIT_S = 30.0
+"""Seconds that a plugin may take to be imported, and each of its hooks to answer. Hooks are light
+and take milliseconds; one that imports torch from a cold network drive takes ten seconds."""
+AGAIN_S = 5.0
+"""Seconds after which a plugin that caught its time limit ends the process."""
+MISTAKE = 2
 
 HOOKS = tuple(name for name in vars(hookspecs) if name.startswith(f"{hookspecs.GROUP}_"))
 
@@ -70,15 +86,26 @@ class Catalogue(Generic[SpecT]):
 class PluginHost:
     """Loads the entry points of group ``tactibench`` one by one under a guard.
 
-    Whatever a plugin raises becomes a `Problem`, see ``call_plugin``.
+    Whatever a plugin raises becomes a `Problem`, see ``call_plugin``, and so does code that does
+    not end, see ``time_limit``.
     """
 
-    def __init__(self, points: Iterable[tuple[EntryPoint, Origin]] | None = None) -> None:
+    def __init__(
+        self,
+        points: Iterable[tuple[EntryPoint, Origin]] | None = None,
+        *,
+        limit_s: float | None = None,
+    ) -> None:
         """Load plugins.
 
         Args:
             points: Entry points and the distributions they are from; None: all installed.
+            limit_s: Seconds that each step may take; None: ``TACTIBENCH_HOOK_SECONDS``, or 30.
+
+        Raises:
+            UserError: The variable is no number of seconds.
         """
+        self._limit_s = _limit() if limit_s is None else limit_s
         self._manager = pluggy.PluginManager(hookspecs.GROUP)
         self._manager.add_hookspecs(hookspecs)
         self._origins: dict[str, Origin] = {}
@@ -96,12 +123,12 @@ class PluginHost:
             self._report(origin, "duplicate", message)
             return
         try:
-            plugin = call_plugin(point.load)
+            plugin = self._call(origin, "its import", point.load)
         except PluginError as error:
             self._report(origin, "load", str(error))
             return
         try:
-            mistake = call_plugin(lambda: self._register(plugin, name))
+            mistake = self._call(origin, "its check", lambda: self._register(plugin, name))
         except PluginError as error:
             mistake = str(error)
         if mistake is None:
@@ -123,6 +150,15 @@ class PluginHost:
         if unmarked:
             return f"{unmarked[0]} is not marked with @hookimpl"
         return None if hooks else f"it has none of the hooks {', '.join(HOOKS)}"
+
+    def _call(self, origin: Origin, step: str, function: Callable[[], T]) -> T:
+        """Return what a function of a plugin returns in time. Raises PluginError."""
+
+        def call() -> T:
+            with time_limit(self._limit_s, f"plugin {origin}: {step}"):
+                return function()
+
+        return call_plugin(call)
 
     def _report(self, origin: Origin, step: str, message: str) -> None:
         self._problems.append(Problem(origin, step, message))
@@ -159,13 +195,13 @@ class PluginHost:
         """Return the specs that one plugin declares; a hook that fails half way declares none."""
         expected = spec_type.__name__
         try:
-            returned = call_plugin(implementation.function)
+            returned = self._call(origin, hook, implementation.function)
             if isinstance(returned, str) or not isinstance(returned, Iterable):
                 kind = type(returned).__name__
                 self._report(origin, "declare", f"{hook} gave {kind}, not a list of {expected}")
                 return []
             # a generator runs the plugin's code here
-            declared: list[object] = call_plugin(lambda: list(returned))
+            declared: list[object] = self._call(origin, hook, lambda: list(returned))
         except PluginError as error:
             self._report(origin, "declare", f"{hook} raised {error}")
             return []
@@ -214,6 +250,76 @@ class PluginHost:
         """Everything that went wrong, after calling all hooks of all plugins."""
         _ = *self.catalogues, self.commands
         return tuple(self._problems)
+
+
+class HookTimeoutError(BaseException):
+    """Code of a plugin did not end in time. It is no Exception, which the plugin might catch."""
+
+
+@contextmanager
+def time_limit(seconds: float, what: str) -> Iterator[None]:
+    """Raise HookTimeoutError inside the block when it takes longer.
+
+    A block that catches the exception and goes on ends the process with a sentence. There is no
+    limit on systems without SIGALRM, beside another alarm, and outside the main thread, where no
+    signal can be handled.
+
+    Args:
+        seconds: How long it may take.
+        what: Words for the block, of that sentence.
+    """
+    usable = hasattr(signal, "setitimer") and (
+        threading.current_thread() is threading.main_thread()
+        and signal.getitimer(signal.ITIMER_REAL)[0] == 0
+    )
+    if not usable:
+        yield
+        return
+    caught = False
+
+    def stop(_number: int, frame: FrameType | None) -> None:
+        nonlocal caught
+        late = f"did not end within {seconds:g} s, stopped in {_place(frame)}"
+        longer = f"set {VARIABLE} to wait longer"
+        if caught:
+            text = f"tactibench: {what} {late}, and went on; uninstall it, or {longer}.\n"
+            os.write(2, text.encode("utf-8", "replace"))
+            os._exit(MISTAKE)
+        caught = True
+        raise HookTimeoutError(f"it {late}; {longer}")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _limit() -> float:
+    """Return the time limit of a step, s. Raises UserError."""
+    text = os.environ.get(VARIABLE, "")
+    try:
+        seconds = float(text or LIMIT_S)
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds < threading.TIMEOUT_MAX:  # not so for NaN, too
+        raise UserError(f"{VARIABLE} is {text!r}; give a number of seconds above 0.")
+    return seconds
+
+
+def _place(frame: FrameType | None) -> str:
+    """Return file and line of the innermost frame that is not of the standard library."""
+    inner = frame
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] not in sys.stdlib_module_names:
+            inner = frame
+            break
+        frame = frame.f_back
+    if inner is None:
+        return "an unknown place"
+    return f"{inner.f_code.co_filename}, line {inner.f_lineno}"
 
 
 def open_sensor(

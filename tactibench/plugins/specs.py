@@ -9,16 +9,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from math import isfinite
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
+from tactibench.errors import UserError, did_you_mean, printable
+from tactibench.plugins.targets import import_subclass, import_target
 
 if TYPE_CHECKING:
     from tactibench.plugins.base import Encoder, Model, Sensor
 
-T = TypeVar("T")
 Value = bool | int | float | str
 
 KINDS = ("model", "sensor", "encoder")
@@ -70,10 +69,14 @@ class Parameter:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise ValueError(f"parameter {self.name!r} has no name that Python could take")
+        object.__setattr__(self, "help", _text(self.name, "help", self.help))
         default: object = self.default  # whatever an untyped plugin hands over
         if not isinstance(default, Value):
             kind = type(default).__name__
             raise ValueError(f"parameter {self.name!r} has a default of type {kind}")
+        for value in (self.default, *self.choices):
+            if printable(str(value)) != str(value):  # a user types it, a terminal shows it
+                raise ValueError(f"parameter {self.name!r} has the unprintable value {value!r}")
         try:
             self.check(self.default)
         except UserError as error:
@@ -121,6 +124,7 @@ class _Spec:
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
+        object.__setattr__(self, "summary", _text(self.name, "summary", self.summary))
         object.__setattr__(self, "parameters", tuple(self.parameters))
         names = [parameter.name for parameter in self.parameters]
         if len(set(names)) < len(names):
@@ -206,7 +210,7 @@ class ModelSpec(_Spec):
         """Import and return the class. Raises UserError when it cannot be used."""
         from tactibench.plugins.base import Model
 
-        return _import_subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
+        return import_subclass(self.name, self.target, Model)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -265,7 +269,7 @@ class SensorSpec(_Spec):
         """Import and return the class. Raises UserError when it cannot be used."""
         from tactibench.plugins.base import Sensor
 
-        return _import_subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
+        return import_subclass(self.name, self.target, Sensor)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -301,7 +305,7 @@ class EncoderSpec(_Spec):
         """Import and return the class. Raises UserError when it cannot be used."""
         from tactibench.plugins.base import Encoder
 
-        return _import_subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
+        return import_subclass(self.name, self.target, Encoder)  # type: ignore[type-abstract]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -320,10 +324,11 @@ class CommandSpec:
 
     def __post_init__(self) -> None:
         _check_names(self.name, self.target)
+        object.__setattr__(self, "summary", _text(self.name, "summary", self.summary))
 
     def load(self) -> Any:
         """Import and return the click command. Raises UserError when that fails."""
-        return _import_target(self.name, self.target)
+        return import_target(self.name, self.target)
 
 
 def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
@@ -378,27 +383,8 @@ def _check_names(name: object, target: object) -> None:
         raise ValueError(f"target {target!r} of {name!r} is not of the form package.module:Class")
 
 
-def _import_target(name: str, target: str) -> Any:
-    module, _, attribute = target.partition(":")
-    try:
-        return call_plugin(lambda: getattr(import_module(module), attribute))
-    except PluginError as error:
-        raise UserError(
-            f"{name!r} cannot be used, because {target} does not load ({error}); "
-            "repair or reinstall its plugin."
-        ) from error.__cause__
-
-
-def _import_subclass(name: str, target: str, base: type[T]) -> Callable[..., T]:
-    """Return the class of a target. Raises UserError where it cannot stand for the base class."""
-    loaded = _import_target(name, target)
-    if not (isinstance(loaded, type) and issubclass(loaded, base)):
-        kind, own = base.__name__, target.partition(":")[2]
-        raise UserError(
-            f"{name!r} was written for an older tactibench, because {target} does not inherit from "
-            f"tactibench.{kind}; import {kind} from tactibench and write `class {own}({kind}):`."
-        )
-    missing = sorted(getattr(loaded, "__abstractmethods__", ()))
-    if missing:
-        raise UserError(f"{name!r} cannot be used, because {target} lacks {', '.join(missing)}.")
-    return loaded
+def _text(name: str, key: str, text: object) -> str:
+    """Return a text as a terminal may show it. Raises for anything else: no listing holds it."""
+    if not isinstance(text, str):
+        raise ValueError(f"{name!r} has a {key} of type {type(text).__name__}; a text")
+    return printable(text)

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import protocol_files
+from tactibench.shipped import shipped_folder
 
 SUFFIX = ".board.toml"
 COMMON = f"common{SUFFIX}"
@@ -130,7 +131,7 @@ class _Common(_Frozen):
 
 @cache
 def board_spec(protocol: str) -> BoardSpec:
-    """Return what the board of a shipped protocol shows; nothing special for another protocol.
+    """Return what the board of a protocol shows; nothing special where its file is not known.
 
     protocol: its id or label; the boards of all versions show the same tables.
 
@@ -162,8 +163,7 @@ def read_board_spec(protocol_file: Path) -> BoardSpec:
 
 
 def _common_blocks() -> dict[str, Block]:
-    folder = next(iter(protocol_files().values())).parent
-    return _read(folder / COMMON, _Common).blocks
+    return _read(shipped_folder("protocols") / COMMON, _Common).blocks
 
 
 def _read(path: Path, schema: type[SchemaT]) -> SchemaT:

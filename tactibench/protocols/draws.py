@@ -14,8 +14,6 @@ from tactibench.errors import UserError
 from tactibench.geometry import tip_depths, tip_positions
 from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 
-TIPS = {"single": 1, "dual": 2, "triple": 3}
-"""The indenters that a draw may name."""
 SAME_MM = 0.01
 """Lengths that differ by less are equal: tables state contacts in hundredths at worst, and the
 lengths that protocols draw from are 0.5 mm apart."""
@@ -104,6 +102,8 @@ def _candidate(
     if draw.indenter == "dual":
         apart = float(rng.choice(draw.distances_mm)) if distance is None else distance
         return Scene(Indenter.dual(apart, draw.radius_mm), pose)
+    if draw.indenter == "tips":
+        return Scene(Indenter(draw.radius_mm, draw.offsets_mm, draw.name), pose)
     a, b, c = (float(h) for h in rng.choice(draw.heights_mm, 3))
     return Scene(Indenter.triple((a, b, c), draw.side_mm or 0.0, draw.radius_mm), pose)
 

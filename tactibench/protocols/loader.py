@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from tactibench.protocols.schema import Protocol
 
 
+VARIABLE = "TACTIBENCH_PROTOCOLS"
+"""A folder of protocols of one's own, each in a file called after its id."""
 ARCHIVE = "archive"
 """Folder, beside the present protocols, of earlier versions, each in a file called after its label:
 ``archive/exp1@1.toml``, with its list of test frames where it has one."""
@@ -49,9 +52,22 @@ class LoadedProtocol:
         return self.label if self.archived else self.spec.id
 
 
-def protocol_files() -> dict[str, Path]:
+def shipped_files() -> dict[str, Path]:
     """Return name -> file of every protocol that ships with tactibench."""
-    files = sorted(shipped_folder("protocols").glob("*.toml"))
+    return _files_in(shipped_folder("protocols"))
+
+
+def protocol_files() -> dict[str, Path]:
+    """Return name -> file of every protocol that ships, and of those in TACTIBENCH_PROTOCOLS.
+
+    What ships is found first: a file of one's own cannot take its place.
+    """
+    own = os.environ.get(VARIABLE, "")
+    return (_files_in(Path(own)) if own else {}) | shipped_files()
+
+
+def _files_in(folder: Path) -> dict[str, Path]:
+    files = sorted(folder.glob("*.toml"))
     return {path.stem: path for path in files if "." not in path.stem}  # no exp1.board.toml
 
 
@@ -94,9 +110,11 @@ def load_protocol(name: str) -> LoadedProtocol:
     A name is an id ("exp1", the present version) or a label ("exp1@1"). Raises UserError for an
     unknown name, an unreadable file, or a wrong or missing key.
     """
-    files = protocol_files()
+    files, shipped = protocol_files(), shipped_files()
+    if name in shipped:
+        return read_protocol(shipped[name])
     if name in files:
-        return read_protocol(files[name])
+        return _read_own(files[name])
     versions = {one.label: one for one in protocol_versions(name.partition("@")[0])}
     if name in versions:
         return versions[name]
@@ -105,7 +123,28 @@ def load_protocol(name: str) -> LoadedProtocol:
     path = Path(name)
     if path.suffix != ".toml":
         raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
-    return read_protocol(path)
+    return _read_own(path)
+
+
+def _read_own(path: Path) -> LoadedProtocol:
+    """Read a protocol that may be anybody's: its id says which one it is.
+
+    Raises:
+        UserError: As ``read_protocol``; or it has the id of a shipped protocol, but is none of its
+            versions, so that its results would be taken for those of the other.
+    """
+    loaded = read_protocol(path)
+    name = loaded.spec.id
+    if name in shipped_files() and version_of(name, loaded.hash) is None:
+        raise UserError(
+            f"protocol file {path} has id = {name!r}, but is not the {name!r} that ships; give it "
+            f"an id of its own, such as 'my-{name}', and a file of that name."
+        )
+    if path == protocol_files().get(path.stem) and path.stem != name:
+        raise UserError(
+            f"protocol file {path} has id = {name!r}; call it {name}.toml, so that it is found."
+        )
+    return loaded
 
 
 def read_protocol(path: Path) -> LoadedProtocol:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from itertools import combinations
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
@@ -26,6 +27,9 @@ from tactibench.protocols.families import (
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**64)]
+Length = Annotated[float, Field(ge=-100, le=100)]
+Offset = Annotated[tuple[Length, Length, Length], Field(strict=False)]
+"""A tip's place on the holder and its height, mm; a higher tip touches sooner."""
 
 RECORDED = "recorded"
 """Name of the one set of presses that a recorded folder holds."""
@@ -75,7 +79,7 @@ class Draw(Strict):
     """A named set of presses, drawn by rejection from one stream of the data seed."""
 
     name: Name
-    indenter: Literal["single", "dual", "triple"]
+    indenter: Literal["single", "dual", "triple", "tips"]
     radius_mm: PositiveFloat
     stream: Stream
     count: Presses | None = None
@@ -83,6 +87,7 @@ class Draw(Strict):
     distances_mm: tuple[PositiveFloat, ...] = Field(default=(), strict=False)
     side_mm: PositiveFloat | None = None
     heights_mm: tuple[Annotated[float, Field(ge=0)], ...] = Field(default=(), strict=False)
+    offsets_mm: tuple[Offset, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -97,12 +102,23 @@ class Draw(Strict):
             raise ValueError(f"draw {self.name!r}: per_distance belongs to a dual indenter")
         if triple != bool(self.heights_mm) or triple != (self.side_mm is not None):
             raise ValueError(f"draw {self.name!r}: side_mm and heights_mm belong to a triple")
+        if (self.indenter == "tips") != bool(self.offsets_mm):
+            raise ValueError(f"draw {self.name!r}: offsets_mm belongs to indenter 'tips'")
+        if len({(x, y) for x, y, _ in self.offsets_mm}) != len(self.offsets_mm):
+            raise ValueError(f"draw {self.name!r}: offsets_mm holds two tips at one place")
         return self
+
+    @property
+    def tips(self) -> int:
+        """Number of tips."""
+        return len(self.offsets_mm) or {"single": 1, "dual": 2, "triple": 3}[self.indenter]
 
     @property
     def span_mm(self) -> float:
         """Largest distance between two tips."""
-        return max((*self.distances_mm, self.side_mm or 0.0))
+        places = [(x, y) for x, y, _ in self.offsets_mm]
+        apart = (math.dist(a, b) for a, b in combinations(places, 2))
+        return max((*self.distances_mm, self.side_mm or 0.0, *apart))
 
 
 class Split(Strict):

@@ -175,7 +175,7 @@ def file_hash(path: Path) -> str:
 def locked(path: Path) -> Iterator[None]:
     """Hold a lock, so that two processes do not make the same thing at once.
 
-    Waits until the lock is free.
+    Waits until the lock is free; a thread that holds it may take it again.
 
     Args:
         path: The lock's file; its folder is made if it is missing.
@@ -183,5 +183,5 @@ def locked(path: Path) -> Iterator[None]:
     from filelock import FileLock  # takes a tenth of a second to import
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(path, poll_interval=0.02):
+    with FileLock(path, poll_interval=0.02, is_singleton=True):
         yield

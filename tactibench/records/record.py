@@ -24,6 +24,9 @@ SCHEMA = 1
 SHARES = ("missed", "resolved", "catch_resolved", "coverage")
 """Metrics that are shares of something and lie in 0..1."""
 
+ROUNDING = 1e-9
+"""Share of a value, or of 1, by which sums in another order may differ."""
+
 Value = bool | int | float | str
 
 
@@ -497,25 +500,30 @@ def parse_record(values: Any, where: str) -> Record:
 
 def _broken_invariants(record: Record) -> Iterator[str]:
     """Yield sentences about what cannot be true of correct measurements."""
-    slack = 1e-9
     if record.identity.stored.get("predictions") != record.identity.predictions_hash:
         yield "the stored predictions are not those of its identity"
     for axis in ("x", "y", "z", "mean"):
         mae, rmse = record.value("mae_mm", axis), record.value("rmse_mm", axis)
-        if mae is not None and rmse is not None and mae > rmse + slack:
+        if mae is not None and rmse is not None and mae > rmse + _rounding(rmse):
             yield f"mae_mm {mae} of {axis} exceeds its rmse_mm {rmse}"
     for row in record.metrics:
         value = row.value
-        if value is not None and row.metric in SHARES and not -slack <= value <= 1 + slack:
+        if value is not None and row.metric in SHARES and not -ROUNDING <= value <= 1 + ROUNDING:
             yield f"{row.metric} of {row.group} is {value}, a share lies in 0..1"
         if row.clusters > row.n:
             yield f"{row.metric} of {row.group} has more presses than values"
-        if value is not None and not _inside(value, row.low, row.high, slack):
+        if value is not None and not _inside(value, row.low, row.high):
             yield f"the interval of {row.metric} of {row.group} does not hold its value"
     for speed in record.speed:
         if not 0 <= speed.p50_ms <= speed.p90_ms <= speed.p99_ms:
             yield f"the latency quantiles of phase {speed.phase!r} are out of order"
 
 
-def _inside(value: float, low: float | None, high: float | None, slack: float) -> bool:
+def _inside(value: float, low: float | None, high: float | None) -> bool:
+    slack = _rounding(value)
     return (low is None or low - slack <= value) and (high is None or value <= high + slack)
+
+
+def _rounding(value: float) -> float:
+    """Return what rounding may change: of a model that answers 10^9 mm, more than of others."""
+    return ROUNDING * max(1.0, abs(value))

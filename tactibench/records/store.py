@@ -1,10 +1,14 @@
-"""The run store: one folder per run, complete or absent."""
+"""The run store: one folder per run, complete or absent.
+
+The answers of a run are stored before they are scored, under a hidden name beside its place. So
+nothing that was computed is lost where the score fails.
+"""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +34,8 @@ changed by accident; who changes a record on purpose writes another, and is foun
 ``tactibench verify``."""
 BEFORE = ".before"
 """Ends the name of a run that is being replaced, until the new one has its place."""
+ANSWERS = ".answers"
+"""Ends the hidden name of a run whose answers are stored and that is not scored yet."""
 PARTS = ("truth", "predictions", "maps", "times", "examples")
 """Arrays beside a record: truth and predictions of every frame, heatmaps, raw call times, and a few
 test frames for pictures."""
@@ -59,26 +65,77 @@ def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> Store
     A run that has the name already is replaced. Raises UserError when the record breaks an
     invariant.
     """
+    answers = write_answers(store, record, parts)
+    return complete_run(answers, answers.record)
+
+
+def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> StoredRun:
+    """Store the arrays of a run with its record, hidden until ``complete_run`` shows the run.
+
+    Args:
+        store: Folder of the run store.
+        record: Of the run; it may lack the metrics.
+        parts: The arrays, by the names of PARTS.
+
+    Raises:
+        UserError: The record breaks an invariant; nothing is written.
+    """
     stored = {name: arrays_hash(parts[name]) for name in PARTS}
     values = record.json_values()
     values["identity"]["stored"] = stored
     values = with_checksum(values)
     record = parse_record(values, f"the record of {record.name}")
     folder = store / record.name
-    temporary, before = (_beside(folder, suffix) for suffix in (".made", BEFORE))
-    with locked(_beside(folder, ".lock")):
-        _put_back(before, folder)
+    answers, temporary = (_beside(folder, suffix) for suffix in (ANSWERS, ".made"))
+    with held_name(store, record.name):
         shutil.rmtree(temporary, ignore_errors=True)
         temporary.mkdir(parents=True)
         try:
             for name in PARTS:
                 write_arrays(temporary / f"{name}.npz", parts[name])
             write_json(temporary / RECORD, values)
-            if folder.exists():
-                folder.rename(before)
-            temporary.rename(folder)
+            shutil.rmtree(answers, ignore_errors=True)
+            temporary.rename(answers)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
+    return StoredRun(answers, record)
+
+
+def held_name(store: Path, name: str) -> AbstractContextManager[None]:
+    """Hold the name of a run: two processes that make one run write and score in turn."""
+    return locked(_beside(store / name, ".lock"))
+
+
+def unscored_run(store: Path, name: str) -> StoredRun | None:
+    """Return the answers of the run of this name that wait for their score; None without any."""
+    return _readable(_beside(store / name, ANSWERS))
+
+
+def complete_run(answers: StoredRun, record: Record) -> StoredRun:
+    """Give stored answers the record of their run, and the run its name.
+
+    A run that has the name already is replaced.
+
+    Raises:
+        UserError: The record breaks an invariant; the answers stay where they are.
+    """
+    values = with_checksum(record.json_values())
+    record = parse_record(values, f"the record of {record.name}")
+    folder = answers.folder.with_name(record.name)
+    before = _beside(folder, BEFORE)
+    with held_name(folder.parent, record.name):
+        if not answers.folder.is_dir():
+            raise UserError(
+                f"the answers of {record.name} are gone, because another process stored the run "
+                "meanwhile; show it with `tactibench score`."
+            )
+        _put_back(before, folder)
+        write_json(answers.folder / RECORD, values)
+        try:
+            if folder.exists():
+                folder.rename(before)
+            answers.folder.rename(folder)
+        finally:
             _put_back(before, folder)
     return StoredRun(folder, record)
 

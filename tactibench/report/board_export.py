@@ -40,15 +40,18 @@ LATEX_NOTE = r"mean over seeds [95\,\% interval over presses]"
 
 def tidy_rows(board: Path) -> list[dict[str, Any]]:
     """Return a line for every board, row and metric: rank, mean over seeds, interval, counts."""
-    lines = []
-    for protocol in _protocols():
-        name = protocol.name
-        sections, errors = _sections(board, protocol)
-        for section in sections:
-            ranked = ranks(name, section.rows, errors)
-            for k, row in enumerate(section.rows):
-                rank = None if ranked is None else ranked.by_row[k]
-                lines += [{**line, "rank": rank} for line in _lines(name, section, row)]
+    return [line for protocol in _protocols() for line in protocol_rows(board, protocol)]
+
+
+def protocol_rows(board: Path, protocol: LoadedProtocol) -> list[dict[str, Any]]:
+    """Return a line for every row and metric of one board."""
+    lines, name = [], protocol.name
+    sections, errors = _sections(board, protocol)
+    for section in sections:
+        ranked = ranks(name, section.rows, errors)
+        for k, row in enumerate(section.rows):
+            rank = None if ranked is None else ranked.by_row[k]
+            lines += [{**line, "rank": rank} for line in _lines(name, section, row)]
     return lines
 
 

@@ -133,9 +133,10 @@ class PageFile:
 
 
 def page_files(board: Path) -> list[PageFile]:
-    """Return the page of every protocol, made from the committed records.
+    """Return the page of every protocol that has committed records, made from them.
 
-    An archived version has a page where it has records.
+    A page that is there already stays, so that a row can be taken away. An archived version has a
+    page where it has records.
 
     Raises:
         UserError: There is no board, or it holds records of an unknown protocol.
@@ -160,6 +161,8 @@ def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTab
 def _version_pages(board: Path, name: str) -> list[PageFile]:
     """Return the page of the present version, and of those archived ones that have records."""
     all_records = read_submissions(board, name)
+    if not all_records and not (board / f"{name}.md").is_file():
+        return []  # the board of a laboratory shows its own protocols, not all that ship
     of_versions = [(one, records_of_version(all_records, one)) for one in protocol_versions(name)]
     shown = [(one, records) for one, records in of_versions if records or not one.archived]
     names = [protocol.name for protocol, _ in shown]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from tactibench.board.cost import by_machine, frames_per_second, latency, machine
 from tactibench.board.curve import Curve, Step, counts
+from tactibench.board.grouping import row_anchor
 from tactibench.board.ranking import Ranks
 from tactibench.board.rows import PooledMetric, Row
 from tactibench.protocols.board_spec import Block as BoardTable
@@ -14,17 +16,26 @@ from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.board_spec import Ranking
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Record
-from tactibench.report.document import Block, Bullets, Heading, Paragraph, Prose, prose
+from tactibench.report.document import Block, Bullets, Group, Heading, Paragraph, Prose, prose
 from tactibench.report.labels import HEADS
-from tactibench.report.numbers import Format, duration, fixed, number, scaled, significant, span
+from tactibench.report.numbers import (
+    Format,
+    duration,
+    fixed,
+    number,
+    plural,
+    scaled,
+    significant,
+    span,
+)
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
 
 IDENTITY = (
     Column("model", right=False, who=True),
-    "encoder",
-    "regime",
-    Column("mixing"),
-    Column("seeds"),
+    Column("encoder", right=False, detail=True),
+    Column("regime", right=False, detail=True),
+    Column("mixing", detail=True),
+    Column("seeds", detail=True),
 )
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
@@ -44,9 +55,11 @@ COST_NOTE = (
 
 def identity(row: Row) -> list[Cell]:
     """Return the cells of IDENTITY; trivial models are in italics."""
+    mixing = f"mixing {row.mixing}" if row.mixing else ""
+    details = (row.encoder, row.regime, mixing, plural(len(row.records), "seed"))
     model = f"{row.model} {BELOW}" if row.below_bound else row.model
     return [
-        Text(model, "italic" if row.trivial else ""),
+        Text(model, "italic" if row.trivial else "", ", ".join(filter(None, details))),
         row.encoder or "none",
         row.regime,
         row.mixing or "no",
@@ -76,7 +89,7 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
         heads.append(Column(column.head))
         if column.spread:
             title = f"standard deviation over training seeds of {column.head}"
-            heads.append(Column("sd", title=title))
+            heads.append(Column("sd", title=title, spread=True))
     body = [[*identity(row), *_metric_cells(row, spec)] for row in rows]
     if ranks is not None:
         heads.insert(0, Column("rank"))
@@ -87,7 +100,8 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     presses = [count for one in pooled if one is not None for count in one.clusters]
     counted = f"{span(presses)} presses." if presses else ""
     note = " ".join(filter(None, (spec.note, counted, "" if ranks is None else ranks.note)))
-    return table(heads, body, title=spec.title, note=note)
+    made = table(heads, body, title=spec.title, note=note)
+    return made if ranks is None else replace(made, anchors=tuple(map(row_anchor, rows)))
 
 
 def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:
@@ -119,7 +133,7 @@ def cost_blocks(rows: Sequence[Row]) -> list[Block]:
         (
             *IDENTITY,
             Column("p90, ms"),
-            Column("sd", title="standard deviation over training seeds of p90, ms"),
+            Column("sd", title="standard deviation over training seeds of p90, ms", spread=True),
             *map(Column, ("p50, ms", "p90, all threads, ms", "frames/s", "to float32, mm")),
             "timed as",
             "machine",
@@ -132,7 +146,11 @@ def cost_blocks(rows: Sequence[Row]) -> list[Block]:
         (
             *IDENTITY,
             *map(Column, ("weights", "operations", "memory, MB", "training")),
-            Column("sd, s", title="standard deviation over training seeds of the training time"),
+            Column(
+                "sd, s",
+                title="standard deviation over training seeds of the training time",
+                spread=True,
+            ),
             "trained on",
             "machine",
         ),
@@ -145,7 +163,7 @@ def cost_blocks(rows: Sequence[Row]) -> list[Block]:
         (Text(name, "code"), Prose(": "), _machine(record))
         for name, record in sorted(machines.items())
     )
-    return [latencies, costs, Bullets(named)]
+    return [Group("Latency and cost", (latencies, costs, Bullets(named)), heading=0)]
 
 
 def _latency_cells(row: Row) -> Iterator[Cell]:

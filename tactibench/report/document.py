@@ -51,7 +51,19 @@ class Fold:
     lines: tuple[str, ...]
 
 
-Block = Heading | Paragraph | Bullets | Fold | Table
+@dataclass(frozen=True)
+class Group:
+    """Blocks that a page may fold away behind their title.
+
+    heading: level of the title on a page that does not fold; 0: the blocks have titles enough.
+    """
+
+    title: str
+    blocks: tuple[Block, ...]
+    heading: int = 0
+
+
+Block = Heading | Paragraph | Bullets | Fold | Group | Table
 
 
 def prose(text: str) -> Paragraph:

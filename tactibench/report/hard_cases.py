@@ -9,7 +9,7 @@ from tactibench.board.hard_cases import ERROR, Case, FamilyErrors, family_errors
 from tactibench.board.rows import PooledMetric, Row
 from tactibench.protocols.families import Axis
 from tactibench.report.board_tables import IDENTITY, identity
-from tactibench.report.document import Block, Heading, prose
+from tactibench.report.document import Block, Group, Heading, prose
 from tactibench.report.numbers import fixed, general, number
 from tactibench.report.table import Cell, Column, Head, Number, Table, table
 
@@ -39,14 +39,13 @@ def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
         f"`{ERROR}`, the easy case first; below it, missed contacts in %, and false contacts per "
         "frame where there are any."
     )
+    cases = (b for k, axis in enumerate(axes) for b in _case_blocks(rows, families, k, axis))
     return [
         _doubling_table(rows, families, pressed, "Where the error doubles: what is pressed"),
         _doubling_table(
             rows, families, faults, "Where the error doubles: the camera and its light"
         ),
-        Heading(3, "Error by case, mm"),
-        prose(note),
-        *(block for k, axis in enumerate(axes) for block in _case_blocks(rows, families, k, axis)),
+        Group("Error by case, mm", (prose(note), *cases), heading=3),
     ]
 
 

@@ -6,8 +6,7 @@ counts as columns.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,16 @@ from tactibench.protocols.families import UNTOUCHED, Axis
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
-from tactibench.report.numbers import duration, fixed, general, number, span
+from tactibench.report.numbers import duration, fixed, number, span
+from tactibench.report.run_rows import (
+    NO_INTERVAL_NOTE,
+    lacks_interval,
+    measured_rows,
+    metric_cell,
+    partial_line,
+    print_warning,
+    run_label,
+)
 from tactibench.report.run_speed import print_speed
 from tactibench.report.simulator_error import error_line
 from tactibench.report.table import (
@@ -44,8 +52,6 @@ TOTALS = {FALSE: 1, "not_finite": 0, "raised": 0}
 """Metrics of hard cases that stand in sentences below the families, with their decimals."""
 DECIMALS = {"share": 1, "deg": 2, "": 2}
 """Decimals of the list of further metrics, by unit; 3 for every other."""
-Key = tuple[str, str]
-"""Metric and group."""
 
 
 def print_run(
@@ -71,9 +77,13 @@ def print_run(
     _print_heading(console, record)
     if axes:
         _print_hard_cases(console, record, axes)
-    for run_table in spec.run_tables:
+    main = [
+        _main_table(run_table, record, published, comparable[:OTHERS])
+        for run_table in spec.run_tables
+    ]
+    for shown in main:
         console.print()
-        print_table(console, _main_table(run_table, record, published, comparable[:OTHERS]))
+        print_table(console, shown)
     if error := error_line(record):
         console.print(Text(error))
     if labels := labels_line(record):
@@ -83,9 +93,11 @@ def print_run(
     if further.rows:
         console.print()
         print_table(console, further)
+    if any(map(lacks_interval, (*main, further))):
+        console.print(Text(NO_INTERVAL_NOTE, style="dim"))
     print_speed(console, record, spec, published)
     console.print()
-    _print_warning(console, record)
+    print_warning(console, record)
     console.print(Text(record.signature), soft_wrap=True)  # one line, to be copied whole
     console.print(Text(f"record: {path}"), soft_wrap=True)
 
@@ -110,17 +122,6 @@ def tested_sensor(record: Record) -> list[Any]:
     return [] if test is None else [test.identity, test.description, test.trained_on]
 
 
-def partial_line(record: Record) -> str:
-    """Return the warning of a run that was cut short; "" for a whole one."""
-    if not record.partial:
-        return ""
-    causes = ["quick"] if record.limits.quick else []
-    if record.limits.limit is not None:
-        causes.append(f"limit {record.limits.limit}")
-    cause = f" ({', '.join(causes)})" if causes else ""
-    return f"PARTIAL{cause}: not for a board"
-
-
 def labels_line(record: Record) -> str:
     """Return how the true indentation was made from the labels; "" where nothing was fitted."""
     adapted = record.data.of_tested_sensor
@@ -141,7 +142,9 @@ def _print_heading(console: Console, record: Record) -> None:
     data, tested = record.data, record.test_sensor
     encoder = f"encoder {record.encoder.name}" if record.encoder else "no encoder"
     console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
-    console.print(Text(f"{_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}"))
+    console.print(
+        Text(f"{run_label(record)}, {encoder}, {measured_on(record)}, seed {record.seed}")
+    )
     why = "rejected by geometry" if record.sensor.recording is None else "of other ranges or tips"
     rejected = f"; {data.rejected:,} {why}" if data.rejected else ""
     if record.sensor.range is not None:
@@ -168,18 +171,7 @@ def _print_heading(console: Console, record: Record) -> None:
         console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
     if prior := training.notes.get("prior"):
         console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
-    _print_warning(console, record)
-
-
-def _print_warning(console: Console, record: Record) -> None:
-    if line := partial_line(record):
-        console.print(Text(line, style="bold red"))
-
-
-def _label(record: Record) -> str:
-    """Return the model with its regime, as published rows are labelled."""
-    label = f"{record.model.name} ({record.regime})" if record.regime else record.model.name
-    return f"{label}, {record.shots:,} labelled presses" if record.shots else label
+    print_warning(console, record)
 
 
 def _main_table(
@@ -215,54 +207,13 @@ def _main_table(
 def _measured(
     run_table: RunTable, record: Record, *, stored: bool = False
 ) -> tuple[tuple[Caption, ...], list[list[Cell]]]:
-    metrics = {(metric.metric, metric.group): metric for metric in record.metrics}
-    groups = run_table.groups or _distances(run_table, metrics)
-    decimals = {m: _decimals(run_table, m, metrics, groups) for m in run_table.metrics}
-    rows: list[list[Cell]] = []
-    shown: list[Metric] = []
-    for group in groups:
-        cells = {name: metrics.get((name, group)) for name in run_table.metrics}
-        known = [metric for metric in cells.values() if metric is not None]
-        shown += known
-        n = "/".join(f"{n:,}" for n in sorted({metric.n for metric in known}))
-        presses = f"{max((metric.clusters for metric in known), default=0):,}"
-        values = (_value(metric, decimals[name]) for name, metric in cells.items())
-        rows.append([group, *values, n, presses])
-    head = f"measured here: {_label(record)}, {measured_on(record)}"
+    rows, shown = measured_rows(run_table, record)
+    head = f"measured here: {run_label(record)}, {measured_on(record)}"
     if stored:
         warning = partial_line(record)
         head += f"\n  stored as {record.name}" + (f"; {warning}" if warning else "")
     n, presses = (span(counts) for counts in ([m.n for m in shown], [m.clusters for m in shown]))
     return (Caption(head, "cyan"), Caption("", "italic", f"n {n}, presses {presses}")), rows
-
-
-def _value(metric: Metric | None, decimals: int) -> Number | None:
-    value = metric_number(metric, decimals)
-    # The last tested distance is a bound as it stands: "< 6.5".
-    return replace(value, write=general) if value is not None and value.bound else value
-
-
-def _distances(run_table: RunTable, metrics: Mapping[Key, Metric]) -> list[str]:
-    groups = {group for name, group in metrics if name in run_table.metrics and group != "all"}
-    return sorted(groups, key=float)
-
-
-def _decimals(
-    run_table: RunTable, name: str, metrics: Mapping[Key, Metric], groups: Iterable[str]
-) -> int:
-    """Return the decimals; by distance one less where values reach 1 mm or 10 deg.
-
-    So that the tables of two-point discrimination keep to 80 columns.
-    """
-    decimals = run_table.metrics[name]
-    if run_table.groups:
-        return decimals
-    rows = [metrics[name, group] for group in groups if (name, group) in metrics]
-    if is_share(name):
-        return decimals + any(row.n > 100 and row.value is not None for row in rows)
-    tops = (row.value if row.high is None else row.high for row in rows)
-    top = max((top for top in tops if top is not None), default=0.0)
-    return decimals - (top >= (10.0 if name.endswith("_deg") else 1.0))
 
 
 def _published_label(row: PublishedRow) -> str:
@@ -324,7 +275,7 @@ def _further_metrics(record: Record, tables: Sequence[RunTable]) -> Table:
     last = ""
     for metric in metrics:
         name = "" if metric.metric == last else named(metric.metric, metric.unit)
-        value = _value(metric, DECIMALS.get(metric.unit, 3))
+        value = metric_cell(metric, DECIMALS.get(metric.unit, 3))
         group = (metric.group,) if grouped else ()
         rows.append([name, *group, value, f"{metric.n:,}", f"{metric.clusters:,}"])
         last = metric.metric

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 MISSING = "n/a"
 """Text that stands where there is no value."""
+NO_INTERVAL = "[none]"
+"""Text that stands behind a value from which no interval can be made."""
 PERCENT = 100.0
 
 
@@ -56,15 +58,26 @@ class Number:
 
     def __str__(self) -> str:
         """Return the value and its interval in one line: "0.412 [0.398, 0.426]"."""
+        if self.interval == (None, None) and not self.bound:
+            return f"{self.text} {NO_INTERVAL}"
         return self.text if self.ends is None else f"{self.text} [{', '.join(self.ends)}]"
 
 
 @dataclass(frozen=True)
 class Text:
-    """Words of a cell or a paragraph. style: "" (plain), "italic" or "code"."""
+    """Words of a cell or a paragraph.
+
+    Attributes:
+        text: The words.
+        style: "" (plain), "italic" or "code".
+        below: What stands below the words on a page that leaves the columns of detail out.
+        link: Where the words lead on a page, such as "#row"; "" for nowhere.
+    """
 
     text: str
     style: str = ""
+    below: str = ""
+    link: str = ""
 
 
 Cell = Number | Text | str | None
@@ -81,6 +94,8 @@ class Column:
         title: An explanation of the head, for a page.
         optional: Whether a narrow terminal may leave the column out.
         who: Whether the column names its row; it stays in view when a page scrolls.
+        detail: Whether the column qualifies the name of the row, which says it as well.
+        spread: Whether it is the standard deviation of the column before it.
     """
 
     head: str
@@ -88,6 +103,8 @@ class Column:
     title: str = ""
     optional: bool = False
     who: bool = False
+    detail: bool = False
+    spread: bool = False
 
 
 Head = Column | str
@@ -113,6 +130,7 @@ class Table:
         title: The heading.
         note: A paragraph below the table.
         captions: Lines above rows, by the number of the row.
+        anchors: A name for every row, to which a page can be linked; () for none.
     """
 
     columns: tuple[Column, ...]
@@ -120,6 +138,7 @@ class Table:
     title: str = ""
     note: str = ""
     captions: Mapping[int, tuple[Caption, ...]] = field(default_factory=dict)
+    anchors: tuple[str, ...] = ()
 
 
 def table(

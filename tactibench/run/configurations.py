@@ -12,7 +12,7 @@ from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.frames.source import spread
 from tactibench.plugins.base import Model, Stage
-from tactibench.run.difference import Difference, answers_of, compare
+from tactibench.run.difference import Difference, answers_of, compare, declared_stages
 from tactibench.run.latency import (
     BATCHES,
     LatencySample,
@@ -104,7 +104,7 @@ def compare_configurations(
         UserError: when no way works.
     """
     if not model.configurations:
-        stages = list(model.stages())
+        stages = declared_stages(model)
         difference = compare(answers_of(stages, frames), scored, truth)
         return Configurations((Configuration("default", model.timed_as, stages, difference),), {})
     usable, skipped = [], {}

@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose
-from tactibench.plugins.base import Stage
+from tactibench.errors import UserError
+from tactibench.plugins.base import Model, Stage
+from tactibench.plugins.failures import describe_method
 
 ALLOWED = 0.02
 """Relative change of the mean error, and share of frames with another count, still allowed."""
@@ -50,6 +52,30 @@ class Difference:
         }
 
 
+def declared_stages(model: Model) -> list[Stage]:
+    """Return the stages that a model declares.
+
+    Raises:
+        UserError: They are no pairs of a name and a function, or two have the same name.
+    """
+    stages: object = model.stages()
+    pairs = list(stages) if isinstance(stages, (list, tuple)) else []
+    fit = all(
+        isinstance(pair, tuple)
+        and len(pair) == 2
+        and isinstance(pair[0], str)
+        and callable(pair[1])
+        for pair in pairs
+    )
+    names = [pair[0] for pair in pairs] if fit else []
+    if not names or len(set(names)) < len(names) or "total" in names:
+        raise UserError(
+            "the stages of the model are no list of (name, function) with different names, none "
+            f"of them 'total'; fix {describe_method(model, 'stages')}."
+        )
+    return pairs
+
+
 def answers_of(stages: Sequence[Stage], frames: Sequence[Frame]) -> list[Answer | None]:
     """Return what stages answer at batch 1, frame by frame."""
     answers: list[Answer | None] = []
@@ -57,6 +83,12 @@ def answers_of(stages: Sequence[Stage], frames: Sequence[Frame]) -> list[Answer 
         value: Any = [frame]
         for _, stage in stages:
             value = stage(value)
+        if not isinstance(value, Sequence) or len(value) != 1:
+            last = stages[-1][0]
+            raise UserError(
+                f"the model's stage {last!r} gave {type(value).__name__} where a list with one "
+                "answer is asked; the stages of a model must end in what predict answers."
+            )
         answers.append(value[0])
     return answers
 

@@ -14,13 +14,20 @@ from tactibench.frames.ground_truth import true_bounds, true_limits, true_surfac
 from tactibench.frames.presses import Presses
 from tactibench.metrics.registry import check_metrics
 from tactibench.plugins.base import SensorContext
-from tactibench.records.store import Arrays, StoredRun, write_run
+from tactibench.records.record import Record
+from tactibench.records.store import (
+    Arrays,
+    StoredRun,
+    held_name,
+    unscored_run,
+    write_answers,
+)
 from tactibench.run.evaluation import Evaluation, TestFrames
 from tactibench.run.plan import RunPlan
 from tactibench.run.predict import cached_predictions
 from tactibench.run.record import make_record
 from tactibench.run.reporter import Reporter
-from tactibench.run.score import score_arrays
+from tactibench.run.score import score_answers
 from tactibench.run.timing import Speed
 from tactibench.run.train import train_model
 
@@ -39,9 +46,29 @@ def execute(
 
     Raises:
         UserError: before any work for metrics that do not exist or do not fit; later for a model
-            that answers something else than it declared.
+            that answers something else than it declared, and where the answers cannot be scored.
     """
     check_metrics(plan.protocol)
+    if not fresh and unscored_run(store, plan.name) is not None:
+        with held_name(store, plan.name):
+            waiting = unscored_run(store, plan.name)  # unless another process scored it
+            if waiting is not None:
+                return _scored(waiting, plan, reporter)
+    record, arrays = _answer(plan, reporter, fresh=fresh, timed=timed)
+    # Held until the run has its name: another process may have the same answers by now.
+    with held_name(store, plan.name):
+        return _scored(write_answers(store, record, arrays), plan, reporter)
+
+
+def _scored(answers: StoredRun, plan: RunPlan, reporter: Reporter) -> StoredRun:
+    with reporter.task("score", 1):
+        return score_answers(answers, plan.protocol)
+
+
+def _answer(
+    plan: RunPlan, reporter: Reporter, *, fresh: bool, timed: bool
+) -> tuple[Record, dict[str, Arrays]]:
+    """Return the record of a run that is not scored yet, and its arrays."""
     model, weights = train_model(plan, reporter)
     test = TestFrames.open(plan, reporter)
     evaluation = _evaluation(plan)(plan, model, test, reporter)
@@ -56,8 +83,7 @@ def execute(
 
         truth |= published_arrays(plan.published, plan.protocol.test_frames, test.names, test.truth)
     speed = evaluation.time(predictions) if timed else Speed()
-    metrics = score_arrays(plan.spec, truth, predictions.arrays, maps)
-    record = make_record(plan, weights, evaluation, predictions, speed, metrics)
+    record = make_record(plan, weights, evaluation, predictions, speed)
     arrays = {
         "truth": truth,
         "predictions": predictions.arrays,
@@ -65,7 +91,7 @@ def execute(
         "times": speed.raw,
         "examples": evaluation.examples(),
     }
-    return write_run(store, record, arrays)
+    return record, arrays
 
 
 def _evaluation(plan: RunPlan) -> type[Evaluation]:

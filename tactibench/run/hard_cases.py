@@ -14,11 +14,18 @@ import numpy as np
 from tactibench.contacts import Contacts, Frame
 from tactibench.errors import NotFiniteError
 from tactibench.plugins.base import Model
+from tactibench.plugins.exits import ProcessExitError
 from tactibench.records.answers import pack
 from tactibench.records.store import Arrays
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.examples import example_arrays
-from tactibench.run.predict import AnswerRules, Answers, Predictions, predict_frames
+from tactibench.run.predict import (
+    AnswerRules,
+    Answers,
+    BadAnswerError,
+    Predictions,
+    predict_frames,
+)
 from tactibench.run.timing import Speed
 
 FAILURE_COLUMNS = {"failed": ("i", ()), "raised": ("b", ()), "cause": ("U", ())}
@@ -83,7 +90,7 @@ def predict_or_fail(
     for row, frame in enumerate(frames):
         try:
             predicted, _ = predict_frames(model, [frame], rules, lambda _: None)
-        except Exception as error:  # noqa: BLE001 - whatever a plugin raises is counted
+        except (Exception, SystemExit, ProcessExitError) as error:  # noqa: BLE001 - a plugin's
             raised = not isinstance(error, NotFiniteError)
             failures.append(Failure(row, raised, _cause(error)))
             predicted = [Contacts.none()]
@@ -110,7 +117,8 @@ def failures_record(arrays: Mapping[str, Any], groups: Sequence[str]) -> dict[st
     return {"frames": len(arrays["failed"]), "causes": list(causes.values())[:MOST_CAUSES]}
 
 
-def _cause(error: Exception) -> str:
+def _cause(error: BaseException) -> str:
     """Type and message of an exception on one line: ValueError: shapes do not fit."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    message = error.found if isinstance(error, BadAnswerError) else str(error)
+    text = " ".join(f"{type(error).__name__}: {message}".split())
     return "".join(sign for sign in text if sign.isprintable())[:LONGEST_CAUSE]

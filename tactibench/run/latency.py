@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.errors import UserError
 from tactibench.plugins.base import Stage
 
 Clock = Callable[[], float]
@@ -209,15 +210,25 @@ def batches(frames: Sequence[Any], batch: int) -> list[list[Any]]:
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Let torch compute with ``count`` threads inside the block, and as before after it."""
+    """Let torch compute with ``count`` threads inside the block, and as before after it.
+
+    Raises:
+        UserError: The block has changed the number.
+    """
     import torch
 
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
         yield
+        found = torch.get_num_threads()
     finally:
         torch.set_num_threads(before)
+    if found != count:
+        raise UserError(
+            f"the model set torch's threads to {found} while it was timed with {count}, so that "
+            "the times are of no known number of threads; take torch.set_num_threads out of it."
+        )
 
 
 @contextmanager

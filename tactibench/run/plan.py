@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from tactibench.protocols.hidden_seed import HiddenSeed
     from tactibench.run.published_predictions import PublishedPredictions
 
-SHOWS_ONLY = frozenset({"_shipped", "board", "cli", "report", "scaffold", "sweep", "testing"})
+SHOWS_ONLY = frozenset(
+    {"_shipped", "api.py", "board", "cli", "live", "report", "scaffold", "sweep", "testing"}
+)
 """Folders of the core that cannot change a record: protocols have a hash of their own."""
 MOST_SETS = 6
 """More sets of frames than these are counted in a plan, not named."""
@@ -137,8 +139,24 @@ def name_stem(
     return "-".join([*terms, f"s{seed}"])
 
 
-def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
-    """Resolve a request. Raises UserError for anything that does not exist or fit."""
+def make_plan(
+    request: RunRequest,
+    host: PluginHost,
+    cache: Path,
+    frame_plans: dict[str, FramePlan] | None = None,
+) -> RunPlan:
+    """Resolve a request.
+
+    Args:
+        request: What is asked for.
+        host: The plugins.
+        cache: Folder of frames and weights.
+        frame_plans: Plans of the same sweep, by what they are made of. Those that are missing are
+            added: many cells share their frames, and a plan of frames takes most of the time.
+
+    Raises:
+        UserError: For anything that does not exist or fit.
+    """
     protocol = load_protocol(request.protocol)
     spec, test = protocol.spec, request.test
     data_folder(request.data)
@@ -152,7 +170,7 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         from tactibench.protocols.hidden_seed import committed_seed
 
         hidden = committed_seed(protocol)
-    frames = frame_source(
+    frames = _plan_frames(
         FrameRequest(
             protocol=protocol,
             regime=components.regime,
@@ -167,8 +185,9 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
             limit=request.limit,
             presses=request.presses,
             shots=test.shots,
-        )
-    ).plan()
+        ),
+        {} if frame_plans is None else frame_plans,
+    )
     _check_signals(components, frames)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
@@ -181,6 +200,25 @@ def make_plan(request: RunRequest, host: PluginHost, cache: Path) -> RunPlan:
         cache=cache,
     )
     return RunPlan(request, protocol, components, device, frames, weights, published, hidden)
+
+
+def _plan_frames(request: FrameRequest, known: dict[str, FramePlan]) -> FramePlan:
+    """Return the plan of the frames, taken from the known ones or added to them."""
+    fields = {name: value for name, value in vars(request).items() if name != "protocol"}
+    key = f"{request.protocol.hash} {fields}"  # the hash stands for everything in the file
+    if key not in known:
+        known[key] = frame_source(request).plan()
+    return known[key]
+
+
+def no_weights(plan: RunPlan) -> UserError:
+    """Return the error of a request whose weights are not in the cache."""
+    request = plan.request
+    return UserError(
+        f"there are no trained weights of {plan.components.model.label} in the cache for this "
+        f"request; make them with `tactibench run {request.protocol} --model {request.model} "
+        "--train-only` and the same options."
+    )
 
 
 def _check_signals(components: Components, frames: FramePlan) -> None:
@@ -211,8 +249,16 @@ def _published_predictions(
     return ()
 
 
-def plan_lines(plan: RunPlan, stored: bool) -> list[str]:
-    """Return what will be generated, trained and taken from the cache, line by line."""
+def plan_lines(plan: RunPlan, stored: bool, *, answered: bool = False) -> list[str]:
+    """Return what will be generated, trained and taken from the cache, line by line.
+
+    Args:
+        plan: Of the run.
+        stored: Whether the run is in the store and is only shown.
+        answered: Whether its answers are in the store and are only scored.
+    """
+    if answered and not stored:
+        return [f"plan: the answers of {plan.name} are in the store and are scored"]
     if stored:
         return [f"plan: {plan.name} is in the store and is shown as it is (--fresh runs it again)"]
     frames, model = plan.frames, plan.components.model.label
@@ -247,15 +293,18 @@ def _describe_sets(plan: RunPlan, sets: tuple[FrameSet, ...]) -> str:
     for frames in sets:
         trains = frames.role in {"fit", "validation"}
         sensor = plan.components.sensor if trains else plan.components.tested
-        if sensor.spec.needs_data:
-            way = "read {} frames"
-        elif frames.cached:
-            way = "take {} frames from the cache"
-        else:
-            way = f"generate {{}} frames on {sensor.label}"
-        counts = counts_by_way.setdefault(way, {})
         name = f"{frames.name}, validation" if frames.role == "validation" else frames.name
-        counts[name] = counts.get(name, 0) + len(frames.scenes)
+        total, missing = len(frames.scenes), frames.missing
+        ways = {
+            f"generate {{}} frames on {sensor.label}": missing,
+            "take {} frames from the cache": total - missing,
+        }
+        if sensor.spec.needs_data:
+            ways = {"read {} frames": total}
+        for way, count in ways.items():
+            if count:
+                counts = counts_by_way.setdefault(way, {})
+                counts[name] = counts.get(name, 0) + count
     return "; ".join(way.format(_describe_counts(c)) for way, c in counts_by_way.items())
 
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, Frame, PlatePose, Pose, Signal
 from tactibench.errors import NotFiniteError, UserError
 from tactibench.plugins.base import Model
+from tactibench.plugins.failures import describe_method
 from tactibench.records.answers import unpack_contacts, unpack_plates
 from tactibench.records.files import read_checked_arrays, write_checked_arrays
 from tactibench.records.store import Arrays
@@ -26,7 +27,19 @@ Answers = list[Answer | None]
 MAPS = "maps"
 
 
-class NotFinitePredictionError(UserError, NotFiniteError):
+class BadAnswerError(UserError):
+    """A model answered something else than it must.
+
+    Attributes:
+        found: The sentence for a record, without the source, whose path differs between machines.
+    """
+
+    def __init__(self, found: str, source: str = "the model") -> None:
+        super().__init__(f"{found}; fix {source}.")
+        self.found = f"{found}; fix the model."
+
+
+class NotFinitePredictionError(BadAnswerError, NotFiniteError):
     """A model predicted NaN or infinity."""
 
 
@@ -84,18 +97,19 @@ def predict_frames(
         seen = [blinded(frame)]
         maps = model.maps(seen) if rules.kind == "contacts" else None
         if maps is None:
-            predicted = model.predict(seen)
+            predicted, method = model.predict(seen), "predict"
         else:
-            _check_maps(np.asarray(maps), rules.shape)
-            heat.append(np.asarray(maps)[0, 0].astype(np.float16))
-            predicted = model.read_maps(maps)
-        if len(predicted) != 1:
-            raise UserError(
-                f"the model gave {len(predicted)} answers for one frame; it must give one."
-            )
-        _check_answer(predicted[0], rules)
-        answers.append(predicted[0])
+            checked = _checked_maps(maps, rules.shape, model)
+            heat.append(checked[0, 0].astype(np.float16))
+            predicted, method = model.read_maps(maps), "read_maps"
+        answers.append(_checked_answer(predicted, rules, model, method))
         advance(1)
+    if heat and len(heat) < len(frames):
+        raise BadAnswerError(
+            f"the model gave maps for {len(heat)} of {len(frames)} frames, but must give them for "
+            "all or none",
+            describe_method(model, "maps"),
+        )
     return answers, np.stack(heat) if heat else None
 
 
@@ -129,31 +143,88 @@ def cached_predictions(
     return Predictions(arrays, maps)
 
 
-def _check_answer(answer: Answer | None, rules: AnswerRules) -> None:
-    if rules.kind == "plate":
-        if answer is not None and not isinstance(answer, PlatePose):
-            raise UserError(f"the model answered {type(answer).__name__} where PlatePose is asked.")
-        if answer and not np.isfinite([answer.depth, answer.tilt, *(answer.std or ())]).all():
-            raise NotFinitePredictionError(
-                "the model answered a plate pose that is not finite; fix the model."
-            )
-        return
-    if not isinstance(answer, Contacts):
-        raise UserError(f"the model answered {type(answer).__name__} where Contacts is asked.")
-    if rules.max_contacts is not None and len(answer) > rules.max_contacts:
-        raise UserError(
-            f"the model declares at most {rules.max_contacts} contacts per frame, but gave "
-            f"{len(answer)}."
+def _checked_answer(
+    predicted: object, rules: AnswerRules, model: Model, method: str
+) -> Answer | None:
+    """Return the one answer of a list. Raises UserError that names the method and its source."""
+    source = describe_method(model, method)
+    if not isinstance(predicted, (Sequence, np.ndarray)) or isinstance(predicted, (str, bytes)):
+        raise BadAnswerError(
+            f"the model gave {_kind(predicted)} where a list with one answer a frame is asked",
+            source,
         )
-
-
-def _check_maps(maps: npt.NDArray[Any], shape: tuple[int, int]) -> None:
-    if maps.ndim != 4 or (len(maps), *maps.shape[2:]) != (1, *shape):
-        raise UserError(
-            f"the model gave maps of shape {maps.shape} for one frame; they must have the shape "
-            f"(1, channels, {shape[0]}, {shape[1]})."
+    if len(predicted) != 1:
+        raise BadAnswerError(
+            f"the model gave {len(predicted)} answers for one frame, but must give one",
+            source,
         )
-    if not np.isfinite(maps).all():
+    answer: object = predicted[0]
+    asked = PlatePose if rules.kind == "plate" else Contacts
+    if answer is None and asked is PlatePose:
+        return None
+    if not isinstance(answer, asked):
+        raise BadAnswerError(
+            f"the model answered {type(answer).__name__} where {asked.__name__} is asked",
+            source,
+        )
+    if not _is_finite(answer):
         raise NotFinitePredictionError(
-            "the model gave a map with a value that is not finite; fix the model."
+            f"the model answered {type(answer).__name__} with a number that is not finite",
+            source,
         )
+    if isinstance(answer, Contacts):
+        # Contacts refuse such values when they are made; a model may have changed an array since.
+        n = len(answer)
+        if answer.xy.shape != (n, 2) or answer.score.shape != (n,) or answer.depth.shape != (n,):
+            raise BadAnswerError("the model answered contacts whose arrays do not fit", source)
+        if n and not (answer.score.min() >= 0 and answer.score.max() <= 1):
+            raise BadAnswerError("the model answered a contact with a score outside 0..1", source)
+        if rules.max_contacts is not None and n > rules.max_contacts:
+            raise BadAnswerError(
+                f"the model declares at most {rules.max_contacts} contacts per frame, but gave {n}",
+                source,
+            )
+    return answer
+
+
+def _kind(value: object) -> str:
+    name = "None" if value is None else type(value).__name__
+    return f"a {name}" if name[0].islower() else name
+
+
+def _is_finite(answer: Answer) -> bool:
+    """Return whether all numbers of an answer are numbers, and finite."""
+    if isinstance(answer, PlatePose):
+        values: Any = [answer.depth, answer.tilt, *(answer.std or ())]
+    else:
+        arrays = (answer.xy, answer.depth, answer.score, answer.std)
+        values = np.concatenate([np.ravel(array) for array in arrays if array is not None])
+    try:
+        return bool(np.isfinite(np.asarray(values, dtype=np.float64)).all())
+    except (ValueError, TypeError):
+        return False
+
+
+def _checked_maps(maps: object, shape: tuple[int, int], model: Model) -> npt.NDArray[Any]:
+    """Return the maps as an array. Raises UserError that names ``maps`` and its source."""
+    source = describe_method(model, "maps")
+    try:
+        array = np.asarray(maps)
+    except (ValueError, TypeError, RuntimeError):  # lists of different lengths; a tensor on a card
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in "fiub":
+        raise BadAnswerError(
+            f"the model gave {_kind(maps)} where an array of maps is asked", source
+        )
+    if array.ndim != 4 or array.shape[1] == 0 or (len(array), *array.shape[2:]) != (1, *shape):
+        raise BadAnswerError(
+            f"the model gave maps of shape {array.shape} for one frame; they must have the shape "
+            f"(1, channels, {shape[0]}, {shape[1]})",
+            source,
+        )
+    if not np.isfinite(array).all():
+        raise NotFinitePredictionError(
+            "the model gave a map with a value that is not finite",
+            source,
+        )
+    return array

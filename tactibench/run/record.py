@@ -11,7 +11,7 @@ from typing import Any
 from tactibench.frames.ground_truth import simulator_error
 from tactibench.records.files import arrays_hash
 from tactibench.records.identity import code_commit
-from tactibench.records.record import SCHEMA, Metric, Record, make_signature
+from tactibench.records.record import SCHEMA, Record, make_signature
 from tactibench.run.evaluation import Evaluation
 from tactibench.run.machine import environment_facts
 from tactibench.run.plan import RunPlan
@@ -26,9 +26,8 @@ def make_record(
     evaluation: Evaluation,
     predictions: Predictions,
     speed: Speed,
-    metrics: list[Metric],
 ) -> Record:
-    """Return the record for ``write_run``."""
+    """Return the record for ``write_answers``: its metrics follow when they are scored."""
     spec, request, components, frames = plan.spec, plan.request, plan.components, plan.frames
     report = weights.report
     values = {
@@ -61,7 +60,7 @@ def make_record(
             "stored": {},
         },
         "environment": environment_facts(),
-        "metrics": [row.json_values() for row in metrics],
+        "metrics": [],
         "speed": speed.rows,
         "timed": speed.timed,
         "efficiency": {**speed.efficiency, "training_s": report["seconds"]},

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.errors import UserError
+from tactibench.errors import UserError, describe_exception
 from tactibench.protocols.loader import LoadedProtocol, protocol_versions, version_of
 from tactibench.protocols.schema import Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Metric, Record
-from tactibench.records.store import StoredRun
+from tactibench.records.store import StoredRun, complete_run
 
 if TYPE_CHECKING:
     from tactibench.metrics.trials import PlateTrials, Trials
@@ -113,19 +113,42 @@ def unpack_published(arrays: Arrays) -> dict[str, Any]:
     return {table: unpack_plates(packed) for table, packed in tables.items()}
 
 
-def rescore(run: StoredRun) -> Record:
+def rescore(run: StoredRun, protocol: LoadedProtocol | None = None) -> Record:
     """Return the record of a stored run with metrics computed anew, without model or sensor.
+
+    Args:
+        run: With its arrays.
+        protocol: That it was made with; None: the installed one of that version.
 
     Raises:
         UserError: where the protocol is not the very one of the run (another version asks something
             else), or the predictions are not those of the record.
     """
-    protocol = protocol_of(run)
+    protocol = protocol or protocol_of(run)
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
     if arrays_hash(predicted) != run.record.identity.predictions_hash:
         raise UserError(f"the predictions in {run.folder} are not those of its record.")
     metrics = score_arrays(protocol.spec, truth, predicted, run.arrays("maps"))
     return run.record.model_copy(update={"metrics": metrics})
+
+
+def score_answers(answers: StoredRun, protocol: LoadedProtocol) -> StoredRun:
+    """Score stored answers and complete their run.
+
+    Raises:
+        UserError: They cannot be scored, or an invariant does not hold; the answers stay.
+    """
+    try:
+        return complete_run(answers, rescore(answers, protocol))
+    except OSError:
+        raise
+    except Exception as error:  # whatever it is, the answers are there: the user must be told
+        why = str(error) if isinstance(error, UserError) else f"{describe_exception(error)}."
+        name = answers.record.name
+        raise UserError(
+            f"the answers of {name} cannot be scored: {why} They are kept: the same command, or "
+            f"`tactibench score {name}`, scores them once that is mended."
+        ) from error
 
 
 def protocol_of(run: StoredRun) -> LoadedProtocol:
@@ -137,8 +160,8 @@ def protocol_of(run: StoredRun) -> LoadedProtocol:
     versions = protocol_versions(stated.id)
     if not versions:
         raise UserError(
-            f"{run.folder} was made with protocol {stated.id!r}, which does not ship with "
-            "tactibench; run it again with its .toml file."
+            f"{run.folder} was made with protocol {stated.id!r}, which is not "
+            "installed; name the folder of its .toml file in TACTIBENCH_PROTOCOLS."
         )
     raise UserError(
         f"{run.folder} was made with {stated.label}, but this tactibench has {versions[0].label}; "

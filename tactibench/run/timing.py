@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
+from tactibench.errors import UserError
 from tactibench.frames.source import spread
 from tactibench.plugins.base import Model, Stage
-from tactibench.run.difference import answers_of, compare
+from tactibench.plugins.failures import describe_method
+from tactibench.run.difference import answers_of, compare, declared_stages
 from tactibench.run.latency import BATCHES, offline_block, time_calls, torch_threads
 from tactibench.run.machine import all_threads
 from tactibench.run.predict import blinded
@@ -74,7 +76,8 @@ def time_model(
     seen = [blinded(frames[row]) for row in rows]
     scored, true = [answers[row] for row in rows], [truth[row] for row in rows]
     calls, budget_s = (QUICK_CALLS, QUICK_BUDGET_S) if quick else (CALLS, BUDGET_S)
-    configuration, stages = model.timed_as, model.stages()
+    configuration: str = model.timed_as
+    stages: Sequence[Stage] = declared_stages(model)
     raced: list[dict[str, Any]] = []
     if model.configurations and not quick:
         from tactibench.run.configurations import race_briefly
@@ -87,11 +90,23 @@ def time_model(
     difference = compare(answers_of(stages, seen), scored, None if quick else true)
     speed.timed.update(configuration=configuration, **difference.as_row(), raced=raced)
     speed.efficiency.update(
-        parameters=model.parameter_count(),
-        flops_per_frame=model.flops(seen[0]),
+        parameters=_count(model, "parameter_count", model.parameter_count()),
+        flops_per_frame=_count(model, "flops", model.flops(seen[0])),
         peak_memory_mb=peak.mb,
     )
     return speed
+
+
+def _count(model: Model, method: str, count: object) -> int | None:
+    """Return a number that a model tells of itself. Raises UserError for anything else."""
+    if count is None:
+        return None
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 0:
+        raise UserError(
+            f"the model gave {count!r:.60} where a whole number or None is asked; fix "
+            f"{describe_method(model, method)}."
+        )
+    return int(count)
 
 
 def _time_single(

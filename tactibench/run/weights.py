@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
 from tactibench.plugins.base import FitReport, Model, Progress
+from tactibench.plugins.specs import ModelSpec
 from tactibench.protocols.schema import Protocol
+from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.files import file_hash, locked, read_checked_json, write_checked_json
 from tactibench.records.identity import (
     canonical,
@@ -38,6 +40,9 @@ SHARED_CODE = (
 PIN_CODE = ("tactibench.markers", "tactibench.superposition")
 """The same of models that look at pins, and of contact mixing."""
 
+TRAINED_WITH = ("torch", "numpy")
+"""Distributions whose versions change weights."""
+
 Examples = tuple[Sequence[Frame], Sequence[Answer]]
 
 
@@ -48,6 +53,12 @@ class WeightsPlan:
     identity: dict[str, Any]
     folder: Path
     checkpoints: Path
+
+    @classmethod
+    def of(cls, identity: dict[str, Any], cache: Path) -> Self:
+        """Return the plan of an identity in a cache."""
+        key = digest(identity)[:24]
+        return cls(identity, cache / "weights" / key, cache / "training" / key)
 
     @property
     def cached(self) -> bool:
@@ -80,13 +91,10 @@ def plan_weights(
 ) -> WeightsPlan:
     """Return everything that determines the weights; equal identities share one training."""
     model, encoder = components.model, components.encoder
-    core: tuple[str, ...] = SHARED_CODE
-    if model.values.get("mixing") or model.mentions(*PIN_CODE):
-        core = (*SHARED_CODE, *PIN_CODE)
     identity = {
         "model": model.name,
         "parameters": dict(model.values),
-        "code": combined([model.code(), *(code_hash(name) for name in core)]),
+        "code": training_code(model),
         "encoder": None
         if encoder is None
         else {
@@ -103,10 +111,17 @@ def plan_weights(
         "frames": training_key,
         "seed": seed,
         "device": device,
-        "versions": installed_versions("torch", "numpy"),
+        "versions": installed_versions(*TRAINED_WITH),
     }
-    key = digest(identity)[:24]
-    return WeightsPlan(identity, cache / "weights" / key, cache / "training" / key)
+    return WeightsPlan.of(identity, cache)
+
+
+def training_code(model: BoundSpec[ModelSpec]) -> str:
+    """Return the hash of all source that changes what a model learns."""
+    core: tuple[str, ...] = SHARED_CODE
+    if model.values.get("mixing") or model.mentions(*PIN_CODE):
+        core = (*SHARED_CODE, *PIN_CODE)
+    return combined([model.code(), *(code_hash(name) for name in core)])
 
 
 def trained_weights(
@@ -129,7 +144,7 @@ def trained_weights(
         UserError: for a training whose report cannot be recorded.
     """
     with locked(plan.folder.with_name(plan.folder.name + ".lock")):
-        manifest = _intact_manifest(plan)
+        manifest = intact_manifest(plan)
         reused = manifest is not None
         if manifest is None:
             manifest = _train(plan, model, examples, progress)
@@ -138,14 +153,14 @@ def trained_weights(
     return TrainedWeights(manifest["hash"], manifest["report"], reused)
 
 
-def _intact_manifest(plan: WeightsPlan) -> dict[str, Any] | None:
-    """The manifest, when it and every file are what they were when they were written."""
+def intact_manifest(plan: WeightsPlan) -> dict[str, Any] | None:
+    """Return the manifest, when it and every file are what they were when they were written."""
     try:
         manifest: dict[str, Any] = read_checked_json(plan.folder / MANIFEST)
         files = manifest["files"]
         intact = (
             canonical(manifest["identity"]) == canonical(plan.identity)
-            and manifest["hash"] == _hash(files)
+            and manifest["hash"] == weights_hash(files)
             and "report" in manifest
             and all(file_hash(plan.folder / name) == value for name, value in files.items())
         )
@@ -163,7 +178,7 @@ def _train(
     frames, truth = examples("fit")
     plan.checkpoints.mkdir(parents=True, exist_ok=True)
     seed = np.random.SeedSequence(plan.identity["seed"], spawn_key=(TRAINING_STREAM,))
-    report: FitReport = model.fit(
+    report: object = model.fit(
         frames,
         truth,
         validation=examples("validation"),
@@ -182,7 +197,7 @@ def _train(
     manifest = {
         "identity": plan.identity,
         "files": files,
-        "hash": _hash(files),
+        "hash": weights_hash(files),
         "report": _report_as_json(report, plan.identity["model"]),
         "presses": len(frames),
     }
@@ -193,12 +208,18 @@ def _train(
     return manifest
 
 
-def _hash(files: dict[str, str]) -> str:
+def weights_hash(files: Mapping[str, str]) -> str:
+    """Return the hash of weights from the sha256 of every file."""
     return combined([f"{name} {value}" for name, value in sorted(files.items())])
 
 
-def _report_as_json(report: FitReport, model: str) -> dict[str, Any]:
+def _report_as_json(report: object, model: str) -> dict[str, Any]:
     """The report as JSON values, numpy's numbers as Python's."""
+    if not isinstance(report, FitReport):
+        raise UserError(
+            f"fit of model {model!r} gave {type(report).__name__} where a FitReport is asked; end "
+            "it with `return FitReport(...)`."
+        )
     try:
         text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())
     except (ValueError, TypeError, AttributeError) as error:

@@ -23,6 +23,9 @@ SUFFIX = ".template"
 COMMON, PACKAGE = "common", "package"
 """Folder of the templates of every kind, and placeholder for the package's folder."""
 
+NEEDS = {"sklearn": ', "scikit-learn>=1.5"'}
+"""Template -> what its package needs beside tactibench, which brings numpy, scipy and torch."""
+
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -76,7 +79,7 @@ def check_name(kind: str, name: str, host: PluginHost) -> Names:
 def write_package(names: Names, parent: Path, template: str = "") -> Path:
     """Write all files of the package, or none, into a new folder of ``parent`` and return it.
 
-    ``template`` names the folder of templates, where it is not that of the kind.
+    ``template`` names a folder of templates that replace those of the kind.
 
     Raises:
         UserError: Where that folder, or something of its name, is there already.
@@ -109,11 +112,12 @@ def render_templates(names: Names, template: str = "") -> dict[str, str]:
     """Return path inside the folder -> text, of every file of a new plugin."""
     contents: dict[str, str] = {}
     templates = files("tactibench.scaffold") / "templates"
-    for folder in (COMMON, template or names.kind):
+    for folder in dict.fromkeys((COMMON, names.kind, template or names.kind)):  # the last one wins
         for path, text in _read_templates(templates / folder):
             if path.startswith(f"{PACKAGE}/"):
                 path = names.package + path.removeprefix(PACKAGE)
-            contents[path] = Template(text).substitute(names.fields())
+            needs = NEEDS.get(template, "")
+            contents[path] = Template(text).substitute(names.fields(), needs=needs)
     return dict(sorted(contents.items()))
 
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from tactibench import __version__
 from tactibench.errors import UserError
+from tactibench.records.cache import cache_folder
 from tactibench.records.identity import code_hash
 from tactibench.run.machine import cuda_possible, fingerprint
 
@@ -28,6 +29,9 @@ PATIENCE_S = 3.0
 """Seconds until a scheduler that does not answer counts as unreachable."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables that say with how many threads a process computes."""
+
+LOCAL_PAGE = "127.0.0.1:0"
+"""Address of dask's web server: any free port, since 8787, the default, may be another sweep's."""
 
 _MANY = 1_000_000
 
@@ -177,30 +181,45 @@ def count_cores() -> int:
 def local_cluster(workers: int, threads: int, deaths: int) -> Iterator[Cluster]:
     """Start processes on this machine, each of which has one task at a time.
 
+    They talk by TLS with a key that is made for this call and stays in memory: whoever reaches the
+    port of a scheduler without a key, another user of this machine say, runs code on the workers.
+
     Args:
         workers: Number of processes.
         threads: Threads of a process.
         deaths: Deaths of workers that a task outlives.
 
     Raises:
-        UserError: dask is not installed.
+        UserError: dask or cryptography is not installed.
     """
     dask, distributed = _import_dask()
+    try:
+        security = distributed.Security.temporary()
+    except ImportError:
+        raise UserError(
+            "the processes of a sweep talk by keys that the package cryptography makes, which is "
+            "not installed; `pip install 'tactibench[sweep]'`."
+        ) from None
     settings = {
         "distributed.scheduler.allowed-failures": deaths,
         "distributed.worker.daemon": False,
+        # Both have a web server, which cannot be left out: it shows nothing.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
     }
     scheduler = {
-        "protocol": "tcp://",
+        "protocol": "tls://",
+        "security": security,
         "host": "127.0.0.1",
         "port": 0,
         "dashboard": False,
-        "dashboard_address": None,
+        "dashboard_address": LOCAL_PAGE,
     }
     with dask.config.set(settings), _quiet_log():
         cluster = distributed.SpecCluster(
-            workers=_local_workers(distributed.Nanny, workers, threads),
+            workers=_local_workers(distributed.Nanny, workers, threads, security),
             scheduler={"cls": distributed.Scheduler, "options": scheduler},
+            security=security,
             silence_logs=logging.CRITICAL,
         )
         with cluster, distributed.Client(cluster) as client:
@@ -295,18 +314,27 @@ def _mark(folder: Path) -> Iterator[str]:
                 folder.rmdir()
 
 
-def _local_workers(nanny: type, count: int, threads: int) -> dict[int, dict[str, Any]]:
+def _local_workers(
+    nanny: type, count: int, threads: int, security: Any
+) -> dict[int, dict[str, Any]]:
     """Return the options of the processes; the first ones have a graphics card each."""
     cards = _graphics_cards()
+    # What a worker keeps on the disk is read as code: not in a folder that all users share.
+    folder = cache_folder().resolve() / "workers"
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
     workers = {}
     for number in range(count):
         environment = dict.fromkeys(THREADS, str(threads))
         options: dict[str, Any] = {
             "host": "127.0.0.1",
+            "protocol": "tls://",
+            "security": security,
+            "local_directory": str(folder),
             "nthreads": 1,
             "memory_limit": 0,
             "dashboard": False,
-            "dashboard_address": None,
+            "dashboard_address": LOCAL_PAGE,
             "silence_logs": logging.CRITICAL,
             "env": environment,
         }

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from tactibench.errors import UserError
+from tactibench.errors import UserError, printable
+from tactibench.frames.source import FramePlan
 from tactibench.plugins.host import PluginHost
 from tactibench.records.identity import digest
 from tactibench.records.store import CHECKSUM, readable_run, stored_runs
@@ -89,16 +90,19 @@ def plan_requests(requests: Sequence[RunRequest], storage: Storage) -> tuple[Cel
     """Look runs up in store and cache of the machine where this is called."""
     host = PluginHost()
     runs = dict(_runs_by_identity(storage)) if storage.any_machine else {}
-    return tuple(_plan_request(request, storage, host, runs) for request in requests)
+    frame_plans: dict[str, FramePlan] = {}
+
+    def plan(request: RunRequest) -> CellPlan:
+        try:
+            plan = make_plan(request, host, storage.cache, frame_plans)
+        except (UserError, OSError) as error:
+            return CellPlan("cannot", why=printable(" ".join(str(error).split())))
+        return _plan_cell(plan, storage, runs)
+
+    return tuple(plan(request) for request in requests)
 
 
-def _plan_request(
-    request: RunRequest, storage: Storage, host: PluginHost, runs: Mapping[str, str]
-) -> CellPlan:
-    try:
-        plan = make_plan(request, host, storage.cache)
-    except (UserError, OSError) as error:
-        return CellPlan("cannot", why=" ".join(str(error).split()))
+def _plan_cell(plan: RunPlan, storage: Storage, runs: Mapping[str, str]) -> CellPlan:
     name = find_run(plan, storage, runs)
     return CellPlan(
         "done" if name else "to do",
@@ -118,7 +122,7 @@ def find_run(plan: RunPlan, storage: Storage, runs: Mapping[str, str]) -> str | 
     """
     if readable_run(storage.store, plan.name) is not None:
         return plan.name
-    return runs.get(digest(_without(plan.identity, ("machine",))))
+    return runs.get(digest(_without(plan.identity, ("machine",)))) if runs else None
 
 
 def _runs_by_identity(storage: Storage) -> Iterator[tuple[str, str]]:

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactibench.errors import UserError
+from tactibench.errors import UserError, describe_exception, is_interruption, printable
 from tactibench.metrics.registry import check_metrics
+from tactibench.plugins.exits import forbid_exit
+from tactibench.plugins.failures import describe_failure
 from tactibench.plugins.host import PluginHost
 from tactibench.records.store import open_run
 from tactibench.run.plan import RunPlan, make_plan
@@ -256,11 +258,14 @@ def run_cell(request: RunRequest, storage: Storage) -> Outcome:
 
 def _attempt(work: Callable[[RunPlan], str], request: RunRequest, storage: Storage) -> Outcome:
     began = time.perf_counter()
+    forbid_exit()  # a model that calls os._exit ends its own cell
     name, why = "", ""
     try:
         name = work(make_plan(request, PluginHost(), storage.cache))
     except (UserError, OSError) as error:
-        why = " ".join(str(error).split())
-    except Exception as error:  # noqa: BLE001 - a model's mistake; the other cells go on
-        why = " ".join(f"it raised {type(error).__name__}: {error}".split()).rstrip(".:") + "."
+        why = printable(" ".join(str(error).split()))
+    except BaseException as error:
+        if is_interruption(error):
+            raise
+        why = describe_failure(error) or f"it raised {describe_exception(error).rstrip('.:')}."
     return Outcome(name, why, time.perf_counter() - began)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import random
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
@@ -173,6 +175,16 @@ def input_unchanged(subject: ModelSubject) -> None:
     require(not changed, f"predict changed {changed}")
 
 
+def global_state(subject: ModelSubject) -> None:
+    """Predicting leaves global random generators and torch's number of threads as they were."""
+    model = subject.trained()
+    before = _global_state()
+    subject.predict(model, subject.test_examples.frames)
+    after = _global_state()
+    changed = [name for name in before if after[name] != before[name]]
+    require(not changed, f"predict changed {' and '.join(changed)}")
+
+
 def truth_hidden(subject: ModelSubject) -> None:
     """A frame's pose and time, from which the truth could be read, change no answer."""
     model = subject.trained()
@@ -302,6 +314,19 @@ def adapt(subject: ModelSubject) -> None:
         model.adapt([], [])
     gap = difference(subject.predict(model, asked), subject.answers)
     require(gap <= EXACT, f"without labelled frames, answers differ by {gap:.3g} from before")
+
+
+def _global_state() -> dict[str, object]:
+    """Return what a model shares with everything else in the process, by its name."""
+    state: dict[str, object] = {
+        "the generator of random": random.getstate(),
+        "the generator of numpy.random": repr(np.random.get_state()),  # noqa: NPY002
+    }
+    torch: Any = sys.modules.get("torch")  # what nobody has imported nobody has changed
+    if torch is not None:
+        state["the generator of torch"] = torch.get_rng_state().numpy().tobytes()
+        state["torch's number of threads"] = torch.get_num_threads()
+    return state
 
 
 def _with_images(frame: Frame, change: Callable[[Image], Image]) -> Frame:

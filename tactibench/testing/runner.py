@@ -10,7 +10,15 @@ from dataclasses import dataclass
 from types import FunctionType, ModuleType
 from typing import Any
 
-from tactibench.errors import UserError, describe_exception, did_you_mean
+from tactibench.errors import (
+    PluginError,
+    UserError,
+    call_plugin,
+    describe_exception,
+    did_you_mean,
+    printable,
+)
+from tactibench.plugins.failures import Owners
 
 PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
 EXPECTED, UNEXPECTED = "failed as expected", "passed unexpectedly"
@@ -66,12 +74,15 @@ class Finding:
         outcome: One of the words at the top of this module.
         message: On failure what was seen; else why it was skipped or expected to fail, or "".
         seconds: Time that the check took.
+        raised: Whether the plugin raised where it must not, so that no other property can tell
+            more.
     """
 
     checked: Property
     outcome: str
     message: str
     seconds: float
+    raised: bool = False
 
     @property
     def ok(self) -> bool:
@@ -81,7 +92,8 @@ class Finding:
     def line(self) -> str:
         """Return outcome, name, statement and message on one line."""
         message = f" -- {self.message}" if self.message else ""
-        return f"{self.outcome:<19} {self.checked.name:<16} {self.checked.statement}{message}"
+        text = f"{self.outcome:<19} {self.checked.name:<16} {self.checked.statement}{message}"
+        return printable(text)
 
 
 @dataclass(frozen=True)
@@ -91,10 +103,12 @@ class Report:
     Attributes:
         title: Kind, name and plugin of the subject.
         findings: One for each property, in their order.
+        unchecked: Properties that were left out, because the plugin raised before.
     """
 
     title: str
     findings: tuple[Finding, ...]
+    unchecked: int = 0
 
     def count(self, *outcomes: str) -> int:
         """Return the number of findings with one of the outcomes."""
@@ -116,6 +130,8 @@ class Report:
         always = (PASSED, FAILED)
         parts = [f"{counts[name]} {name}" for name in RAN if counts[name] or name in always]
         text = f"{self.ran} ran: {', '.join(parts)}; {counts[SKIPPED]} skipped"
+        if self.unchecked:
+            text = f"{text}; {self.unchecked} not checked, fix this first"
         return text if self.ran else f"{text}; nothing ran, which proves nothing"
 
     def rows(self) -> list[dict[str, Any]]:
@@ -179,25 +195,37 @@ def examine(checked: Property, subject: Any, expected: str | None = None) -> Fin
         expected: Reason why it is expected to fail; None: it is not.
     """
     start = time.perf_counter()
-    outcome, message = _outcome(checked, subject)
+    outcome, message, error = _outcome(checked, subject)
+    raised = error is not None and not isinstance(error, Failed)
+    if error is not None:
+        message = f"{message}{_place(error)}"
     if expected is not None and outcome == FAILED:
         outcome, message = EXPECTED, f"{expected} ({message})"
     elif expected is not None and outcome == PASSED:
         outcome = UNEXPECTED
         message = f"it was expected to fail ({expected}), but holds: take it off the list"
-    return Finding(checked, outcome, message, time.perf_counter() - start)
+    return Finding(checked, outcome, message, time.perf_counter() - start, raised)
 
 
-def _outcome(checked: Property, subject: Any) -> tuple[str, str]:
+def _outcome(checked: Property, subject: Any) -> tuple[str, str, BaseException | None]:
+    """Return outcome and message, and the exception of a failure."""
     try:
-        checked.check(subject)
-    except NotApplicable as reason:
-        return SKIPPED, str(reason)
-    except Failed as failure:
-        return FAILED, str(failure)
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - a plugin's, and it is reported
-        return FAILED, f"raised {describe_exception(error)}"
-    return PASSED, ""
+        call_plugin(lambda: checked.check(subject))
+    except PluginError as raised:
+        error = raised.__cause__
+        if isinstance(error, NotApplicable):
+            return SKIPPED, str(error), None
+        if isinstance(error, Failed):
+            return FAILED, str(error), error
+        return FAILED, f"raised {raised}", error
+    return PASSED, "", None
+
+
+def _place(error: BaseException) -> str:
+    """Return where a plugin raised what made a property fail; "" where it raised nothing."""
+    cause = error.__cause__ if isinstance(error, Failed) else error
+    place = None if cause is None else Owners().place_of_error(cause)
+    return "" if place is None else f" in {place}"
 
 
 def run_checks(
@@ -206,7 +234,9 @@ def run_checks(
     expected_failed_checks: Mapping[str, str] | None = None,
     on_finding: Callable[[Finding], None] = lambda _: None,
 ) -> Report:
-    """Check properties one by one.
+    """Check properties one by one, until the plugin raises where it must not.
+
+    What comes after would fail, or be skipped, for the same cause.
 
     Args:
         properties: What to check.
@@ -223,7 +253,9 @@ def run_checks(
     for one_property in checked:
         findings.append(examine(one_property, subject, expected.get(one_property.name)))
         on_finding(findings[-1])
-    return Report(subject.title, tuple(findings))
+        if findings[-1].raised and not findings[-1].ok:
+            break
+    return Report(subject.title, tuple(findings), len(checked) - len(findings))
 
 
 def check_names(properties: Iterable[Property], expected: Mapping[str, str]) -> None:

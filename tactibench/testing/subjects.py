@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, Frame, Grid, PlatePose, Scene
-from tactibench.errors import UserError, describe_exception
+from tactibench.errors import PluginError, UserError, call_plugin
 from tactibench.frames.source import spread
 from tactibench.plugins.base import (
     Encoder,
@@ -35,7 +35,7 @@ from tactibench.testing.presses import (
     changed_images,
     writable,
 )
-from tactibench.testing.runner import Failed, NotApplicable, require
+from tactibench.testing.runner import NotApplicable, require
 
 FIT, VALIDATION, TEST = 40, 10, 12
 """Frames that a model under test is trained on, validated on and tested on."""
@@ -130,24 +130,28 @@ class ModelSubject:
         )
 
     @cached_property
-    def _training(self) -> tuple[Model, FitReport] | str:
-        """The trained model and its report, or the exception in words."""
+    def _training(self) -> tuple[Model, FitReport] | BaseException:
+        """The trained model and its report, or the exception that the plugin raised."""
         _ = self.examples
-        try:
+
+        def train() -> tuple[Model, FitReport]:
             model = self.build()
             return model, self.fit(model)
-        except Exception as error:  # noqa: BLE001 - `fit` reports it, the others refer to that
-            return describe_exception(error)
+
+        try:
+            return call_plugin(train)
+        except PluginError as error:  # `fit` reports it, the others refer to that
+            return error.__cause__ or error
 
     def report(self) -> FitReport:
-        """Return the report of the training. Raises Failed when it did not end."""
-        if isinstance(self._training, str):
-            raise Failed(f"training on {FIT} frames raised {self._training}")
+        """Return the report of the training. Raises what it raised when it did not end."""
+        if isinstance(self._training, BaseException):
+            raise self._training
         return self._training[1]
 
     def trained(self) -> Model:
         """Return the trained model. Raises NotApplicable when training failed, see ``fit``."""
-        if isinstance(self._training, str):
+        if isinstance(self._training, BaseException):
             raise NotApplicable("the model does not train, see fit")
         return self._training[0]
 

@@ -115,7 +115,7 @@ def _onnx(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
     import onnxruntime
 
     try:
-        model = _exported(network, example)
+        model = onnx_model(network, example)
     except Exception as error:
         raise UnavailableError(f"its network cannot be exported: {_first_line(error)}") from error
     sessions: dict[int, Any] = {}
@@ -134,8 +134,13 @@ def _onnx(network: nn.Module, example: torch.Tensor, device: str) -> Forward:
     return run
 
 
-def _exported(network: nn.Module, example: torch.Tensor) -> bytes:
-    """Return the network as an ONNX model with a free number of frames."""
+def onnx_model(network: nn.Module, example: torch.Tensor) -> bytes:
+    """Return a network as an ONNX model with a free number of frames.
+
+    Args:
+        network: In evaluation mode, on the CPU; takes "inputs" and returns "outputs".
+        example: (N, ...) inputs.
+    """
     plain = copy.deepcopy(network)
     for tensor in (*plain.parameters(), *plain.buffers()):
         tensor.data = tensor.data.contiguous()

@@ -125,6 +125,15 @@ class LearnedModel(Model):
     def prepare(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> None:
         """Learn what inputs and targets need (scales, a rest layout) before the training."""
 
+    def examples(
+        self,
+        frames: Sequence[Frame],
+        truth: Sequence[Answer],
+        rng: np.random.Generator,  # noqa: ARG002
+    ) -> Examples:
+        """Return what the network learns from, after ``prepare``; a subclass may add to it."""
+        return Examples(self.inputs(frames), self.targets(truth))
+
     def initialise(self, network: Any, training: Examples) -> None:
         """Set what is known of the network's state before the first step."""
 
@@ -171,7 +180,7 @@ class LearnedModel(Model):
         mixed, contacts = self._mixtures(frames, truth, rng, notes)
         frames, truth = [*frames, *mixed], [*truth, *contacts]
         self.prepare(frames, truth)
-        training = Examples(self.inputs(frames), self.targets(truth))
+        training = self.examples(frames, truth, rng)
         held_out, held_out_truth = self._usable(*validation)
         network = self._build(seeds.init)
         self.initialise(network, training)

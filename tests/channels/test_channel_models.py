@@ -60,6 +60,15 @@ def test_presses_are_read(trained: Any, press_skin: Any) -> None:
     assert np.mean(errors) < {"nearest": 1.5, "kernel": 0.8, "pins": 0.8}[name]
 
 
+def test_a_frame_alone_is_read_as_among_others(trained: Any, press_skin: Any) -> None:
+    _, model, _ = trained
+    frames, _ = press_skin(20, 8)
+    alone = [answer for frame in frames for answer in model.predict([frame])]
+    for one, other in zip(alone, model.predict(frames), strict=True):
+        assert np.allclose(one.xy, other.xy, atol=1e-5)
+        assert np.allclose(one.depth, other.depth, atol=1e-5)
+
+
 def test_an_untouched_skin_is_no_contact(trained: Any, press_skin: Any) -> None:
     name, model, _ = trained
     if name == "nearest":

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from tactibench import UserError
-from tactibench.datasets import ChannelKind, ImportOptions, import_folder, open_recording, verify
+from tactibench.datasets import (
+    ChannelKind,
+    ImportOptions,
+    guess_mapping,
+    import_folder,
+    open_recording,
+    read_mapping,
+    verify,
+    write_mapping,
+)
 
 LABELS = np.array([[10.0, 274.0, 5.0, 143.5], [10.5, 274.00003, 5.0, 142.0], [11, 276, 7, 141]])
 TIPS = {
@@ -171,3 +180,21 @@ def test_a_place_that_is_come_back_to_is_one_press(tmp_path: Path) -> None:
     presses = np.array(places(tmp_path, (grid + jitter).reshape(-1, 2))).reshape(5, -1)
     assert (presses == presses[0]).all()
     assert len(set(presses[0])) == len(grid)
+
+
+def test_columns_beside_channels_are_guessed(tmp_path: Path) -> None:
+    folder = tmp_path / "skin"
+    folder.mkdir()
+    labels = np.column_stack([np.random.default_rng(1).uniform(-5, 5, (9, 2)), np.arange(9.0)])
+    write(folder / "poses.csv", labels, "stage_x,stage_y,indentation")
+    write(folder / "field.csv", labels, "a,b,c")
+    guess = guess_mapping(folder, ["channels=field.csv"])
+    expected = {"x": "stage_x", "y": "stage_y", "depth": "indentation", "surface": "flat"}
+    assert expected.items() <= guess.options.items()
+    mapping = tmp_path / "skin.toml"
+    write_mapping(mapping, guess)
+    assert len(open_recording(folder, read_mapping(mapping))) == 9
+    with pytest.raises(UserError, match=r"no other CSV file beside the channels field\.csv"):
+        guess_mapping(folder, ["channels=field.csv", "table=field.csv"])
+    with pytest.raises(UserError, match="--param channels=FILE"):
+        guess_mapping(folder)

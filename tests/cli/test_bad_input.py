@@ -21,7 +21,7 @@ UNET = ("run", "exp2", "--model", "unet")
     ("arguments", "words"),
     [
         (["runn"], ["unknown command 'runn'", "did you mean 'run'?"]),
-        (["zzz"], ["unknown command 'zzz'", "known: board, check, compare, data, describe"]),
+        (["zzz"], ["unknown command 'zzz'", "known: board, check, compare, data, demo, describe"]),
         (["run"], ["Missing argument 'PROTOCOL'", "tactibench run --help"]),
         (["run", "exp1"], ["Missing option '--model'", "tactibench run --help"]),
         (["run", "exp1", "--model"], ["'--model' requires an argument"]),
@@ -121,7 +121,7 @@ def test_a_protocol_file_with_a_mistake(refused: Any, tmp_path: Path, edit: str)
 
 def test_a_metric_that_is_not_there(cli: Any, tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
-    file.write_bytes(EXP1.read_bytes().replace(b'"r2",', b'"r3",'))
+    file.write_bytes(EXP1.read_bytes().replace(b'"r2",', b'"r3",').replace(b'"exp1"', b'"mine"'))
     code, _, err = cli("run", file, "--model", "mean", "--quick")
     assert code == 2
     assert "'r3'" in err

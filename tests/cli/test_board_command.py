@@ -32,8 +32,8 @@ def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored_run):
     )
     assert Path("leaderboards/exp1.md").read_text() == "better numbers"
     cli("board", "write")
-    Path("leaderboards/exp2.md").unlink()
-    assert "leaderboards/exp2.md is not" in cli("board", "check")[2]
+    Path("leaderboards/exp1.md").unlink()
+    assert "leaderboards/exp1.md is not" in cli("board", "check")[2]
 
 
 def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):

@@ -22,6 +22,7 @@ LINE = (
 def protocol(tmp_path: Path) -> Path:
     """exp3 with few presses."""
     text = protocol_files()["exp3"].read_text(encoding="utf-8")
+    text = text.replace('id = "exp3"', 'id = "short"')
     for key in ("count", "per_distance", "test", "validation"):
         text = re.sub(rf"^{key} = \d+", f"{key} = 6", text, flags=re.MULTILINE)
     path = tmp_path / "short.toml"
@@ -36,9 +37,9 @@ def test_a_protocol_becomes_a_data_set(cli: Any, tmp_path: Path, protocol: Path)
     assert out == "set: 18 samples of tactip-127 written\n"
     dataset = open_dataset(tmp_path / "set")
     assert dataset.header.status == "closed"
-    assert dataset.header.source["protocol"] == "exp3@1"
+    assert dataset.header.source["protocol"] == "short@1"
     assert dataset.images(dataset.samples).shape == (18, 32, 32)
-    assert set(dataset.splits) == {"exp3-single", "exp3-multiple"}
+    assert set(dataset.splits) == {"short-single", "short-multiple"}
     kinds = {s.scene.indenter.name for s in dataset.samples if s.scene is not None}
     assert kinds == {"single", "dual", "triple"}
     assert verify(tmp_path / "set") == []

@@ -197,7 +197,8 @@ def test_an_interrupt_during_training_is_one_sentence_and_leaves_a_resumable_run
         process.kill()
         process.communicate()
     assert process.returncode == 130, err
-    assert err.strip() == "tactibench: stopped; the same command continues where it was."
+    last = err.strip().splitlines()[-1]  # before it may stand how far the training was
+    assert last == "tactibench: stopped; the same command continues where it was."
     assert out.startswith("plan: ")
     assert_whole(folder)
     assert not (folder / "runs").exists()

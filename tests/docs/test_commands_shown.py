@@ -78,11 +78,12 @@ def check_names(options: dict[str, object]) -> None:
     """Model, sensor, encoder, protocol and their parameters are known. Raises UserError."""
     protocol = options.get("protocol")
     if isinstance(protocol, str) and re.fullmatch(r"[a-z0-9]+", protocol):
-        assert protocol in protocol_files(), protocol
+        examples = (ROOT / "docs" / "examples" / "protocols").glob("*.toml")
+        assert protocol in {*protocol_files(), *(path.stem for path in examples)}, protocol
     named = {}
     for kind, catalogue in zip(("model", "sensor", "encoder"), HOST.catalogues, strict=True):
         name = options.get(kind)
-        if isinstance(name, str) and name not in OWN and "," not in name:
+        if isinstance(name, str) and name not in OWN and not re.search(r",|\.zip$", name):
             named[kind] = catalogue[name]
     named.setdefault("sensor", HOST.sensors["tactip-127"])
     for text in [*_texts(options.get("params")), *_texts(options.get("tests"))]:

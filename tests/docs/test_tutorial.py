@@ -54,7 +54,7 @@ def page() -> list[Block]:
 
 @pytest.mark.long
 def test_the_quick_blocks_run_and_print_what_is_shown(tmp_path: Path) -> None:
-    assert run_page([block for block in page() if not block.slow], tmp_path) == 5
+    assert run_page([block for block in page() if not block.slow], tmp_path) == 6
 
 
 @pytest.mark.slow

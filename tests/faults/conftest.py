@@ -22,7 +22,7 @@ from tactibench.run.timing import Speed
 @pytest.fixture
 def plan(tmp_path: Path) -> Callable[[], RunPlan]:
     """A new plan of the same run, on the cache of this test."""
-    protocol = Lab(tmp_path / "lab").protocols / "exp1.toml"
+    protocol = Lab(tmp_path / "lab", "few-").protocols / "few-exp1.toml"
     return lambda: make_plan(RunRequest(str(protocol), "tiny"), tiny_host(), tmp_path / "cache")
 
 
@@ -43,7 +43,7 @@ def run(
 def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Record]:
     """Cache, store and protocols of one undisturbed run, to be copied, and its record."""
     folder = tmp_path_factory.mktemp("first")
-    protocol = Lab(folder / "lab").protocols / "exp1.toml"
+    protocol = Lab(folder / "lab", "few-").protocols / "few-exp1.toml"
     request = RunRequest(str(protocol), "tiny")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evaluation, "time_model", lambda *_, **__: Speed())

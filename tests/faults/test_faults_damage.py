@@ -150,4 +150,4 @@ def test_a_damaged_run_is_named_when_runs_are_added_to_a_board(copied: Path) -> 
     (name,) = run_names(store)
     (store / name / RECORD).write_text("{")
     with pytest.raises(UserError, match=name):
-        _complete_runs(store, ("exp1-*",))
+        _complete_runs(store, ("few-exp1-*",))

@@ -15,7 +15,7 @@ import pytest
 
 from tactibench import Frame, Indenter, Pose, Scene, UserError
 from tactibench.frames import cache as generated
-from tactibench.frames.cache import FrameRecipe, folder_of, is_cached, open_frames
+from tactibench.frames.cache import FrameRecipe, count_missing, folder_of, is_cached, open_frames
 
 RequestOf = Callable[..., FrameRecipe]
 
@@ -339,3 +339,34 @@ def test_a_rest_frame_of_another_shape_is_refused(request_of: RequestOf, tmp_pat
     request = replace(one, build=lambda context: Misshapen(one.build(context)), seed=(8, 1, 0))
     with pytest.raises(UserError, match=r"rest frame of shape \(3, 3\)"):
         open_frames(request, tmp_path)
+
+
+@pytest.mark.parametrize("count", [7, 10, 14])
+def test_whole_chunks_are_taken_from_a_longer_set(
+    request_of: RequestOf, counter: Any, tmp_path: Path, count: int
+) -> None:
+    alone = open_frames(request_of(count), tmp_path / "a")
+    open_frames(request_of(25), tmp_path / "b")
+    short = replace(request_of(count), longer=request_of(25))
+    assert short.key == request_of(count).key
+    assert count_missing(request_of(count), tmp_path / "b") == count
+    assert count_missing(short, tmp_path / "a") == 0
+    assert count_missing(short, tmp_path / "b") == count % 7
+    counter.presses = 0
+    cut = open_frames(short, tmp_path / "b")
+    assert counter.presses == count % 7
+    assert cut.hash == alone.hash
+    one, other = (folder_of(tmp_path / name, short.key) for name in "ab")
+    for path in one.iterdir():
+        assert path.read_bytes() == (other / path.name).read_bytes(), path.name
+
+
+def test_a_damaged_longer_set_is_not_used(
+    request_of: RequestOf, counter: Any, tmp_path: Path
+) -> None:
+    open_frames(request_of(25), tmp_path)
+    path = folder_of(tmp_path, request_of(25).key) / "poses.npy"
+    path.write_bytes(path.read_bytes()[:-1])
+    counter.presses = 0
+    open_frames(replace(request_of(14), longer=request_of(25)), tmp_path)
+    assert counter.presses == 14

@@ -79,6 +79,8 @@ EXPLAINED = {
         "tactibench_heatmaps/least_squares.py",
         "_gauss_newton_step",
     ): "a peak of one cell has a singular matrix",
+    ("tactibench_pins/augmentation.py", "_unlikelihood"): "channels that never change have no "
+    "variance to take the logarithm of; NaN in them is refused before",
     ("tactibench_heatmaps/dark.py", "_move_peak"): KEEPS + "a map of 0 has no logarithm",
 }
 """Function -> why its constant hides nothing."""

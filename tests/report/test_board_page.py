@@ -62,6 +62,14 @@ def test_an_earlier_version_keeps_its_page_and_the_present_one_links_to_it(tmp_p
     assert "exp1@1.md" not in pages
 
 
+def test_a_protocol_without_records_has_no_page_unless_it_had_one(tmp_path):
+    (tmp_path / "submissions").mkdir()
+    assert page_files(tmp_path) == []
+    (tmp_path / "fine.md").write_text("a row was here")
+    (page,) = page_files(tmp_path)
+    assert (page.path.name, page.records, page.current) == ("fine.md", 0, False)
+
+
 def test_the_order_of_the_records_does_not_matter(fabricate):
     records = [fabricate(model=m, seed=s, encoder=None) for m in ("cnn", "mean") for s in range(3)]
     assert made(records) == made(records[::-1]) == made(records[3:] + records[:3])

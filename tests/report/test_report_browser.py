@@ -12,6 +12,7 @@ if chromium() is None:
 READY = "html[data-ready]"
 PHONE = {"width": 390, "height": 800}
 PATIENCE_MS = 120_000
+CLIPPED = "[...document.querySelectorAll('.scroll')].filter(d => d.scrollWidth > d.clientWidth + 1)"
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +28,16 @@ def files(tmp_path_factory, page_of, report_data, hostile):
     folder = tmp_path_factory.mktemp("pages")
     for name, made in (("plain", report_data), ("hostile", hostile)):
         (folder / f"{name}.html").write_text(page_of(made), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory, report_data):
+    from tactibench.report.html.page import site_pages
+
+    folder = tmp_path_factory.mktemp("site")
+    for name, text in site_pages(report_data):
+        (folder / name).write_text(text, encoding="utf-8")
     return folder
 
 
@@ -66,7 +77,7 @@ def tab(browser, files):
 
 def test_every_picture_is_shown_without_a_word_or_a_request(tab):
     tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-    for choice in tab.page.locator("select").all():
+    for choice in tab.page.locator("select[data-options]").all():
         options = choice.locator("option").count()
         name = choice.get_attribute("data-options")
         for number in range(options):
@@ -99,13 +110,15 @@ def test_a_head_sorts_by_click_and_by_key_numbers_as_numbers(tab):
 
 
 def test_rows_without_a_number_stay_last(tab):
-    table = tab.page.locator("#exp1-0 .tables table.board").first
-    heads = [head.inner_text() for head in table.locator("th").all()]
-    number = heads.index("sd") if "sd" in heads else 7
-    button = table.locator("th").nth(number).locator("button")
+    tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    gaps = "table.board:has(tbody tr + tr td.n .na):has(td[data-v])"
+    table = tab.page.locator(gaps).first
+    cells = table.locator("tbody tr", has=tab.page.locator("td.n .na")).first.locator("td")
+    number = next(k for k, text in enumerate(cells.all_inner_texts()) if text == "n/a")
     for _ in range(2):
-        button.click()
+        table.locator("th").nth(number).locator("button").click()
         assert tab.column(table, number)[-1] == "n/a"
+        assert tab.column(table, number)[0] != "n/a"
 
 
 def test_rows_can_be_filtered(tab):
@@ -132,12 +145,61 @@ def test_the_theme_follows_the_system_and_the_button(browser, files):
     tab.context.close()
 
 
-def test_a_phone_scrolls_tables_and_not_the_page(browser, files):
-    tab = Tab(browser, files / "plain.html", viewport=PHONE, is_mobile=True, has_touch=True)
+@pytest.mark.parametrize("width", [1280, 768, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_column_is_clipped_and_the_page_does_not_scroll_sideways(browser, files, width, scheme):
+    size = {"width": width, "height": 800}
+    tab = Tab(browser, files / "plain.html", viewport=size, color_scheme=scheme)
     tab.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
-    assert tab.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
-    wide = "[...document.querySelectorAll('.scroll')].some(d => d.scrollWidth > d.clientWidth)"
-    assert tab.page.evaluate(wide)
+    tab.page.wait_for_function(f"{CLIPPED}.length === 0")  # folds tell that they opened a bit later
+    assert tab.page.evaluate("document.documentElement.scrollWidth") <= width
+    tab.context.close()
+
+
+def test_rows_are_cards_on_a_phone_and_every_cell_has_its_head(browser, files):
+    tab = Tab(browser, files / "plain.html", viewport=PHONE, is_mobile=True, has_touch=True)
+    box = tab.page.locator("#exp1-0 .scroll.cards").first
+    cells = box.locator("tbody tr").first.locator("td")
+    heads = [cell.get_attribute("data-head") for cell in cells.all()]
+    assert "model" in heads
+    assert any(head.startswith("MAE") for head in heads)
+    number = next(k for k, head in enumerate(heads) if head.startswith("MAE"))
+    before = tab.column(box, number)
+    box.locator(".sortby select").select_option(str(number))
+    assert tab.column(box, number) == sorted(before, key=float)
+    box.locator(".sortby select").select_option("")
+    assert tab.column(box, number) == before
+    tab.context.close()
+
+
+def test_a_link_to_a_row_opens_what_hides_it(browser, site):
+    index = Tab(browser, site / "index.html")
+    link = index.page.locator("#glance td.who a").first
+    name = link.get_attribute("href")
+    file, anchor = name.split("#")
+    link.click()
+    index.page.wait_for_selector(READY, state="attached")
+    row = index.page.locator(f"[id='{anchor}']")
+    assert index.page.url.endswith(f"{file}#{anchor}")
+    assert row.is_visible()
+    assert "linked" in row.get_attribute("class")
+    fold = index.page.locator(f"details.sensor:has([id='{anchor}'])")
+    index.page.evaluate("location.hash = ''")
+    fold.evaluate("fold => { fold.open = false; }")
+    assert not row.is_visible()
+    index.page.evaluate(f"location.hash = '{anchor}'")
+    row.wait_for(state="visible")
+    index.context.close()
+
+
+def test_pages_of_a_site_lead_to_each_other(browser, site):
+    tab = Tab(browser, site / "exp1.html")
+    tab.page.locator("nav a", has_text="exp2").click()
+    tab.page.wait_for_selector(READY, state="attached")
+    assert tab.page.url.endswith("exp2.html")
+    tab.page.locator("nav a", has_text="All boards").click()
+    assert tab.page.url.endswith("index.html")
+    assert tab.said == []
     tab.context.close()
 
 

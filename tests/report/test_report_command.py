@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -19,9 +20,24 @@ def test_one_file_is_written(cli, made_store, tmp_path):
     assert b'id="exp1"' not in (tmp_path / "report.html").read_bytes()
 
 
+def test_a_site_has_an_index_a_page_a_protocol_and_a_link_a_row(cli, made_store, tmp_path):
+    code, out, err = cli("report", "--store", made_store, "--site", "public/boards")
+    assert (code, err) == (0, "")
+    folder = tmp_path / "public" / "boards"
+    assert "index.html: 3 pages" in out
+    assert {path.name for path in folder.iterdir()} >= {"index.html", "exp1.html", "exp2.html"}
+    index = (folder / "index.html").read_text(encoding="utf-8")
+    links = re.findall(r'href="([a-z0-9-]+\.html)#([a-z0-9-]+)"', index)
+    assert links
+    for file, anchor in links:
+        assert f'<tr id="{anchor}">' in (folder / file).read_text(encoding="utf-8")
+    assert 'id="exp2"' not in (folder / "exp1.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("--out", "page.html", "--site", "public"), "--out names one file and --site a folder"),
         (("--out", "page.pdf"), "page.pdf is no HTML file; call it page.html"),
         (("--out", "none/page.html"), "the folder none is not there"),
         (("--protocol", "exp22"), "unknown protocol 'exp22'; did you mean 'exp2'"),

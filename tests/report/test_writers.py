@@ -59,7 +59,7 @@ HTML = {
     "time": ' data-v="245">4 min 5 s<',
     "italic": "><em>mean</em><",
     "code": "><code>0123</code><",
-    "missing": ">n/a<",
+    "missing": '><span class="na">n/a</span><',
 }
 TERMINAL = {
     "number": "0.051",

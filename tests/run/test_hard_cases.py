@@ -42,7 +42,7 @@ def hard(tmp_path: Path, host: Any) -> str:
         assert long in text
         text = re.sub(rf"^{re.escape(long)}", short, text, flags=re.MULTILINE)
     path = tmp_path / "hard.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text.replace('id = "stability"', 'id = "hard"'), encoding="utf-8")
     return str(path)
 
 
@@ -171,7 +171,7 @@ def test_a_sensor_without_the_parameter_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(
         UserError,
-        match=r"family 'sharp' of protocol 'stability' changes the "
+        match=r"family 'sharp' of protocol 'hard' changes the "
         r"sensor: 'other' has no parameter 'offset'",
     ):
         planned(hard, sensor="other")

@@ -37,7 +37,7 @@ def committed(mini: Callable[[str], str], tmp_path: Path, monkeypatch: Any) -> H
     monkeypatch.setattr(module, "shipped_folder", lambda _: tmp_path)
     protocol = load_protocol(mini("exp1"))
     seed = given_seed(protocol)
-    (tmp_path / "exp1.toml").write_text(commitment_text(protocol, seed))
+    (tmp_path / "few-exp1.toml").write_text(commitment_text(protocol, seed))
     return seed
 
 
@@ -74,7 +74,7 @@ def test_the_seed_is_nowhere_on_the_disk(
 
 
 def test_seeds_of_protocols_and_versions_differ() -> None:
-    asked = ("exp1@1 ab", "exp1@2 ab", "exp2@1 ab")
+    asked = ("few-exp1@1 ab", "few-exp1@2 ab", "few-exp2@1 ab")
     seeds = [HiddenSeed(question, b"x" * 32) for question in asked]
     assert len({seed.commitment for seed in seeds}) == len({seed.data_seed for seed in seeds}) == 3
     assert seeds[0].data_seed.bit_length() > 128
@@ -91,7 +91,7 @@ def test_another_seed_and_damaged_hashes_are_refused(
         committed_seed(protocol)
     assert SECRET[::-1] not in str(told.value)
     for text, words in (("sha256 = 3", "key 'sha256' must be"), ("=", "is no TOML file")):
-        (tmp_path / "exp1.toml").write_text(text)
+        (tmp_path / "few-exp1.toml").write_text(text)
         with pytest.raises(UserError, match=words):
             committed_seed(protocol)
 

@@ -79,7 +79,7 @@ def test_groups_are_the_true_distances(planned: Planned) -> None:
     ("request_", "said"),
     [
         ({"model": "tinny"}, "did you mean 'tiny'?"),
-        ({"model": "tiny-plate"}, "answers plate, but protocol 'exp1' asks for contacts"),
+        ({"model": "tiny-plate"}, "answers plate, but protocol 'few-exp1' asks for contacts"),
         ({"regime": "several"}, "no regime 'several'"),
         ({"model": "tiny-one", "regime": "multiple"}, "cannot be trained in regime 'multiple'"),
         ({"sensor": "tactip-128"}, "did you mean 'tactip-127'"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ import pytest
 from tactibench import Pose, Scene, UserError
 from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.records.answers import unpack_contacts
-from tactibench.records.store import StoredRun, open_run
+from tactibench.records.store import StoredRun, open_run, run_names, unscored_run
 from tactibench.run import timing as speed
+from tactibench.run.execute import execute
+from tactibench.run.reporter import NullReporter
 from tactibench.run.score import metric_differences, rescore, score_arrays
 
 Run = Callable[..., StoredRun]
@@ -235,12 +238,9 @@ def test_scoring_again_is_identical(
     spec = planned("exp2").protocol.spec
     arrays = (done.arrays(part) for part in ("truth", "predictions", "maps"))
     assert not metric_differences(done.record.metrics, score_arrays(spec, *arrays))
-    with pytest.raises(UserError, match="run the protocol again"):
-        rescore(done)  # the shipped exp2 is another
-    from tactibench.protocols import loader
-
-    mini = {"exp2": tmp_path / "protocols" / "exp2.toml"}
-    monkeypatch.setattr(loader, "protocol_files", lambda: mini)
+    with pytest.raises(UserError, match="TACTIBENCH_PROTOCOLS"):
+        rescore(done)
+    monkeypatch.setenv("TACTIBENCH_PROTOCOLS", str(tmp_path / "protocols"))
     assert rescore(done) == done.record
     changed = [
         done.record.metrics[0].model_copy(update={"value": 9.0}),
@@ -262,3 +262,53 @@ def test_bounds_and_surfaces_are_read_from_the_cache(run: Run, tiny: Any, monkey
     monkeypatch.setattr(tiny.TinySensor, "surface", lambda *_: pytest.fail("computed again"))
     monkeypatch.setattr(tiny.TinySensor, "bound", lambda *_: pytest.fail("computed again"))
     assert run("exp1", store="again").record.metrics == one.record.metrics
+
+
+@pytest.mark.parametrize("error", [ValueError("nan"), UserError("a broken invariant.")])
+def test_answers_that_cannot_be_scored_are_kept_and_scored_later(
+    run: Run, planned: Any, tiny: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Any
+) -> None:
+    def fail(*_: Any) -> Any:
+        raise error
+
+    monkeypatch.setattr("tactibench.run.score.score_arrays", fail)
+    name = planned("exp1").name
+    with pytest.raises(UserError, match=f"kept: the same command, or `tactibench score {name}`"):
+        run("exp1")
+    store = tmp_path / "runs"
+    assert run_names(store) == []
+    monkeypatch.setattr("tactibench.run.score.score_arrays", score_arrays)
+    tiny.TinyModel.shown.clear()
+    done = run("exp1")
+    assert tiny.TinyModel.shown == [], "the model is not asked again"
+    assert value(done, "missed") == 0.0
+    assert run_names(store) == [name]
+    assert unscored_run(store, name) is None
+
+
+def test_a_fresh_run_does_not_score_what_was_kept(
+    planned: Any, tiny: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, store = planned("exp1"), tmp_path / "runs"
+    with monkeypatch.context() as broken:
+        broken.setattr("tactibench.run.score.score_arrays", lambda *_: 1 / 0)
+        with pytest.raises(UserError, match="ZeroDivisionError"):
+            execute(plan, store, NullReporter())
+    tiny.TinyModel.shown.clear()
+    execute(plan, store, NullReporter(), fresh=True)
+    assert tiny.TinyModel.shown
+
+
+def test_a_full_disk_while_the_score_is_stored_keeps_the_answers(
+    planned: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, store = planned("exp1"), tmp_path / "runs"
+
+    def full(*_: Any) -> Any:
+        raise OSError(errno.ENOSPC, "full")
+
+    with monkeypatch.context() as disk:
+        disk.setattr("tactibench.run.score.complete_run", full)
+        with pytest.raises(OSError, match="full"):
+            execute(plan, store, NullReporter())
+    assert unscored_run(store, plan.name) is not None

@@ -20,7 +20,12 @@ from tactibench.scaffold.package import Names, check_name, render_templates, wri
 HOST = PluginHost()
 
 
-TEMPLATES = [*((kind, "") for kind in KINDS), ("sensor", "skin")]
+TEMPLATES = [
+    *((kind, "") for kind in KINDS),
+    ("sensor", "skin"),
+    ("model", "torch"),
+    ("model", "sklearn"),
+]
 each_template = pytest.mark.parametrize(("kind", "template"), TEMPLATES)
 
 
@@ -42,7 +47,8 @@ def test_every_file_is_whole(kind: str, template: str) -> None:
         if name.endswith(".py"):
             ast.parse(text)
             assert max(map(len, text.splitlines())) <= 100
-    assert f"class TwoWords({kind.title()}):" in files[f"tactibench_two_words/{kind}.py"]
+    base = "LearnedModel" if template == "torch" else kind.title()
+    assert f"class TwoWords({base}):" in files[f"tactibench_two_words/{kind}.py"]
     project = tomllib.loads(files["pyproject.toml"])["project"]
     assert project["name"] == "tactibench-two-words"
     assert project["entry-points"]["tactibench"] == {"two_words": "tactibench_two_words.hooks"}

@@ -20,6 +20,8 @@ def cli(
     """Arguments, or a whole command line -> exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    # A busy machine must not put a line of progress where a test wants nothing.
+    monkeypatch.setattr("tactibench.report.progress.INTERVAL_S", 3600.0)
 
     def called(*arguments: str | Path) -> Result:
         capsys.readouterr()

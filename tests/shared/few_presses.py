@@ -1,4 +1,4 @@
-"""exp1, exp2 and exp3 as files with few presses."""
+"""exp1, exp2 and exp3 with few presses, as protocols of one's own: few-exp1 and so on."""
 
 from __future__ import annotations
 
@@ -17,12 +17,16 @@ NUMBERS = {
 }
 
 
-def few_presses(folder: Path) -> dict[str, Path]:
-    """Write them into a new folder; name -> file."""
+def few_presses(folder: Path, prefix: str = "few-") -> dict[str, Path]:
+    """Write them and their boards into a new folder; name -> file. prefix: of their ids."""
     folder.mkdir()
-    files = {name: folder / f"{name}.toml" for name in ("exp1", "exp2", "exp3")}
+    files = {name: folder / f"{prefix}{name}.toml" for name in ("exp1", "exp2", "exp3")}
     for name, path in files.items():
-        text = protocol_files()[name].read_text(encoding="utf-8")
+        shipped = protocol_files()[name]
+        text = shipped.read_text(encoding="utf-8")
+        text = text.replace(f'id = "{name}"', f'id = "{prefix}{name}"')
+        board = shipped.with_suffix(".board.toml").read_text(encoding="utf-8")
+        path.with_suffix(".board.toml").write_text(board, encoding="utf-8")
         for long, short in NUMBERS.items():
             text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
         path.write_text(text, encoding="utf-8")

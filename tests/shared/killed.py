@@ -28,7 +28,7 @@ CHANGES = {"os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.truncate", "os.
 GROWS = {"os.mkdir", "os.rename", "fsync", "open"}
 """Operations that a full disk refuses; things can still be removed."""
 UNTIMED = ("created", "environment", "speed", "timed", "efficiency")
-OUTCOMES = ("right", "named", "lost", "silent")
+OUTCOMES = ("right", "named", "lost", "twice", "hung", "silent")
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,18 @@ def _files(folder: Path) -> dict[str, str]:
     }
 
 
-def _data_set(folder: Path) -> Any:
+def _data_set(folder: Path, name: str = "set") -> Any:
     """Of every sample all but when it was taken; the files, verified."""
     from tactibench.datasets import open_dataset, verify
 
-    data = open_dataset(folder / "set")
+    path = folder / name
+    data = open_dataset(path)
     samples = [(s.id, s.sha256, s.scene) for s in data.samples]
-    return verify(folder / "set"), data.header.status, samples, _files(folder / "set" / "images")
+    return verify(path), data.header.status, samples, _files(path / "images")
+
+
+def _imported(folder: Path) -> Any:
+    return _data_set(folder, "new")
 
 
 def _weights(folder: Path) -> Any:
@@ -101,14 +106,39 @@ def _board(folder: Path) -> Any:
     return _files(folder / "leaderboards"), _files(folder / "runs")
 
 
+def _visible(folder: Path) -> Any:
+    """All that a command left in its folder but what it printed, of dated pages the name."""
+    kept = _files(folder)
+    return {
+        name: value
+        for name, value in kept.items()
+        if not name.startswith(("cache/", "output.txt")) and not name.endswith((".json", ".html"))
+    } | {name: "" for name in kept if name.endswith((".json", ".html"))}
+
+
 TRAIN = ("run", "exp1", "--model", "tiny", "--train-only")
+GENERATE = ("data", "generate", "exp1", "--count", "8", "--out", "set")
+BOARD = ("board", "add", "exp1-*")
+EXPORT = ("data", "export", "set", "folder", "--format", "bristol")
 STAGES = (
-    Stage("generate", ("data", "generate", "exp1", "--count", "8", "--out", "set"), (), _data_set),
+    Stage("generate", GENERATE, (), _data_set),
+    Stage("export", EXPORT, (GENERATE,), _visible),
+    Stage("import", ("data", "import", "folder", "new"), (GENERATE, EXPORT), _imported),
+    Stage("new", ("new", "model", "mine"), (), _visible),
     Stage("train", TRAIN, (), _weights),
     Stage("predict", RUN, (TRAIN,), _runs),
     Stage("replace", (*RUN, "--fresh"), (RUN,), _runs),
     Stage("score", ("score", "RUN", "--json", "scored.json"), (RUN,), _scored),
-    Stage("board", ("board", "add", "exp1-*"), (RUN,), _board),
+    Stage("board", BOARD, (RUN,), _board),
+    Stage("submit", ("board", "submit", "RUN"), (RUN,), _visible),
+    Stage("list", ("list", "runs", "--json", "rows.json"), (RUN,), _visible),
+    Stage("report", ("report", "--store", "runs", "--from", "runs"), (RUN,), _visible),
+    Stage(
+        "speed",
+        ("speed", "tiny", "--frames", "5", "--calls", "10", "--json", "speed.json"),
+        (RUN,),
+        _visible,
+    ),
 )
 
 
@@ -116,7 +146,7 @@ def lab_in(place: Path) -> Lab:
     """A laboratory that has imported what the stages need."""
     lab, folder = Lab(place / "lab"), place / "preloading"
     (folder / "leaderboards").mkdir(parents=True)
-    lab.preload(folder, RUN, STAGES[0].command, STAGES[-1].command)
+    lab.preload(folder, RUN, STAGES[0].command, BOARD)
     return lab
 
 

@@ -26,7 +26,7 @@ CRASHED = 70
 """Exit code of a child whose command let an exception through: a traceback, for a user."""
 
 
-def tiny_host() -> Any:
+def tiny_host(*_: Any, **__: Any) -> Any:
     """What a host offers to commands: one sensor and one model."""
     from tactibench import ModelSpec, Parameter, SensorSpec
     from tactibench.plugins.discovery import Origin
@@ -39,14 +39,18 @@ def tiny_host() -> Any:
         return Catalogue(kind, names, dict.fromkeys(names, origin), {})
 
     epochs = Parameter("epochs", 6, "passes", low=1)
+    model = ModelSpec("tiny", "tiny_tactile.trained:TrainedModel", "linear", (epochs,))
+    sensor = SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "twelve pixels")
+    kinds = {
+        "model": catalogue("model", model),
+        "sensor": catalogue("sensor", sensor),
+        "encoder": catalogue("encoder"),
+    }
     return SimpleNamespace(
-        models=catalogue(
-            "model", ModelSpec("tiny", "tiny_tactile.trained:TrainedModel", "linear", (epochs,))
-        ),
-        sensors=catalogue(
-            "sensor", SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "twelve pixels")
-        ),
-        encoders=catalogue("encoder"),
+        **{f"{kind}s": entries for kind, entries in kinds.items()},
+        catalogues=tuple(kinds.values()),
+        catalogue=kinds.__getitem__,
+        plugins=(origin,),
         commands=catalogue("command"),
         problems=(),
     )
@@ -71,13 +75,16 @@ def tiny_commands(put: Callable[[Any, str, Any], None], protocols: Path) -> None
 
 
 class Lab:
-    """folder: of the protocols. Commands run in folders of their own, with a cache there."""
+    """folder: of the protocols. Commands run in folders of their own, with a cache there.
 
-    def __init__(self, folder: Path) -> None:
+    prefix: of the protocols' ids; without one they stand for those that ship.
+    """
+
+    def __init__(self, folder: Path, prefix: str = "") -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.protocols = folder / "protocols"
         if not self.protocols.is_dir():
-            few_presses(self.protocols)
+            few_presses(self.protocols, prefix)
 
     def fork(
         self, where: Path, arguments: tuple[str, ...], before: Callable[[], None] | None = None

@@ -40,7 +40,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def asked(toy: Path, tmp_path: Path) -> Callable[[str], Path]:
     """Keys of a sweep of the small protocols on the small sensor -> its file."""
     few_presses(tmp_path / "protocols")
-    few = '"protocols/exp1.toml", "protocols/exp2.toml"'
+    few = '"protocols/few-exp1.toml", "protocols/few-exp2.toml"'
 
     def written(text: str) -> Path:
         file = tmp_path / "sweep.toml"

@@ -22,7 +22,7 @@ from tactibench.sweep.spec import read_sweep
 ASKED = """
     [[generate]]
     out = "shards"
-    protocol = "protocols/exp3.toml"
+    protocol = "protocols/few-exp3.toml"
     sensor = "toy"
 """
 
@@ -87,7 +87,8 @@ def test_a_worker_with_another_sensor_is_refused(wanted: DatasetTask) -> None:
     ("more", "says"),
     [
         (
-            '[[generate]]\nout = "../{0}/shards"\nsensor = "toy"\nprotocol = "protocols/exp1.toml"',
+            '[[generate]]\nout = "../{0}/shards"\nsensor = "toy"\n'
+            'protocol = "protocols/few-exp1.toml"',
             "again",
         ),
         ('[[generate]]\nout = "b"', r"\[\[generate\]\] 2: name what is to be pressed"),

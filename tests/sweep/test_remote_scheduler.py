@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 PATIENCE_S = 300.0
 Command = Callable[..., subprocess.CompletedProcess[str]]
-SET = '\n[[generate]]\nout = "{0}"\nprotocol = "protocols/exp3.toml"\nsensor = "toy"\n'
+SET = '\n[[generate]]\nout = "{0}"\nprotocol = "protocols/few-exp3.toml"\nsensor = "toy"\n'
 
 
 def started(*arguments: str) -> subprocess.Popen[bytes]:
@@ -82,7 +82,7 @@ def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
     assert (again.returncode, again.stderr) == (0, "")
     assert "2 cells: 2 in the store" in again.stdout
 
-    alone = ("data", "generate", "protocols/exp3.toml", "--sensor", "toy", "--out", "alone")
+    alone = ("data", "generate", "protocols/few-exp3.toml", "--sensor", "toy", "--out", "alone")
     assert tactibench(*alone).returncode == 0
     made, alone = (files(tmp_path / name, without=CLOCKED) for name in ("set", "alone"))
     assert made == alone

@@ -25,10 +25,10 @@ def test_every_combination_in_the_order_of_the_lists(
     found = cells('model = ["toy", "mean"]\nregime = ["single", "multiple"]\nseed = [0, 2]')
     assert len(found) == 2 * 2 * 2 * 2
     first, second, third = (cell.request for cell in found[:3])
-    assert Path(first.protocol).name == "exp1.toml"
+    assert Path(first.protocol).name == "few-exp1.toml"
     assert (first.model, first.regime, first.sensor, first.seed) == ("toy", "single", "toy", 0)
     assert (second.seed, third.regime, third.encoder) == (2, "multiple", None)
-    assert found[-1].label == "protocols/exp2.toml mean multiple toy seed 2"
+    assert found[-1].label == "protocols/few-exp2.toml mean multiple toy seed 2"
     assert {cell.request.device for cell in found} == {"cpu"}
 
 
@@ -67,7 +67,7 @@ def test_exclusions(cells: Callable[..., tuple[Cell, ...]]) -> None:
         model = "toy, noise=1"
         seed = [1, 2]
         [[exclude]]
-        protocol = "protocols/exp2.toml"
+        protocol = "protocols/few-exp2.toml"
     """
     found = [(cell.axes["model"], cell.request.seed) for cell in cells(text)]
     assert found == [("toy", 0), ("toy", 1), ("toy", 2), ("toy, noise=1", 0)]

@@ -19,7 +19,7 @@ def test_a_dry_run_lists_and_writes_nothing(
         regime = ["single", "multiple"]
         [[generate]]
         out = "set"
-        protocol = "protocols/exp1.toml"
+        protocol = "protocols/few-exp1.toml"
         sensor = "toy"
         count = 2
     """

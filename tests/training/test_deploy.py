@@ -165,7 +165,7 @@ def test_a_session_is_made_for_every_thread_count(network, images, monkeypatch):
     fake = SimpleNamespace(InferenceSession=Session, SessionOptions=SimpleNamespace)
     monkeypatch.setitem(sys.modules, "onnxruntime", fake)
     monkeypatch.setattr(deploy, "find_spec", lambda _: True)
-    monkeypatch.setattr(deploy, "_exported", lambda *_: b"model")
+    monkeypatch.setattr(deploy, "onnx_model", lambda *_: b"model")
     forward = prepare_forward("onnxruntime", network, fold_batch_norm, images[:1], "cpu")
     with torch.no_grad():
         torch.testing.assert_close(forward(images).clone(), network(images))

@@ -24,7 +24,8 @@ from tactibench_tactip.commands.output import (
 from tactibench_tactip.frame_check import Reference
 
 if TYPE_CHECKING:
-    from tactibench_tactip.live import Latency, LiveReading, Page, PressLoop
+    from tactibench.live import WatchPage
+    from tactibench_tactip.live import Latency, LiveReading, PressLoop
 
 REST_FRAMES = 20
 
@@ -75,7 +76,8 @@ def command(
     and --out a line in the terminal shows the contacts. The sensor must be untouched at the start.
     """
     # OpenCV draws the view; the other commands start without it.
-    from tactibench_tactip.live import Page, PressLoop, watch
+    from tactibench.live import WatchPage
+    from tactibench_tactip.live import HALF_MM, PressLoop, watch
 
     sensor = None if data is None else "recorded"
     network, label = trained_model(
@@ -91,7 +93,7 @@ def command(
         else:
             camera = stack.enter_context(Camera(settings.camera))
             rest = Reference.of(camera.fresh(time.monotonic_ns(), REST_FRAMES)).image
-        page = stack.enter_context(Page(port)) if serve else None
+        page = stack.enter_context(WatchPage(label, HALF_MM, port)) if serve else None
         display = _Display(rest, label, page)
 
         def show(reading: LiveReading) -> bool:
@@ -106,10 +108,10 @@ def command(
 class _Display:
     """The place where turns of the loop are shown: a page, a file, a line of the terminal."""
 
-    def __init__(self, rest: Image, label: str, page: Page | None) -> None:
-        from tactibench_tactip.live import Painter
+    def __init__(self, rest: Image, label: str, page: WatchPage | None) -> None:
+        from tactibench.live import PinLines
 
-        self._painter = Painter(rest)
+        self._pins = PinLines(rest)
         self._label, self._page = label, page
         self._last: LiveReading | None = None
         if page is not None:
@@ -119,9 +121,9 @@ class _Display:
         if self._last is None or reading.has_contact:
             self._last = reading
         if self._page is not None:
-            self._page.show(self._painter.draw(reading, self._label))
+            self._page.show(reading.view(self._pins))
         elif sys.stderr.isatty():
-            from tactibench_tactip.live import describe_prediction
+            from tactibench.live import describe_prediction
 
             line = f"{reading.latency_ms:6.1f} ms  {describe_prediction(reading.prediction)}"
             click.echo(f"\r{line[:100]:<100}", nl=False, err=True)
@@ -132,7 +134,9 @@ class _Display:
         if out is not None and self._last is not None:
             import cv2
 
-            cv2.imwrite(str(out), self._painter.draw(self._last, self._label))
+            from tactibench_tactip.live import Painter
+
+            cv2.imwrite(str(out), Painter(self._pins).draw(self._last, self._label))
             click.echo(f"picture: {out}")
 
 

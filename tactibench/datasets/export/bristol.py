@@ -55,7 +55,7 @@ _POSE_COLUMNS = {
     "yaw": "pose_Rz",
 }
 _MOVE_COLUMNS = {"dx": "shear_x", "dy": "shear_y", "dyaw": "shear_Rz"}
-"""How an indenter was moved sideways after first touch."""
+"""Columns of the sideways move after first touch."""
 _NOT_TURNED = "pose_Rx"
 
 

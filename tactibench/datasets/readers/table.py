@@ -61,9 +61,13 @@ class Table:
         for name in names:
             if name in self.cells:
                 return name
+        there = f"its columns are {', '.join(self.columns)}"
+        if len(names) == 1:
+            raise UserError(f"{self.path} has no column {names[0]}; {there}.")
         raise UserError(
-            f"{self.path} has no column {' or '.join(names)}; its columns are "
-            f"{', '.join(self.columns)}."
+            f"{self.path} has no column that names the frames, such as {' or '.join(names[:3])}; "
+            f"{there}. Name it with --param column=COLUMN, or let `tactibench data import FOLDER "
+            "NEW --guess` find it."
         )
 
     def numbers(self, column: str, *, allow_empty: bool = False) -> FloatArray:
@@ -84,7 +88,7 @@ class Table:
         if len(bad):
             cell = self.cells[column][bad[0]]
             raise UserError(
-                f"{self.path} row {bad[0] + 1}: {column} is {cell!r}, but a label must be a finite "
+                f"{self.path} row {bad[0] + 1}: {column} is {cell!r}, but it must be a finite "
                 f"number ({len(bad)} such row{'s' if len(bad) > 1 else ''}); {_advice(cell)}"
             )
         return numbers

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from tactibench.board.cost import machine
+from tactibench.board.grouping import row_anchor
 from tactibench.board.ranking import ranks
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.schema import Draw, Protocol
@@ -13,11 +14,18 @@ from tactibench.records.record import Record
 from tactibench.report.board_page import BoardPage
 from tactibench.report.html.figures import misses, row_latency
 from tactibench.report.html.report_data import ReportBoard
-from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
+from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
 
 
-def best_rows(boards: Iterable[tuple[ReportBoard, BoardPage]]) -> Table:
-    """Return the rows of rank 1 of every section that has two rows that are not trivial."""
+def best_rows(
+    boards: Iterable[tuple[ReportBoard, BoardPage]], link: Callable[[ReportBoard, str], str]
+) -> Table:
+    """Return the rows of rank 1 of every section that has two rows that are not trivial.
+
+    Args:
+        boards: With their pages.
+        link: Makes the link to a row out of its board and its anchor.
+    """
     heads: list[Head] = [
         "protocol",
         "measured on",
@@ -28,7 +36,7 @@ def best_rows(boards: Iterable[tuple[ReportBoard, BoardPage]]) -> Table:
         Column("p90, one thread, ms"),
         Column("seeds"),
     ]
-    rows = [cells for board, page in boards for cells in _first_rows(board, page)]
+    rows = [cells for board, page in boards for cells in _first_rows(board, page, link)]
     note = (
         "Rows of rank 1: no paired 95 % interval tells them apart from the first. Trivial rows and "
         "tables of a single row are left out."
@@ -36,7 +44,9 @@ def best_rows(boards: Iterable[tuple[ReportBoard, BoardPage]]) -> Table:
     return table(heads, rows, title="At a glance", note=note)
 
 
-def _first_rows(board: ReportBoard, page: BoardPage) -> Iterator[list[Cell]]:
+def _first_rows(
+    board: ReportBoard, page: BoardPage, link: Callable[[ReportBoard, str], str]
+) -> Iterator[list[Cell]]:
     error = board_spec(board.name).ranking
     for section in page.sections:
         ranked = ranks(board.name, section.rows, board.errors)
@@ -45,7 +55,8 @@ def _first_rows(board: ReportBoard, page: BoardPage) -> Iterator[list[Cell]]:
         for row, rank in zip(section.rows, ranked.by_row, strict=True):
             value = metric_number(row.metric(error.metric, error.group), error.decimals)
             if rank == 1 and value is not None and not row.trivial:
-                names = [board.name, section.title, row.label, f"{error.name}, {error.unit}"]
+                name = Text(row.label, link=link(board, row_anchor(row)))
+                names: list[Cell] = [board.name, section.title, name, f"{error.name}, {error.unit}"]
                 seeds = ", ".join(str(seed) for seed in row.seeds)
                 yield [*names, value, misses(row), row_latency(row), seeds]
 
@@ -89,7 +100,8 @@ def _questions(spec: Protocol) -> Iterator[tuple[str, str]]:
 
 def _draw(draw: Draw) -> str:
     count = draw.count or (draw.per_distance or 0) * len(draw.distances_mm)
-    text = f"{count:,} {draw.indenter}, tip radius {draw.radius_mm:g} mm"
+    kind = f"{draw.tips} tips" if draw.offsets_mm else draw.indenter
+    text = f"{count:,} {kind}, tip radius {draw.radius_mm:g} mm"
     if draw.distances_mm:
         low, high = min(draw.distances_mm), max(draw.distances_mm)
         each = f", {draw.per_distance} each" if draw.per_distance else ""

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from tactibench.board.cost import latency, machine
 from tactibench.board.frontier import Frontier, frontiers
 from tactibench.board.rows import Row
+from tactibench.board.sections import Section
 from tactibench.errors import UserError
 from tactibench.metrics.gospa import gospa_per_frame
 from tactibench.metrics.trials import Trials
@@ -30,16 +31,17 @@ from tactibench.report.plots.distance import (
     fitted_series,
     threshold_figure,
 )
+from tactibench.report.plots.doubling import doubling_figure
 from tactibench.report.plots.frames import worst_frames_figure
-from tactibench.report.plots.frontier import frontier_figure
+from tactibench.report.plots.frontier import frontier_figure, off_nominal
 from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.run_pictures import RunArrays
 from tactibench.report.plots.stability import stability_figure
-from tactibench.report.plots.style import image_bytes
+from tactibench.report.plots.style import CURVES, image_bytes
 from tactibench.report.table import Cell, Column, Number, Table, metric_number, table
 
-CURVES = 6
-"""Rows in one picture: more could not be told apart."""
+COLUMNS = 10
+"""Models beside each other in a heat map."""
 WORST_ROWS, WORST = 8, 3
 """Rows whose worst frames are shown, the best first, and frames of each."""
 RELIEF_ROWS = 2
@@ -72,22 +74,33 @@ MOST_POINTS = 24
 
 @dataclass(frozen=True)
 class Panel:
-    """A figure under a heading, of which one option is shown. ask: the name of the choice."""
+    """A figure under a heading, of which one option is shown.
+
+    Attributes:
+        title: The heading.
+        caption: How to read the figure.
+        options: Of the choice.
+        ask: The name of the choice.
+        folded: Whether a reader has to ask for the figure, because it is behind another.
+    """
 
     title: str
     caption: str
     options: tuple[Option, ...]
     ask: str = ""
+    folded: bool = False
 
 
-def panels(section: PageSection, board: ReportBoard) -> list[Panel]:
-    """Return the figures of one sensor."""
+def panels(
+    section: PageSection, board: ReportBoard, sections: Sequence[Section] = ()
+) -> list[Panel]:
+    """Return the figures of one sensor. sections: all of the board."""
     rows = [row for row in section.rows if not row.trivial]
     candidates = (
-        _frontier_panel(rows, board.name),
+        _frontier_panel(section.section, board.name, sections),
         *_distance_panels(rows, board, section.title),
         _curve_panel(section, board.name),
-        _stability_panel(rows, board, section.title),
+        *_stability_panels(rows, board, section.title),
         _worst_panel(rows, board),
         _relief_panel(rows, board),
     )
@@ -108,7 +121,7 @@ def misses(row: Row) -> str:
         for group in ("all", "0"):
             pooled = row.metric(metric, group)
             if pooled is not None:
-                return f"{words} {number(100 * pooled.value, 2)} %"
+                return f"{words} {number(100 * pooled.value, 2)}\N{NO-BREAK SPACE}%"
     return ""
 
 
@@ -125,25 +138,29 @@ def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
     return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
 
 
-def _frontier_panel(rows: Sequence[Row], protocol: str) -> Panel | None:
+def _frontier_panel(here: Section, protocol: str, sections: Sequence[Section]) -> Panel | None:
     error = board_spec(protocol).ranking
     if error is None:
         return None
     options = []
+    rows = [row for row in here.rows if not row.trivial]
     for name in sorted({machine(record) for row in rows for record in row.records}):
         regimes = [regime for regime in frontiers(rows, error, name) if regime.points]
         if regimes:
             words = machine_words(regimes[0].points[0].row.first)
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
+            other = off_nominal(here, sections, regimes, error)
             drawn = [_less_crowded(regime) for regime in regimes]
-            image = _image(frontier_figure(drawn, error, title="", measured_on=words))
+            figure = frontier_figure(drawn, error, off_nominal=other, title="", measured_on=words)
+            image = _image(figure)
             tables = tuple(frontier_table(regime, error) for regime in regimes)
             options.append(Option(words, image, tables, note))
     caption = (
         "p90 of one frame to contacts on one thread against the error that orders the board; bars: "
         "95 % over presses, of all seeds. Hollow: dominated beyond the intervals. Dashed: the "
-        "least error within a time. Times are compared inside one machine only."
+        "least error within a time. Off-nominal: the same models where the sensor is "
+        "not the nominal one. Times are compared inside one machine only."
     )
     return Panel("Speed against error", caption, tuple(options), "timed on")
 
@@ -195,17 +212,19 @@ def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Ite
 def _batch_options(
     rows: Sequence[T],
     draw: Callable[[Sequence[T]], Figure],
-    tabulate: Callable[[Sequence[T]], Table],
+    tabulate: Callable[[Sequence[T]], Table] | None,
     kind: Literal["png", "svg"] = "svg",
+    size: int = CURVES,
 ) -> tuple[Option, ...]:
-    """Return a picture and a table of the rows by sixes, the best first, named by their places."""
+    """Return a picture and a table for every ``size`` rows, the best first, named by places."""
     options = []
-    drawn = rows if len(rows) <= MOST_PICTURES * CURVES else rows[:CURVES]
-    for start in range(0, len(drawn), CURVES):
-        part = drawn[start : start + CURVES]
-        label = "" if len(rows) <= CURVES else f"{start + 1} to {start + len(part)}"
+    drawn = rows if len(rows) <= MOST_PICTURES * size else rows[:size]
+    for start in range(0, len(drawn), size):
+        part = drawn[start : start + size]
+        label = "" if len(rows) <= size else f"{start + 1} to {start + len(part)}"
         note = f"The best {len(drawn)} of {len(rows):,} rows." if len(drawn) < len(rows) else ""
-        options.append(Option(label, _image(draw(part), kind), (tabulate(part),), note))
+        tables = () if tabulate is None else (tabulate(part),)
+        options.append(Option(label, _image(draw(part), kind), tables, note))
     return tuple(options)
 
 
@@ -257,21 +276,33 @@ def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
     return Panel("Learning curve", caption, options, "rows")
 
 
-def _stability_panel(rows: Sequence[Row], board: ReportBoard, where: str) -> Panel | None:
+def _stability_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
     axes = board.protocol.spec.axes
     if not axes or not rows:
-        return None
+        return
+    heat = _batch_options(
+        rows,
+        lambda part: doubling_figure(part, axes, title="", measured_on=where),
+        lambda part: doubling_table(part, axes),
+        size=COLUMNS,
+    )
+    caption = (
+        "Value at which the error is twice that of the easy case; the names of the families say "
+        "from where to where their cases go. Dark: doubled early. n/a: the easy case costs more "
+        "than half the gate already. A model with a small error doubles it early."
+    )
+    yield Panel("Where the error doubles", caption, heat, "rows")
     options = _batch_options(
         rows,
-        lambda part: stability_figure(part, axes, measured_on=where),
-        lambda part: doubling_table(part, axes),
+        lambda part: stability_figure(part, axes, title="", measured_on=where),
+        None,
         "png",
     )
     caption = (
         "Every panel is a family, from the easy case on the left to the hardest on the right. A "
         "tick marks where the error is twice that of the easy case."
     )
-    return Panel("Error on hard cases", caption, options, "rows")
+    yield Panel("Error case by case", caption, options, "rows", folded=True)
 
 
 def _stored(rows: Sequence[Row], board: ReportBoard) -> Iterator[tuple[Row, RunArrays]]:

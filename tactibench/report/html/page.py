@@ -1,4 +1,4 @@
-"""The page of a report: one template fed with pages of boards and their figures.
+"""The pages of a report, one file or a site: one template fed with boards and their figures.
 
 The same data gives the same bytes. A Content-Security-Policy names the one script by its hash, so
 that nothing else runs, whatever a name or note says.
@@ -9,17 +9,20 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Any
 
 from tactibench import __version__
 from tactibench.errors import UserError
 from tactibench.report.board_page import BoardPage, PageSection, board_page
+from tactibench.report.document import Block, Group
+from tactibench.report.html.compact import compact, compact_blocks
 from tactibench.report.html.facts import best_rows, machines, plan, software
 from tactibench.report.html.figures import WITHOUT_FRAMES, Panel, panels
 from tactibench.report.html.report_data import ReportBoard, ReportData
+from tactibench.report.table import Table
 from tactibench.report.writers.html import html, prose_html, table_html
 
 POLICY = (
@@ -30,10 +33,20 @@ POLICY = (
 
 @dataclass(frozen=True)
 class SectionView:
-    """One sensor on the page. key: of its anchor. lacking: why some figures are not there."""
+    """One sensor on the page.
+
+    Attributes:
+        key: Of its anchor.
+        title: The sensor.
+        first: HTML of the table that orders the rows, with what stands before it.
+        tables: HTML of the other tables.
+        panels: The figures.
+        lacking: Why some figures are not there.
+    """
 
     key: str
     title: str
+    first: str
     tables: str
     panels: tuple[Panel, ...]
     lacking: str
@@ -50,8 +63,12 @@ class Chapter:
     published: str
 
 
+INDEX = "index.html"
+END_LINKS = (("#plan", "Plan"), ("#environment", "Environment"))
+
+
 def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: None) -> str:
-    """Return the HTML of a report.
+    """Return the HTML of a report, all in one file.
 
     Args:
         data: What it shows.
@@ -61,27 +78,91 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
         UserError: The library of the extra ``report`` is missing.
     """
     template = _template()
-    pages = [
-        (board, board_page(board.protocol, board.records, board.published, board.errors))
-        for board in data.boards
-    ]
+    pages = _board_pages(data)
     chapters = []
     for board, page in pages:
         advance(board.name)
         chapters.append(_chapter(board, page))
     advance("page")
-    records = [record for board in data.boards for record in board.records]
+    best = best_rows(pages, lambda _, anchor: f"#{anchor}")
+    links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters), *END_LINKS]
+    return _rendered(template, data, pages, chapters, links, best=best)
+
+
+def site_pages(
+    data: ReportData, *, advance: Callable[[str], None] = lambda _: None
+) -> Iterator[tuple[str, str]]:
+    """Yield the name and the HTML of every page of a site: the index, then one a protocol.
+
+    A row has the address ``PROTOCOL.html#ANCHOR``, which stays when others are added.
+
+    Args:
+        data: What the site shows.
+        advance: Is told the protocol that is being worked on.
+
+    Raises:
+        UserError: The library of the extra ``report`` is missing.
+    """
+    template = _template()
+    pages = _board_pages(data)
+    others = [(_file(board), board.name) for board, _ in pages]
+    best = best_rows(pages, lambda board, anchor: f"{_file(board)}#{anchor}")
+    index = [(INDEX, "All boards"), *others, *END_LINKS]
+    advance("page")
+    yield INDEX, _rendered(template, data, pages, [], index, best=best, here=INDEX)
+    for board, page in pages:
+        advance(board.name)
+        chapter, links = _chapter(board, page), [(INDEX, "All boards"), *others, *END_LINKS]
+        one = [(board, page)]
+        yield _file(board), _rendered(template, data, one, [chapter], links, here=_file(board))
+
+
+def _file(board: ReportBoard) -> str:
+    return f"{board.name.replace('@', '-')}.html"
+
+
+def _board_pages(data: ReportData) -> list[tuple[ReportBoard, BoardPage]]:
+    return [
+        (board, board_page(board.protocol, board.records, board.published, board.errors))
+        for board in data.boards
+    ]
+
+
+def _rendered(
+    template: Any,
+    data: ReportData,
+    pages: Sequence[tuple[ReportBoard, BoardPage]],
+    chapters: Sequence[Chapter],
+    links: Sequence[tuple[str, str]],
+    *,
+    best: Table | None = None,
+    here: str = "",
+) -> str:
+    """Return a page.
+
+    Args:
+        template: Of all pages.
+        data: For the line on where the rows are from.
+        pages: Whose plans, machines and software are listed.
+        chapters: The boards that are shown.
+        links: Address and name, of the chapters or of the other pages of a site.
+        best: Rows of rank 1; None on a page of one board.
+        here: The page's own address in a site.
+    """
+    records = [record for board, _ in pages for record in board.records]
     script = _asset("page.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     text: str = template.render(
         origin=data.origin,
         version=__version__,
+        links=links,
+        here=here,
         chapters=chapters,
         style=_asset("page.css"),
         script=script,
         policy=POLICY.format(f"sha256-{digest}"),
-        best=best_rows(pages),
-        plans=[plan(board) for board in data.boards],
+        best=best,
+        plans=[plan(board) for board, _ in pages],
         environment=[machines(records), software(records)],
     )
     return text
@@ -89,22 +170,33 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
 
 def _chapter(board: ReportBoard, page: BoardPage) -> Chapter:
     sections = tuple(
-        _section(board, section, _anchor(board.name, k)) for k, section in enumerate(page.sections)
+        _section(board, page, section, _anchor(board.name, k))
+        for k, section in enumerate(page.sections)
     )
-    published = html(page.published[1:])  # the template has its heading
+    published = html(compact_blocks(page.published[1:]))  # the template has its heading
     return Chapter(board.name, page.title, html(page.intro), sections, published)
 
 
-def _section(board: ReportBoard, section: PageSection, key: str) -> SectionView:
+def _section(board: ReportBoard, page: BoardPage, section: PageSection, key: str) -> SectionView:
     stored = any(row.first.name in board.runs for row in section.rows)
     lacking = board.protocol.spec.answer == "contacts" and not stored
+    blocks = compact_blocks(section.blocks)
+    first = next((k + 1 for k, block in enumerate(blocks) if isinstance(block, Table)), len(blocks))
     return SectionView(
         key,
         section.title,
-        html(section.blocks),
-        tuple(panels(section, board)),
+        html(blocks[:first]),
+        html(map(_folded, blocks[first:])),
+        tuple(panels(section, board, [one.section for one in page.sections])),
         WITHOUT_FRAMES.format(board.name) if lacking else "",
     )
+
+
+def _folded(block: Block) -> Block:
+    """Return a table behind its title, so that a reader sees at once which tables there are."""
+    if isinstance(block, Table) and block.title:
+        return Group(block.title, (replace(block, title=""),))
+    return block
 
 
 def _anchor(name: str, number: int) -> str:
@@ -123,9 +215,14 @@ def _template() -> Any:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    for name, write in (("table", table_html), ("prose", prose_html)):
+    for name, write in (("table", _compact_html), ("prose", prose_html)):
         environment.filters[name] = _marked(Markup, write)
     return environment.from_string(_asset("page.html.j2"))
+
+
+def _compact_html(table: Table) -> str:
+    shown = compact(table)
+    return "" if shown is None else table_html(shown)
 
 
 def _marked(markup: type[str], write: Callable[[Any], str]) -> Callable[[Any], str]:

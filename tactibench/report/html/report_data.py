@@ -61,7 +61,12 @@ class ReportData:
 
 
 def gather(
-    store: Path, board: Path, *, origin: str = AUTO, protocols: Sequence[str] = ()
+    store: Path,
+    board: Path,
+    *,
+    origin: str = AUTO,
+    protocols: Sequence[str] = (),
+    archived: bool = False,
 ) -> ReportData:
     """Read the data of a report.
 
@@ -70,15 +75,19 @@ def gather(
         board: Folder of the leaderboards.
         origin: One of ORIGINS; auto takes the store's runs where it holds complete ones, else the
             committed records.
-        protocols: Those shown; () for all that have records.
+        protocols: Those shown, an archived version by its label; () for all that have records.
+            An archived version is then left out where the present one has records.
+        archived: Whether such versions are shown all the same.
 
     Raises:
         UserError: A protocol is unknown, or there is nothing to show.
     """
     files = protocol_files()
+    versions = [version for name in files for version in protocol_versions(name)]
+    known = [version.name for version in versions]
     for name in protocols:
-        if name not in files:
-            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
+        if name not in known:
+            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, known)}")
     runs = list(stored_runs(store)) if origin != BOARD else []
     complete = [run for run in runs if not run.record.partial]
     if origin == AUTO:
@@ -87,16 +96,23 @@ def gather(
         raise UserError(_no_complete_run(store, len(runs)))
     if origin != RUNS:
         check_folder(board)
-    shown = [name for name in files if not protocols or name in protocols]
-    versions = [version for name in shown for version in protocol_versions(name)]
-    boards = [_board(version, complete, board, origin) for version in versions]
+    boards = [
+        _board(version, complete, board, origin)
+        for version in versions
+        if not protocols or version.name in protocols
+    ]
     boards = [one for one in boards if one.records or one.name in protocols]
+    present = {one.name for one in boards}
+    earlier = [one for one in boards if one.protocol.archived and one.protocol.spec.id in present]
+    if not (protocols or archived):
+        boards = [one for one in boards if one not in earlier]
     if not boards:
         raise UserError(
             f"there is no complete run to show, neither in {store} nor in {board}; run a protocol "
             "first, or name another store with --store."
         )
-    return ReportData(tuple(boards), _origin_sentence(origin, store, runs, boards))
+    left_out = [one for one in earlier if one not in boards]
+    return ReportData(tuple(boards), _origin_sentence(origin, store, runs, boards, left_out))
 
 
 def _board(
@@ -147,11 +163,16 @@ def _press_errors(
 
 
 def _origin_sentence(
-    origin: str, store: Path, runs: Sequence[StoredRun], boards: Sequence[ReportBoard]
+    origin: str,
+    store: Path,
+    runs: Sequence[StoredRun],
+    boards: Sequence[ReportBoard],
+    earlier: Sequence[ReportBoard],
 ) -> str:
     """Return what is shown, where it is from, and how much of the store is not shown."""
     stored = sum(len(board.runs) for board in boards)
     committed = sum(len(board.records) for board in boards) - stored
+    of_earlier = sum(len(board.runs) for board in earlier)
     shown = []
     if origin != RUNS:
         shown.append(plural(committed, "committed record"))
@@ -159,12 +180,14 @@ def _origin_sentence(
         shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
     newest = max((r.created[:10] for board in boards for r in board.records), default="")
     partial = sum(run.record.partial for run in runs)
-    other = len(runs) - partial - stored
+    other = len(runs) - partial - stored - of_earlier
     damaged = 0 if origin == BOARD else len(list(store.glob(f"[!.]*/{RECORD}"))) - len(runs)
     left = [plural(partial, "partial run")] if partial else []
     left += [plural(damaged, "run") + " that cannot be read"] if damaged else []
     if other:
         left.append(f"{plural(other, 'run')} of other protocols, or older ones of the same row")
+    for one in earlier:
+        left.append(f"{plural(len(one.records), 'record')} of {one.name} (--protocol {one.name})")
     text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
     return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tactibench.board.frontier import Frontier, Point
+from tactibench.board.frontier import Frontier, Point, elsewhere_frontiers
+from tactibench.board.sections import KINDS, Section
+from tactibench.board.sections import NOMINAL as NOMINAL_KIND
 from tactibench.protocols.board_spec import Ranking
 from tactibench.report.plots.style import (
     GREY,
@@ -28,41 +31,108 @@ from tactibench.report.plots.style import (
 Box = tuple[float, float, float, float]
 LINE_INCH, LETTER_INCH = 0.17, 0.066
 """Height of a name, and width of one of its letters."""
-PANEL_INCH = 8.2
-"""Width of a panel, nearly."""
-GAP = 0.012
-"""Between a point and its name, as a share of the panel."""
-TRIES = 8
-"""Lines that a name may be moved up or down."""
+WIDE_INCH, NARROW_INCH = 8.4, 4.3
+"""Width of a panel alone and of two beside each other, nearly."""
+HEIGHT_INCH = 3.4
+TINY = 1e-12
+"""In place of 0, which a logarithmic axis does not have."""
+GAP = 0.09
+"""Between a point and its name, inches."""
+STRANGE = 0.16
+"""Between a name and the point of another, inches."""
 FADED = 0.45
+TITLE_LETTERS = 66
+ABSENT: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": 9}
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
+NOMINAL = "nominal"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Frontiers, one a regime, of one set of test frames. title: over its panels."""
+
+    title: str
+    frontiers: tuple[Frontier, ...]
+
+
+def off_nominal(
+    here: Section, sections: Sequence[Section], nominal: Sequence[Frontier], error: Ranking
+) -> Condition | None:
+    """Return how the same configurations did where the sensor was not the nominal one.
+
+    Args:
+        here: The section of the frontiers.
+        sections: All of the board.
+        nominal: Frontiers of its rows.
+        error: That ranks.
+
+    Returns:
+        The section of the same sensor with most of the configurations; None where none has two,
+        or where the frontiers themselves are not of the nominal sensor.
+    """
+    if here.kind != NOMINAL_KIND:
+        return None
+    best: Condition | None = None
+    most = 1  # a single point shows no order
+    for section in sections:
+        if section.kind == NOMINAL_KIND or section.sensor.name != here.sensor.name:
+            continue
+        moved = elsewhere_frontiers(nominal, section.rows, error)
+        count = sum(len(frontier.points) for frontier in moved)
+        if count > most:
+            test = section.record.test_sensor
+            words = KINDS[section.kind] if test is None else test.description
+            best, most = Condition(f"off-nominal: {words}", tuple(moved)), count
+    return best
 
 
 def frontier_figure(
-    frontiers: Sequence[Frontier], error: Ranking, *, title: str = TITLE, measured_on: str = ""
+    frontiers: Sequence[Frontier],
+    error: Ranking,
+    *,
+    off_nominal: Condition | None = None,
+    title: str = TITLE,
+    measured_on: str = "",
 ) -> Figure:
-    """Draw latency against error with intervals, one panel a regime on the same log axes.
+    """Draw latency against error with intervals, one row of panels a regime, on the same log axes.
 
-    Colour and marker by model; filled: not dominated, hollow: dominated. Names stand beside their
-    points.
+    Colour and marker by model; filled: not dominated, hollow: dominated. A name stands beside its
+    point where there is room for it, those on the line first.
+
+    Args:
+        frontiers: One a regime.
+        error: That ranks.
+        off_nominal: The same configurations on other test frames, in panels to the right.
+        title: Of the picture.
+        measured_on: Printed as subtitle.
     """
-    count = max(1, len(frontiers))
-    height = 3.6
-    figure = new_figure(9.5, height * count + 1.3)
-    panels = figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    points = [point for frontier in frontiers for point in frontier.points]
+    shown = [k for k, one in enumerate(frontiers) if one.points] or list(range(len(frontiers)))[:1]
+    conditions = [Condition(NOMINAL if off_nominal else "", tuple(frontiers))]
+    conditions += [off_nominal] if off_nominal else []
+    count, across = max(1, len(shown)), len(conditions)
+    figure = new_figure(9.5, HEIGHT_INCH * count + 1.3)
+    panels = figure.subplots(count, across, sharex=True, sharey=True, squeeze=False)
+    points = [p for one in conditions for k in shown for p in one.frontiers[k].points]
     if points:
-        _set_scales(panels[0], points)
-    for axes, frontier in zip(panels, frontiers, strict=False):
-        for point in frontier.points:
-            _show_point(axes, point, hollow=point.label in frontier.dominated)
-        _show_line(axes, frontier.best)
-        _show_labels(axes, frontier, height - 0.5)
-        axes.set_title(f"trained in regime {frontier.regime}", fontsize=10, loc="left")
-    for axes in panels:
-        axes.set_ylabel(f"{error.name}, {error.unit}")
+        _set_scales(panels[0, 0], points)
+    size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
+    for line, k in zip(panels, shown, strict=False):
+        for axes, condition in zip(line, conditions, strict=True):
+            frontier = condition.frontiers[k]
+            _show_line(axes, frontier.best)
+            for point in frontier.points:
+                _show_point(axes, point, hollow=point.label in frontier.dominated)
+            _show_labels(axes, frontier, size)
+            names = filter(None, (f"trained in regime {frontier.regime}", condition.title))
+            axes.set_title(short_label(", ".join(names), TITLE_LETTERS), fontsize=9.5, loc="left")
+            if points and not frontier.points:
+                axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, **ABSENT)
+    for axes in panels.flat:
         plain(axes)
-    panels[-1].set_xlabel("one frame to contacts, p90 on one thread, ms")
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"{error.name}, {error.unit}")
+    for axes in panels[-1]:
+        axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
         models = sorted({_model(point) for point in points})
         legend_below(figure, min(5, 2 + len(models)), _legend(models))
@@ -114,6 +184,8 @@ def _set_scales(axes: Axes, points: Sequence[Point]) -> None:
 
 def _show_line(axes: Axes, best: Sequence[Point]) -> None:
     """Draw the least error that is reached within a time: steps through the best points."""
+    if not best:
+        return
     right = axes.get_xlim()[1]
     x = [point.latency.value for point in best] + [right]
     y = [point.error.value for point in best]
@@ -128,56 +200,90 @@ def _show_line(axes: Axes, best: Sequence[Point]) -> None:
     )
 
 
-def _show_labels(axes: Axes, frontier: Frontier, inches: float) -> None:
-    """Write every name beside its point, where no other name or point stands.
+def _show_labels(axes: Axes, frontier: Frontier, size: tuple[float, float]) -> None:
+    """Write names right beside their points, where no other name or point stands.
+
+    A name without room is left out, so that no line has to lead to it: the legend says the model.
 
     Args:
         axes: With its limits set.
         frontier: The points of the panel.
-        inches: Height of the panel.
+        size: Of the panel, inches.
     """
-    line = LINE_INCH / inches
     low, high = (np.log(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
     values = [(point.latency.value, point.error.value) for point in frontier.points]
-    places = [tuple((np.log(value) - low) / (high - low)) for value in values]
-    taken = [(x - GAP, y - line / 4, x + GAP, y + line / 4) for x, y in places]
-    for point, (x, y) in zip(frontier.points, places, strict=True):
+    places = [tuple((np.log(value) - low) / (high - low) * size) for value in values]
+    taken: list[Box] = []
+    lines = [
+        tuple(np.ravel((np.log(np.maximum(ends, TINY)) - low) / (high - low) * size))
+        for ends in [*_bars(frontier.points), *_steps(frontier.best, axes.get_xlim()[1])]
+    ]
+    ranked = sorted(
+        zip(frontier.points, places, strict=True),
+        key=lambda pair: (pair[0] not in frontier.best, pair[0].label in frontier.dominated),
+    )
+    for point, (x, y) in ranked:
         name = short_label(point.label)
-        width = LETTER_INCH * len(name) / PANEL_INCH
-        box = _free_box(x, y, width, line, taken)
+        width = LETTER_INCH * len(name)
+        points = [
+            _around(place, GAP if place == (x, y) else STRANGE) for place in places
+        ]  # a name must not seem to be that of another point
+        box = _free_box(x, y, width, size, [*points, *taken, *lines])
+        if box is None:  # a name across a bar is better than none
+            box = _free_box(x, y, width, size, [*points, *taken])
+        if box is None:
+            continue
         taken.append(box)
-        far = abs(box[1] + line / 2 - y) > 1.5 * line
-        leader = {"arrowstyle": "-", "color": "#AAAAAA", "linewidth": 0.6, "shrinkB": 5}
         axes.annotate(
             name,
-            (point.latency.value, point.error.value),
-            (box[0], box[1] + line / 2),
-            xycoords="data",
-            textcoords="axes fraction",
+            (box[0] / size[0], (box[1] + box[3]) / 2 / size[1]),
+            xycoords="axes fraction",
             va="center",
             fontsize=8,
             color=GREY if point.label in frontier.dominated else "black",
             annotation_clip=False,
             bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.6},
-            arrowprops=leader | {"relpos": (float(box[0] < x), 0.5)} if far else None,
         )
 
 
-def _free_box(x: float, y: float, width: float, line: float, taken: Sequence[Box]) -> Box:
-    """Return the nearest box for a name, in axes fractions: left, bottom, right, top.
+def _around(place: tuple[float, ...], gap: float) -> Box:
+    x, y = place
+    return x - gap, y - gap, x + gap, y + gap
 
-    Above, below or on the line of the point's bars, to the right before the left, then further up
-    and down.
+
+def _bars(points: Sequence[Point]) -> Iterator[list[tuple[float, float]]]:
+    """Yield the ends of all bars, lower left and upper right, in the units of the axes."""
+    for point in points:
+        x, y = point.latency, point.error
+        yield [(x.low, y.value), (x.high, y.value)]
+        yield [(x.value, y.low), (x.value, y.high)]
+
+
+def _steps(best: Sequence[Point], right: float) -> Iterator[list[tuple[float, float]]]:
+    """Yield the ends of the pieces of the line, lower left and upper right."""
+    x = [*(point.latency.value for point in best), right]
+    for k, point in enumerate(best):
+        y = point.error.value
+        yield [(x[k], y), (x[k + 1], y)]
+        if k:
+            yield [(x[k], y), (x[k], best[k - 1].error.value)]
+
+
+def _free_box(
+    x: float, y: float, width: float, size: tuple[float, float], taken: Sequence[Box]
+) -> Box | None:
+    """Return a free box for a name that touches its point, inches: left, bottom, right, top.
+
+    Above or below, to the right before the left, then above and below the middle, then beside.
     """
-    shifts = [0.8, -0.8, 0.0, *(sign * (k + 0.8) for k in range(1, TRIES) for sign in (1, -1))]
-    boxes = [
-        (left, y + (k - 0.5) * line, left + width, y + (k + 0.5) * line)
-        for k in shifts
-        for gap in [0.7 * GAP if k else 1.5 * GAP]
-        for left in (x + gap, x - gap - width)
-        if left > 0 and (k + 0.5) * line < 1 - y
-    ]
-    return next((box for box in boxes if not any(_overlap(box, t) for t in taken)), boxes[0])
+    up, half = 0.8 * LINE_INCH, LINE_INCH / 2
+    places = [(x + GAP, y + s * up) for s in (1, -1)]
+    places += [(x - GAP - width, y + s * up) for s in (1, -1)]
+    places += [(x - width / 2, y + s * 1.1 * LINE_INCH) for s in (1, -1)]
+    places += [(x + 1.6 * GAP, y), (x - 1.6 * GAP - width, y)]
+    boxes = [(left, middle - half, left + width, middle + half) for left, middle in places]
+    inside = (b for b in boxes if b[0] > 0 and b[1] > 0 and b[2] < size[0] and b[3] < size[1])
+    return next((b for b in inside if not any(_overlap(b, t) for t in taken)), None)
 
 
 def _overlap(one: Box, other: Box) -> bool:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from tactibench.report.plots.marks import FrameExample
 
-CURVES, PANELS = 6, 3
-"""Other runs in a picture of curves, and in one of panels: more could not be told apart."""
+PANELS = 3
+"""Other runs in a picture with a panel a run: more could not be told apart."""
 
 
 @dataclass(frozen=True)
@@ -109,19 +109,19 @@ def draw_pictures(run: StoredRun, others: Sequence[StoredRun]) -> list[Path]:
     spec = protocol.spec
     if spec.answer != "contacts":
         return []
-    from tactibench.report.plots.style import image_bytes
+    from tactibench.report.plots.style import CURVES, image_bytes
 
     arrays, beside = RunArrays(run, spec), runs_beside(record, others)
     figures: dict[str, Figure] = {}
     if spec.families:
-        figures["stability"] = _stability(arrays, beside[:CURVES])
+        figures["stability"] = _stability(arrays, beside[: CURVES - 1])
     else:
         if "images" in arrays.examples:  # channels show nothing at a glance
             figures |= _frame(arrays) | _features(arrays)
         if spec.test.group == "all":
             figures["errors"] = _single(arrays)
         if spec.test.group == "distance":
-            figures["distance"] = _distance(arrays, beside[:CURVES])
+            figures["distance"] = _distance(arrays, beside[: CURVES - 1])
         if spec.test.group == "indenter":
             figures |= _triple(arrays, beside[:PANELS])
     # All are rendered before the first is written: an interruption leaves all or none.

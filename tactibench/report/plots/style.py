@@ -38,6 +38,8 @@ DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
 MODELS = ("unet", "superpose", "vgnn", "mixture", "cnn", "pins", "kernel")
 """Models in the order of SERIES; any other takes a colour by its name."""
 TRIVIAL = {"nearest": (GREY, "<"), "mean": (GREY, ">")}
+CURVES = 6
+"""Curves in one panel: more could not be told apart."""
 HEAT = "cividis"
 """Perceptually uniform, and the same to readers with and without colour blindness."""
 DPI = 150
@@ -129,10 +131,10 @@ def legend_mark(label: str, **look: Any) -> Line2D:
     return Line2D([], [], linestyle="none", label=label, **look)
 
 
-def short_label(text: str) -> str:
+def short_label(text: str, longest: int = LONGEST_LABEL) -> str:
     """Return a name as it may stand in a picture: on one line, not too long, no formula."""
     line = " ".join(text.split())
-    line = line if len(line) <= LONGEST_LABEL else f"{line[: LONGEST_LABEL - 1]}…"
+    line = line if len(line) <= longest else f"{line[: longest - 1]}…"
     return line.replace("$", r"\$")
 
 

@@ -13,6 +13,7 @@ from tactibench.report.document import (
     Block,
     Bullets,
     Fold,
+    Group,
     Heading,
     Inline,
     Paragraph,
@@ -31,10 +32,14 @@ def html(blocks: Iterable[Block]) -> str:
 
 
 def table_html(table: Table) -> str:
-    """Return a table that a page can scroll and sort, with its note below, without its title."""
+    """Return a table that a page can sort, with its note below, without its title."""
     heads = "".join(_head(column) for column in table.columns)
+    names = table.anchors or ("",) * len(table.rows)
     rows = "\n".join(
-        "<tr>" + "".join(map(_cell, row, table.columns)) + "</tr>" for row in table.rows
+        f"<tr{_id(name)}>"
+        + "".join(_cell(*pair, name) for pair in zip(row, table.columns, strict=True))
+        + "</tr>"
+        for row, name in zip(table.rows, names, strict=True)
     )
     note = f'\n<p class="note">{prose_html(table.note)}</p>' if table.note else ""
     return (
@@ -62,6 +67,11 @@ def _block(block: Block) -> str:
             f"<details><summary>{escape(block.summary)}</summary>"
             f"<pre tabindex=0>{lines}</pre></details>"
         )
+    if isinstance(block, Group):
+        return (
+            f'<details class="group"><summary>{escape(block.title)}</summary>\n'
+            f"{html(block.blocks)}</details>"
+        )
     title = f"<h4>{escape(block.title)}</h4>\n" if block.title else ""
     return title + table_html(block)
 
@@ -77,8 +87,11 @@ def _inline(part: Inline) -> str:
 def _words(text: Text | str) -> str:
     if isinstance(text, str):
         return escape(text)
+    words = escape(text.text)
+    if text.link:
+        words = f'<a href="{escape(text.link)}">{words}</a>'
     tag = _STYLES.get(text.style)
-    return f"<{tag}>{escape(text.text)}</{tag}>" if tag else escape(text.text)
+    return f"<{tag}>{words}</{tag}>" if tag else words
 
 
 def _head(column: Column) -> str:
@@ -86,9 +99,16 @@ def _head(column: Column) -> str:
     return f'<th scope="col"{_class(column)}{title}>{escape(column.head)}</th>'
 
 
-def _cell(cell: Cell, column: Column) -> str:
+def _id(name: str) -> str:
+    return f' id="{escape(name)}"' if name else ""
+
+
+def _cell(cell: Cell, column: Column, anchor: str) -> str:
     value = f' data-v="{cell.value:.10g}"' if isinstance(cell, Number) else ""
-    return f"<td{_class(column)}{value}>{_content(cell)}</td>"
+    link = ""
+    if column.who and anchor:
+        link = f'<a class="link" href="#{escape(anchor)}" aria-label="Link to this row">#</a>'
+    return f"<td{_class(column)}{value}>{_content(cell)}{link}</td>"
 
 
 def _class(column: Column) -> str:
@@ -98,7 +118,7 @@ def _class(column: Column) -> str:
 
 def _content(cell: Cell) -> str:
     if cell is None:
-        return MISSING
+        return f'<span class="na">{MISSING}</span>'
     if isinstance(cell, Number):
         lines = [escape(cell.text + cell.mark)]
         if cell.ends is not None:
@@ -106,4 +126,5 @@ def _content(cell: Cell) -> str:
         if cell.below:
             lines.append(f"<sub>{escape(cell.below)}</sub>")
         return "<br>".join(lines)
-    return _words(cell)
+    below = f"<br><sub>{escape(cell.below)}</sub>" if isinstance(cell, Text) and cell.below else ""
+    return _words(cell) + below

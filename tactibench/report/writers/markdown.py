@@ -9,6 +9,7 @@ from tactibench.report.document import (
     Block,
     Bullets,
     Fold,
+    Group,
     Heading,
     Inline,
     Paragraph,
@@ -53,6 +54,9 @@ def _block(block: Block) -> str:
         lines = (line.replace("```", "") for line in block.lines)
         summary = f"<details><summary>{block.summary}</summary>"
         return "\n".join([summary, "", "```text", *lines, "```", "", "</details>"])
+    if isinstance(block, Group):
+        heading = [Heading(block.heading, block.title)] if block.heading else []
+        return markdown([*heading, *block.blocks])
     title = [f"### {escape(block.title)}"] if block.title else []
     note = [block.note] if block.note else []
     return "\n\n".join([*title, "\n".join(table_lines(block)), *note])

@@ -9,6 +9,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text as Line
 
+from tactibench.errors import printable
 from tactibench.report.table import MISSING, Cell, Column, Number, Table, Text
 
 NARROWEST = 80
@@ -65,7 +66,7 @@ def _plain(cell: Cell) -> str:
         return MISSING
     if isinstance(cell, Number):
         return " ".join(filter(None, (str(cell) + cell.mark, cell.below)))
-    return " ".join((cell.text if isinstance(cell, Text) else cell).split(" "))
+    return printable(" ".join((cell.text if isinstance(cell, Text) else cell).split(" ")))
 
 
 def _fitting(

@@ -33,7 +33,7 @@ SHA = "ab" * 32
 @pytest.fixture
 def mini(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], LoadedProtocol]:
     """exp1, exp2 and exp3 with few presses, in place of those that ship."""
-    files = few_presses(tmp_path / "protocols")
+    files = few_presses(tmp_path / "protocols", prefix="")
     for module in (verification, loader):
         monkeypatch.setattr(module, "protocol_files", lambda: files)
     return lambda name: read_protocol(files[name])

@@ -133,7 +133,7 @@ def mixed_commas(folder):
         (write(b""), ["is empty"]),
         (write(b"image_name,pose_2,pose_6\n"), ["no rows"]),
         (write(b"image_name,pose_2,pose_2\nframe_0_0.png,1,2\n"), ["two columns 'pose_2'"]),
-        (write(b"first,pose_2\nframe_0_0.png,1\n"), ["image_name or sensor_image"]),
+        (write(b"first,pose_2\nframe_0_0.png,1\n"), ["names the frames", "column=COLUMN"]),
         (write(b"image_name,pose_2\n ,1\n"), ["row 1 names no frame"]),
         (write(b"\xff\xfe\x00junk,\xd8"), ["not a readable CSV"]),
     ],

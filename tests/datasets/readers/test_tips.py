@@ -47,12 +47,20 @@ PAIRS = {"indenter": "dual", "x": "x", "y": "y", "depth": "d", "spacing": "gap",
 def test_a_pair_is_the_press_that_was_drawn(tmp_path: Path) -> None:
     """Numbers that are written in full come back bit by bit; a row without a gap is one tip."""
     rng = np.random.default_rng(3)
-    pairs = [Scene(Indenter.dual(g), Pose(*rng.uniform(-3, 3, 2), rng.uniform(0, 360), depth=2.5))
-             for g in (6.5, 7.1, 12.0)]  # fmt: skip
+    pairs = [
+        Scene(Indenter.dual(g), Pose(*rng.uniform(-3, 3, 2), rng.uniform(0, 360), depth=2.5))
+        for g in (6.5, 7.1, 12.0)
+    ]
     rows: list[Any] = [
-        [repr(float(s.pose.x)), repr(float(s.pose.y)), 2.5, 2 * s.indenter.offsets[1][0],
-         repr(s.pose.yaw)] for s in pairs
-    ]  # fmt: skip
+        [
+            repr(float(s.pose.x)),
+            repr(float(s.pose.y)),
+            2.5,
+            2 * s.indenter.offsets[1][0],
+            repr(s.pose.yaw),
+        ]
+        for s in pairs
+    ]
     folder = folder_of(tmp_path, "x,y,d,gap,turn", [*rows, [1, 2, 3, "", ""]])
     single = Scene(Indenter.single(), Pose(1.0, 2.0, depth=3.0))
     assert scenes(folder, **PAIRS) == (*pairs, single)
@@ -117,13 +125,20 @@ def test_lists_are_as_long_as_their_cells_are_filled(tmp_path: Path) -> None:
         ("x,y,d,gap,turn", [0, 0, 1, 8, 0], {**PAIRS, "spacing": ""}, ["spacing=COLUMN"]),
         ("x,y,d,gap,turn", [0, 0, 1, 8, 0], {**PAIRS, "heights": "x"}, ["heights names 1", "2"]),
         ("x,y,d", [0, 0, 1], {"indenter": "tips", "x": "x,x", "y": "y", "depth": "d"}, ["2 for x"]),
-        ("x,y,d", [40, 0, 1], {"indenter": "tips", "x": "x,x", "y": "y,y", "depth": "d,d"},
-         ["row 1", "beside the dome"]),
-        ("x1,y1,d1,x2,y2,d2", [0, 0, 1, 5, "", 1],
-         {"indenter": "tips", "x": "x1,x2", "y": "y1,y2", "depth": "d1,d2"},
-         ["row 1", "contact 2 lacks"]),
+        (
+            "x,y,d",
+            [40, 0, 1],
+            {"indenter": "tips", "x": "x,x", "y": "y,y", "depth": "d,d"},
+            ["row 1", "beside the dome"],
+        ),
+        (
+            "x1,y1,d1,x2,y2,d2",
+            [0, 0, 1, 5, "", 1],
+            {"indenter": "tips", "x": "x1,x2", "y": "y1,y2", "depth": "d1,d2"},
+            ["row 1", "contact 2 lacks"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_mistake_is_named_with_its_row(
     tmp_path: Path, header: str, row: list[Any], given: dict[str, Any], words: list[str]
 ) -> None:
@@ -136,18 +151,30 @@ def test_a_mistake_is_named_with_its_row(
 @pytest.mark.parametrize(
     ("header", "row", "found"),
     [
-        ("X (mm),Y (mm),Indentation", [1, 2, 3],
-         {"indenter": "single", "x": "X (mm)", "depth": "Indentation", "unit": "mm"}),
-        ("tip_pos_x_m,tip_pos_y_m,pressDepth_m", [0.001, -0.002, -0.003],
-         {"x": "tip_pos_x_m", "depth": "-pressDepth_m", "unit": "m"}),
+        (
+            "X (mm),Y (mm),Indentation",
+            [1, 2, 3],
+            {"indenter": "single", "x": "X (mm)", "depth": "Indentation", "unit": "mm"},
+        ),
+        (
+            "tip_pos_x_m,tip_pos_y_m,pressDepth_m",
+            [0.001, -0.002, -0.003],
+            {"x": "tip_pos_x_m", "depth": "-pressDepth_m", "unit": "m"},
+        ),
         ("x,y,z", [101, -2, 143], {"depth": "z", "x_zero_mm": "101", "offset_mm": "-143"}),
-        ("px,py,depth,spacing,yaw", [1, 2, 3, 8, 0.4],
-         {"indenter": "dual", "spacing": "spacing", "yaw": "yaw", "angles": "rad"}),
+        (
+            "px,py,depth,spacing,yaw",
+            [1, 2, 3, 8, 0.4],
+            {"indenter": "dual", "spacing": "spacing", "yaw": "yaw", "angles": "rad"},
+        ),
         ("x_px,x_mm,y_mm,depth,force_z", [64, 2, 3, 1, 9], {"x": "x_mm", "depth": "depth"}),
-        ("x1,y1,z1,x2,y2,z2", [0, 0, 1, 5, 0, 2],
-         {"indenter": "tips", "x": "x1,x2", "depth": "z1,z2"}),
+        (
+            "x1,y1,z1,x2,y2,z2",
+            [0, 0, 1, 5, 0, 2],
+            {"indenter": "tips", "x": "x1,x2", "depth": "z1,z2"},
+        ),
     ],
-)  # fmt: skip
+)
 def test_columns_are_recognised(
     tmp_path: Path, header: str, row: list[Any], found: dict[str, str]
 ) -> None:

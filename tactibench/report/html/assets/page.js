@@ -23,8 +23,8 @@
     return cell.textContent.trim().toLowerCase();
   };
   const compare = (a, b) => (typeof a === "number" ? a - b : a.localeCompare(b, "en", { numeric: true }));
-  const sort = (table, column, head) => {
-    const ascending = head.getAttribute("aria-sort") !== "ascending";
+  const sort = (table, column, head, up = head.getAttribute("aria-sort") !== "ascending") => {
+    const ascending = up;
     const body = table.tBodies[0];
     const rows = [...body.rows];
     const numeric = rows.some((row) => row.cells[column]?.dataset.v !== undefined);
@@ -39,8 +39,25 @@
     say(`sorted by ${head.title || head.textContent.trim()}, ${ascending ? "ascending" : "descending"}`);
   };
   all("table.board").forEach((table) => {
-    if (!table.tBodies.length || table.tBodies[0].rows.length < 2) return;
-    [...table.tHead.rows[0].cells].forEach((head, column) => {
+    const heads = [...table.tHead.rows[0].cells];
+    const names = heads.map((head) => head.textContent);
+    [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, column) => {
+      cell.dataset.head = names[column];
+      if (cell.textContent.length > 24 && !cell.querySelector("sub")) cell.classList.add("words");
+    }));
+    if (table.tBodies[0].rows.length < 2) return;
+    const label = document.createElement("label");
+    label.className = "sortby";
+    const select = document.createElement("select");
+    select.append(new Option("as ranked", ""), ...names.map((name, column) => new Option(name, column)));
+    label.append("Sort by ", select);
+    table.before(label);
+    const ranked = [...table.tBodies[0].rows];
+    select.addEventListener("change", () => {
+      if (select.value === "") table.tBodies[0].append(...ranked);
+      else sort(table, Number(select.value), heads[select.value], true);
+    });
+    heads.forEach((head, column) => {
       const button = document.createElement("button");
       button.type = "button";
       button.append(...head.childNodes);
@@ -73,8 +90,40 @@
     if (select.value !== "0") show(); // a browser may restore what was chosen
   });
 
+  // ---- tables that are too wide ---------------------------------------------------------------
+  const fit = (within = document) => {
+    const boxes = all(".scroll", within).filter((box) => box.clientWidth);
+    const wide = () => boxes.filter((box) => box.scrollWidth > box.clientWidth + 1);
+    boxes.forEach((box) => box.classList.remove("tight", "cards"));
+    wide().forEach((box) => box.classList.add("tight"));
+    wide().forEach((box) => box.classList.replace("tight", "cards"));
+  };
+  all("details").forEach((fold) => fold.addEventListener("toggle", () => { if (fold.open) fit(fold); }));
+  all("select[data-options]").forEach((select) => select.addEventListener("change", () => fit()));
+  let width = 0;
+  new ResizeObserver(() => {
+    if (root.clientWidth === width) return;
+    width = root.clientWidth;
+    fit();
+  }).observe(root);
+  fit();
+
+  // ---- links to rows --------------------------------------------------------------------------
+  const reveal = () => {
+    all("tr.linked").forEach((row) => row.classList.remove("linked"));
+    const target = byId(decodeURIComponent(location.hash.slice(1)));
+    if (!target) return;
+    for (let at = target; at; at = at.parentElement) if (at.tagName === "DETAILS") at.open = true;
+    if (target.tagName === "TR") target.classList.add("linked");
+    fit();
+    target.scrollIntoView({ block: target.tagName === "TR" ? "center" : "start" });
+  };
+  window.addEventListener("hashchange", reveal);
+  if (location.hash) reveal();
+
   const here = new IntersectionObserver((entries) => entries.forEach((entry) => {
     const link = document.querySelector(`nav a[href="#${entry.target.id}"]`);
+    if (!link) return; // a page of a site: its links lead to other pages
     link.classList.toggle("here", entry.isIntersecting);
     if (entry.isIntersecting) link.setAttribute("aria-current", "true"); else link.removeAttribute("aria-current");
   }), { rootMargin: "-20% 0px -70% 0px" });

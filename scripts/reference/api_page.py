@@ -1,0 +1,32 @@
+"""docs/reference/api.md: functions and results of ``tactibench.api``."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from reference.source import Module, outline, signature
+from reference.text import fenced, prose
+
+
+def lines(root: Path) -> list[str]:
+    """Lines of the page."""
+    module = Module.read(root / "tactibench" / "api.py")
+    public = {name: node for name, node in module.nodes.items() if not name.startswith("_")}
+    made = ["# Python", "", *prose(ast.get_docstring(ast.parse(module.text))), ""]
+    made += ["A notebook that uses all of it: [docs/api.ipynb](../api.ipynb).", "", "## Functions"]
+    functions = {n: one for n, one in public.items() if isinstance(one, ast.FunctionDef)}
+    for name, node in functions.items():
+        made += [*_heading(name, node.args.args), *fenced(signature(node))]
+        made += [*prose(ast.get_docstring(node)), ""]
+    made += ["## Results", ""]
+    for name, node in public.items():
+        if isinstance(node, ast.ClassDef):
+            made += [f"### `{name}`", "", *prose(ast.get_docstring(node)), ""]
+            made += fenced(outline(node))
+    return made
+
+
+def _heading(name: str, arguments: list[ast.arg]) -> Iterator[str]:
+    yield from ["", f"### `{name}({', '.join(one.arg for one in arguments)})`", ""]

@@ -1,0 +1,539 @@
+"""tactibench in Python: run, score, compare, load runs and boards as frames, and draw figures.
+
+The command line calls the same functions. They return typed results and print nothing; a mistake
+raises ``UserError`` with one sentence. Frames are pandas data frames in long form: a row a number.
+
+    from tactibench import api
+
+    run = api.run("exp1", "nearest", quick=True)
+    run.value("mae_mm", "mean")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactibench.errors import UserError, did_you_mean
+from tactibench.records.store import RECORD, StoredRun, open_run, stored_runs, unscored_run
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from tactibench.board.compare import Comparison
+    from tactibench.board.placement import Placement
+    from tactibench.report.plot_data import PlotData
+    from tactibench.run.plan import RunPlan
+    from tactibench.run.reporter import Reporter
+
+__all__ = [
+    "Comparisons",
+    "Plan",
+    "Plot",
+    "Run",
+    "Score",
+    "Training",
+    "compare",
+    "load_board",
+    "load_run",
+    "load_runs",
+    "place",
+    "plan",
+    "plot",
+    "run",
+    "score",
+]
+
+STORE = Path("runs")
+BOARD = Path("leaderboards")
+PLOTS = ("frontier", "curve", "stability")
+"""Figures of ``plot``."""
+
+
+@dataclass(frozen=True)
+class Run(StoredRun):
+    """A stored run.
+
+    Attributes:
+        folder: Where it lies: record, arrays and pictures.
+        record: Everything that was measured, and everything it was made from.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name of the run in its store."""
+        return self.record.name
+
+    @property
+    def metrics(self) -> pd.DataFrame:
+        """Every metric by group: value, 95 % interval, counts and unit."""
+        return _frame([row.json_values() for row in self.record.metrics])
+
+    @property
+    def speed(self) -> pd.DataFrame:
+        """Latency by scenario, threads, batch and phase, in ms a call."""
+        return _frame([row.json_values() for row in self.record.speed])
+
+    def value(self, metric: str, group: str = "all") -> float | None:
+        """Return a metric's value, None where it is n/a. Raises UserError for an unknown one."""
+        row = self.record.metric(metric, group)
+        if row is None:
+            known = {f"{m.metric} of {m.group}" for m in self.record.metrics}
+            what = f"{metric} of {group}"
+            raise UserError(f"run {self.name} has no {what}; {did_you_mean(what, known)}")
+        return row.value
+
+
+@dataclass(frozen=True)
+class Training:
+    """A model with trained weights.
+
+    Attributes:
+        model: Name with the parameters that are not at their defaults.
+        regime: What it learned from.
+        seed: Of the training.
+        weights: Hash of the weights.
+        reused: Whether they were in the cache.
+        seconds: How long the training took, now or then.
+        epochs: Of the training.
+        presses: That it learned from.
+        folder: Where the weights lie.
+    """
+
+    model: str
+    regime: str
+    seed: int
+    weights: str
+    reused: bool
+    seconds: float
+    epochs: int
+    presses: int
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run before it is carried out.
+
+    Attributes:
+        details: What it is made of, and its identity.
+        store: Folder of the run store.
+    """
+
+    details: RunPlan = field(repr=False)
+    store: Path
+
+    @property
+    def name(self) -> str:
+        """The name that the run has, or will have, in its store."""
+        return self.details.name
+
+    @property
+    def stored(self) -> bool:
+        """Whether the run is in the store already."""
+        return (self.store / self.name / RECORD).is_file()
+
+    def lines(self, *, fresh: bool = False) -> list[str]:
+        """Return what will be generated, trained and taken from the cache, line by line."""
+        from tactibench.run.plan import plan_lines
+
+        stored = self.stored and not fresh
+        kept = not fresh and unscored_run(self.store, self.name) is not None
+        return plan_lines(self.details, stored, answered=kept)
+
+    def check(self) -> None:
+        """Raise UserError for metrics that do not exist or do not fit, before any work."""
+        from tactibench.metrics.registry import check_metrics
+
+        check_metrics(self.details.protocol)
+
+    def carry_out(self, *, fresh: bool = False, progress: Reporter | bool = True) -> Run:
+        """Return the run: from the store, or carried out and stored.
+
+        Args:
+            fresh: Predict, time and score again, even if it is stored.
+            progress: Whether to show progress on stderr, or what shows it.
+
+        Raises:
+            UserError: The model, the sensor or the protocol cannot do what was asked.
+        """
+        if self.stored and not fresh:
+            return load_run(self.name, self.store)
+        from tactibench.run.execute import execute
+
+        done = execute(self.details, self.store, _reporter(progress), fresh=fresh)
+        return Run(done.folder, done.record)
+
+    def train(self, *, progress: Reporter | bool = True) -> Training:
+        """Train the model, or find its weights in the cache; test nothing.
+
+        Args:
+            progress: Whether to show progress on stderr, or what shows it.
+        """
+        from tactibench.run.train import train_model
+
+        _, trained = train_model(self.details, _reporter(progress))
+        return Training(
+            model=self.details.components.model.label,
+            regime=self.details.components.regime,
+            seed=self.details.request.seed,
+            weights=trained.hash,
+            reused=trained.reused,
+            seconds=trained.report["seconds"],
+            epochs=trained.report["epochs"],
+            presses=self.details.frames.count("fit"),
+            folder=self.details.weights.folder,
+        )
+
+
+def plan(
+    protocol: str | Path,
+    model: str,
+    *,
+    regime: str | None = None,
+    sensor: str | None = None,
+    encoder: str | None = None,
+    data: str | Path | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    params: Mapping[str, Any] | Sequence[str] = (),
+    quick: bool = False,
+    limit: int | None = None,
+    presses: int | None = None,
+    test: Sequence[str] = (),
+    hidden_seed: bool = False,
+    published: str | Path | None = None,
+    store: str | Path = STORE,
+) -> Plan:
+    """Return the plan of a run; nothing is generated or trained.
+
+    Args:
+        protocol: Name of a protocol, such as "exp2", or its .toml file.
+        model: Name of a model; "mean" and "nearest" are baselines.
+        regime: Frames handed to training; None: the protocol's first.
+        sensor: Sensor that makes the frames; None: the protocol's.
+        encoder: Heatmap encoder, for models that use one.
+        data: Folder of recorded frames.
+        seed: Of training.
+        device: "auto", "cpu" or "cuda".
+        params: Parameters, as {"model.width": 32}, or as texts "model.width=32".
+        quick: 200 presses, 2 epochs, 40 tests: only proves the path.
+        limit: Score at most this many test presses.
+        presses: Learn from so many presses only, for a learning curve.
+        test: What is tested on, where it is not what is trained on: "reference",
+            "sensor.instance=1", "shots=50", "data=FOLDER".
+        hidden_seed: Test on presses drawn from the secret seed in TACTIBENCH_HIDDEN_SEED.
+        published: Released answers to the test frames.
+        store: Folder of the run store.
+
+    Raises:
+        UserError: Something does not exist or does not fit.
+    """
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.cache import cache_folder
+    from tactibench.run.plan import make_plan
+    from tactibench.run.request import RunRequest, read_parameters, read_test_options
+
+    if isinstance(params, Mapping):
+        params = [f"{name}={value}" for name, value in params.items()]
+    request = RunRequest(
+        str(protocol),
+        model,
+        regime=regime,
+        sensor=sensor,
+        encoder=encoder,
+        data=None if data is None else Path(data),
+        seed=seed,
+        device=device,
+        parameters=read_parameters(tuple(params)),
+        quick=quick,
+        limit=limit,
+        presses=presses,
+        test=read_test_options(tuple(test), hidden=hidden_seed),
+        published=None if published is None else Path(published),
+    )
+    return Plan(make_plan(request, PluginHost(), cache_folder()), Path(store))
+
+
+def run(
+    protocol: str | Path,
+    model: str,
+    *,
+    fresh: bool = False,
+    progress: Reporter | bool = True,
+    **options: Any,
+) -> Run:
+    """Run a protocol with a model and return its stored run.
+
+    Frames and weights are cached; a run that is in the store is returned as it is.
+
+    Args:
+        protocol: Name of a protocol, such as "exp2", or its .toml file.
+        model: Name of a model.
+        fresh: Predict, time and score again, even if it is stored.
+        progress: Whether to show progress on stderr, or what shows it.
+        **options: Those of ``plan``: regime, sensor, seed, params, quick, store and so on.
+
+    Raises:
+        UserError: Something does not exist or does not fit, or the model answers something else
+            than it declared.
+    """
+    return plan(protocol, model, **options).carry_out(fresh=fresh, progress=progress)
+
+
+def load_run(name: str | Path, store: str | Path = STORE) -> Run:
+    """Return a stored run by its name, its folder or its record file. Raises UserError."""
+    found = open_run(Path(store), str(name))
+    return Run(found.folder, found.record)
+
+
+def load_runs(store: str | Path = STORE, *, protocol: str | None = None) -> pd.DataFrame:
+    """Return every metric of every run of a store, a row a number.
+
+    Args:
+        store: Folder of the run store.
+        protocol: Only runs of this protocol, such as "exp1".
+
+    Returns:
+        Columns run, protocol, version, model, encoder, regime, sensor, seed, presses, partial and
+        created, then metric, group, value, low, high, n, clusters, unit, better and censored.
+        Runs that cannot be read are left out.
+    """
+    rows: list[dict[str, Any]] = []
+    for stored in stored_runs(Path(store)):
+        record = stored.record
+        if protocol is not None and record.protocol.id != protocol:
+            continue
+        subject = {
+            "run": record.name,
+            "protocol": record.protocol.id,
+            "version": record.protocol.version,
+            "model": record.model.text(),
+            "encoder": None if record.encoder is None else record.encoder.text(),
+            "regime": record.regime,
+            "sensor": record.sensor.text(),
+            "seed": record.seed,
+            "presses": record.limits.presses,
+            "partial": record.partial,
+            "created": record.created,
+        }
+        rows += [{**subject, "censored": None, **row.json_values()} for row in record.metrics]
+    return _frame(rows)
+
+
+def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
+    """Return the figures of a board, a row a number, seeds pooled.
+
+    Args:
+        protocol: Name of the protocol.
+        board: Folder of the leaderboards.
+
+    Returns:
+        Columns protocol, sensor, model, encoder, regime, mixing, seeds, metric, group, value, unit,
+        low, high, sd, clusters and censored.
+
+    Raises:
+        UserError: There is no board or no such protocol, or a record cannot be read.
+    """
+    from tactibench.board.submissions import check_folder
+    from tactibench.protocols.loader import load_protocol
+    from tactibench.report.board_export import protocol_rows
+
+    check_folder(Path(board))
+    return _frame(protocol_rows(Path(board), load_protocol(protocol)))
+
+
+@dataclass(frozen=True)
+class Score:
+    """A stored run that was scored again.
+
+    Attributes:
+        run: With the metrics as they are now.
+        differences: A sentence for each row that is not exactly equal to the stored one.
+        completed: Whether the answers had no score before; the run is now in the store.
+    """
+
+    run: Run
+    differences: tuple[str, ...]
+    completed: bool = False
+
+
+def score(name: str | Path | Run, store: str | Path = STORE) -> Score:
+    """Score the stored answers of a run again, without model or sensor.
+
+    Answers that could not be scored when they were made are scored, and their run is stored.
+
+    Args:
+        name: The run, its name, or its folder.
+        store: Folder of the run store.
+
+    Raises:
+        UserError: There is no such run, or it was made with another version of the protocol.
+    """
+    from tactibench.run.score import metric_differences, protocol_of, rescore, score_answers
+
+    if isinstance(name, str) and (answers := unscored_run(Path(store), name)) is not None:
+        done = score_answers(answers, protocol_of(answers))
+        return Score(Run(done.folder, done.record), (), completed=True)
+    stored = name if isinstance(name, Run) else load_run(name, store)
+    record = rescore(stored)
+    changed = metric_differences(stored.record.metrics, record.metrics)
+    return Score(Run(stored.folder, record), tuple(changed))
+
+
+@dataclass(frozen=True)
+class Comparisons:
+    """Runs compared press by press.
+
+    Attributes:
+        runs: That were compared.
+        pairs: The comparison of every two.
+    """
+
+    runs: tuple[StoredRun, ...]
+    pairs: tuple[Comparison, ...]
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """A mapping a number, as ``tactibench compare --json`` writes them."""
+        from tactibench.board.compare import rows_of
+
+        return rows_of(self.runs, self.pairs)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The same as a data frame: ``value`` is the first run minus the second."""
+        return _frame(self.rows)
+
+
+def compare(
+    *runs: str | Path | Run, distances: bool = False, store: str | Path = STORE
+) -> Comparisons:
+    """Compare stored runs that answered the same test frames, press by press.
+
+    Args:
+        *runs: Two or more runs, their names, or their folders.
+        distances: Also at every true distance of the tips.
+        store: Folder of the run store.
+
+    Raises:
+        UserError: Fewer than two runs, or runs that did not answer the same frames.
+    """
+    from tactibench.board.compare import compare_runs
+
+    if len(runs) < 2:
+        raise UserError("one run alone cannot be compared; name two or more.")
+    opened = tuple(one if isinstance(one, Run) else load_run(one, store) for one in runs)
+    return Comparisons(opened, tuple(compare_runs(opened, distances=distances)))
+
+
+def place(run: StoredRun, board: str | Path = BOARD) -> Placement | None:
+    """Return the place that a run has, or would have, among the rows of a board.
+
+    Args:
+        run: A whole run; a partial one has no place.
+        board: Folder of the leaderboards.
+
+    Returns:
+        Rank, number of rows and the next better row; None where nothing can be compared.
+    """
+    from tactibench.board.placement import place_run
+
+    return place_run(run, Path(board))
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure over many runs, with the numbers behind it.
+
+    Attributes:
+        data: Titles, tables and remarks, as the command line prints them.
+    """
+
+    data: PlotData
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The numbers, a row a point."""
+        return _frame(self.data.rows)
+
+    @cached_property
+    def figure(self) -> Figure:
+        """The figure of matplotlib, drawn when it is first asked for."""
+        return self.data.draw()
+
+    @cached_property
+    def detail(self) -> Figure | None:
+        """Of "stability": the error case by case, a panel a family; None for other kinds.
+
+        Raises:
+            UserError: There are too many rows for one panel.
+        """
+        return None if self.data.draw_detail is None else self.data.draw_detail()
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure as a PNG file and return its path."""
+        from tactibench.report.plots.style import save_png
+
+        save_png(self.figure, Path(path))
+        return Path(path)
+
+
+def plot(
+    kind: str,
+    protocol: str,
+    *,
+    board: str | Path = BOARD,
+    store: str | Path | None = None,
+    sensor: str | None = None,
+    machine: str | None = None,
+    new_sensor: bool = False,
+    rows: Sequence[str] = (),
+) -> Plot:
+    """Return a figure of committed and stored runs of a protocol.
+
+    Args:
+        kind: "frontier" (speed against error), "curve" (error against training presses) or
+            "stability" (where errors double on hard cases).
+        protocol: Name of the protocol.
+        board: Folder of the leaderboards.
+        store: Take the complete runs of this store, too.
+        sensor: Such as "tactip-127, instance=1"; None: the nominal one.
+        machine: Frontier: fingerprint of the machine; None: that of most runs.
+        new_sensor: Curve: against the labelled presses of an instance that no training saw.
+        rows: Stability: only these rows, in this order.
+
+    Raises:
+        UserError: There is nothing to draw, or no such kind, protocol or sensor.
+    """
+    from tactibench.report.plot_data import curve_data, frontier_data, stability_data
+
+    runs = None if store is None else Path(store)
+    if kind == "frontier":
+        return Plot(frontier_data(protocol, Path(board), runs, sensor, machine))
+    if kind == "curve":
+        return Plot(curve_data(protocol, Path(board), runs, sensor, new_sensor=new_sensor))
+    if kind == "stability":
+        return Plot(stability_data(protocol, Path(board), runs, sensor, tuple(rows)))
+    raise UserError(f"there is no figure {kind!r}; {did_you_mean(kind, PLOTS)}")
+
+
+def _frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame(list(rows))
+
+
+def _reporter(progress: Reporter | bool) -> Reporter:
+    """Return what shows progress: as asked, on stderr, or nothing."""
+    if not isinstance(progress, bool):
+        return progress
+    from rich.console import Console
+
+    from tactibench.report.progress import progress_on
+
+    return progress_on(Console(stderr=True, highlight=False), quiet=not progress)

@@ -1,0 +1,96 @@
+"""The place of one run: its rank among the rows of a board, and how far it is from the bound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactibench.board.grouping import rows_of, section_key
+from tactibench.board.predictions import press_errors_of
+from tactibench.board.ranking import ordered, ranks
+from tactibench.board.rows import Row
+from tactibench.board.submissions import (
+    FOLDER,
+    all_press_errors,
+    compact,
+    read_submissions,
+    records_of_version,
+    slot,
+)
+from tactibench.protocols.board_spec import Ranking, board_spec
+from tactibench.protocols.loader import version_of
+from tactibench.records.identity import canonical
+from tactibench.records.record import Record
+from tactibench.records.store import StoredRun
+from tactibench.run.score import trials_of
+
+BOUND = "rmse_over_bound"
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The place that a run has, or would have, on a board.
+
+    Attributes:
+        ranking: The error that orders the board.
+        rank: Of the run's row; rows that cannot be told apart share one.
+        rows: How many rows have a rank, this one included.
+        above: The next better row of another rank; None for the first rank.
+    """
+
+    ranking: Ranking
+    rank: int
+    rows: int
+    above: Row | None
+
+
+def place_run(run: StoredRun, board: Path) -> Placement | None:
+    """Return the place of a run among the committed rows of its section.
+
+    The row holds the run and the committed seeds of the same configuration, as the board would
+    show it.
+
+    Returns:
+        None where it has none: the run is partial or learned from fewer presses, no error orders
+        the board, or nothing was committed for this sensor and these test frames.
+
+    Raises:
+        UserError: A committed record cannot be read.
+    """
+    record = run.record
+    ranking = board_spec(record.protocol.id).ranking
+    protocol = version_of(record.protocol.id, record.protocol.hash)
+    shortened = record.partial or record.limits.presses is not None
+    committed = board / FOLDER / record.protocol.id
+    if ranking is None or protocol is None or shortened or not committed.is_dir():
+        return None
+    all_records = records_of_version(read_submissions(board, record.protocol.id), protocol)
+    own, key = compact(record), canonical(section_key(record))
+    others = [
+        other
+        for other in all_records
+        if other.limits.presses is None
+        and canonical(section_key(other)) == key
+        and slot(other) != slot(own)
+    ]
+    if not others:
+        return None
+    errors = all_press_errors(board, others)
+    truth, predicted = run.arrays("truth"), run.arrays("predictions")
+    errors[own.name] = press_errors_of(protocol.spec, trials_of(protocol.spec, truth, predicted))
+    rows = ordered(record.protocol.id, rows_of([*others, own]))
+    ranked = ranks(record.protocol.id, rows, errors)
+    place = next(k for k, row in enumerate(rows) if own in row.records)
+    numbers = () if ranked is None else ranked.by_row
+    if not numbers or (rank := numbers[place]) is None:
+        return None
+    better = [k for k, number in enumerate(numbers) if number is not None and number < rank]
+    above = max(better, key=lambda k: (numbers[k] or 0, k), default=None)
+    known = sum(number is not None for number in numbers)
+    return Placement(ranking, rank, known, None if above is None else rows[above])
+
+
+def times_bound(record: Record) -> tuple[float, float] | None:
+    """Return the smallest and the largest RMSE of an axis over its Cramer-Rao bound, or None."""
+    ratios = [m.value for m in record.metrics if m.metric == BOUND and m.value is not None]
+    return (min(ratios), max(ratios)) if ratios else None

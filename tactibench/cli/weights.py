@@ -1,0 +1,119 @@
+"""``tactibench weights``: trained weights as a file that can be handed on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tactibench.cli.completion import MODEL
+from tactibench.cli.options import output_file, request_of, request_options
+from tactibench.errors import UserError
+
+if TYPE_CHECKING:
+    from tactibench.cli.output import Terminal
+    from tactibench.run.plan import RunPlan
+
+CHECKED_FRAMES = 50
+"""Test frames on which an ONNX file is compared with its model."""
+
+
+@click.group()
+def weights() -> None:
+    """Hand trained weights on as a file, and take them into the cache.
+
+    \b
+    tactibench weights export unet --protocol exp2 --out unet.zip
+    tactibench weights import unet.zip
+    """
+
+
+@weights.command("export")
+@click.argument("model", type=MODEL)
+@click.option("--protocol", default="exp1", show_default=True, help="Whose weights.")
+@request_options(
+    regime="Frames the weights were trained on; default: the protocol's first.", seed="Of training."
+)
+@click.option("--presses", type=click.IntRange(min=1), help="Learned from so many presses only.")
+@output_file("--out", suffixes=(".zip",), metavar="FILE.zip", help="Weights and model card.")
+@output_file(
+    "--onnx",
+    suffixes=(".onnx",),
+    metavar="FILE.onnx",
+    help="The network alone, for other programs.",
+)
+@click.option(
+    "--license", "license_text", default="not stated", help="Of the weights, for the card."
+)
+def export(
+    model: str,
+    protocol: str,
+    out: Path | None,
+    onnx: Path | None,
+    license_text: str,
+    presses: int | None,
+    **options: Any,
+) -> None:
+    """Write the trained weights of MODEL from the cache into a file.
+
+    The sha256 that is printed names exactly this file: hand it on beside it. An ONNX file is
+    written only where its answers are those of the model.
+    """
+    if out is None and onnx is None:
+        raise UserError("nothing is to be written; name a file with --out, --onnx or both.")
+    from tactibench.cli.output import Terminal
+    from tactibench.plugins.host import PluginHost
+    from tactibench.records.cache import cache_folder
+    from tactibench.run.plan import make_plan
+    from tactibench.run.weights_file import export_weights
+
+    request = request_of(protocol, model, options, presses=presses, limit=CHECKED_FRAMES)
+    plan = make_plan(request, PluginHost(), cache_folder())
+    terminal = Terminal()
+    if out is not None:
+        file = export_weights(plan, out, license_text=license_text)
+        terminal.say(f"{out}: weights {file.description.hash[:8]}, sha256 {file.sha256}")
+    if onnx is not None:
+        _export_onnx(plan, onnx, terminal)
+
+
+@weights.command("import")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--sha256", metavar="HEX", help="Refuse any other file than this.")
+def take(file: Path, sha256: str | None) -> None:
+    """Put the weights of FILE into the cache, so that runs take them in place of a training.
+
+    Every hash is compared. A run with imported weights says so in its record.
+    """
+    from tactibench.cli.output import Terminal
+    from tactibench.records.cache import cache_folder
+    from tactibench.run.weights_file import import_weights, read_weights
+
+    read = read_weights(file, sha256=sha256)
+    folder, there = import_weights(read, cache_folder())
+    how = "were in the cache already" if there else "are in the cache now"
+    terminal = Terminal()
+    terminal.say(f"weights {read.label} {how}: {folder}")
+    terminal.say(f"trained on {read.description.trained_on}; sha256 {read.sha256}")
+
+
+def _export_onnx(plan: RunPlan, path: Path, terminal: Terminal) -> None:
+    from tactibench.report.numbers import number
+    from tactibench.run.onnx_file import export_onnx
+    from tactibench.run.plan import no_weights
+    from tactibench.run.train import open_frames, train_model
+
+    label = plan.components.model.label
+    if not plan.weights.cached:
+        raise no_weights(plan)
+    model, trained = train_model(plan, terminal)
+    sets = [open_frames(frame_set, terminal) for frame_set in plan.frames.test]
+    frames = [frame for presses in sets for frame in presses.frames]
+    facts = {"model": label, "weights": trained.hash, "source": "tactibench weights export"}
+    check = export_onnx(model, frames, path, facts)
+    shape = " x ".join("N" if size is None else str(size) for size in check.inputs)
+    terminal.say(
+        f"{path}: inputs {shape}; answers to {check.frames} frames equal those of {label} "
+        f"within {number(check.largest_mm, 6)} mm, its outputs within {check.largest_share:.1e}"
+    )

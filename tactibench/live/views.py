@@ -1,0 +1,132 @@
+"""What the page shows of one frame, as bytes: a JSON head, then the pictures as plain numbers.
+
+Pictures are neither compressed nor drawn here. A frame of 128 x 128 px has 16 KiB, which loopback
+carries in less time than a JPEG takes to encode.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tactibench.contacts import Answer, Contacts
+from tactibench.live.answers import describe_prediction
+from tactibench.live.pins import Line
+from tactibench.metrics.matching import match
+
+LENGTH = struct.Struct("<I")
+"""Bytes of the head, in front of it."""
+BYTES, FLOATS = np.dtype("u1"), np.dtype("<f4")
+
+
+@dataclass(frozen=True)
+class AnswerView:
+    """What one model says to a frame.
+
+    Attributes:
+        prediction: Contacts or a plate pose; None: nothing could be read.
+        ms: Time from the frame to the prediction.
+        maps: (C, H, W) in 0..1, the first of which is shown; None: there is none.
+        drawn: Whether ``maps`` were drawn from the contacts, because the model has none.
+    """
+
+    prediction: Answer | None
+    ms: float
+    maps: npt.NDArray[Any] | None = None
+    drawn: bool = False
+
+    def head(self, truth: Contacts | None, gate_mm: float) -> dict[str, Any]:
+        """Return the JSON values of the answer; its error, where the truth is known."""
+        said = self.prediction if isinstance(self.prediction, Contacts) else Contacts.none()
+        error = None if truth is None else contact_errors(truth, said, gate_mm)
+        return {
+            "ms": round(self.ms, 3),
+            "words": describe_prediction(self.prediction),
+            "contacts": _rows(said),
+            "error": error,
+            "drawn": self.drawn,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FrameView:
+    """One frame as the page shows it.
+
+    Attributes:
+        image: (H, W) uint8.
+        pins: Lines of its pins, px.
+        answers: One a model.
+        truth: True contacts, where they are known.
+        gate_mm: Distance in the plane from which a contact is missed.
+        skin: (H, W) mm by which the skin is pressed in, on the grid of the maps.
+    """
+
+    image: npt.NDArray[np.uint8]
+    pins: Sequence[Line]
+    answers: Sequence[AnswerView]
+    truth: Contacts | None = None
+    gate_mm: float = 0.0
+    skin: npt.NDArray[np.float64] | None = field(default=None, repr=False)
+
+    def message(self, number: int) -> bytes:
+        """Return the bytes that the page reads (``readMessage`` in page.js)."""
+        pictures: dict[str, npt.NDArray[Any]] = {"frame": self.image}
+        if self.skin is not None:
+            pictures["skin"] = self.skin.astype(FLOATS)
+        for k, answer in enumerate(self.answers):
+            if answer.maps is not None:
+                levels = np.clip(255.0 * answer.maps[0], 0, 255)
+                pictures[f"map{k}"] = levels.astype(BYTES)
+        head = {
+            "number": number,
+            "pins": [[*(round(v, 1) for v in line[:4]), int(line[4])] for line in self.pins],
+            "truth": None if self.truth is None else _rows(self.truth),
+            "answers": [answer.head(self.truth, self.gate_mm) for answer in self.answers],
+        }
+        return pack(head, pictures)
+
+
+def pack(head: Mapping[str, Any], pictures: Mapping[str, npt.NDArray[Any]]) -> bytes:
+    """Return a message: length of the head, head with the places of the pictures, pictures.
+
+    Args:
+        head: JSON values.
+        pictures: (H, W) of uint8 or float32, by name.
+    """
+    places, start = {}, 0
+    for name, picture in pictures.items():
+        kind = "u1" if picture.dtype == BYTES else "f4"
+        places[name] = [kind, *picture.shape, start]
+        start += picture.nbytes
+    text = json.dumps({**head, "pictures": places}, allow_nan=False).encode()
+    parts = (np.ascontiguousarray(picture).tobytes() for picture in pictures.values())
+    return b"".join([LENGTH.pack(len(text)), text, *parts])
+
+
+def contact_errors(truth: Contacts, said: Contacts, gate_mm: float) -> dict[str, Any]:
+    """Return how far the contacts of one frame are off.
+
+    Returns:
+        mm: Mean distance in the plane of matched contacts, depth_mm: their mean error of depth;
+        both None without a match. missed and false: contacts without a partner within the gate.
+    """
+    rows, columns, distance = match(truth.xy, said.xy, gate_mm)
+    depth = np.abs(truth.depth[rows] - said.depth[columns])
+    return {
+        "mm": round(float(distance.mean()), 5) if len(rows) else None,
+        "depth_mm": round(float(depth.mean()), 5) if len(rows) else None,
+        "missed": len(truth) - len(rows),
+        "false": len(said) - len(rows),
+    }
+
+
+def _rows(contacts: Contacts) -> list[list[float]]:
+    """(x, y, depth, score) of every contact."""
+    columns = np.column_stack([contacts.xy, contacts.depth, contacts.score])
+    return [[round(value, 4) for value in row] for row in columns.tolist()]

@@ -1,0 +1,90 @@
+"""Tables without what says nothing, as narrow as a page needs them.
+
+A Markdown board says of every row what was not measured. A page leaves out columns and rows that
+hold no value, and writes encoder, regime, mixing and seeds below the name of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from tactibench.report.document import Block, Group
+from tactibench.report.numbers import plural
+from tactibench.report.table import Cell, Column, Number, Table, Text
+
+
+def compact_blocks(blocks: Iterable[Block]) -> list[Block]:
+    """Return the blocks with compact tables, and without tables that hold no value."""
+    kept: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Group):
+            kept.append(replace(block, blocks=tuple(compact_blocks(block.blocks))))
+        elif not isinstance(block, Table):
+            kept.append(block)
+        elif (table := compact(block)) is not None:
+            kept.append(table)
+    return kept
+
+
+def compact(table: Table) -> Table | None:
+    """Return the table without columns and rows that hold no value; None where nothing is left.
+
+    Columns of detail go where the name of the row says the same; a standard deviation stands below
+    its value.
+    """
+    named = [any(_says_details(row, table.columns)) for row in table.rows]
+    columns, rows = _without_spread(table.columns, table.rows)
+    facts = [k for k, column in enumerate(columns) if not (column.who or column.detail)]
+    full = [k for k, row in enumerate(rows) if any(_holds(row[f]) for f in facts)]
+    used = {f for f in facts if any(_holds(rows[k][f]) for k in full)}
+    if not used:
+        return None
+    left_out = len(rows) - len(full)
+    note = f"{plural(left_out, 'row')} without a value not shown." if left_out else ""
+    shown = [
+        k
+        for k, column in enumerate(columns)
+        if k in used or column.who or (column.detail and not all(named))
+    ]
+    return replace(
+        table,
+        columns=tuple(columns[k] for k in shown),
+        rows=tuple(tuple(rows[k][c] for c in shown) for k in full),
+        note=" ".join(filter(None, (table.note, note))),
+        captions={},
+        anchors=tuple(table.anchors[k] for k in full) if table.anchors else (),
+    )
+
+
+def _says_details(row: tuple[Cell, ...], columns: tuple[Column, ...]) -> Iterable[bool]:
+    for cell, column in zip(row, columns, strict=True):
+        yield column.who and isinstance(cell, Text) and bool(cell.below)
+
+
+def _holds(cell: Cell) -> bool:
+    """Return whether a cell says something."""
+    return cell is not None and cell != ""
+
+
+def _without_spread(
+    columns: tuple[Column, ...], rows: tuple[tuple[Cell, ...], ...]
+) -> tuple[list[Column], list[list[Cell]]]:
+    """Return columns and rows in which every standard deviation stands below its value."""
+    kept = [k for k, column in enumerate(columns) if not column.spread]
+    merged = [
+        [
+            _with_spread(row[k], row[k + 1])
+            if k + 1 < len(columns) and columns[k + 1].spread
+            else row[k]
+            for k in kept
+        ]
+        for row in rows
+    ]
+    return [columns[k] for k in kept], merged
+
+
+def _with_spread(cell: Cell, spread: Cell) -> Cell:
+    if not isinstance(cell, Number) or not isinstance(spread, Number):
+        return cell
+    return replace(cell, below=", ".join(filter(None, (cell.below, f"sd {spread.text}"))))

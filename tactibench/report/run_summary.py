@@ -1,0 +1,197 @@
+"""A run in about ten lines: who was measured on what, errors, misses, speed, its place.
+
+``run_report`` prints all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.board.cost import frames_per_second, latency
+from tactibench.board.placement import Placement, times_bound
+from tactibench.board.rows import measured_on
+from tactibench.protocols.board_spec import board_spec
+from tactibench.records.record import Record
+from tactibench.report.labels import named
+from tactibench.report.numbers import number, plural, significant
+from tactibench.report.run_rows import (
+    NO_INTERVAL_NOTE,
+    lacks_interval,
+    measured_rows,
+    print_warning,
+    run_label,
+)
+from tactibench.report.table import Column, Table, metric_number, table
+from tactibench.report.writers.terminal import print_table
+
+MISSES = {
+    "missed": ("missed", 1, " %"),
+    "spurious": ("spurious", 3, " a frame"),
+    "coverage": ("answered", 1, " %"),
+    "catch_resolved": ("single seen as two", 1, " %"),
+}
+"""Metrics that stand beside every error: name, decimals and unit."""
+WHOLE = ("all", "mean")
+"""Groups that stand for all test frames."""
+MOST_METRICS = 4
+"""Metrics of a protocol that declares no table: more would not be a summary."""
+GLOSSARY = "docs/glossary.md"
+TERMS = {
+    "mae_mm": "MAE",
+    "rmse_mm": "RMSE",
+    "distance_penalised_mm": "penalised error",
+    "resolved": "resolved",
+    "ospa_mm": "OSPA",
+    "gospa1_mm": "GOSPA",
+    "missed": "missed",
+    "spurious": "spurious",
+    "coverage": "coverage",
+    "catch_resolved": "catch trial",
+}
+"""Metrics whose names the glossary explains, and the word there."""
+
+
+def print_summary(console: Console, record: Record, folder: Path, place: Placement | None) -> None:
+    """Print a run in about ten lines.
+
+    Args:
+        console: Where to print.
+        record: Of the run.
+        folder: Where the run lies.
+        place: Its place on a board; None where it has none.
+    """
+    headline = headline_table(record)
+    console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
+    count = plural(record.data.test, "test frame")
+    who = f"{run_label(record)}, {measured_on(record)}, seed {record.seed}: {count}"
+    console.print(Text(who))
+    print_warning(console, record)
+    print_table(console, headline)
+    if lacks_interval(headline):
+        console.print(Text(NO_INTERVAL_NOTE, style="dim"), soft_wrap=True)
+    for line in (misses_line(record), speed_line(record)):
+        console.print(Text(line), soft_wrap=True)
+    console.print(Text(record.signature, style="dim"), soft_wrap=True)
+    console.print(_rest(record, folder), soft_wrap=True)
+    console.print(Text(place_line(record, place)), soft_wrap=True)
+
+
+def headline_table(record: Record) -> Table:
+    """Return the first main table that stands for the whole test, or the protocol's headline."""
+    spec = board_spec(record.protocol.id)
+    run_table = next((one for one in spec.run_tables if one.groups), None)
+    if run_table is not None:
+        names = ["", *(named(name, _unit(record, name)) for name in run_table.metrics)]
+        rows = (row[: len(names)] for row in measured_rows(run_table, record)[0])
+        return table(names, rows, title=f"{run_table.title}: value [95 % interval]")
+    whole = [m for m in record.metrics if m.group in WHOLE and m.metric not in MISSES]
+    if spec.headline is not None:
+        first = (spec.headline.metric, spec.headline.group)
+        whole.sort(key=lambda m: (m.metric, m.group) != first)
+    decimals = 3 if spec.headline is None else spec.headline.decimals
+    shown = [
+        (named(m.metric, m.unit), metric_number(m, decimals), f"{m.clusters:,}")
+        for m in whole[:MOST_METRICS]
+    ]
+    return table(["", "value [95 % interval]", Column("presses")], shown)
+
+
+def _unit(record: Record, name: str) -> str:
+    return next((m.unit for m in record.metrics if m.metric == name), "")
+
+
+def misses_line(record: Record) -> str:
+    """Return what no error shows: contacts that were missed or made up, frames without answer."""
+    values = {name: metric_number(record.metric(name, "all"), MISSES[name][1]) for name in MISSES}
+    parts = (
+        f"{MISSES[name][0]} {value}{MISSES[name][2]}"
+        for name, value in values.items()
+        if value is not None
+    )
+    return f"misses: {', '.join(parts) or 'not measured'}"
+
+
+def speed_line(record: Record) -> str:
+    """Return the time of one frame and the best rate, and whether a time still drifted."""
+    threads = sorted({row.threads for row in record.speed if row.scenario == "single"})
+    times = [
+        f"{number(p90, 2)} ms ({plural(count, 'thread')})"
+        for count in threads
+        if (p90 := latency(record, threads=count)) is not None
+    ]
+    if not times:
+        return "speed: not timed"
+    rate = frames_per_second(record)
+    text = f"speed: frame to contacts, p90, {', '.join(times)}"
+    text += "" if rate is None else f", at most {rate:,.0f} frames/s"
+    return text if all(row.settled for row in record.speed) else f"{text}, still drifting"
+
+
+def place_line(record: Record, place: Placement | None) -> str:
+    """Return rank, distance to the bound, and what to do next, in one line."""
+    return f"place: {'; '.join(_place(record, place))}"
+
+
+def _place(record: Record, place: Placement | None) -> Iterator[str]:
+    if place is None:
+        shortened = record.partial or record.limits.presses is not None
+        why = "a shortened run is on no board" if shortened else "no board row to compare with"
+        yield f"no rank, {why}"
+    else:
+        rank = f"rank {place.rank} of {place.rows} by {place.ranking.name}"
+        if place.above is None:
+            yield f"{rank}, nothing above"
+        else:
+            pooled = place.above.metric(place.ranking.metric, place.ranking.group)
+            value = "" if pooled is None else f" {number(pooled.value, place.ranking.decimals)}"
+            yield f"{rank}, above it {place.above.label}{value}"
+    if ratios := times_bound(record):
+        low, high = map(significant, ratios)
+        ends = low if low == high else f"{low} to {high}"
+        yield f"RMSE {ends} times the bound"
+    else:
+        threshold, limit = (record.metric(name, "all") for name in ("threshold_mm", "limit_mm"))
+        if limit is not None and limit.value is not None and threshold is not None:
+            shown = metric_number(threshold, 2, interval=False)
+            yield f"threshold {shown or 'n/a'} mm, limit {number(limit.value, 2)} mm"
+    yield f"next: {_next(record, place)}"
+
+
+def _next(record: Record, place: Placement | None) -> str:
+    if record.partial:
+        return "the same command without --quick and --limit"
+    if record.limits.presses is not None:
+        return f"`tactibench plot curve {record.protocol.id} --store runs`"
+    board = "" if place is not None else " --board FOLDER"
+    return f"`tactibench board add {record.name}{board}`"
+
+
+def _rest(record: Record, folder: Path) -> Text:
+    text = Text(f"more: --full; record and pictures: {folder}; words: ")
+    return text.append(glossary_links(record))
+
+
+def print_glossary(console: Console, record: Record) -> None:
+    """Print where the words of a run are explained."""
+    console.print(Text("words: ").append(glossary_links(record)), soft_wrap=True)
+
+
+def glossary_links(record: Record) -> Text:
+    """Return the words of a run; on a terminal that shows links they lead to the glossary."""
+    text = Text()
+    page = Path(__file__).resolve().parents[2] / GLOSSARY  # a checkout has it, a wheel does not
+    names = {m.metric for m in record.metrics}
+    for word in (word for metric, word in TERMS.items() if metric in names):
+        style = f"link {page.as_uri()}#{quote(anchor(word))}" if page.is_file() else ""
+        text.append(word, style=style).append(", ")
+    return text.append(GLOSSARY)
+
+
+def anchor(word: str) -> str:
+    """Return the anchor of a word on the page of the glossary."""
+    return word.lower().replace(" ", "-")

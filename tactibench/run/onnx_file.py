@@ -1,0 +1,144 @@
+"""A trained network as an ONNX file, with a check that it answers as the model does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactibench.contacts import Answer, Contacts, Frame, PlatePose
+from tactibench.errors import UserError
+from tactibench.plugins.base import Model
+from tactibench.records.files import atomic
+
+MOST_MM = 1e-3
+"""Answers of the file may differ by so much: a thirtieth of the best network's error. float32 sums
+in another order move them by about a millionth of a millimetre."""
+MOST_SHARE = 1e-3
+"""Raw outputs may differ by this share of the largest: a frame without a contact proves nothing
+about answers."""
+
+
+@dataclass(frozen=True)
+class OnnxCheck:
+    """How equal a file is to its model.
+
+    Attributes:
+        frames: That were answered by both.
+        largest_share: Largest difference of raw outputs, as a share of the largest.
+        largest_mm: Largest difference of x, y and depth of a contact, mm; of a plate's depth, mm,
+            and tilt, deg.
+        inputs: Shape of the inputs; the first is the number of frames, None: any.
+        outputs: Shape of the outputs of one frame.
+    """
+
+    frames: int
+    largest_share: float
+    largest_mm: float
+    inputs: tuple[int | None, ...]
+    outputs: tuple[int, ...]
+
+
+def export_onnx(
+    model: Model, frames: Sequence[Frame], path: Path, facts: dict[str, str]
+) -> OnnxCheck:
+    """Write the network of a model as ONNX, and only where it answers as the model does.
+
+    What comes before the network and after it stays here: ``model.inputs(frames)`` makes its
+    inputs, ``model.answers(outputs)`` reads its outputs.
+
+    Args:
+        model: Trained.
+        frames: That both answer.
+        path: The file.
+        facts: Texts that the file holds about itself.
+
+    Raises:
+        UserError: The model is no network, ONNX is not installed, the network cannot be exported,
+            or the answers differ.
+    """
+    from tactibench.training.deploy import onnx_model
+    from tactibench.training.learned import LearnedModel
+
+    name = type(model).__name__
+    if not isinstance(model, LearnedModel):
+        raise UserError(
+            f"model {name} is no network and has no ONNX form; take a network such as unet or cnn, "
+            "or hand on its weights with --out."
+        )
+    if not (find_spec("onnx") and find_spec("onnxruntime")):
+        raise UserError(
+            "ONNX is not installed; run `pip install 'tactibench[onnx]'` and try again."
+        )
+    import torch
+
+    inputs, network = model.inputs(frames), model.fold(model.network, "float32").cpu()
+    free, single = len(inputs), 1
+    for count in (free, single):  # some graphs hold the number of frames that they were traced with
+        try:
+            content = _with_facts(onnx_model(network, inputs[: min(2, count)]), facts, count == 1)
+            raw = _computed(content, inputs.numpy(), count)
+            break
+        except Exception as error:  # noqa: BLE001 - exporters raise whatever they like
+            first = (str(error).strip().splitlines() or [type(error).__name__])[0]
+            why = error
+    else:
+        raise UserError(f"the network of {name} cannot be exported: {first[:200]}.") from why
+    with torch.inference_mode():
+        wanted = network(inputs).numpy()
+    share = float(np.abs(raw - wanted).max() / max(1.0, float(np.abs(wanted).max())))
+    said = model.answers(model.outputs(torch.from_numpy(raw)))
+    largest = largest_difference(model.predict(frames), said)
+    if not (largest <= MOST_MM and share <= MOST_SHARE):
+        raise UserError(
+            f"the ONNX file of {name} answers otherwise than the model (by {largest:.3g} mm, "
+            f"its outputs by {share:.2g}) and was not written; report this with the model's name."
+        )
+    with atomic(path) as stream:
+        stream.write(content)
+    shape = (None if count > 1 else 1, *inputs.shape[1:])
+    return OnnxCheck(len(frames), share, largest, shape, raw.shape[1:])
+
+
+def largest_difference(answers: Sequence[Answer | None], others: Sequence[Answer | None]) -> float:
+    """Return the largest difference of two models' answers; inf where their kinds or counts do."""
+    return max((_difference(*pair) for pair in zip(answers, others, strict=True)), default=0.0)
+
+
+def _difference(one: Answer | None, other: Answer | None) -> float:
+    if isinstance(one, Contacts) and isinstance(other, Contacts) and len(one) == len(other):
+        gaps = np.abs(np.column_stack([one.xy - other.xy, one.depth - other.depth]))
+        return float(gaps.max(initial=0.0))
+    if isinstance(one, PlatePose) and isinstance(other, PlatePose):
+        return max(abs(one.depth - other.depth), abs(one.tilt - other.tilt))
+    return 0.0 if one is other is None else float("inf")
+
+
+def _with_facts(content: bytes, facts: dict[str, str], single: bool) -> bytes:
+    """Return the model with texts about itself, and, where it holds for one frame only, so said."""
+    import onnx
+
+    graph: Any = onnx.load_from_string(content)
+    for name, value in facts.items():
+        graph.metadata_props.add(key=name, value=value)
+    if single:
+        for end in (*graph.graph.input, *graph.graph.output):
+            end.type.tensor_type.shape.dim[0].dim_value = 1
+    serialized: bytes = graph.SerializeToString()
+    return serialized
+
+
+def _computed(content: bytes, inputs: Any, count: int) -> Any:
+    """Return the outputs of (N, ...) inputs, ``count`` at a time."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 4  # what fails is raised, too
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    starts = range(0, len(inputs), count)
+    rows = [session.run(None, {"inputs": inputs[k : k + count]})[0] for k in starts]
+    return np.concatenate(rows)

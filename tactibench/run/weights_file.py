@@ -1,0 +1,341 @@
+"""Trained weights as one file: to hand them on, to serve them, and to take them into a cache.
+
+The file is a zip without compression: ``weights.json`` (what they are), ``README.md`` (a model card
+for people) and the files that the model saved, each with its sha256. Equal weights give equal
+bytes. What is read is bounded and compared before a model sees it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pydantic import ValidationError
+
+from tactibench import __version__
+from tactibench.contacts import Grid
+from tactibench.errors import UserError
+from tactibench.plugins.base import Model, ModelContext
+from tactibench.plugins.host import PluginHost
+from tactibench.protocols.mistakes import first_mistake
+from tactibench.records.bound_spec import BoundSpec
+from tactibench.records.files import (
+    atomic,
+    file_hash,
+    locked,
+    parse_json,
+    write_checked_json,
+)
+from tactibench.records.identity import installed_versions
+from tactibench.run.machine import choose_device
+from tactibench.run.plan import RunPlan, no_weights
+from tactibench.run.weights import (
+    MANIFEST,
+    TRAINED_WITH,
+    WeightsPlan,
+    intact_manifest,
+    training_code,
+    weights_hash,
+)
+from tactibench.run.weights_description import (
+    MOST_FILES,
+    ComponentValues,
+    TrainedIdentity,
+    WeightsDescription,
+    weights_card,
+)
+
+SUFFIX = ".zip"
+DESCRIPTION, CARD, FOLDER = "weights.json", "README.md", "weights/"
+FIRST_DAY = (1980, 1, 1, 0, 0, 0)
+"""Time stamp of every entry: equal weights give equal bytes."""
+MOST_BYTES = 2 * 1024**3
+"""Of all files together; the largest model that ships has 40 MB."""
+MOST_DESCRIPTION_BYTES = 1024**2
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}){0,3}")
+"""Of a file inside: relative, and nowhere up."""
+
+
+@dataclass(frozen=True)
+class WeightsFile:
+    """A weights file that was read and compared. sha256: of the whole file."""
+
+    path: Path
+    sha256: str
+    description: WeightsDescription
+    card: str
+
+    @property
+    def label(self) -> str:
+        """Return model and first digits of the weights' hash."""
+        return f"{self.description.model.name} ({self.description.hash[:8]})"
+
+    def differences(self, host: PluginHost) -> list[str]:
+        """Return in words what is not as it was at the training: runs here would train anew.
+
+        Raises UserError for a model that is not installed.
+        """
+        trained, model = (
+            TrainedIdentity.model_validate(self.description.identity),
+            self._model(host),
+        )
+        here = installed_versions(*TRAINED_WITH)
+        words = [
+            f"{name} {here.get(name)} in place of {trained.versions.get(name)}"
+            for name in TRAINED_WITH
+            if here.get(name) != trained.versions.get(name)
+        ]
+        if trained.code != training_code(model):
+            words.append(f"other source of {model.name} or of the training")
+        encoder = self._encoder(host)
+        if encoder and trained.encoder and trained.encoder.code != encoder.code():
+            words.append(f"other source of encoder {encoder.name}")
+        return words
+
+    def build(self, host: PluginHost, device: str) -> Model:
+        """Return the model, made and without its weights. Raises UserError."""
+        description, encoder = self.description, self._encoder(host)
+        context = description.context
+        model: Model = self._model(host).build(
+            ModelContext(
+                answer=context.answer,
+                grid=Grid(context.cells, context.origin_mm, context.pitch_mm),
+                max_depth=context.max_depth_mm,
+                encoder=encoder and encoder.build(),
+                device=device,
+                transfers=context.transfers,
+            )
+        )
+        return model
+
+    def write_files(self, folder: Path) -> None:
+        """Write the model's files into an empty folder."""
+        with _opened(self.path) as archive:
+            for name in self.description.files:
+                target = folder / name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(FOLDER + name) as source, target.open("wb") as out:
+                    shutil.copyfileobj(source, out)
+
+    def _model(self, host: PluginHost) -> Any:
+        return _bound(host.models, self.description.model)
+
+    def _encoder(self, host: PluginHost) -> Any:
+        given = self.description.encoder
+        return given and _bound(host.encoders, given)
+
+
+def export_weights(plan: RunPlan, path: Path, *, license_text: str = "not stated") -> WeightsFile:
+    """Write the cached weights of a plan as one file.
+
+    Raises:
+        UserError: The weights are not in the cache, or are damaged.
+    """
+    manifest = intact_manifest(plan.weights)
+    label = plan.components.model.label
+    if manifest is None:
+        raise no_weights(plan)
+    context, encoder = plan.context(), plan.components.encoder
+    sensor = plan.components.sensor.label
+    description = {
+        "schema": "tactibench-weights/1",
+        "made_with": __version__,
+        "model": _values(plan.components.model),
+        "encoder": None if encoder is None else _values(encoder),
+        "context": {
+            "answer": context.answer,
+            "cells": context.grid.shape,
+            "origin_mm": context.grid.origin,
+            "pitch_mm": context.grid.pitch,
+            "max_depth_mm": context.max_depth,
+            "transfers": context.transfers,
+        },
+        "identity": plan.weights.identity,
+        "files": manifest["files"],
+        "hash": manifest["hash"],
+        "report": manifest["report"],
+        "presses": manifest.get("presses"),
+        "trained_on": f"{sensor}, regime {plan.components.regime} of {plan.spec.id}",
+        "license": license_text,
+    }
+    made = WeightsDescription.model_validate_json(_json(description))
+    with atomic(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
+        for name, content in ((DESCRIPTION, _json(description)), (CARD, weights_card(made, label))):
+            archive.writestr(zipfile.ZipInfo(name, FIRST_DAY), content)
+        for name in sorted(made.files):
+            archive.writestr(
+                zipfile.ZipInfo(FOLDER + name, FIRST_DAY), (plan.weights.folder / name).read_bytes()
+            )
+    return read_weights(path)
+
+
+def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
+    """Read a weights file and compare every hash.
+
+    Args:
+        path: The file.
+        sha256: Of the whole file, as whoever handed it on said; None: it is not compared.
+
+    Raises:
+        UserError: It is no such file, is damaged, or is another file than that.
+    """
+    if not path.is_file():
+        raise UserError(f"{path} is not there; name a file of `tactibench weights export`.")
+    found = file_hash(path)
+    if sha256 is not None and sha256.lower() != found:
+        raise UserError(
+            f"{path} has the sha256 {found}, not {sha256[:80]}; it is another file or was changed "
+            "on its way: get it again."
+        )
+    with _opened(path) as archive:
+        entries = {entry.filename: entry for entry in archive.infolist()}
+        _check_sizes(path, archive.infolist())
+        try:
+            description = WeightsDescription.model_validate(
+                parse_json(_text(archive, entries, DESCRIPTION))
+            )
+        except ValidationError as error:
+            raise _damaged(path, first_mistake(error, WeightsDescription).rstrip(".")) from None
+        except (KeyError, ValueError, RecursionError) as error:
+            raise _damaged(path, f"{DESCRIPTION} cannot be read ({error})") from None
+        files = description.files
+        if bad := [name for name in files if not _NAME.fullmatch(name) or ".." in name]:
+            raise _damaged(path, f"{bad[0][:80]!r} is no name of a file inside")
+        expected = {DESCRIPTION, CARD, *(FOLDER + name for name in files)}
+        if set(entries) != expected:
+            raise _damaged(path, "it holds other files than it lists")
+        if description.hash != weights_hash(files):
+            raise _damaged(path, "the hash of its weights is not that of its files")
+        for name, value in files.items():
+            try:
+                same = _entry_hash(archive, FOLDER + name) == value
+            except (zipfile.BadZipFile, OSError, ValueError, EOFError):
+                same = False
+            if not same:
+                raise _damaged(path, f"the sha256 of {name} does not fit")
+        try:
+            card = _text(archive, entries, CARD)
+        except ValueError as error:
+            raise _damaged(path, f"{CARD} cannot be read ({error})") from None
+    return WeightsFile(path, found, description, card)
+
+
+def open_weights(
+    path: Path, *, sha256: str | None = None, device: str = "auto"
+) -> tuple[Model, str]:
+    """Return the model of a weights file, ready to answer, and the label it goes by.
+
+    Args:
+        path: A file of ``tactibench weights export``.
+        sha256: Of the whole file; None: it is not compared.
+        device: "auto", "cpu" or "cuda".
+
+    Raises:
+        UserError: The file is damaged or another one, or this installation has no such model.
+    """
+    file = read_weights(path, sha256=sha256)
+    model = file.build(PluginHost(), choose_device(device))
+    with TemporaryDirectory(prefix="tactibench-weights-") as folder:
+        file.write_files(Path(folder))
+        model.load(Path(folder))
+    return model, file.label
+
+
+def import_weights(file: WeightsFile, cache: Path) -> tuple[Path, bool]:
+    """Put weights into the cache, where runs find them; their records say so.
+
+    Returns:
+        The folder, and whether the weights were there before.
+
+    Raises:
+        UserError: This installation would train other weights for the same request, so that no run
+            would take these.
+    """
+    host = PluginHost()
+    if different := file.differences(host):
+        raise UserError(
+            f"{file.path} does not match this installation ({', '.join(different)}), so no run "
+            "would take its weights; serve the file itself, as `tactibench demo` and "
+            "tactibench.lab.open_weights do, or install what it was made with."
+        )
+    description = file.description
+    plan = WeightsPlan.of(description.identity, cache)
+    with locked(plan.folder.with_name(plan.folder.name + ".lock")):
+        if intact_manifest(plan) is not None:
+            return plan.folder, True
+        temporary = plan.folder.with_name(plan.folder.name + ".made")
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        file.write_files(temporary)
+        file.build(host, "cpu").load(temporary)  # refuses weights of another architecture
+        notes = {**description.report["notes"], "imported": file.sha256}
+        manifest = {
+            "identity": description.identity,
+            "files": description.files,
+            "hash": description.hash,
+            "report": {**description.report, "notes": notes},
+            "presses": description.presses,
+        }
+        write_checked_json(temporary / MANIFEST, manifest)
+        shutil.rmtree(plan.folder, ignore_errors=True)  # damaged
+        temporary.rename(plan.folder)
+    return plan.folder, False
+
+
+def _values(component: BoundSpec[Any]) -> dict[str, Any]:
+    return {"name": component.name, "parameters": dict(component.values)}
+
+
+def _bound(catalogue: Any, component: ComponentValues) -> Any:
+    given = {name: str(value) for name, value in component.parameters.items()}
+    return BoundSpec.named(catalogue, component.name, given)
+
+
+def _json(value: Mapping[str, Any]) -> str:
+    return json.dumps(value, indent=1, sort_keys=True, allow_nan=False)
+
+
+def _opened(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise _damaged(path, f"it is no zip ({error})") from None
+
+
+def _check_sizes(path: Path, entries: list[zipfile.ZipInfo]) -> None:
+    if len(entries) > MOST_FILES + 2 or len({e.filename for e in entries}) < len(entries):
+        raise _damaged(path, "it holds too many files, or two of one name")
+    if any(e.compress_type != zipfile.ZIP_STORED or e.flag_bits & 1 for e in entries):
+        raise _damaged(path, "its files are compressed or encrypted, which export never does")
+    if sum(e.file_size for e in entries) > MOST_BYTES:
+        raise _damaged(path, f"it holds more than {MOST_BYTES / 1024**3:g} GiB")
+
+
+def _text(archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo], name: str) -> str:
+    """Raises ValueError for an entry that is missing, too long or no text."""
+    if name not in entries or entries[name].file_size > MOST_DESCRIPTION_BYTES:
+        raise ValueError("it is missing or too long")
+    try:
+        return archive.read(name).decode()
+    except (zipfile.BadZipFile, OSError, EOFError) as error:
+        raise ValueError(str(error)) from None
+
+
+def _entry_hash(archive: zipfile.ZipFile, name: str) -> str:
+    total = hashlib.sha256()
+    with archive.open(name) as stream:
+        while part := stream.read(1024**2):
+            total.update(part)
+    return total.hexdigest()
+
+
+def _damaged(path: Path, why: str) -> UserError:
+    return UserError(f"{path} holds no usable weights: {why}; get it again or export it again.")

@@ -1,0 +1,185 @@
+"""tactibench.api: the same results as the command line, as objects and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stored_answers import answered_parts, store_run
+
+from tactibench import UserError, api
+from tactibench.records.record import Record
+from tactibench.records.store import open_run
+from tactibench.report.table import Table
+from tactibench.run.reporter import NullReporter
+
+QUICK = {"quick": True, "limit": 3, "progress": False}
+
+
+@pytest.fixture
+def store(tmp_path: Path, fabricate: Callable[..., Record]) -> Path:
+    """Two runs of exp1 whose errors are 0.05 and 0.10 mm along x, and one of exp2."""
+    folder = tmp_path / "runs"
+    store_run(folder, fabricate(model="cnn"), answered_parts(0.05))
+    store_run(folder, fabricate(model="unet"), answered_parts(0.10))
+    store_run(folder, fabricate("exp2", model="unet"))
+    return folder
+
+
+def run_of(store: Path, model: str, protocol: str = "exp1") -> api.Run:
+    (name,) = {
+        name for name in api.load_runs(store, protocol=protocol)["run"] if f"-{model}-" in name
+    }
+    return api.load_run(name, store)
+
+
+@pytest.mark.long
+def test_a_run_with_three_presses_is_stored_and_found_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TACTIBENCH_CACHE", str(tmp_path / "cache"))
+    store = tmp_path / "runs"
+    plan = api.plan("exp1", "mean", quick=True, limit=3, store=store)
+    assert not plan.stored
+    assert plan.lines()[0] == f"plan: {plan.name}"
+    done = api.run("exp1", "mean", store=store, **QUICK)
+    assert done.name == plan.name
+    assert plan.stored
+    assert "is in the store" in plan.lines()[0]
+    assert done.record.partial
+    assert done.value("missed") == done.record.value("missed", "all")
+    assert api.run("exp1", "mean", store=store, **QUICK).record == done.record
+    # The mean answers one place for all presses: R2 has a value, and no interval that holds it.
+    r2 = done.metrics.query("metric == 'r2' and group == 'mean'").iloc[0]
+    assert r2["value"] < 0
+    assert r2[["low", "high"]].isna().all()
+    training = plan.train(progress=False)
+    assert (training.reused, training.presses) == (True, 200)
+
+
+def test_parameters_are_given_as_a_mapping_or_as_texts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(api, "Plan", lambda details, _store: details)
+    monkeypatch.setattr("tactibench.run.plan.make_plan", lambda request, *_: request)
+    one: Any = api.plan("exp1", "unet", params={"model.width": 8, "sensor.instance": 1})
+    other: Any = api.plan("exp1", "unet", params=["model.width=8", "sensor.instance=1"])
+    assert one == other
+    assert one.parameters == {"model": {"width": "8"}, "sensor": {"instance": "1"}}
+    with pytest.raises(UserError, match="not understood"):
+        api.plan("exp1", "unet", params={"width": 8})
+
+
+def test_frames_hold_what_the_records_hold(store: Path) -> None:
+    frame = api.load_runs(store)
+    assert set(frame["protocol"]) == {"exp1", "exp2"}
+    assert set(api.load_runs(store, protocol="exp2")["protocol"]) == {"exp2"}
+    run = run_of(store, "cnn")
+    own = frame[frame["run"] == run.name]
+    assert len(own) == len(run.record.metrics) == len(run.metrics)
+    (missed,) = own[own["metric"] == "missed"]["value"]
+    assert missed == run.value("missed") == 0.01
+    assert set(run.speed["phase"]) == {"total"}
+    assert api.load_runs(store / "none").empty
+
+
+def test_an_unknown_metric_is_named_with_the_close_one(store: Path) -> None:
+    with pytest.raises(UserError, match="did you mean 'mae_mm of mean'"):
+        run_of(store, "cnn").value("mae", "mean")
+
+
+def test_runs_are_compared_by_name_or_as_they_are(store: Path) -> None:
+    cnn, unet = run_of(store, "cnn"), run_of(store, "unet")
+    compared = api.compare(cnn, unet)
+    mae = compared.frame.set_index("metric").loc["mae_mm"]
+    assert mae["value"] == pytest.approx((0.05 - 0.10) / 3)
+    assert api.compare(cnn.name, unet.name, store=store).rows == compared.rows
+    with pytest.raises(UserError, match="name two or more"):
+        api.compare(cnn)
+
+
+def test_scoring_again_says_what_differs(store: Path) -> None:
+    scored = api.score(run_of(store, "cnn"))
+    assert scored.run.value("mae_mm", "mean") == pytest.approx(0.05 / 3)
+    assert any(line.startswith("mae_mm of mean: stored") for line in scored.differences)
+    assert not scored.completed
+
+
+def test_a_board_is_a_frame_and_places_a_run(
+    store: Path, tmp_path: Path, fabricate: Callable[..., Record]
+) -> None:
+    from tactibench.board.submissions import add
+
+    board = tmp_path / "board"
+    board.mkdir()
+    unet = run_of(store, "unet")
+    assert api.place(unet, board) is None
+    add(unet, board)
+    cnn = run_of(store, "cnn")
+    first = api.place(cnn, board)
+    assert first is not None
+    # Errors press by press decide, not the fabricated means, which are equal.
+    assert (first.rows, first.rank) == (2, 1)
+    add(cnn, board)
+    second = api.place(unet, board)
+    assert second is not None
+    assert (second.rows, second.rank) == (2, 1 if second.above is None else 2)
+    frame = api.load_board("exp1", board)
+    assert set(frame["model"]) == {"cnn", "unet"}
+    short = store_run(
+        tmp_path / "short", fabricate(partial=True, limits={"quick": False, "limit": 6})
+    )
+    assert api.place(short, board) is None
+    with pytest.raises(UserError, match="there is no board"):
+        api.load_board("exp1", tmp_path / "nowhere")
+
+
+def test_a_figure_has_its_numbers(store: Path, tmp_path: Path) -> None:
+    board = tmp_path / "board"
+    board.mkdir()
+    made = api.plot("frontier", "exp1", board=board, store=store)
+    assert set(made.frame["metric"]) == {"p90_ms", "mae_mm"}
+    assert all(isinstance(one, Table) for one in made.data.tables)
+    assert made.save(tmp_path / "a.png").stat().st_size > 1000
+    with pytest.raises(UserError, match="did you mean 'frontier'"):
+        api.plot("fronteer", "exp1", board=board, store=store)
+
+
+@pytest.mark.parametrize("kind", ["curve", "stability"])
+def test_a_figure_of_nothing_is_refused(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError):
+        api.plot(kind, "exp1", board=tmp_path)
+
+
+def test_what_is_public_is_what_is_documented() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "api.md").read_text("utf-8")
+    for name in api.__all__:
+        assert getattr(api, name).__doc__, name
+        assert f"`{name}" in page, name
+
+
+def test_answers_that_could_not_be_scored_are_scored_by_name(
+    tmp_path: Path, fabricate: Callable[..., Record]
+) -> None:
+    from changed_record import changed_record
+
+    from tactibench.records.files import arrays_hash
+    from tactibench.records.store import write_answers
+
+    parts = answered_parts(0.05)
+    record = changed_record(
+        fabricate(), {"identity.predictions_hash": arrays_hash(parts["predictions"]), "metrics": []}
+    )
+    write_answers(tmp_path, record, parts)
+    with pytest.raises(UserError, match="there is no run"):
+        open_run(tmp_path, record.name)
+    scored = api.score(record.name, tmp_path)
+    assert scored.completed
+    assert open_run(tmp_path, record.name).record == scored.run.record
+    assert scored.run.value("mae_mm", "mean") == pytest.approx(0.05 / 3)
+
+
+def test_progress_is_shown_by_whatever_is_handed_in() -> None:
+    reporter = NullReporter()
+    assert api._reporter(reporter) is reporter
+    assert isinstance(api._reporter(progress=False), NullReporter)

@@ -1,0 +1,63 @@
+"""docs/api.ipynb, its code cells executed in order in a folder with a board."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from surroundings import surroundings
+
+from tactibench import api
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOK = ROOT / "docs" / "api.ipynb"
+
+
+def cells() -> list[dict[str, Any]]:
+    notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert notebook["nbformat"] == 4
+    return list(notebook["cells"])
+
+
+def code_of(cell: dict[str, Any]) -> str:
+    return "".join(cell["source"])
+
+
+@pytest.mark.long
+def test_every_cell_runs_with_and_without_a_board(tmp_path: Path) -> None:
+    """A kernel runs cells in one name space and stops at the first that fails; so does this."""
+    script = "\n\n".join(code_of(cell) for cell in cells() if cell["cell_type"] == "code")
+    work = tmp_path / "work"
+    work.mkdir()
+    for _ in range(2):  # the second time every run is in the store
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", script],
+            cwd=work,
+            env=surroundings(tmp_path),
+            capture_output=True,
+            text=True,
+            timeout=600,
+        )
+        assert done.returncode == 0, done.stderr
+        if not (work / "leaderboards").exists():
+            (work / "leaderboards").symlink_to(ROOT / "leaderboards")
+    assert (work / "frontier.png").is_file()
+
+
+def test_the_notebook_uses_every_function() -> None:
+    text = "\n".join(code_of(cell) for cell in cells())
+    left_out = {"load_run", "place"}  # a run by its name, and what a run prints of itself
+    for name in set(api.__all__) - left_out:
+        if name.islower():
+            assert f"api.{name}(" in text, name
+
+
+def test_no_output_is_kept() -> None:
+    """Outputs go out of date, and nobody sees it."""
+    for cell in cells():
+        if cell["cell_type"] == "code":
+            assert (cell["outputs"], cell["execution_count"]) == ([], None)

@@ -1,0 +1,30 @@
+"""``tactibench demo`` in a process of its own, for tests, benchmarks and recordings."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+END_S = 20
+
+
+@contextmanager
+def demo_page(arguments: Sequence[str]) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Yield the address of the page and the process; Ctrl-C ends it."""
+    command = [sys.executable, "-m", "tactibench", "demo", "--no-browser", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if address := re.search(r"http://127\.0\.0\.1:\d+/", line):
+                    yield address[0], process
+                    break
+            else:
+                raise RuntimeError(f"`{' '.join(command)}` ended with {process.wait()}")
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(END_S)
