@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import signal
 import threading
 import unicodedata
@@ -32,6 +33,11 @@ class Interruption(KeyboardInterrupt):
 
 class NotFiniteError(ValueError):
     """A value that must be a finite number is NaN or infinite."""
+
+
+def is_full(error: OSError) -> bool:
+    """Return whether a disk is full, or a quota used up."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

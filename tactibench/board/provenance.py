@@ -23,7 +23,7 @@ from tactibench.plugins.specs import EncoderSpec, ModelSpec, Parameter, SensorSp
 from tactibench.protocols.loader import LoadedProtocol
 from tactibench.records.identity import canonical
 from tactibench.records.record import Component, Record
-from tactibench.records.store import PARTS
+from tactibench.records.store import CHECKSUM, PARTS, with_checksum
 from tactibench.run.machine import fingerprint_hash
 from tactibench.run.plan import name_stem
 from tactibench.run.request import DATA
@@ -188,7 +188,9 @@ def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
     yield "identity.seed", identity.seed, record.seed
     yield "identity.protocol", identity.protocol, f"{record.protocol.label} {record.protocol.hash}"
     yield "identity.encoder", identity.encoder, record.encoder and record.encoder.identity
-    yield "identity.sealed", identity.checksum, None
+    if identity.checksum is not None:
+        checksum = with_checksum(record.json_values())["identity"][CHECKSUM]
+        yield f"identity.{CHECKSUM}", identity.checksum, checksum
     facts = environment.json_values()
     facts = {k: v for k, v in facts.items() if k not in ("fingerprint", "threads", "versions")}
     yield "environment.fingerprint", environment.fingerprint, fingerprint_hash(facts)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tactibench.cli.text import echo
-from tactibench.errors import UserError
+from tactibench.errors import UserError, is_full
 
 if TYPE_CHECKING:
     from tactibench.plugins.host import PluginHost
@@ -89,7 +89,8 @@ def _check_cache() -> Line:
         probe.write_bytes(b"")
         probe.unlink()
     except OSError as error:
-        text = f"{folder} cannot be written ({error.strerror}); set {VARIABLE}"
+        why = "the disk is full" if is_full(error) else error.strerror
+        text = f"{folder} cannot be written ({why}); set {VARIABLE}"
         return Line("cache", text, ok=False)
     return Line("cache", str(folder))
 

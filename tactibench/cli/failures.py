@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import errno
-
 import click
 
-from tactibench.errors import UserError, printable
-
-_FULL = {errno.ENOSPC, errno.EDQUOT}
+from tactibench.errors import UserError, is_full, printable
 
 
 def sentence(error: BaseException) -> str | None:
@@ -34,7 +30,7 @@ def sentence(error: BaseException) -> str | None:
 
 def _about_files(error: OSError) -> str:
     place = f" {error.filename}" if error.filename else ""
-    if error.errno in _FULL:
+    if is_full(error):
         where = f" while writing{place}" if place else ""
         return (
             f"the disk is full{where}; free some space, or put the store elsewhere with --store "

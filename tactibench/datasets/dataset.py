@@ -12,7 +12,9 @@ from typing import Any, cast
 
 from tactibench.contacts import Contacts, Signal
 from tactibench.datasets.channels import ChannelKind, read_channels, reference_channels
+from tactibench.datasets.checksums import refuse_changed
 from tactibench.datasets.images import Image, ImageCache, read_image
+from tactibench.datasets.index import JournalIndex
 from tactibench.datasets.journal import (
     Content,
     Event,
@@ -39,14 +41,16 @@ class Dataset:
         samples: Samples in the order they were written, bad ones included.
         events: Events in the order they were noted.
         sha256: Identity of labels and images: the hash of the journal, which holds every image's.
+        index: Lines of the journal by row and id.
         repaired: One sentence for each thing that opening repaired.
     """
 
     folder: Path
     header: Header
-    samples: tuple[Sample, ...] = field(repr=False)
+    samples: Sequence[Sample] = field(repr=False)
     events: tuple[Event, ...] = field(repr=False)
     sha256: str
+    index: JournalIndex = field(repr=False)
     repaired: tuple[str, ...] = ()
 
     @classmethod
@@ -58,6 +62,7 @@ class Dataset:
             content.samples,
             content.events,
             content.journal.sha256,
+            content.journal,
             repaired,
         )
 
@@ -87,6 +92,8 @@ class Dataset:
         """Name -> split. Raises UserError for one that leaks or is damaged."""
         splits = {}
         for name, path in split_files(self.folder).items():
+            if self.header.status == "closed":
+                refuse_changed(self.folder, path.relative_to(self.folder).as_posix())
             splits[name] = read_split(path)
             check_split(splits[name], self.samples, str(path))
         return splits
@@ -109,7 +116,7 @@ class Dataset:
         Raises:
             UserError: The file is not what was written; the sentence names file and line.
         """
-        kind, row = self.header.kind, self._row[sample.id]
+        kind, row = self.header.kind, self.index.row_of(sample.id)
         if isinstance(kind, ImageKind):
             return self.image(sample)
         return read_channels(self.folder, row, sample.sha256, kind, f"{JOURNAL} line {row + 1}")
@@ -121,7 +128,7 @@ class Dataset:
             UserError: The file is not what was written; the sentence names file and line. Or the
                 samples hold channels.
         """
-        where = f"{JOURNAL} line {self._row[sample.id] + 1}"
+        where = f"{JOURNAL} line {self.index.row_of(sample.id) + 1}"
         return read_image(self.folder, sample.file_name, sample.sha256, self._image_kind(), where)
 
     def image_file(self, sample: Sample) -> bytes:
@@ -159,7 +166,7 @@ class Dataset:
             shape,
             ImageCache(self.folder, self.sha256, shape, lambda row: self.image(self.samples[row])),
         )
-        return cache.take([self._row[sample.id] for sample in samples])
+        return cache.take([self.index.row_of(sample.id) for sample in samples])
 
     def _image_kind(self) -> ImageKind:
         kind = self.header.kind
@@ -172,10 +179,6 @@ class Dataset:
     @cached_property
     def _caches(self) -> dict[tuple[int, int, int], ImageCache]:
         return {}
-
-    @cached_property
-    def _row(self) -> dict[int, int]:
-        return {sample.id: row for row, sample in enumerate(self.samples)}
 
 
 def open_dataset(folder: Path, repair: bool = True) -> Dataset:

@@ -18,7 +18,7 @@ from tactibench.datasets.schema import Draft, Header
 from tactibench.datasets.splits import SUBSETS
 from tactibench.datasets.storage import new_folder
 from tactibench.datasets.writer import Writer
-from tactibench.errors import UserError
+from tactibench.errors import UserError, is_full
 from tactibench.png import read_file
 
 _BATCH = 250
@@ -57,6 +57,8 @@ def import_folder(
         with new_folder(target, recording.folder) as folder:
             _write(recording, folder, options, advance)
     except OSError as error:
+        if is_full(error):
+            raise  # the command line calls it so
         raise UserError(
             f"{target} cannot be written: {error.strerror or error}; name another place."
         ) from None

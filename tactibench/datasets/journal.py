@@ -11,12 +11,14 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind, unacknowledged_bytes
+from tactibench.datasets.checksums import refuse_changed
+from tactibench.datasets.index import JournalIndex, read_journal
 from tactibench.datasets.rows import parse_object, read_optional, read_row
 from tactibench.datasets.schema import (
     EVENTS,
@@ -28,12 +30,14 @@ from tactibench.datasets.schema import (
     TRASH,
     Header,
     Sample,
+    image_number,
     is_image_name,
     is_reference_name,
     read_header,
 )
 from tactibench.datasets.storage import make_folder
 from tactibench.errors import UserError
+from tactibench.records.files import file_hash
 
 Event = Mapping[str, Any]
 
@@ -66,9 +70,9 @@ class Content:
     """Header, samples in the order they were written, events, and both journals as they stand."""
 
     header: Header
-    samples: tuple[Sample, ...]
+    samples: Sequence[Sample]
     events: tuple[Event, ...]
-    journal: Lines
+    journal: JournalIndex
     event_lines: Lines
 
 
@@ -96,20 +100,29 @@ def read_content(folder: Path) -> Content:
             set was changed. The sentence names file and line.
     """
     header = read_header(folder)
+    if header.status == "closed":
+        refuse_changed(folder, HEADER, EVENTS)
     path = folder / JOURNAL
-    journal = read_lines(path)
+    changed = UserError(
+        f"{path} is not what it was when the data set was closed; restore it "
+        f"(`tactibench data verify {folder}` says what is wrong)."
+    )
+    try:
+        journal, samples = read_journal(folder)
+    except UserError:
+        if (
+            header.status == "closed"
+            and path.is_file()
+            and file_hash(path) != header.journal_sha256
+        ):
+            raise changed from None
+        raise
     if header.status == "closed" and (journal.torn or journal.sha256 != header.journal_sha256):
-        raise UserError(
-            f"{path} is not what it was when the data set was closed; restore it "
-            f"(`tactibench data verify {folder}` says what is wrong)."
-        )
-    samples, errors = parse_samples(path, journal)
-    if errors:
-        raise errors[0]
+        raise changed
     events = read_lines(folder / EVENTS)
     return Content(
         header,
-        tuple(samples.values()),
+        samples,
         tuple(
             read_event(line, f"{folder / EVENTS} line {number}")
             for number, line in enumerate(events.whole, start=1)
@@ -214,8 +227,7 @@ def repair(folder: Path, content: Content) -> tuple[str, ...]:
         _cut_torn_line(folder, EVENTS, content.event_lines),
     ]
     done.append(_cut_channels(folder, content))
-    named = {sample.file_name for sample in content.samples}
-    orphans = [name for name in sample_images(folder) if name not in named]
+    orphans = list(unnamed_images(folder, content))
     for name in orphans:
         target = _free_path(folder / TRASH / name)
         make_folder(target.parent)
@@ -236,7 +248,17 @@ def needs_repair(folder: Path, content: Content) -> bool:
         return True
     if _channels_behind(folder, content):
         return True
-    return not {sample.file_name for sample in content.samples}.issuperset(sample_images(folder))
+    return next(unnamed_images(folder, content), None) is not None
+
+
+def unnamed_images(folder: Path, content: Content) -> Iterator[str]:
+    """Give the names of the images on the disk that no line of the journal names."""
+    kept: set[int] = set()
+    if not isinstance(content.header.kind, ChannelKind):
+        kept = set(content.journal.ids.tolist())
+    for name in sample_images(folder):
+        if image_number(name) not in kept:
+            yield name
 
 
 def sample_images(folder: Path) -> Iterator[str]:
@@ -263,7 +285,7 @@ def _image_folders(folder: Path) -> list[Path]:
     return sorted(path for path in images.iterdir() if path.is_dir()) if images.is_dir() else []
 
 
-def _cut_torn_line(folder: Path, name: str, lines: Lines) -> str:
+def _cut_torn_line(folder: Path, name: str, lines: Lines | JournalIndex) -> str:
     if not lines.torn:
         return ""
     _cut_off(folder, name, lines.torn)
@@ -275,7 +297,7 @@ def _channels_behind(folder: Path, content: Content) -> bytes:
     kind = content.header.kind
     if not isinstance(kind, ChannelKind):
         return b""
-    return unacknowledged_bytes(folder, kind, len(content.journal.whole))
+    return unacknowledged_bytes(folder, kind, content.journal.count)
 
 
 def _cut_channels(folder: Path, content: Content) -> str:

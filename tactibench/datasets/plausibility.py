@@ -25,7 +25,7 @@ from tactibench.datasets.readers.recording import Recording
 from tactibench.datasets.spreads import middle_of_spread, spread_of
 from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder
-from tactibench.records.files import read_json, write_json
+from tactibench.records.files import read_checked_json, write_checked_json
 from tactibench.records.identity import code_hash, combined, digest
 
 FloatArray = npt.NDArray[np.float64]
@@ -193,11 +193,11 @@ def cached_report(
     """Return ``check_labels``, which is kept in the cache."""
     path = _cache_file("labels", recording, options.changed())
     try:
-        stored = read_json(path)
+        stored = read_checked_json(path)
         return LabelReport(stored.pop("presses"), **{k: tuple(v) for k, v in stored.items()})
     except (UserError, KeyError, TypeError):
         report = check_labels(recording, scenes, options)
-        write_json(path, asdict(report))
+        write_checked_json(path, asdict(report))
         return report
 
 
@@ -209,13 +209,13 @@ def cached_fit(recording: Recording, options: ImportOptions, *, side: bool = Tru
     """
     path = _cache_file("fits", recording, [options.depth, options.tilt, side])
     try:
-        stored = read_json(path)
+        stored = read_checked_json(path)
         fit = RecordingFit(
             **{**stored, "pivot": Pivot(**stored["pivot"]), "shear": tuple(stored["shear"])}
         )
     except (UserError, KeyError, TypeError):
         fit = fit_recording(recording, options, side=side)
-        write_json(path, asdict(fit))
+        write_checked_json(path, asdict(fit))
     if contradiction := fit.contradiction():
         raise UserError(
             f"the labels of {recording.folder} give no indentation: {contradiction}; correct the "

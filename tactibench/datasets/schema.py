@@ -7,6 +7,7 @@ images/000000/     PNG files, 1000 in a folder; images/reference/: the undeforme
 channels.f32       in place of images, where the sensor is no camera: a row of float32 a sample
 events.jsonl       reference frames, stops, warnings
 splits/NAME.json   ids of training, validation and test samples
+checksums.json     hashes of header, events and splits of a data set that is closed
 .cache/  .trash/   derived arrays, and what repairs moved aside
 """
 
@@ -183,6 +184,11 @@ class Draft:
 def image_name(number: int) -> str:
     """Return the name of a sample's image by its id: ``images/000000/000123.png``."""
     return f"{IMAGES}/{number // PER_FOLDER:06d}/{number:06d}.png"
+
+
+def image_number(name: str) -> int:
+    """Return the id of the sample that an image is of, by its name, see ``is_image_name``."""
+    return int(name.rpartition("/")[2].removesuffix(".png"))
 
 
 def is_image_name(name: str) -> bool:

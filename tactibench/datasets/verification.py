@@ -15,6 +15,7 @@ from tactibench.datasets.channels import (
     reference_channels,
     unacknowledged_bytes,
 )
+from tactibench.datasets.checksums import changed_files
 from tactibench.datasets.images import is_intact, read_image
 from tactibench.datasets.journal import (
     Lines,
@@ -82,6 +83,7 @@ def verify(folder: Path, advance: Callable[[int], None] = lambda _: None) -> lis
     for path in split_files(folder).values():
         findings += _finding(lambda path=path: check_split(read_split(path), samples, str(path)))
     findings += _check_closed(folder, header, journal, samples)
+    findings += _finding(lambda: findings.extend(changed_files(folder)))
     return findings
 
 
@@ -184,6 +186,9 @@ def _check_closed(
     folder: Path, header: Header, journal: Lines, samples: Sequence[Sample]
 ) -> Iterator[str]:
     if header.status != "closed":
+        return
+    if not (folder / JOURNAL).exists():
+        yield f"{folder / JOURNAL} is missing; restore it from a copy."
         return
     if journal.torn or journal.sha256 != header.journal_sha256:
         yield (

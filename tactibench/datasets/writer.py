@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,12 +19,14 @@ import numpy as np
 
 from tactibench.contacts import Signal
 from tactibench.datasets.channels import CHANNEL_FILE, ChannelKind
+from tactibench.datasets.checksums import write_checksums
 from tactibench.datasets.images import (
     discard_images,
     rename_images,
     signal_bytes,
     write_images,
 )
+from tactibench.datasets.index import JournalIndex, write_index
 from tactibench.datasets.journal import Event, Journal, read_content, read_lines, repair
 from tactibench.datasets.rows import (
     JsonTypes,
@@ -266,13 +269,26 @@ class Writer:
                 "ok": sum(sample.status == "ok" for sample in samples),
                 "presses": len({sample.press for sample in samples}),
             }
-            journal = read_lines(self.folder / JOURNAL)
+            journal = self._index()
             self.header = replace(
                 self.header, status="closed", counts=counts, journal_sha256=journal.sha256
             )
             write_header(self.folder, self.header)
+            write_checksums(self.folder)
             sync_folder(self.folder)
         self.leave_open()
+
+    def _index(self) -> JournalIndex:
+        """Return the index of the whole journal, and write it where it saves time."""
+        lines = read_lines(self.folder / JOURNAL)
+        ends = np.cumsum([len(line) + 1 for line in lines.whole], dtype=np.int64)
+        ids = np.fromiter(self._samples, np.int64, len(self._samples))
+        good = np.array([sample.status == "ok" for sample in self._samples.values()], bool)
+        index = JournalIndex(self.folder / JOURNAL, ends, ids, good, lines.sha256, lines.torn)
+        if len(ends) == len(ids):
+            with suppress(OSError):  # it is made again when the data set is opened
+                write_index(self.folder, index)
+        return index
 
     def leave_open(self) -> None:
         """End writing for now; another writer may continue."""

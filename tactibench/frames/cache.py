@@ -27,9 +27,9 @@ from tactibench.records.files import (
     file_hash,
     locked,
     read_checked_arrays,
-    read_json,
+    read_checked_json,
     write_checked_arrays,
-    write_json,
+    write_checked_json,
 )
 from tactibench.records.identity import combined, digest
 
@@ -182,11 +182,11 @@ def _as_json(scene: Scene) -> tuple[Any, ...]:
 def _intact_manifest(folder: Path, recipe: FrameRecipe) -> dict[str, Any] | None:
     """The manifest, when it and every array are what they were when they were written."""
     try:
-        manifest: dict[str, Any] = read_json(folder / MANIFEST)
+        manifest: dict[str, Any] = read_checked_json(folder / MANIFEST)
         intact = manifest["key"] == recipe.key and all(
             file_hash(folder / f"{name}.npy") == manifest[name] for name in _arrays_of(manifest)
         )
-    except (UserError, OSError, KeyError, TypeError):
+    except (UserError, OSError, KeyError, TypeError, ValueError):
         return None
     return manifest if intact else None
 
@@ -234,7 +234,7 @@ def _generate(
         "seed": "hidden" if recipe.secret else list(recipe.seed),
         **{name: file_hash(temporary / f"{name}.npy") for name in arrays},
     }
-    write_json(temporary / MANIFEST, manifest)
+    write_checked_json(temporary / MANIFEST, manifest)
     if folder.exists():  # damaged, or no set of frames at all
         shutil.rmtree(folder)
     temporary.rename(folder)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,11 +17,19 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError
+from tactibench.records.identity import digest
 
 
 @contextmanager
 def atomic(path: Path) -> Iterator[IO[bytes]]:
-    """Open a temporary neighbour of ``path`` for writing; it takes the name when all went well."""
+    """Open a temporary neighbour of ``path`` for writing; it takes the name when all went well.
+
+    What is no plain file, such as ``/dev/stdout`` or a pipe, is written to and stays what it is.
+    """
+    if path.exists() and not path.is_file():
+        with path.open("wb") as stream:
+            yield stream
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -48,7 +57,14 @@ def parse_json(text: str) -> Any:
     Raises ValueError, for NaN and 1e999 too and for a key that stands twice (whoever reads the text
     would see one value, and a program another), and RecursionError for lists without an end.
     """
-    return json.loads(text, parse_constant=_finite, parse_float=_finite, object_pairs_hook=_unique)
+    # Only such a number can be too large; elsewhere the parser's own conversion is faster.
+    check = _finite if HUGE.search(text) else None
+    return json.loads(text, parse_constant=_finite, parse_float=check, object_pairs_hook=_unique)
+
+
+CHECKSUM = "checksum"
+HUGE = re.compile(r"[eE]\+?0*[1-9]\d\d|\d{290}")
+"""Exponents of three digits, or as many digits."""
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -75,6 +91,26 @@ def read_json(path: Path) -> Any:
         raise UserError(f"{path} does not exist.") from None
     except (ValueError, RecursionError, OSError) as error:
         raise UserError(f"{path} cannot be read as JSON: {error}.") from None
+
+
+def write_checked_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a JSON object with a checksum of everything in it."""
+    write_json(path, {**values, CHECKSUM: digest(dict(values))})
+
+
+def read_checked_json(path: Path) -> dict[str, Any]:
+    """Return the object of ``write_checked_json``; an older file without a checksum is taken.
+
+    Raises:
+        UserError: the file is missing, damaged, or not what was written.
+    """
+    values = read_json(path)
+    if not isinstance(values, dict):
+        raise UserError(f"{path} holds no JSON object; restore it.")
+    stated = values.pop(CHECKSUM, None)
+    if stated is not None and stated != digest(values):
+        raise UserError(f"{path} is not what was written; delete it, or restore it.")
+    return values
 
 
 def write_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> None:

@@ -204,8 +204,8 @@ def refuse_changed(values: dict[str, Any], where: str) -> None:
     stated = values["identity"].get(CHECKSUM)
     if stated not in (None, with_checksum(values)["identity"][CHECKSUM]):
         raise UserError(
-            f"{where} is not what was written: a value in it was changed; run the protocol again "
-            "with --fresh."
+            f"{where} is not what was written: a value in it was changed; restore it, or run "
+            "the protocol again with --fresh."
         )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.records.files import read_json
+from tactibench.records.files import read_checked_json
 from tactibench.run.weights import MANIFEST
 
 
@@ -45,7 +45,7 @@ def cached_weights(cache: Path) -> list[CachedWeights]:
 def _read(path: Path) -> Iterator[CachedWeights]:
     """One, or nothing where the manifest is damaged: a run would train anew."""
     try:
-        manifest = read_json(path)
+        manifest = read_checked_json(path)
         identity, report = manifest["identity"], manifest["report"]
         encoder = identity["encoder"]
         yield CachedWeights(

@@ -17,7 +17,7 @@ from tactibench.plugins.base import FitReport, Model, Progress
 from tactibench.plugins.specs import ModelSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.files import file_hash, locked, read_json, write_json
+from tactibench.records.files import file_hash, locked, read_checked_json, write_checked_json
 from tactibench.records.identity import (
     canonical,
     code_hash,
@@ -156,7 +156,7 @@ def trained_weights(
 def intact_manifest(plan: WeightsPlan) -> dict[str, Any] | None:
     """Return the manifest, when it and every file are what they were when they were written."""
     try:
-        manifest: dict[str, Any] = read_json(plan.folder / MANIFEST)
+        manifest: dict[str, Any] = read_checked_json(plan.folder / MANIFEST)
         files = manifest["files"]
         intact = (
             canonical(manifest["identity"]) == canonical(plan.identity)
@@ -201,7 +201,7 @@ def _train(
         "report": _report_as_json(report, plan.identity["model"]),
         "presses": len(frames),
     }
-    write_json(temporary / MANIFEST, manifest)
+    write_checked_json(temporary / MANIFEST, manifest)
     if plan.folder.exists():  # damaged
         shutil.rmtree(plan.folder)
     temporary.rename(plan.folder)

@@ -27,7 +27,13 @@ from tactibench.plugins.base import Model, ModelContext
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.mistakes import first_mistake
 from tactibench.records.bound_spec import BoundSpec
-from tactibench.records.files import atomic, file_hash, locked, parse_json, write_json
+from tactibench.records.files import (
+    atomic,
+    file_hash,
+    locked,
+    parse_json,
+    write_checked_json,
+)
 from tactibench.records.identity import installed_versions
 from tactibench.run.machine import choose_device
 from tactibench.run.plan import RunPlan, no_weights
@@ -278,7 +284,7 @@ def import_weights(file: WeightsFile, cache: Path) -> tuple[Path, bool]:
             "report": {**description.report, "notes": notes},
             "presses": description.presses,
         }
-        write_json(temporary / MANIFEST, manifest)
+        write_checked_json(temporary / MANIFEST, manifest)
         shutil.rmtree(plan.folder, ignore_errors=True)  # damaged
         temporary.rename(plan.folder)
     return plan.folder, False

@@ -88,3 +88,24 @@ def test_intervals_that_are_apart_are_told_apart_by_pairing(seed, correlation, s
     first, second = (mean_interval(x, np.arange(30)) for x in (a, b))
     if second.low > first.high:
         assert mean_interval(b - a, np.arange(30)).low > 0
+
+
+def test_a_row_with_errors_of_few_presses_is_not_paired(fabricate, errors) -> None:
+    """It could choose the presses that it is compared on."""
+    made = records(fabricate, errors)
+    rows = rows_of(made)
+    known = kept(made, errors)
+    (b,) = [record for record in made if record.model.name == "b"]
+    for count, rank in ((199, 2), (100, 1), (0, 1)):
+        known[b.name] = PressErrors(PRESSES[:count], errors["b"][:count])
+        assert by_model(ranks("exp1", rows, known), rows)["b"] == rank
+    known[b.name] = PressErrors(np.array([f"q{k:03d}" for k in range(200)]), errors["b"])
+    assert by_model(ranks("exp1", rows, known), rows)["b"] == 1
+
+
+def test_a_row_without_presses_and_without_an_interval_has_no_rank(fabricate, errors) -> None:
+    made = records(fabricate, errors)
+    row = next(m for m in made[1].metrics if m.metric == "mae_mm")
+    row.low = row.high = None
+    rows = rows_of(made)
+    assert by_model(ranks("exp1", rows, {}), rows) == {"a": 1, "b": None, "c": 2}

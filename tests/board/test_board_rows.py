@@ -163,3 +163,10 @@ def test_latency_is_read_by_threads(fabricate):
     assert latency(record, threads=None) == 3.0
     assert latency(record, threads=7) is None
     assert latency(record.model_copy(update={"speed": []}), threads=None) is None
+
+
+@pytest.mark.parametrize(("value", "below"), [(0.5, True), (0.97, False), (3.0, False)])
+def test_a_row_surely_below_the_bound_is_told(fabricate, value, below):
+    """The interval of a fabricated metric is a tenth to either side."""
+    (row,) = rows_of([fabricate(metrics=(("rmse_over_bound", "x", value),))])
+    assert row.below_bound == below

@@ -105,8 +105,9 @@ def test_the_rest_is_kept_with_its_hash(tmp_path: Path) -> None:
     event = json.loads(events.read_text())
     event["channels"][4] = 1.0
     events.write_text(json.dumps(event) + "\n")
-    (finding,) = verify(folder)
+    finding, changed = verify(folder)
     assert "does not hold the channels at rest" in finding
+    assert "events.jsonl is not what it was when the data set was closed" in changed
 
 
 @pytest.mark.parametrize(

@@ -170,3 +170,19 @@ def test_debug_shows_the_exception_itself(cli: Any) -> None:
     for arguments in (["--debug", *MEAN, "--sensor", "x"], [*MEAN, "--sensor", "x", "--debug"]):
         with pytest.raises(UserError, match="unknown sensor 'x'"):
             call(arguments)
+
+
+def test_control_characters_are_shown_escaped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In names of files and in words of the command line."""
+    monkeypatch.chdir(tmp_path)
+    evil = tmp_path / "evil\x1b[2J\u202e.json"
+    evil.write_text("x")
+    assert call(["board", "verify", str(evil)]) == 1
+    assert call(["run", "exp\x1b[2J", "--model", "mean"]) == 2
+    out, err = capsys.readouterr()
+    assert r"REFUSED evil\x1b[2J\u202e.json" in out
+    assert r"unknown protocol 'exp\x1b[2J'" in err
+    assert "\x1b" not in out + err
+    assert "\u202e" not in out + err

@@ -12,9 +12,16 @@ import pytest
 from same_run import in_common
 
 from tactibench import UserError
-from tactibench.board.submissions import compact
+from tactibench.board.submissions import add
 from tactibench.records.record import Record, parse_record
-from tactibench.records.store import PARTS, RECORD, StoredRun, open_run, run_names
+from tactibench.records.store import (
+    PARTS,
+    RECORD,
+    StoredRun,
+    open_run,
+    refuse_changed,
+    run_names,
+)
 
 CACHED = (
     *(f"frames/*/{name}" for name in ("frames.npy", "rest.npy", "poses.npy", "manifest.json")),
@@ -123,11 +130,17 @@ def test_a_record_from_before_seals_is_read(copied: Path) -> None:
     assert open_run(store, name).record.json_values() == record
 
 
-def test_a_committed_record_needs_no_seal(first: tuple[Path, Record]) -> None:
-    committed = compact(first[1])
-    assert committed.identity.checksum is None
-    assert first[1].identity.checksum is not None
-    parse_record(committed.json_values(), "it")
+def test_a_committed_record_has_a_seal_of_its_own(copied: Path, first: tuple[Path, Record]) -> None:
+    store = copied / "runs"
+    (name,) = run_names(store)
+    added = add(open_run(store, name), copied / "board")
+    values = json.loads(added.path.read_text(encoding="utf-8"))
+    parse_record(values, "it")
+    refuse_changed(values, "it")
+    assert values["identity"]["sealed"] not in (None, first[1].identity.checksum)
+    values["training"]["seconds"] += 1.0
+    with pytest.raises(UserError, match="a value in it was changed"):
+        refuse_changed(values, "it")
 
 
 def test_a_damaged_run_is_named_when_runs_are_added_to_a_board(copied: Path) -> None:

@@ -16,9 +16,12 @@ from tactibench import UserError
 from tactibench.records.files import (
     arrays_hash,
     atomic,
+    parse_json,
     read_arrays,
+    read_checked_json,
     read_json,
     write_arrays,
+    write_checked_json,
     write_json,
 )
 
@@ -144,3 +147,31 @@ def test_a_number_that_is_not_finite_is_refused(tmp_path: Path, word: str) -> No
     path.write_text(f'{{"value": [1.5, {word}]}}')
     with pytest.raises(UserError, match=f"holds {word}, which is no finite number"):
         read_json(path)
+
+
+def test_what_is_no_plain_file_is_written_to_and_stays(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    with atomic(pipe) as stream:
+        stream.write(b"whole")
+    assert os.read(reader, 100) == b"whole"
+    os.close(reader)
+    assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("text", ['{"a": 1, "a": 2}', '{"b": {"a": 1, "a": 1}}', "[1e999]", "NaN"])
+def test_json_that_two_readers_would_read_differently_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="it holds"):
+        parse_json(text)
+
+
+def test_a_checked_object_comes_back_and_a_changed_one_does_not(tmp_path: Path) -> None:
+    path = tmp_path / "it.json"
+    write_checked_json(path, {"a": 1.5, "b": ["x"]})
+    assert read_checked_json(path) == {"a": 1.5, "b": ["x"]}
+    path.write_text(path.read_text().replace("1.5", "1.6"))
+    with pytest.raises(UserError, match="is not what was written"):
+        read_checked_json(path)
+    write_json(path, {"a": 1.6})  # from before there were checksums
+    assert read_checked_json(path) == {"a": 1.6}

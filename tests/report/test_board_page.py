@@ -249,3 +249,10 @@ def test_a_comparison_with_released_predictions_has_a_table_of_its_own(fabricate
     assert found["pins"]["depth MAE, mm"].startswith("-0.0300<br>")
     assert found["cnn"]["depth MAE, mm"] == "n/a"
     assert "below zero where this row is nearer to the label" in text
+
+
+def test_a_row_below_the_cramer_rao_bound_is_marked(fabricate):
+    plain, exact = made([fabricate()]), made([fabricate(metrics=(("rmse_over_bound", "x", 0.5),))])
+    assert "unet †" not in plain
+    assert "| unet † |" in exact
+    assert "†: more exact than the Cramer-Rao bound" in exact

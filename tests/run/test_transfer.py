@@ -272,6 +272,7 @@ def test_a_submission_cannot_choose_its_own_numbers_of_labelled_frames(
 ) -> None:
     path = submitted("mean")
     record = json.loads(path.read_text(encoding="utf-8"))
+    del record["identity"]["sealed"]  # a forger would write another
     record["data"]["of_tested_sensor"]["labelled_frames"] = [0, 18]
     path.write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(UserError, match=r"shown \[0, 18\] labelled frames"):
@@ -284,6 +285,7 @@ def test_a_record_that_says_nothing_of_the_tested_sensor_is_refused_in_a_sentenc
 ) -> None:
     path = submitted("mean")
     record = json.loads(path.read_text(encoding="utf-8"))
+    del record["identity"]["sealed"]  # a forger would write another
     record["data"]["of_tested_sensor"] = seen
     path.write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(UserError, match=r"labelled frames|is not the recording|of_tested_sensor"):

@@ -543,6 +543,7 @@ def key_forgeries(base: str) -> list[Forgery]:
         for place, value in _leaves(values)
         if place != "signature" and not _of_heatmaps(values, place)
         for other in _others(value)
+        if other != value
         if place != "name" or "/" not in other
     ]
 

@@ -159,8 +159,8 @@ def read_dataset(folder: Path) -> Recording:
     """
     dataset = open_dataset(folder)
     header = dataset.header
-    rows = [row for row, sample in enumerate(dataset.samples) if sample.status == "ok"]
-    samples = [dataset.samples[row] for row in rows]
+    samples = [sample for sample in dataset.samples if sample.status == "ok"]
+    rows = [int(row) for row in np.flatnonzero(dataset.index.good)]
     if not samples:
         raise UserError(f"{folder} holds no sample that is not bad; record or import some.")
     bad = len(dataset.samples) - len(samples)

@@ -66,9 +66,9 @@ class Option:
 
 
 MOST_PICTURES = 3
-"""Pictures of one kind and sensor: eighteen rows are more than anybody compares by eye, and a
-picture takes a second or more."""
-MOST_POINTS = 40
+"""Pictures of one kind and sensor. Of more rows than they hold the best ones are drawn alone: a
+picture takes a second or more, and nobody compares hundreds by eye."""
+MOST_POINTS = 24
 """Points beside the line of a frontier that can still be told apart."""
 
 
@@ -218,7 +218,7 @@ def _batch_options(
 ) -> tuple[Option, ...]:
     """Return a picture and a table for every ``size`` rows, the best first, named by places."""
     options = []
-    drawn = rows[: MOST_PICTURES * size]
+    drawn = rows if len(rows) <= MOST_PICTURES * size else rows[:size]
     for start in range(0, len(drawn), size):
         part = drawn[start : start + size]
         label = "" if len(rows) <= size else f"{start + 1} to {start + len(part)}"
