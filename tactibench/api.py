@@ -134,7 +134,7 @@ class Plan:
 
     @property
     def stored(self) -> bool:
-        """Whether the run is in the store already."""
+        """True where the run is in the store already."""
         return (self.store / self.name / RECORD).is_file()
 
     def lines(self, *, fresh: bool = False) -> list[str]:
@@ -468,7 +468,7 @@ class Plot:
 
     @cached_property
     def detail(self) -> Figure | None:
-        """Of "stability": the error case by case, a panel a family; None for other kinds.
+        """The error case by case, a panel a family; None for another kind than "stability".
 
         Raises:
             UserError: There are too many rows for one panel.

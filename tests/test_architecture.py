@@ -36,8 +36,6 @@ LONGER = {
     "plugins/tactibench_sim/mechanics/kernels.py": "numba's cache on disk follows one file only",
     "plugins/tactibench_tactip/settings.py": "the configuration of a setup reads as one page",
     "tactibench/api.py": "what Python offers reads as one page",
-    "tactibench/board/provenance.py": "what verification derives of a record reads as one page",
-    "tactibench/board/truth.py": "what a record must say follows from one plan of its run",
     "tactibench/records/record.py": "the schema of a record reads as one page",
 }
 """Files above LONGEST lines, with the reason."""

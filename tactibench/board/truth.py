@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
-from math import isinf
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from tactibench.board.provenance import OURS, Derived
+from tactibench.board.derivation import Derived, derive, read_facts
+from tactibench.board.record_forms import OURS
 from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
 from tactibench.frames.drawn_presses import DrawnFrames
 from tactibench.frames.factory import frame_source
-from tactibench.frames.ground_truth import simulator_error
 from tactibench.frames.presses import true_answers
 from tactibench.frames.source import FrameRequest, FrameSet, FrameSource
 from tactibench.frames.transfer import TransferFrames
@@ -41,9 +40,9 @@ from tactibench.records.store import Arrays
 from tactibench.run.evaluation import truth_arrays
 from tactibench.run.few_shot import count_groups, repeat
 from tactibench.run.published_predictions import find_published, published_arrays
-from tactibench.run.request import DATA, HIDDEN, TestOptions, read_test_options
+from tactibench.run.request import HIDDEN, TestOptions, read_test_options
 from tactibench.run.score import LIMIT
-from tactibench.run.test_sensor import resolve_test_sensor, target_record
+from tactibench.run.test_sensor import resolve_test_sensor
 
 T = TypeVar("T")
 
@@ -161,7 +160,7 @@ def test_set(
     ]
     frames = cache(lambda: frame_source(request))
     training = [record.regime, record.limits.presses, options.shots]
-    facts = source.keep(["facts", *identity, *training], lambda: _facts(frames()))
+    facts = source.keep(["facts", *identity, *training], lambda: read_facts(frames()))
     counts = labelled_counts(record, protocol)
     if protocol.spec.transfer is not None:
         _check_same_recording(record, facts.target, request.test_data)
@@ -170,7 +169,7 @@ def test_set(
     truth = source.keep(
         ["truth", *identity, limits, counts], lambda: _truth(frames(), counts, limits)
     )
-    return TestSet(truth, _derived(record, options, request, facts, truth, hidden))
+    return TestSet(truth, derive(record, options, request, facts, truth, hidden))
 
 
 def _truth(frames: FrameSource, counts: tuple[int, ...], limits: bool) -> Arrays:
@@ -180,121 +179,6 @@ def _truth(frames: FrameSource, counts: tuple[int, ...], limits: bool) -> Arrays
         return _recorded_truth(frames)
     truth = _drawn_truth(frames)
     return truth | _limits(frames) if limits else truth
-
-
-@dataclass(frozen=True)
-class _Facts:
-    """The facts of a plan that a record states, without its scenes.
-
-    describe: what the training sensor says of itself; None where its recording is not here.
-    target: what the recording that was tested says of itself; empty for drawn presses.
-    """
-
-    data: dict[str, Any]
-    sets: int
-    describe: Mapping[str, Any] | None
-    range: dict[str, Any] | None
-    calibrated: int
-    released: tuple[Mapping[str, Any], ...] = ()
-    target: Mapping[str, Any] = field(default_factory=dict)
-
-
-def _facts(frames: FrameSource) -> _Facts:
-    request, tested = frames.request, frames.request.tested.spec
-    target = frames.target.identity["describe"] if isinstance(frames, TransferFrames) else {}
-    if isinstance(frames, TransferFrames) and frames.simulated is None:
-        # The recording that trained is not here: --data names the one that was tested.
-        sets = frames.test_frames()
-        tests = {"test": sum(len(one.scenes) for one in sets), "published_frames": False}
-        return _Facts(tests, len(sets), None, None, 0, target=target)
-    plan = frames.plan()
-    counts: dict[str, Any] = {
-        "train": plan.count("fit"),
-        "validation": plan.count("validation"),
-        "test": plan.count("test"),
-        "rejected": plan.rejected,
-        "published_frames": frames.published,
-    }
-    if tested.origin != "simulated" or tested.reference_of:
-        counts["simulator"] = []
-    elif not request.protocol.archived:  # whose settings of a sensor may be gone
-        errors = [simulator_error(frame_set) for frame_set in plan.test]
-        counts["simulator"] = [error for error in errors if error is not None]
-    space = None
-    if plan.workspace is not None:
-        radius = plan.workspace.dome_radius_mm
-        space = {**asdict(plan.workspace), "dome_radius_mm": None if isinf(radius) else radius}
-    released: tuple[Mapping[str, Any], ...] = ()
-    if frames.published:
-        released = tuple(
-            one.identity for one in find_published(request.protocol, request.data, None)
-        )
-    describe = plan.sensor_identity["describe"]
-    return _Facts(counts, len(plan.test), describe, space, plan.calibrated, released, target)
-
-
-def _derived(
-    record: Record,
-    options: TestOptions,
-    request: FrameRequest,
-    facts: _Facts,
-    truth: Arrays,
-    hidden: HiddenSeed | None,
-) -> Derived:
-    """Return what the record must say of all this."""
-    origin, describe = request.sensor.spec.origin, facts.describe or {}
-    if describe.get("origin") == "simulated":
-        origin = "simulated"
-    sensor: dict[str, Any] = {"origin": origin, "range": facts.range}
-    if request.sensor.spec.needs_data and {"folder", "sha256"} <= set(describe):
-        sensor["recording"] = {
-            "sha256": describe["sha256"],
-            "sensor": str(describe.get("recorded_with", "")),
-        }
-    tested = request.test_sensor
-    if tested is not None:
-        presses = len(set(truth["press"].tolist()))
-        sensor["tested"] = target_record(tested, request.sensor, options, presses, None)
-        if options.data is not None:
-            stated = [] if record.test_sensor is None else record.test_sensor.options
-            sensor["tested"] |= _as_labelled(stated, sensor["tested"])
-            if request.sensor.spec.needs_data:
-                sensor["tested"]["trained_on"] = ""
-    data = dict(facts.data)
-    if request.spec.transfer is not None:
-        seen = record.data.of_tested_sensor
-        data["of_tested_sensor"] = {
-            "rest_image": True,
-            "unlabelled_frames": 0,
-            "labelled_frames": [] if seen is None else seen.labelled_frames,  # checked before
-            "left_out_calibrated": facts.calibrated,
-            "described": facts.target,
-        }
-    elif options.shots:
-        data["of_tested_sensor"] = {
-            "rest_image": True,
-            "unlabelled_frames": 0,
-            "labelled_frames": [options.shots],
-        }
-    return Derived(
-        sensor=sensor,
-        tested_values=None if tested is None else tested.values,
-        data=data,
-        sets=facts.sets,
-        hidden=None if hidden is None else hidden.commitment,
-        released=facts.released,
-        trained=facts.describe is not None,
-        shots=bool(options.shots) or request.spec.transfer is not None,
-    )
-
-
-def _as_labelled(stated: Sequence[str], tested: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options and description with the folder as the submitter called it."""
-    ours = next(text for text in tested["asked"] if text.startswith(f"{DATA}="))
-    theirs = next(text for text in stated if text.startswith(f"{DATA}="))
-    asked = [theirs if text == ours else text for text in tested["asked"]]
-    label, other = (text.partition("=")[2] for text in (ours, theirs))
-    return {"asked": asked, "on": tested["on"].replace(f"recording {label}", f"recording {other}")}
 
 
 def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:

@@ -23,10 +23,10 @@ from tactibench.board.provenance import (
     on_word,
     refuse_components,
     refuse_failures,
-    refuse_forms,
     refuse_too_many,
     refuse_underived,
 )
+from tactibench.board.record_forms import refuse_forms
 from tactibench.board.rows import BOUND, below_bound, label_of, measured_on
 from tactibench.board.submissions import (
     read_untrusted,

@@ -126,7 +126,7 @@ class Samples(Sequence[Sample]):
 
 @dataclass
 class _Scan:
-    """What was read of a journal so far."""
+    """The part of a journal that was read so far."""
 
     path: Path
     hasher: Any

@@ -1,4 +1,4 @@
-"""Where the pins of a frame went, drawn as lines from where they are at rest."""
+"""Lines from the pins at rest to the pins of a frame."""
 
 from __future__ import annotations
 

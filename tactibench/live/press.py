@@ -33,7 +33,7 @@ RADIUS_MM = (2.0, 8.0)
 LIGHT = (0.3, 1.7)
 """Factor on every grey level: from a third of the light to where tips are cut off at white."""
 SHIFT_PX = (-4.0, 4.0)
-"""Of the image. Pins of a frame of 128 px lie about 9 px apart."""
+"""Range of the image's shift. Pins of a frame of 128 px lie about 9 px apart."""
 LAST_INSTANCE = 20
 OPEN_SENSORS = 4
 """Sensor instances that stay open; making one takes a twentieth of a second."""

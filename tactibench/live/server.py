@@ -19,7 +19,7 @@ HOST = "127.0.0.1"
 NAMES = frozenset({HOST, "localhost"})
 """Names of this machine in a Host header. Any port goes with them: a tunnel may have another."""
 MOST_BYTES = 4096
-"""Of the body of a POST: five tips and five sliders take a tenth of it."""
+"""Size of the body of a POST: five tips and five sliders take a tenth of it."""
 MOST_CONNECTIONS = 16
 """At a time. A browser opens six."""
 IDLE_S = 60.0

@@ -1,4 +1,4 @@
-"""What the page shows of one frame, as bytes: a JSON head, then the pictures as plain numbers.
+"""One frame for the page, as bytes: a JSON head, then the pictures as plain numbers.
 
 Pictures are neither compressed nor drawn here. A frame of 128 x 128 px has 16 KiB, which loopback
 carries in less time than a JPEG takes to encode.
@@ -27,7 +27,7 @@ BYTES, FLOATS = np.dtype("u1"), np.dtype("<f4")
 
 @dataclass(frozen=True)
 class AnswerView:
-    """What one model says to a frame.
+    """The answer of one model to a frame.
 
     Attributes:
         prediction: Contacts or a plate pose; None: nothing could be read.

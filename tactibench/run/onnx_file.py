@@ -25,7 +25,7 @@ about answers."""
 
 @dataclass(frozen=True)
 class OnnxCheck:
-    """How equal a file is to its model.
+    """The differences between a file and its model.
 
     Attributes:
         frames: That were answered by both.

@@ -23,7 +23,7 @@ class ComponentValues(_Strict):
 
 
 class BuildContext(_Strict):
-    """What a model is told when it is made (`ModelContext`)."""
+    """The context in which a model is made (`ModelContext`)."""
 
     answer: Literal["contacts", "plate"]
     cells: tuple[Annotated[int, Field(ge=1, le=1024)], Annotated[int, Field(ge=1, le=1024)]]
@@ -39,7 +39,7 @@ class _EncoderIdentity(BaseModel):
 
 
 class TrainedIdentity(BaseModel):
-    """What is read of an identity; it holds more."""
+    """The part of an identity that is read; it holds more."""
 
     model: str
     parameters: dict[str, bool | int | float | str]
@@ -51,7 +51,7 @@ class TrainedIdentity(BaseModel):
 
 
 class _Report(BaseModel):
-    """What is read of the report of a training."""
+    """The part of a training's report that is read."""
 
     epochs: int
     seconds: float

@@ -58,10 +58,10 @@ DESCRIPTION, CARD, FOLDER = "weights.json", "README.md", "weights/"
 FIRST_DAY = (1980, 1, 1, 0, 0, 0)
 """Time stamp of every entry: equal weights give equal bytes."""
 MOST_BYTES = 2 * 1024**3
-"""Of all files together; the largest model that ships has 40 MB."""
+"""Size of all files together; the largest model that ships has 40 MB."""
 MOST_DESCRIPTION_BYTES = 1024**2
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}){0,3}")
-"""Of a file inside: relative, and nowhere up."""
+"""Name of a file inside: relative, and nowhere up."""
 
 
 @dataclass(frozen=True)

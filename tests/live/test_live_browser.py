@@ -33,9 +33,14 @@ def browser() -> Iterator[Any]:
 def served(session: Any) -> Iterator[PressPage]:
     models = [("sayer", "#0072B2")]
     with PressPage(
-        session, models, sensor="tactip-127", half_mm=12.8, learned_mm=6.4, dome_mm=20.0,
+        session,
+        models,
+        sensor="tactip-127",
+        half_mm=12.8,
+        learned_mm=6.4,
+        dome_mm=20.0,
         instances=True,
-    ) as page:  # fmt: skip
+    ) as page:
         yield page
 
 

@@ -70,19 +70,42 @@ def test_another_instance_is_another_sensor_with_its_own_rest(session: Any, saye
 @pytest.mark.parametrize(
     "body",
     [
-        b"", b"{", b"[]", b"null", b"\xff", b"1" * 4000, b"[" * 4000,
+        b"",
+        b"{",
+        b"[]",
+        b"null",
+        b"\xff",
+        b"1" * 4000,
+        b"[" * 4000,
         json.dumps({**USUAL, "more": 1}).encode(),
-        *(json.dumps({**USUAL, **changes}).encode() for changes in (
-            {"tips": [[0.0, 0.0]] * (MOST_TIPS + 1)}, {"tips": [[0.0]]}, {"tips": [[0.0] * 3]},
-            {"tips": [["0", "0"]]}, {"tips": [[21.0, 0.0]]}, {"tips": 1}, {"depth": 0.0},
-            {"depth": 5.0}, {"depth": -1.0}, {"depth": 10**400}, {"depth": "1"}, {"depth": True},
-            {"radius": 1.0}, {"radius": 9.0}, {"light": 0.0}, {"shift": 1e9}, {"instance": 1.5},
-            {"instance": 21}, {"instance": -1},
-        )),
+        *(
+            json.dumps({**USUAL, **changes}).encode()
+            for changes in (
+                {"tips": [[0.0, 0.0]] * (MOST_TIPS + 1)},
+                {"tips": [[0.0]]},
+                {"tips": [[0.0] * 3]},
+                {"tips": [["0", "0"]]},
+                {"tips": [[21.0, 0.0]]},
+                {"tips": 1},
+                {"depth": 0.0},
+                {"depth": 5.0},
+                {"depth": -1.0},
+                {"depth": 10**400},
+                {"depth": "1"},
+                {"depth": True},
+                {"radius": 1.0},
+                {"radius": 9.0},
+                {"light": 0.0},
+                {"shift": 1e9},
+                {"instance": 1.5},
+                {"instance": 21},
+                {"instance": -1},
+            )
+        ),
         b'{"tips": [], "depth": NaN, "radius": 3.0}',
         b'{"tips": [], "depth": Infinity, "radius": 3.0}',
     ],
-)  # fmt: skip
+)
 def test_a_request_beyond_its_bounds_is_refused_in_a_sentence(body: bytes) -> None:
     with pytest.raises(UserError, match="the press is not understood: ") as error:
         PressRequest.read(body)

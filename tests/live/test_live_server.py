@@ -71,9 +71,19 @@ def test_it_listens_on_loopback_alone(server: LocalServer) -> None:
 
 @pytest.mark.parametrize(
     "host",
-    ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "", "127.0.0.1:80:80",
-     "127.0.0.1@evil.example", "127.0.0.1:x", "[::1]", "0.0.0.1", "192.168.0.7"],
-)  # fmt: skip
+    [
+        "evil.example",
+        "evil.example:8080",
+        "127.0.0.1.evil.example",
+        "",
+        "127.0.0.1:80:80",
+        "127.0.0.1@evil.example",
+        "127.0.0.1:x",
+        "[::1]",
+        "0.0.0.1",
+        "192.168.0.7",
+    ],
+)
 def test_another_host_is_refused(server: LocalServer, host: str) -> None:
     assert ask(server, "GET", "/", Host=host)[0] == 403
     assert post(server, b"abc", Host=host)[0] == 403

@@ -171,11 +171,17 @@ HOSTILE = {
     "another model": described(model={"name": "mean", "parameters": {}}),
     "an identity of nothing": described(identity={}),
     "a report of nothing": described(report={}),
-    "a huge grid": described(context={
-        "answer": "contacts", "cells": [10**9, 10**9], "origin_mm": [0, 0], "pitch_mm": 1,
-        "max_depth_mm": 1, "transfers": False,
-    }),
-}  # fmt: skip
+    "a huge grid": described(
+        context={
+            "answer": "contacts",
+            "cells": [10**9, 10**9],
+            "origin_mm": [0, 0],
+            "pitch_mm": 1,
+            "max_depth_mm": 1,
+            "transfers": False,
+        }
+    ),
+}
 
 
 @pytest.mark.parametrize("how", HOSTILE)

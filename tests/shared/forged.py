@@ -1,4 +1,3 @@
-# ruff: noqa: E501 - a forgery a line is read more easily
 """Records and answers as somebody would forge them: a committed submission with one untruth in it.
 
 Whatever a stranger can recompute is recomputed, as he would: the signature, the hash of the
@@ -230,9 +229,7 @@ FORGERIES = (
     Forgery(
         "sensor that moves",
         "plain",
-        put(
-            "sensor", {"name": "tactip", "origin": "real", "parameters": {"config": "hw.toml"}}
-        ),
+        put("sensor", {"name": "tactip", "origin": "real", "parameters": {"config": "hw.toml"}}),
     ),
     Forgery("regime unknown", "plain", put("regime", "zebra")),
     Forgery("regime other", "plain", put("regime", "multiple")),
@@ -250,7 +247,11 @@ FORGERIES = (
     Forgery("limits.quick", "plain", put("limits.quick", True)),
     Forgery("limits.presses", "plain", put("limits.presses", 100)),
     Forgery("limits.presses negative", "plain", put("limits.presses", -5)),
-    Forgery("limits.presses left out", "few", both(put("limits.presses", None), put("identity.presses", None))),
+    Forgery(
+        "limits.presses left out",
+        "few",
+        both(put("limits.presses", None), put("identity.presses", None)),
+    ),
     Forgery(
         "limits.presses others",
         "few",
@@ -274,9 +275,7 @@ FORGERIES = (
     Forgery("identity.data words", "plain", put("identity.data", ["real", "frames"])),
     Forgery("identity.test_frames", "plain", put("identity.test_frames", [])),
     Forgery("identity.plugins none", "plain", put("identity.plugins", {})),
-    Forgery(
-        "identity.plugins other", "plain", put("identity.plugins.sim.distribution", "my-sim")
-    ),
+    Forgery("identity.plugins other", "plain", put("identity.plugins.sim.distribution", "my-sim")),
     Forgery("identity.machine", "plain", put("identity.machine", "0123456789ab")),
     Forgery("identity.more", "plain", put("identity.reviewed", "yes")),
     Forgery("identity.stored more", "plain", put("identity.stored.audit", SHA)),
@@ -340,14 +339,20 @@ FORGERIES = (
     Forgery("created in the future", "plain", put("created", "9999-01-01T00:00:00+00:00")),
     Forgery("name", "plain", _renamed),
     Forgery("model.name", "plain", _oracle),
-    Forgery("model.settings", "encoded", both(put("model.parameters.epochs", 3), put("model.settings", []))),
+    Forgery(
+        "model.settings",
+        "encoded",
+        both(put("model.parameters.epochs", 3), put("model.settings", [])),
+    ),
     Forgery("model.parameters", "encoded", put("model.parameters.oracle", True)),
-    Forgery("encoder left out", "encoded", both(put("encoder", None), put("identity.encoder", None))),
+    Forgery(
+        "encoder left out", "encoded", both(put("encoder", None), put("identity.encoder", None))
+    ),
     Forgery("encoder that is not", "plain", put("encoder", {"name": "hertz", "parameters": {}})),
     Forgery("seed", "plain", both(put("seed", 10**30), put("identity.seed", 10**30))),
     Forgery("seed negative", "plain", both(put("seed", -1), put("identity.seed", -1))),
     Forgery("seed as text", "plain", put("seed", "0")),
-)  # fmt: skip
+)
 
 
 def forge_text(change: Callable[[str], str], folder: Path) -> Path:
@@ -360,14 +365,18 @@ def forge_text(change: Callable[[str], str], folder: Path) -> Path:
 TEXTS: dict[str, Callable[[str], str]] = {
     "a key twice": lambda text: text.replace('"partial"', '"partial": true, "partial"', 1),
     "deep": lambda text: "[" * 50_000,
-    "deep inside": lambda text: text.replace('"notes": {', '"notes": {"a": ' + "[" * 900 + "]" * 900 + ", ", 1),
+    "deep inside": lambda text: text.replace(
+        '"notes": {', '"notes": {"a": ' + "[" * 900 + "]" * 900 + ", ", 1
+    ),
     "huge number": lambda text: text.replace('"rejected": ', '"rejected": 9' + "0" * 4000, 1),
     "huge exponent": lambda text: text.replace('"seconds": ', '"seconds": 1e308, "x": ', 1),
     "lone surrogate": lambda text: text.replace('"AMD', '"\\ud800AMD', 1),
     "control": lambda text: text.replace('"AMD', '"\\u001b[2JAMD', 1),
     "right to left": lambda text: text.replace('"AMD', '"\\u202eAMD', 1),
-    "many keys": lambda text: text.replace('"notes": {', '"notes": {' + ",".join(f'"k{k}":{k}' for k in range(40_000)) + ", ", 1),
-}  # fmt: skip
+    "many keys": lambda text: text.replace(
+        '"notes": {', '"notes": {' + ",".join(f'"k{k}":{k}' for k in range(40_000)) + ", ", 1
+    ),
+}
 
 
 Arrays = dict[str, Any]
@@ -428,7 +437,7 @@ ARRAYS: dict[str, Callable[[Arrays], Arrays]] = {
     "ranked more": lambda arrays: {**arrays, "ranked.more": np.zeros(3)},
     "ranked huge": _set("ranked.error", _filled(1e308)),
     "a path": lambda arrays: {**arrays, "../../evil": np.zeros(1)},
-}  # fmt: skip
+}
 
 
 def forge_archive(write: Callable[[zipfile.ZipFile, dict[str, bytes]], None], folder: Path) -> Path:
@@ -483,13 +492,18 @@ ARCHIVES: dict[str, Callable[[zipfile.ZipFile, dict[str, bytes]], None]] = {
     "header without type": _with("depth.npy", _array("{'shape': (3,)}\n")),
     "strange type": _with(
         "depth.npy",
-        _array("{'descr': [('a', [('b', '<f8')], (9, 9))], 'fortran_order': False, 'shape': (3,)}\n"),
+        _array(
+            "{'descr': [('a', [('b', '<f8')], (9, 9))], 'fortran_order': False, 'shape': (3,)}\n"
+        ),
     ),
     "huge type": _with(
         "depth.npy", _array("{'descr': '<U2147483647', 'fortran_order': False, 'shape': ()}\n")
     ),
     "objects": _with(
-        "depth.npy", _array("{'descr': '|O', 'fortran_order': False, 'shape': (1,)}\n", b"cos\nsystem\n(S'id'\ntR.")
+        "depth.npy",
+        _array(
+            "{'descr': '|O', 'fortran_order': False, 'shape': (1,)}\n", b"cos\nsystem\n(S'id'\ntR."
+        ),
     ),
     "negative shape": _with(
         "depth.npy", _array("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,)}\n")
@@ -499,11 +513,12 @@ ARCHIVES: dict[str, Callable[[zipfile.ZipFile, dict[str, bytes]], None]] = {
         _array("{'descr': '<f8', 'fortran_order': False, 'shape': (4294967296, 4294967296, 0)}\n"),
     ),
     "true shape": _with(
-        "depth.npy", _array("{'descr': '<f8', 'fortran_order': False, 'shape': (True,)}\n", bytes(8))
+        "depth.npy",
+        _array("{'descr': '<f8', 'fortran_order': False, 'shape': (True,)}\n", bytes(8)),
     ),
     "no array": _with("depth.npy", b"x"),
     "a script": _with("run.py", b"print(1)"),
-}  # fmt: skip
+}
 
 
 ON_WORD = (

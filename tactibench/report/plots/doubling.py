@@ -1,4 +1,4 @@
-"""Where errors double on graded hard cases: a heat map of families by models."""
+"""A heat map of families by models: the case at which an error is twice that of the easy one."""
 
 from __future__ import annotations
 

@@ -1,0 +1,273 @@
+"""A record by itself: keys and forms that tactibench writes, and keys that agree with each other.
+
+What follows from another key of a record must agree with it; what is the submitter's word must have
+the form in which tactibench writes it, and a value that a run can have. Keys that tactibench does
+not write are refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from typing import Any
+
+from pydantic import BaseModel
+
+from tactibench.errors import UserError
+from tactibench.records.record import Record
+from tactibench.records.store import CHECKSUM, PARTS, with_checksum
+from tactibench.run.machine import fingerprint_hash
+from tactibench.run.plan import name_stem
+
+OURS = "tactibench"
+"""The distribution whose plugins are trusted."""
+SHA256 = re.compile(r"[0-9a-f]{64}")
+FORMS: Mapping[str, re.Pattern[str]] = {
+    "identity.commit": re.compile(r"[0-9a-f]{40}(\+dirty)?|installed|unknown"),
+    "identity.machine": re.compile(r"[0-9a-f]{12}"),
+    "identity.code": SHA256,
+    "identity.weights": SHA256,
+    "identity.weights_hash": SHA256,
+    "identity.predictions_hash": SHA256,
+    "identity.sensor": SHA256,
+}
+"""Key -> the form in which tactibench writes it."""
+LARGEST_SEED = 2**63 - 1
+SCENARIOS = ("single", "offline")
+WORD = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
+SLACK = 1e-6
+"""Relative; sums of another processor differ in the last digits."""
+MOST_NOTES = 64
+"""Notes of a training; the longest of those here has six."""
+
+
+def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
+    """Return whether two JSON values are equal, numbers but for a relative slack.
+
+    True is no 1, and 1 is 1.0.
+    """
+    if isinstance(stated, bool) or isinstance(derived, bool):
+        return stated is derived
+    if isinstance(stated, Mapping) and isinstance(derived, Mapping):
+        return stated.keys() == derived.keys() and all(
+            same(stated[name], derived[name], slack) for name in stated
+        )
+    if isinstance(stated, list | tuple) and isinstance(derived, list | tuple):
+        pairs = zip(stated, derived, strict=False)
+        return len(stated) == len(derived) and all(same(*pair, slack) for pair in pairs)
+    if isinstance(stated, float) and isinstance(derived, float):
+        return abs(stated - derived) <= slack * max(abs(stated), abs(derived))
+    return bool(stated == derived)
+
+
+def refuse_forms(record: Record, values: Mapping[str, Any], where: str) -> None:
+    """Raise UserError for a record that says what tactibench does not write.
+
+    That is a key or a form of its own, or two keys that do not agree.
+
+    Args:
+        record: as it was read.
+        values: the JSON object that it was read from.
+        where: names the record in messages.
+    """
+    if not same(values, record.json_values()):
+        raise UserError(
+            f"{where} holds a value of another type than it is read as, such as a number written "
+            "as a text; submit the run with `tactibench board submit`."
+        )
+    for key in _unknown_keys(record):
+        raise UserError(
+            f"{where} has the key {key!r}, which this tactibench does not write; submit the run "
+            "with `tactibench board submit`, or update tactibench."
+        )
+    _refuse_forms(record, where)
+    for key, stated, derived in _agreements(record):
+        if not same(stated, derived):
+            raise differs(where, key, stated, derived, "the rest of the record gives")
+    for sentence in _impossible(record):
+        raise UserError(f"{where}: {sentence}.")
+
+
+def differs(where: str, key: str, stated: Any, derived: Any, because: str) -> UserError:
+    """Return the error of a key that states something else than ``because`` gives."""
+    return UserError(f"{where}: {key} is {short(stated)}, but {because} {short(derived)}.")
+
+
+def short(value: Any) -> str:
+    """Return a value as Python writes it, cut off where it is long."""
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:99]}…"
+
+
+def _unknown_keys(part: BaseModel, place: str = "") -> Iterator[str]:
+    """Yield the keys of all parts that a version may add keys to, and that this one does not know.
+
+    Free notes and descriptions are dictionaries, whose values are looked at elsewhere.
+    """
+    for key in part.model_extra or {}:
+        yield f"{place}{key}"
+    for name in type(part).model_fields:
+        value = getattr(part, name)
+        for inner in value if isinstance(value, list) else [value]:
+            if isinstance(inner, BaseModel):
+                yield from _unknown_keys(inner, f"{place}{name}.")
+
+
+def _refuse_forms(record: Record, where: str) -> None:
+    identity = record.identity
+    for key, form in FORMS.items():
+        stated = getattr(identity, key.partition(".")[2])
+        if not isinstance(stated, str) or not form.fullmatch(stated):
+            raise UserError(f"{where}: {key} is {short(stated)}, which is no such hash.")
+    optional = {"tested": identity.tested, "shots": identity.shots}
+    lists = {"data": identity.data or [], "test_frames": identity.test_frames}
+    hashes: list[tuple[str, Any]] = [
+        *((f"identity.{name}", one) for name, one in optional.items() if one is not None),
+        *((f"identity.{name}", one) for name, several in lists.items() for one in several),
+        *((f"identity.stored.{name}", one) for name, one in identity.stored.items()),
+    ]
+    for place, hashed in hashes:
+        if not isinstance(hashed, str) or not SHA256.fullmatch(hashed):
+            raise UserError(f"{where}: {place} is {short(hashed)}, which is no sha256.")
+    if set(identity.stored) != set(PARTS):
+        raise UserError(
+            f"{where}: identity.stored names {', '.join(sorted(identity.stored)) or 'nothing'}; "
+            f"a run stores {', '.join(PARTS)}."
+        )
+
+
+def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
+    """Yield key, stated value, and the value that other keys of the record give."""
+    identity, limits, environment = record.identity, record.limits, record.environment
+    yield "partial", record.partial, limits.quick or limits.limit is not None
+    yield "limits.quick", limits.quick, False
+    yield "limits.limit", limits.limit, None
+    yield "identity.quick", identity.quick, limits.quick
+    yield "identity.limit", identity.limit, limits.limit
+    yield "identity.presses", identity.presses, limits.presses
+    yield "identity.seed", identity.seed, record.seed
+    yield "identity.protocol", identity.protocol, f"{record.protocol.label} {record.protocol.hash}"
+    yield "identity.encoder", identity.encoder, record.encoder and record.encoder.identity
+    if identity.checksum is not None:
+        checksum = with_checksum(record.json_values())["identity"][CHECKSUM]
+        yield f"identity.{CHECKSUM}", identity.checksum, checksum
+    facts = environment.json_values()
+    facts = {k: v for k, v in facts.items() if k not in ("fingerprint", "threads", "versions")}
+    yield "environment.fingerprint", environment.fingerprint, fingerprint_hash(facts)
+    yield "identity.machine", identity.machine, environment.fingerprint
+    for name, version in identity.versions.items():
+        yield f"environment.versions.{name}", environment.versions.get(name), version
+    for name, plugin in identity.plugins.items():
+        if isinstance(plugin, Mapping) and plugin.get("distribution") == OURS:
+            ours = environment.versions.get(OURS)
+            yield f"identity.plugins.{name}.version", plugin.get("version"), ours
+    yield "training.presses", record.training.presses, record.data.train
+    yield "training.history", record.training.history, []
+    yield "efficiency.training_s", record.efficiency.training_s, record.training.seconds
+    test = record.test_sensor
+    tested = () if test is None else test.options
+    stem = name_stem(
+        record.protocol.id,
+        record.model.name,
+        record.regime,
+        record.seed,
+        presses=limits.presses,
+        tested=tested,
+    )
+    yield "name", record.name[:-9], stem
+    yield "sensor.account", record.sensor.scene_counts, {}
+    yield "sensor.tested.settings", test and test.settings, None
+    yield "identity.tested", identity.tested is None, test is None
+    for number, row in enumerate(record.speed):
+        total = next(
+            (
+                other
+                for other in record.speed
+                if (other.scenario, other.threads, other.batch, other.phase)
+                == (row.scenario, row.threads, row.batch, "total")
+            ),
+            None,
+        )
+        if total is not None and total.mean_ms > 0:
+            yield f"speed.{number}.per_s", row.per_s, 1e3 * row.batch / total.mean_ms
+
+
+def _impossible(record: Record) -> Iterator[str]:
+    """Yield sentences about values that no run has."""
+    if not re.fullmatch(r".*-[0-9a-f]{8}", record.name):
+        yield f"name is {record.name!r}, which does not end with 8 digits of the identity's hash"
+    if not 0 <= record.seed <= LARGEST_SEED:
+        yield f"seed is {short(record.seed)}; a seed is 0 or more, below 2^63"
+    if record.limits.presses is not None and record.limits.presses < 1:
+        yield f"limits.presses is {record.limits.presses}; a model learns from one press or more"
+    try:
+        created = datetime.fromisoformat(record.created)
+        plausible = created.tzinfo is not None and 2000 <= created.year < 2100
+    except ValueError:
+        plausible = False
+    if not plausible:
+        yield f"created is {short(record.created)}; it is a time of this century with its zone"
+    yield from _impossible_times(record)
+    yield from _impossible_training(record)
+    for name, plugin in record.identity.plugins.items():
+        keys = ("distribution", "version", "code")
+        if not isinstance(plugin, Mapping) or set(plugin) != set(keys):
+            yield f"identity.plugins.{name} does not hold distribution, version and code"
+        elif not all(isinstance(plugin[key], str) for key in keys):
+            yield f"identity.plugins.{name} holds something else than texts"
+        elif not re.fullmatch(r"[0-9a-f]{16}", plugin["code"]):
+            yield f"identity.plugins.{name}.code is no hash"
+
+
+def _impossible_times(record: Record) -> Iterator[str]:
+    seen = set()
+    for row in record.speed:
+        what = f"speed of phase {short(row.phase)}"
+        key = (row.scenario, row.threads, row.batch, row.phase)
+        if key in seen:
+            yield f"the {what} is stated twice"
+        seen.add(key)
+        if row.scenario not in SCENARIOS or not WORD.fullmatch(row.phase):
+            yield f"the {what} is of scenario {short(row.scenario)}; allowed: single, offline"
+        if row.threads < 1 or row.batch < 1 or row.mean_ms < 0 or row.per_s <= 0:
+            yield f"the {what} has threads, a batch or times that are not positive"
+        if (row.scenario, row.threads, row.batch, "total") not in seen | {
+            (r.scenario, r.threads, r.batch, r.phase) for r in record.speed
+        }:
+            yield f"the {what} has no row of its total"
+        if row.phase == "total" and (row.p50_ms <= 0 or row.mean_ms <= 0):
+            yield f"the {what} takes no time"
+        if row.mean_ms < row.p50_ms / 2 * (1 - SLACK):  # half of the calls take p50 or more
+            yield f"the {what} has a mean below half of its median"
+    if record.environment.threads < 1:
+        yield f"environment.threads is {record.environment.threads}; a run has one or more"
+    for timed in (record.timed, *record.timed.raced):
+        numbers = (timed.p50_ms, timed.difference_mm, timed.frames, timed.frames_with_another_count)
+        if timed.frames_with_another_count > timed.frames or timed.frames > record.data.test:
+            yield "a configuration in 'timed' was compared on more frames than were tested"
+        if any(number is not None and number < 0 for number in numbers):
+            yield "a configuration in 'timed' has a negative time, difference or number of frames"
+    efficiency = record.efficiency
+    for name in ("parameters", "flops_per_frame", "peak_memory_mb"):
+        number = getattr(efficiency, name)
+        if number is not None and number < 0:
+            yield f"efficiency.{name} is {number}, less than nothing"
+
+
+def _impossible_training(record: Record) -> Iterator[str]:
+    training, parameters = record.training, record.model.parameters
+    for name in ("seconds", "epochs"):
+        number = getattr(training, name)
+        if number is not None and number < 0:
+            yield f"training.{name} is {number}, less than nothing"
+    if len(training.notes) > MOST_NOTES:
+        yield f"training.notes has {len(training.notes):,} notes; at most {MOST_NOTES} are kept"
+    if "mixing" in training.notes:
+        # What a board shows as mixing comes from the notes, where they have it.
+        asked, used = parameters.get("mixing"), training.notes["mixing"]
+        number = isinstance(asked, int | float) and isinstance(used, int | float)
+        if not number or not asked or (asked > 0 and used != asked):  # type: ignore[operator]
+            yield f"training.notes.mixing is {short(used)}, but the model has mixing {asked!r}"
+    if not isinstance(training.notes.get("prior", ""), str):
+        yield "training.notes.prior is no text"
