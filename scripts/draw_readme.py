@@ -131,16 +131,18 @@ def draw(models: list[Model], path: Path) -> None:
     """Draw, for every model, the error on the nominal sensor and on its four other instances."""
     from matplotlib.figure import Figure
 
+    from tactibench.report.plots.style import model_look
+
     figure = Figure(figsize=(8.0, 0.38 * len(models) + 1.3), layout="constrained")
     axes = figure.subplots()
     for place, model in enumerate(reversed(models)):
         nominal = model.mean("stability", "ospa_mm", PLAIN) or 0.0
         others = [model.mean("stability", "ospa_mm", case) or 0.0 for case in INSTANCES]
-        trivial = model.name in ("mean", "nearest")
-        colour = "#888888" if trivial else "#c1272d"
+        colour = model_look(model.name).color
         axes.plot([nominal, max(others)], [place, place], color="#cccccc", linewidth=3, zorder=1)
-        axes.plot([nominal], [place], "o", color="#1f6fb2", markersize=9, zorder=3)
-        axes.plot(others, [place] * len(others), "D", color=colour, markersize=5, zorder=2)
+        axes.plot([nominal], [place], "o", color=colour, markersize=10, zorder=3)
+        hollow = {"color": colour, "markerfacecolor": "white", "markeredgewidth": 1.6}
+        axes.plot(others, [place] * len(others), "D", markersize=6, zorder=2, **hollow)
     axes.set_yticks(range(len(models)), [model.name for model in reversed(models)])
     axes.set_xscale("log")
     axes.set_xlim(0.003, 4)
@@ -151,7 +153,7 @@ def draw(models: list[Model], path: Path) -> None:
     axes.set_axisbelow(True)
     axes.set_xlabel("error of a contact in x, y and depth, mm (OSPA; a missed contact counts 3 mm)")
     axes.set_title(
-        "Blue: the sensor it was trained on.  Diamonds: four other sensors of the same make.",
+        "Dot: the sensor it was trained on.  Diamonds: four other sensors of the same make.",
         fontsize=10,
         loc="left",
     )

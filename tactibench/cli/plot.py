@@ -152,11 +152,12 @@ def stability(
     from tactibench import api
 
     made = api.plot("stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows)
+    detail = None if errors is None else made.detail  # refused before anything is printed
     terminal = _show(made, out, json_file)
     from tactibench.report.plots.style import save_png
 
-    if errors is not None and made.detail is not None:
-        save_png(made.detail, errors)
+    if errors is not None and detail is not None:
+        save_png(detail, errors)
         terminal.say(f"picture: {errors}")
     if cases is not None:
         from tactibench.protocols.loader import load_protocol

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench.board.curve import counts, curves, new_sensor_curves
-from tactibench.board.frontier import Point, Range, frontiers, line
-from tactibench.board.grouping import rows_of
+from tactibench.board.frontier import Point, Range, elsewhere_frontiers, frontiers, line
+from tactibench.board.grouping import row_anchor, rows_of
 from tactibench.board.ranking import ranking_error
 
 ERROR = ranking_error("exp1")
@@ -162,3 +162,36 @@ def test_a_new_sensor_is_a_mean_over_instances_and_each_over_its_seeds(fabricate
     ]
     assert new_sensor_curves([*adapted, *alone], ERROR, "tactip-331") == []
     assert new_sensor_curves([*alone, fabricate()], ERROR, "tactip-127") == []
+
+
+def test_off_nominal_points_have_the_nominal_times_and_their_own_errors(fabricate):
+    nominal = [
+        fabricate(settings={"width": 8}, error=0.05, p90_ms=2.0),
+        fabricate(settings={"width": 16}, error=0.02, p90_ms=3.0),
+        fabricate(model="cnn", encoder=None, error=0.10, p90_ms=1.0),
+    ]
+    elsewhere = [
+        fabricate(settings={"width": 8}, error=0.3, p90_ms=99.0, sensor={"instance": 1}),
+        fabricate(settings={"width": 16}, error=0.9, p90_ms=99.0, sensor={"instance": 1}),
+        fabricate(model="mean", encoder=None, error=0.1, sensor={"instance": 1}),
+    ]
+    (moved,) = elsewhere_frontiers([one(nominal)], rows_of(elsewhere), ERROR)
+    points = {p.label: (p.latency.value, p.error.value) for p in moved.points}
+    assert points == {"unet, width=8 + hertz": (2.0, 0.3), "unet, width=16 + hertz": (3.0, 0.9)}
+    assert [point.label for point in moved.best] == ["unet, width=8 + hertz"]
+    assert set(moved.dominated) == {"unet, width=16 + hertz"}
+
+
+def test_a_link_to_a_row_stays_when_seeds_are_added_and_differs_between_rows(fabricate):
+    (before,) = rows_of([fabricate()])
+    (after,) = rows_of([fabricate(seed=1), fabricate()])
+    assert row_anchor(before) == row_anchor(after)
+    others = [
+        fabricate(settings={"width": 8}),
+        fabricate(regime="multiple"),
+        fabricate(sensor={"instance": 1}),
+        fabricate("exp2"),
+    ]
+    names = {row_anchor(row) for row in (before, *rows_of(others))}
+    assert len(names) == 5
+    assert all(name.startswith("unet-") and name.isascii() for name in names)

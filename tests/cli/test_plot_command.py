@@ -78,3 +78,22 @@ def test_the_curve_is_of_what_was_run_with_several_numbers_of_presses(cli, board
 )
 def test_mistakes(refused, board, arguments, words):
     assert words in refused(*arguments)
+
+
+BOARDS = Path(__file__).parents[2] / "leaderboards"
+
+
+@pytest.mark.long
+def test_hard_cases_are_a_heat_map_with_curves_behind_it(cli):
+    pictures = ("--out", "heat.png", "--errors", "curves.png")
+    code, out, err = cli("plot", "stability", "--board", BOARDS, *pictures)
+    assert (code, err) == (0, "")
+    assert "picture: heat.png" in out
+    assert "picture: curves.png" in out
+    assert all(Path(name).read_bytes().startswith(PNG) for name in pictures[1::2])
+
+
+@pytest.mark.long
+def test_a_panel_of_more_than_six_curves_is_refused(refused):
+    given = ("plot", "stability", "stability@1", "--board", BOARDS, "--errors", "curves.png")
+    assert "10 rows are too many for one panel; name at most 6 with --rows" in refused(*given)

@@ -19,6 +19,7 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.record import Cause, Failures, Metric, Record
 from tactibench.report.board_page import board_page
 from tactibench.report.hard_cases import doubling_number, doubling_table, hard_case_blocks
+from tactibench.report.plots.doubling import doubling_figure, share_of_cases
 from tactibench.report.plots.stability import case_frames_figure, stability_figure
 from tactibench.report.plots.style import image_bytes
 from tactibench.report.run_report import print_run
@@ -36,7 +37,13 @@ def metric(name: str, group: str, value: float | None, **more: Any) -> Metric:
     return Metric(metric=name, group=group, value=value, **values)
 
 
-def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any) -> Record:
+def record(
+    fabricate: Any,
+    model: str = "unet",
+    scale: float = 1.0,
+    doubles: dict[str, float] | None = None,
+    **more: Any,
+) -> Record:
     """Errors that grow along every axis; families double at their first value, or never."""
     made = fabricate("stability", model, encoder=None, error=scale, speed=[], **more)
     for axis in AXES:
@@ -52,7 +59,8 @@ def record(fabricate: Any, model: str = "unet", scale: float = 1.0, **more: Any)
         if axis.ordered and axis.family == "deep":
             made.metrics.append(metric("doubles_at", "deep", 6.5, censored=">"))
         elif axis.ordered:
-            made.metrics.append(metric("doubles_at", axis.family, axis.values[0]))
+            at = (doubles or {}).get(axis.family, axis.values[0])
+            made.metrics.append(metric("doubles_at", axis.family, at))
     made.metrics += [
         metric("worst_ratio", "all", 6.0),
         metric("false_per_1000", "all", 3.0),
@@ -153,6 +161,43 @@ def test_a_picture_leaves_out_what_is_not_known_or_zero(fabricate: Any) -> None:
     figure = stability_figure(rows_of([made]), some)
     points = [len(axes.containers[0][0].get_xdata()) for axes in figure.axes[:2]]  # type: ignore[index]
     assert max(points) <= 1  # the easy case alone, which belongs to another family
+
+
+def test_a_heat_map_has_a_cell_for_every_family_and_model(fabricate: Any) -> None:
+    rows = rows_of([record(fabricate), record(fabricate, "vgnn", doubles={"grazing": 0.1})])
+    panel = doubling_figure(rows, AXES).axes[0]
+    ordered = [axis for axis in AXES if axis.ordered]
+    assert len(panel.patches) == len(ordered) * len(rows)
+    shown = [text.get_text() for text in panel.texts]
+    assert shown.count("> 6.5") == len(rows)
+    assert "0.1" in shown
+    assert "n/a" not in shown
+
+
+def test_a_cell_without_a_value_stays_white_and_says_so(fabricate: Any) -> None:
+    made = record(fabricate)
+    made.metrics = [m for m in made.metrics if (m.metric, m.group) != ("doubles_at", "grazing")]
+    some = [axis for axis in AXES if axis.family in {"grazing", "deep"}]
+    panel = doubling_figure(rows_of([made]), some).axes[0]
+    assert len(panel.patches) == 1
+    assert "n/a" in [text.get_text() for text in panel.texts]
+
+
+@pytest.mark.parametrize(
+    ("value", "share"), [(2, 0), (0.5, 0.2), (0.4, 0.3), (0.3, 0.4), (0.05, 1)]
+)
+def test_colour_is_the_place_along_the_cases_where_values_fall(
+    fabricate: Any, value: float, share: float
+) -> None:
+    (row,) = rows_of([record(fabricate, doubles={"grazing": value})])
+    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "grazing")
+    assert share_of_cases(family) == pytest.approx(share)
+
+
+def test_an_error_that_never_doubles_is_at_the_end(fabricate: Any) -> None:
+    (row,) = rows_of([record(fabricate)])
+    (family,) = (f for f in family_errors(row, AXES) if f.axis.family == "deep")
+    assert share_of_cases(family) == 1
 
 
 def test_frames_of_the_cases_are_drawn_where_there_are_any() -> None:

@@ -22,10 +22,11 @@ from tactibench.board.frontier import frontiers
 from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ranking_error
 from tactibench.board.rows import PooledMetric, Row
+from tactibench.board.sections import sections_of
 from tactibench.contacts import Contacts, Grid
 from tactibench.metrics.threshold import fit_threshold
 from tactibench.protocols.published import load_published, published_means
-from tactibench.records.record import Metric
+from tactibench.records.record import Metric, Record
 from tactibench.report.plots import style
 from tactibench.report.plots.curve import NEW_SENSOR, curve_figure
 from tactibench.report.plots.distance import (
@@ -42,7 +43,7 @@ from tactibench.report.plots.frames import (
     frame_figure,
     worst_frames_figure,
 )
-from tactibench.report.plots.frontier import frontier_figure
+from tactibench.report.plots.frontier import frontier_figure, off_nominal
 from tactibench.report.plots.marks import FrameExample, extent
 from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.single import histogram_edge, single_figure
@@ -296,6 +297,22 @@ def test_every_point_of_a_frontier_is_named_and_dominated_ones_are_hollow(fabric
         faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
         assert faces.count("white") == len(one.dominated) == 1
     assert panels[0].get_xscale() == panels[0].get_yscale() == "log"
+
+
+def test_off_nominal_panels_stand_beside_the_nominal_ones(fabricate: Any) -> None:
+    def records(**more: Any) -> list[Record]:
+        return [fabricate(settings={"width": w}, error=w / 99, **more) for w in (8, 16)]
+
+    nominal, other = sections_of([*records(), *records(sensor={"instance": 1})])
+    found = frontiers(nominal.rows, ERROR)
+    condition = off_nominal(nominal, [nominal, other], found, ERROR)
+    assert condition is not None
+    left, right = frontier_figure(found, ERROR, off_nominal=condition).axes
+    assert left.get_title("left").endswith("nominal")
+    assert "off-nominal: a perturbed individual" in right.get_title("left")
+    assert left.get_ylim() == right.get_ylim()
+    assert off_nominal(other, [nominal, other], found, ERROR) is None  # not the nominal sensor
+    assert off_nominal(nominal, [nominal], found, ERROR) is None
 
 
 def test_a_learning_curve_has_its_values_and_bars(fabricate: Any) -> None:
