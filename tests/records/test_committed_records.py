@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tactibench.board.submissions import compact, text_of
+from tactibench.board.submissions import compact
 from tactibench.records.record import make_signature, parse_record
+from tactibench.records.store import CHECKSUM, with_checksum
 
 SUBMISSIONS = Path(__file__).parents[2] / "leaderboards" / "submissions"
 FILES = sorted(SUBMISSIONS.glob("*/*.json"))
@@ -24,5 +25,8 @@ def test_records_come_out_as_they_went_in(protocol: str) -> None:
         values = json.loads(path.read_text(encoding="utf-8"))
         record = parse_record(values, path.name)
         assert record.json_values() == values, path.name
-        assert json.loads(text_of(compact(record))) == values, path.name
+        again = compact(record).json_values()
+        if CHECKSUM in values["identity"]:  # records since then carry their own checksum
+            again = with_checksum(again)
+        assert again == values, path.name
         assert make_signature(record) == record.signature, path.name
