@@ -54,7 +54,8 @@ def test_a_killed_worker_changes_nothing(
     """The first process that trains "deaths=1" is killed by SIGKILL, and every one that trains
     "deaths=9"; the store is that of a serial run, but for the latter."""
     file = asked('model = ["toy", "toy, deaths=1", "toy, deaths=9", "toy-broken"]')
-    done = tactibench("sweep", file, "--workers", "2", "--retries", "1", "--json", "rows.json")
+    options = ("--workers", "2", "--retries", "1", "--json", "rows.json", "--quiet")
+    done = tactibench("sweep", file, *options)
     assert done.returncode == 1, done.stderr
     assert done.stderr == ""
     assert "8 cells: 4 run, 4 failed" in done.stdout
@@ -80,7 +81,7 @@ def test_a_killed_worker_changes_nothing(
         name: comparable(one) for name, one in serial.items()
     }
 
-    again = tactibench("sweep", asked('model = ["toy", "toy, deaths=1"]'))
+    again = tactibench("sweep", asked('model = ["toy", "toy, deaths=1"]'), "--quiet")
     assert (again.returncode, again.stderr) == (0, "")
     assert "4 cells: 4 in the store" in again.stdout
 
@@ -173,7 +174,7 @@ def test_a_sweep_that_is_killed_half_way_is_continued(
         process.wait()
     kept = records(tmp_path / "runs")
     assert 2 <= len(kept) < 12
-    done = tactibench("sweep", file, "--workers", "2")
+    done = tactibench("sweep", file, "--workers", "2", "--quiet")  # a busy machine shows progress
     assert (done.returncode, done.stderr) == (0, "")
     assert f"12 cells: {len(kept)} in the store, {12 - len(kept)} run;" in done.stdout
     final = records(tmp_path / "runs")

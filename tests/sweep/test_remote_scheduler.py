@@ -71,14 +71,14 @@ def test_a_running_scheduler_runs_the_cells_and_presses_the_shards(
     asked: Callable[[str], Path], tactibench: Command, scheduler: str, tmp_path: Path
 ) -> None:
     text = 'model = ["toy", "mean"]\n[device]\nmean = "cuda"' + SET.format("set")
-    done = tactibench("sweep", asked(text), "--scheduler", scheduler)
+    done = tactibench("sweep", asked(text), "--scheduler", scheduler, "--quiet")
     assert (done.returncode, done.stderr) == (1, "")
     assert "4 cells: 2 run, 2 failed" in done.stdout
     assert done.stdout.count('device is "cuda", but no worker has the resource GPU') == 2
     assert len(list((tmp_path / "runs").glob("*/record.json"))) == 2
     left = [*tmp_path.glob("runs/.sweep-*"), *tmp_path.glob("cache/.sweep-*")]
     assert left == []
-    again = tactibench("sweep", asked('model = "toy"'), "--scheduler", scheduler)
+    again = tactibench("sweep", asked('model = "toy"'), "--scheduler", scheduler, "--quiet")
     assert (again.returncode, again.stderr) == (0, "")
     assert "2 cells: 2 in the store" in again.stdout
 
