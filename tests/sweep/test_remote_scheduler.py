@@ -94,7 +94,7 @@ def test_an_interrupted_sweep_keeps_what_is_finished(
 ) -> None:
     file = asked('model = ["toy", "toy-slow"]')
     process = subprocess.Popen(
-        [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "1"],
+        [sys.executable, "-m", "tactibench", "sweep", str(file), "--workers", "1", "--quiet"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
