@@ -97,7 +97,7 @@ def panels(
     """Return the figures of one sensor. sections: all of the board."""
     rows = [row for row in section.rows if not row.trivial]
     candidates = (
-        _frontier_panel(section.section, board.name, sections),
+        _frontier_panel(section.section, board, sections),
         *_distance_panels(rows, board, section.title),
         _curve_panel(section, board.name),
         *_stability_panels(rows, board, section.title),
@@ -138,8 +138,8 @@ def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
     return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
 
 
-def _frontier_panel(here: Section, protocol: str, sections: Sequence[Section]) -> Panel | None:
-    error = board_spec(protocol).ranking
+def _frontier_panel(here: Section, board: ReportBoard, sections: Sequence[Section]) -> Panel | None:
+    error = board_spec(board.name).ranking
     if error is None:
         return None
     options = []
@@ -150,7 +150,7 @@ def _frontier_panel(here: Section, protocol: str, sections: Sequence[Section]) -
             words = machine_words(regimes[0].points[0].row.first)
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            other = off_nominal(here, sections, regimes, error)
+            other = off_nominal(board.name, here, sections, regimes, board.unseen)
             drawn = [_less_crowded(regime) for regime in regimes]
             figure = frontier_figure(drawn, error, off_nominal=other, title="", measured_on=words)
             image = _image(figure)
