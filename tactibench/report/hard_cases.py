@@ -61,7 +61,7 @@ def _doubling_table(
         cells = (doubling_number(by_family[axis.family].doubles) for axis in axes)
         body.append([*identity(row), *cells])
     heads: list[Head] = [*IDENTITY, *(Column(family_head(axis)) for axis in axes)]
-    return table(heads, body, title=title, note=DOUBLING_NOTE)
+    return replace(table(heads, body, title=title), guide=DOUBLING_NOTE)
 
 
 def family_head(axis: Axis) -> str:

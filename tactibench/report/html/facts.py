@@ -30,16 +30,14 @@ def best_rows(
         "protocol",
         "measured on",
         Column("rank 1", right=False, who=True),
-        "error that orders the board",
         Column("error"),
         "beside it",
         Column("p90, one thread, ms"),
-        Column("seeds"),
     ]
     rows = [cells for board, page in boards for cells in _first_rows(board, page, link)]
     note = (
-        "Rows of rank 1: no paired 95 % interval tells them apart from the first. Trivial rows and "
-        "tables of a single row are left out."
+        "Rows of rank 1: no paired 95 % interval tells them apart from the first, by the error "
+        "that orders the board. Trivial rows and tables of a single row are left out."
     )
     return table(heads, rows, title="At a glance", note=note)
 
@@ -56,9 +54,8 @@ def _first_rows(
             value = metric_number(row.metric(error.metric, error.group), error.decimals)
             if rank == 1 and value is not None and not row.trivial:
                 name = Text(row.label, link=link(board, row_anchor(row)))
-                names: list[Cell] = [board.name, section.title, name, f"{error.name}, {error.unit}"]
-                seeds = ", ".join(str(seed) for seed in row.seeds)
-                yield [*names, value, misses(row), row_latency(row), seeds]
+                of = Text(board.name, below=f"{error.name}, {error.unit}")
+                yield [of, section.title, name, value, misses(row), row_latency(row)]
 
 
 def plan(board: ReportBoard) -> Table:

@@ -43,7 +43,7 @@
     const names = heads.map((head) => head.textContent);
     [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, column) => {
       cell.dataset.head = names[column];
-      if (cell.textContent.length > 24 && !cell.querySelector("sub")) cell.classList.add("words");
+      if (cell.textContent.length > 24 && !cell.querySelector("sub") && !cell.classList.contains("who")) cell.classList.add("words");
     }));
     if (table.tBodies[0].rows.length < 2) return;
     const label = document.createElement("label");
@@ -72,7 +72,8 @@
       const words = input.value.toLowerCase().split(/[\s,]+/).filter(Boolean);
       let shown = 0;
       all("table.board", chapter).forEach((table) => [...table.tBodies[0].rows].forEach((row) => {
-        const text = row.textContent.toLowerCase();
+        const more = [...row.cells].map((cell) => cell.dataset.more ?? "").join(" ");
+        const text = `${row.textContent} ${more}`.toLowerCase();
         row.hidden = !words.every((word) => text.includes(word));
         shown += !row.hidden;
       }));
