@@ -58,9 +58,7 @@ from tactibench.report.table import Table, Text
 from tactibench.report.writers.markdown import markdown
 from tactibench.shipped import shipped_folder
 
-READING = (
-    prose(
-        """\
+READING = prose("""\
 Each table holds one sensor: simulated and real never share a column. A row is a model with its
 parameters (those that are not at their defaults), encoder and training regime, its training seeds
 pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over presses.
@@ -68,18 +66,15 @@ pooled. Values are means over seeds; below them, the mean of the seeds' 95 % int
 that a model made for itself out of single presses, per training frame. Models in italics are
 trivial. `n/a`: not measured, or one seed has no value. Rank: rows share one when the paired 95 %
 interval over presses of their difference from the first of them holds 0. The presses of a table are
-those of the first one where nothing else is said."""
-    ),
-    prose(
-        """\
+those of the first one where nothing else is said.""")
+"""How to read the tables of every board."""
+READING_COSTS = prose("""\
 Latency: one frame to contacts in mm, batch 1, one thread where nothing else is said. frames/s: the
 best batch. To float32: median distance of the timed configuration's answers from the float32 ones,
 which are scored. Times may be compared inside one machine only. \\*: still drifting when the
 warm-up ended. Operations: floating-point, of one frame. Memory: peak of the whole process while it
-was timed. Training: a run that found its weights in the cache shows the time that they took."""
-    ),
-)
-"""How to read the tables of every board."""
+was timed. Training: a run that found its weights in the cache shows the time that they took.""")
+"""How to read latency and cost."""
 GENERATED = "<!-- Made by `tactibench board` from submissions/ and published/; do not edit. -->"
 
 
@@ -127,7 +122,8 @@ class BoardPage:
 
     def markdown(self) -> str:
         """Return the page as it stands under ``leaderboards/``."""
-        blocks: list[Block] = [*READING, *self.intro]
+        costs = [READING_COSTS] if self.timed_on else []
+        blocks: list[Block] = [READING, *costs, *self.intro]
         for part in self.sections:
             blocks += [Heading(2, part.title), *part.blocks]
         body = markdown([*blocks, *self.published, *self.timed_on])

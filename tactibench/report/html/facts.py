@@ -54,8 +54,8 @@ def _first_rows(
             value = metric_number(row.metric(error.metric, error.group), error.decimals)
             if rank == 1 and value is not None and not row.trivial:
                 name = Text(row.label, link=link(board, row_anchor(row)))
-                of = Text(board.name, below=f"{error.name}, {error.unit}")
-                yield [of, section.title, name, value, misses(row), row_latency(row)]
+                where = Text(section.title, below=f"{error.name}, {error.unit}")
+                yield [board.name, where, name, value, misses(row), row_latency(row)]
 
 
 def plan(board: ReportBoard) -> Table:

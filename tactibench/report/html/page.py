@@ -16,7 +16,13 @@ from typing import Any
 
 from tactibench import __version__
 from tactibench.errors import UserError
-from tactibench.report.board_page import READING, BoardPage, PageSection, board_page
+from tactibench.report.board_page import (
+    READING,
+    READING_COSTS,
+    BoardPage,
+    PageSection,
+    board_page,
+)
 from tactibench.report.document import Block, Bullets, Group
 from tactibench.report.html.compact import compact, compact_blocks, named_briefly
 from tactibench.report.html.facts import best_rows, machines, plan, software
@@ -163,7 +169,7 @@ def _rendered(
         script=script,
         policy=POLICY.format(f"sha256-{digest}"),
         best=best,
-        reading=READING,
+        reading=[READING, READING_COSTS],
         plans=[plan(board) for board, _ in pages],
         environment=[machines(records), software(records)],
     )

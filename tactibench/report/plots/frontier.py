@@ -162,7 +162,8 @@ def frontier_figure(
         axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
         models = sorted({_model(point) for point in points})
-        legend_below(figure, min(5, 2 + len(models)), _legend(models))
+        handles = _legend(models)
+        legend_below(figure, len(handles) if len(handles) < 6 else len(handles) // 2, handles)
     headline(figure, title, measured_on)
     return figure
 
@@ -208,11 +209,11 @@ def _set_scales(axes: Axes, times: Sequence[Range], errors: Sequence[Range]) -> 
         log_ticks(axes.xaxis if axis == "x" else axes.yaxis, _subs(high / low))
 
 
-def _subs(decades: float) -> Sequence[float]:
-    """Return what is numbered in a decade, so that an axis has three numbers at least."""
-    if decades > 300:
+def _subs(ratio: float) -> Sequence[float]:
+    """Return what is numbered in a decade, so that a short axis has several numbers, too."""
+    if ratio > 300:
         return (1,)
-    return (1, 2, 5) if decades > 6 else (1, 1.5, 2, 3, 4, 5, 7)
+    return (1, 2, 5) if ratio > 6 else (1, 1.5, 2, 3, 4, 5, 7)
 
 
 def _show_line(axes: Axes, best: Sequence[Point]) -> None:
@@ -330,6 +331,8 @@ def _legend(models: Sequence[str]) -> list[Line2D]:
         "hollow: dominated beyond the intervals", Look(GREY, "o"), markerfacecolor="white"
     )
     steps = Line2D([], [], color=GREY, linestyle=(0, (5, 3)), label="least error within a time")
+    if len(handles) > 3 and len(handles) % 2:
+        handles.append(Line2D([], [], linestyle="none", label=" "))  # what is no model stays apart
     return [*handles, hollow, steps]
 
 

@@ -43,7 +43,7 @@
     const names = heads.map((head) => head.textContent);
     [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, column) => {
       cell.dataset.head = names[column];
-      if (cell.textContent.length > 24 && !cell.querySelector("sub") && !cell.classList.contains("who")) cell.classList.add("words");
+      if (cell.textContent.length > 24 && !cell.matches(".n, .who")) cell.classList.add("words");
     }));
     if (table.tBodies[0].rows.length < 2) return;
     const label = document.createElement("label");
