@@ -45,7 +45,7 @@ def compact(table: Table) -> Table | None:
     notes = [f"{plural(left_out, 'row')} without a value not shown."] if left_out else []
     same = {f: text for f in used if (text := _same_words([rows[k][f] for k in full]))}
     if same:
-        listed = ", ".join(f"{columns[f].head} {same[f]}" for f in sorted(same))
+        listed = "; ".join(f"{columns[f].head}: {same[f]}" for f in sorted(same))
         notes.append(f"In all rows: {listed}.")
     shown = [
         k

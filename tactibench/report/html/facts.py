@@ -64,7 +64,7 @@ def plan(board: ReportBoard) -> Table:
     rows = [(name, text) for name, text in _questions(spec) if text]
     heads: list[Head] = [Column("what", right=False, who=True), "asked"]
     note = f"Version {spec.version}, sha256 {board.protocol.hash}."
-    return table(heads, rows, title=f"{spec.id}: {spec.title}", note=note)
+    return table(heads, rows, title=f"{board.name}: {spec.title}", note=note)
 
 
 def _questions(spec: Protocol) -> Iterator[tuple[str, str]]:

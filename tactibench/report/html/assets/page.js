@@ -130,6 +130,8 @@
   }), { rootMargin: "-20% 0px -70% 0px" });
   all("section.chapter").forEach((chapter) => here.observe(chapter));
 
+  document.querySelector("nav .here")?.scrollIntoView({ block: "nearest", inline: "center" });
+
   byId("theme").addEventListener("click", () => {
     theme = themes[(themes.indexOf(theme) + 1) % themes.length];
     remember(theme);
