@@ -50,11 +50,12 @@ from tactibench.report.document import (
     Paragraph,
     Prose,
     prose,
+    say_once,
 )
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
 from tactibench.report.simulator_error import first_line
-from tactibench.report.table import Table, Text
+from tactibench.report.table import Text
 from tactibench.report.writers.markdown import markdown
 from tactibench.shipped import shipped_folder
 
@@ -237,33 +238,10 @@ def board_page(
     if protocol.archived:
         title += f" (archived: version {protocol.spec.version})"
     said: set[str] = set()
-    sections = tuple(replace(one, blocks=_said_once(one.blocks, said, set())) for one in sections)
+    sections = tuple(replace(one, blocks=say_once(one.blocks, said, set())) for one in sections)
     timed_on = machine_list(row for one in sections for row in one.rows)
     papers = tuple(published_blocks(name, published))
     return BoardPage(title, tuple(intro), sections, papers, tuple(timed_on))
-
-
-def _said_once(blocks: Iterable[Block], said: set[str], noted: set[str]) -> tuple[Block, ...]:
-    """Return the blocks with guides and notes of tables where no table before has said them.
-
-    Args:
-        blocks: Of one section.
-        said: The guides of the page so far.
-        noted: The notes of the section so far.
-    """
-    kept: list[Block] = []
-    for block in blocks:
-        if isinstance(block, Group):
-            kept.append(replace(block, blocks=_said_once(block.blocks, said, noted)))
-        elif isinstance(block, Table):
-            guide = "" if block.guide in said else block.guide
-            note = "" if block.note in noted else block.note
-            said.add(block.guide)
-            noted.add(block.note)
-            kept.append(replace(block, note=" ".join(filter(None, (guide, note))), guide=""))
-        else:
-            kept.append(block)
-    return tuple(kept)
 
 
 def _archive_note(protocol: LoadedProtocol) -> list[Block]:
