@@ -19,7 +19,15 @@ from tactibench.board.cost import latency, machine
 from tactibench.board.rows import TRIVIAL, Row
 from tactibench.board.sections import gather_records, select_section
 from tactibench.records.files import atomic
-from tactibench.report.plots.style import GREY, headline, model_look, new_figure, plain, save_png
+from tactibench.report.plots.style import (
+    GREY,
+    headline,
+    log_ticks,
+    model_look,
+    new_figure,
+    plain,
+    save_png,
+)
 from tactibench.report.table import Column, Text, metric_number, table
 from tactibench.report.writers.markdown import table_lines
 
@@ -86,7 +94,7 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
         yscale="log",
         xlim=(-2, 100),
     )
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    log_ticks(axes.yaxis)
     plain(axes)
     axes.legend(handles=_legend(look), frameon=False, fontsize=9, loc="lower right")
     headline(

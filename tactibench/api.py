@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean
@@ -44,6 +45,7 @@ __all__ = [
     "place",
     "plan",
     "plot",
+    "plot_limit",
     "run",
     "score",
 ]
@@ -520,6 +522,50 @@ def plot(
     if kind == "stability":
         return Plot(stability_data(protocol, Path(board), runs, sensor, tuple(rows)))
     raise UserError(f"there is no figure {kind!r}; {did_you_mean(kind, PLOTS)}")
+
+
+def plot_limit(
+    sensor: str = "tactip-127",
+    *,
+    params: Mapping[str, Any] = MappingProxyType({}),
+    scene: str = "single",
+    depths: Sequence[float] = (1.0, 3.0, 6.0),
+    spacing: float | None = None,
+    yaw: float | None = None,
+    radius: float = 3.0,
+    reach: float = 6.4,
+    step: float = 0.8,
+    nuisances: Sequence[str] = (),
+    progress: Reporter | bool = True,
+) -> Plot:
+    """Return the Cramer-Rao bound on contacts over the workspace of a simulated sensor.
+
+    Args:
+        sensor: Name of a sensor that knows what limits its frames.
+        params: Parameters of the sensor, as {"read_noise": 6}.
+        scene: "single" or "dual": one tip, or two.
+        depths: Of the presses, mm.
+        spacing: Of two tips, mm; None: 7.
+        yaw: Of two tips, degrees; None: 0.
+        radius: Of the tips, mm.
+        reach: Half side of the workspace, mm.
+        step: Between the presses, mm.
+        nuisances: Properties of the camera that are unknown, too, such as "shift"; ("all",): all.
+        progress: Whether to show progress on stderr, or what shows it.
+
+    Raises:
+        UserError: Something does not exist or does not fit, or the sensor knows no bound.
+    """
+    from tactibench.report.limit_data import LimitOptions, limit_data, limit_plan
+
+    given = {name: str(value) for name, value in params.items()}
+    request = limit_plan(
+        LimitOptions(
+            sensor, given, scene, depths, spacing, yaw, radius, reach, step, tuple(nuisances)
+        )
+    )
+    with _reporter(progress).task("Cramer-Rao bounds", request.request.presses) as advance:
+        return Plot(limit_data(request, advance))
 
 
 def _frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

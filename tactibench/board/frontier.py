@@ -98,7 +98,7 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) 
         elsewhere += len(row.records) - len(here.records)
         if not here.records:
             continue
-        times, errors = _latency(here), _error(here, error)
+        times, errors = _latency(here), _error(here, error.metric, error.group)
         if times is None or errors is None:
             untimed.append(row.short)
         else:
@@ -117,7 +117,7 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) 
 
 
 def elsewhere_frontiers(
-    nominal: Sequence[Frontier], rows: Iterable[Row], error: Ranking
+    nominal: Sequence[Frontier], rows: Iterable[Row], metric: str, groups: Sequence[str]
 ) -> list[Frontier]:
     """Return the same configurations with their errors on other test frames, in the same order.
 
@@ -126,7 +126,8 @@ def elsewhere_frontiers(
     Args:
         nominal: Where the configurations were timed.
         rows: Of the section with the other test frames.
-        error: That ranks.
+        metric: Of the error.
+        groups: Of the metric: the error is their mean, its range from the lowest to the highest.
     """
     by_label = {(row.regime, row.short): row for row in rows if not row.trivial}
     moved = []
@@ -134,9 +135,10 @@ def elsewhere_frontiers(
         points = []
         for point in frontier.points:
             row = by_label.get((frontier.regime, point.label))
-            errors = None if row is None else _error(row, error)
-            if row is not None and errors is not None:
-                points.append(Point(row, point.latency, errors))
+            errors = [] if row is None else [_error(row, metric, group) for group in groups]
+            known = [one for one in errors if one is not None]
+            if row is not None and len(known) == len(groups):
+                points.append(Point(row, point.latency, _mean(known)))
         dominated = {point.label: by for point in points if (by := _dominators(point, points))}
         best = tuple(line(points))
         moved.append(replace(frontier, points=tuple(points), best=best, dominated=dominated))
@@ -178,12 +180,18 @@ def _latency(row: Row) -> Range | None:
     return Range(value, min(*times, value * (1 - SETTLED)), max(*times, value * (1 + SETTLED)))
 
 
-def _error(row: Row, error: Ranking) -> Range | None:
+def _mean(ranges: Sequence[Range]) -> Range:
+    """Return the mean of the values in the envelope of the ranges."""
+    low, high = min(one.low for one in ranges), max(one.high for one in ranges)
+    return Range(statistics.fmean(one.value for one in ranges), low, high)
+
+
+def _error(row: Row, metric: str, group: str) -> Range | None:
     """Return the mean over seeds in the envelope of their intervals, None where one is n/a."""
-    pooled = row.metric(error.metric, error.group)
+    pooled = row.metric(metric, group)
     if pooled is None or pooled.censored:
         return None
-    single = [Row((record,)).metric(error.metric, error.group) for record in row.records]
+    single = [Row((record,)).metric(metric, group) for record in row.records]
     ends = [
         (one.value if one.low is None else one.low, one.value if one.high is None else one.high)
         for one in single

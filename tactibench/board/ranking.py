@@ -72,21 +72,17 @@ class Ranks:
 
     @property
     def note(self) -> str:
-        """A sentence on how the ranks came about."""
-        text = (
-            "Rank: rows share one when the paired 95 % interval over presses of their "
-            "difference from the first of them holds 0"
-        )
+        """A sentence on ranks that do not come from paired differences; "" where all do."""
         ranked = sum(rank is not None for rank in self.by_row)
         if self.paired == ranked:
-            return f"{text}."
+            return ""
         lacking = (
             "No row has"
             if not self.paired
             else (f"{ranked - self.paired} of {ranked} rows do not have")
         )
         return (
-            f"{text}. {lacking} answers beside all records: there the intervals decide, and "
+            f"{lacking} answers beside all records: there the intervals decide, and "
             "rows share a rank unless these are apart, which tells no more of them apart than "
             "pairing would."
         )

@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from tactibench.cli.options import json_option, param_option, picture_option, save_json
-from tactibench.errors import UserError, did_you_mean
-
-if TYPE_CHECKING:
-    from tactibench.plugins.base import Sensor
-    from tactibench.plugins.specs import SensorSpec, Value
-
-MOST_CELLS = 101
-"""Along one side of the map: a finer one takes minutes and shows nothing more."""
-SPACING_MM = 7.0
+from tactibench.errors import UserError
 
 
 def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
@@ -102,10 +93,8 @@ def limit(
     tactibench plot limit --scene dual --radius 1 --spacing 2 --depth 0.5,1,1.5
     tactibench plot limit --param sensor.size=256 --nuisance brightness,background,shift,roll
     """
-    from tactibench.board.limits import map_limits, rows_of
     from tactibench.cli.output import Terminal
-    from tactibench.contacts import Indenter
-    from tactibench.plugins.host import PluginHost
+    from tactibench.report.limit_data import LimitOptions, limit_data, limit_plan
     from tactibench.report.plot_tables import (
         limit_remarks,
         limit_table,
@@ -114,19 +103,24 @@ def limit(
     )
     from tactibench.report.writers.terminal import print_table
 
-    if scene == "single" and (spacing is not None or yaw is not None):
-        raise UserError("--spacing and --yaw belong to two tips; add --scene dual.")
-    spec = PluginHost().sensors[sensor_name]
-    values = _settings(spec, params)
-    sensor = _sensor(spec, values)
-    apart = spacing or SPACING_MM
-    indenter = Indenter.single(radius) if scene == "single" else Indenter.dual(apart, radius)
-    request = _request(indenter, reach, step, depths, yaw or 0.0, _nuisances(sensor, nuisances))
+    options = LimitOptions(
+        sensor_name,
+        _parameters(params),
+        scene,
+        depths,
+        spacing,
+        yaw,
+        radius,
+        reach,
+        step,
+        tuple(name.strip() for name in nuisances.split(",") if name.strip()),
+    )
+    plan = limit_plan(options)
     terminal = Terminal()
-    with terminal.task("Cramer-Rao bounds", request.presses) as advance:
-        maps = map_limits(sensor, request, advance)
-    subject = f"{spec.origin} sensor {_label(spec, values)}, {_description(request)}"
-    terminal.say(subject)
+    with terminal.task("Cramer-Rao bounds", plan.request.presses) as advance:
+        data = limit_data(plan, advance)
+    maps = data.maps
+    terminal.say(data.subject)
     print_table(terminal.out, limit_table(maps))
     for remark in limit_remarks(maps):
         terminal.say(remark)
@@ -136,139 +130,17 @@ def limit(
         for remark in spacing_remarks(maps):
             terminal.say(remark)
     if out is not None:
-        from tactibench.report.plots.limit import limit_figure
         from tactibench.report.plots.style import save_png
 
-        save_png(limit_figure(maps, measured_on=subject), out)
+        save_png(data.draw(), out)
         terminal.say(f"picture: {out}")
-    identity = {"name": spec.name, "origin": spec.origin, "parameters": dict(values)}
-    save_json(
-        json_file,
-        {
-            "sensor": {**identity, "description": sensor.describe()},
-            **_json(request),
-            "metrics": rows_of(maps),
-            "maps_mm": _cells(maps),
-            **_spacings(maps),
-        },
-    )
+    save_json(json_file, dict(data.document))
 
 
-def _settings(spec: SensorSpec, params: tuple[str, ...]) -> dict[str, Value]:
+def _parameters(params: tuple[str, ...]) -> dict[str, str]:
     from tactibench.run.request import read_parameters
 
     given = read_parameters(params)
     for kind in set(given) - {"sensor"}:
         raise UserError(f"only the sensor has parameters here, --param names {kind}; leave it out.")
-    return spec.settings(given.get("sensor", {}))
-
-
-def _sensor(spec: SensorSpec, values: dict[str, Value]) -> Sensor:
-    """Build the sensor. Raises UserError for one that knows no bound."""
-    import numpy as np
-
-    from tactibench.contacts import Indenter, Pose, Scene
-    from tactibench.plugins.base import SensorContext
-
-    if not spec.needs_data:
-        sensor = spec.load()(SensorContext(np.random.SeedSequence(0)), **values)
-        if sensor.covariance(Scene(Indenter.single(), Pose(depth=1.0))) is not None:
-            return sensor
-    raise UserError(
-        f"sensor {spec.name!r} does not know what limits its frames; take a simulated sensor, "
-        "for example tactip-127."
-    )
-
-
-def _nuisances(sensor: Sensor, text: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if names == ("all",):
-        return tuple(sensor.nuisances)
-    for name in names:
-        if name not in sensor.nuisances:
-            raise UserError(f"unknown nuisance {name!r}; {did_you_mean(name, sensor.nuisances)}")
-    return names
-
-
-def _request(
-    indenter: Any,
-    reach: float,
-    step: float,
-    depths: tuple[float, ...],
-    yaw: float,
-    nuisances: tuple[str, ...],
-) -> Any:
-    from tactibench.board.limits import LimitRequest
-    from tactibench.contacts import Grid
-
-    half = math.floor(reach / step + 1e-9)
-    cells = 2 * half + 1  # a press at the apex, and whole steps from there
-    if cells > MOST_CELLS:
-        raise UserError(
-            f"--step {step:g} mm makes {cells} presses along +-{reach:g} mm; at most {MOST_CELLS} "
-            "are taken, so take larger steps or a smaller --range."
-        )
-    return LimitRequest(indenter, Grid.centred(cells, step), depths, yaw, nuisances)
-
-
-def _label(spec: SensorSpec, values: dict[str, Value]) -> str:
-    defaults = spec.defaults(values)
-    other = [f"{name}={value}" for name, value in values.items() if value != defaults[name]]
-    return f"{spec.name}({','.join(other)})" if other else spec.name
-
-
-def _description(request: Any) -> str:
-    edge = abs(request.grid.origin[0])
-    tips = request.indenter.name
-    if tips == "dual":
-        spacing = request.indenter.offsets[1][0] - request.indenter.offsets[0][0]
-        tips += f" {spacing:g} mm apart, yaw {request.yaw:g} deg"
-    tips += f", R {request.indenter.radius:g} mm"
-    names = request.nuisances
-    unknown = " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:]))) or "nothing"
-    return (
-        f"{tips}, x, y within ±{edge:g} mm by {request.grid.pitch:g} mm; unknown besides "
-        f"the contacts: {unknown}"
-    )
-
-
-def _json(request: Any) -> dict[str, Any]:
-    x, y = request.grid.axes()
-    return {
-        "scene": {
-            "indenter": request.indenter.name,
-            "radius_mm": request.indenter.radius,
-            "offsets_mm": request.indenter.offsets,
-            "yaw_deg": request.yaw,
-        },
-        "workspace": {
-            "x_mm": [round(v, 9) for v in x.tolist()],
-            "y_mm": [round(v, 9) for v in y.tolist()],
-            "depth_mm": list(request.depths),
-        },
-        "nuisances": list(request.nuisances),
-    }
-
-
-def _cells(maps: Any) -> dict[str, Any]:
-    """Return quantity -> [depth][row][column], mm."""
-    return {
-        quantity: _nested(maps.values[:, q]) for q, quantity in enumerate(maps.request.quantities)
-    }
-
-
-def _spacings(maps: Any) -> dict[str, Any]:
-    """Return the spacings from which two tips differ from one, with their places; {}: none."""
-    if maps.spacings is None:
-        return {}
-    x, y = (axis.round(9).tolist() for axis in maps.request.coarse.axes())
-    return {"two_from_one": {"x_mm": x, "y_mm": y, "spacing_mm": _nested(maps.spacings)}}
-
-
-def _nested(layers: Any) -> list[Any]:
-    """Return [depth][row][column]; "inf" without a bound, null for a refused press."""
-
-    def cell(value: float) -> float | str | None:
-        return "inf" if math.isinf(value) else None if math.isnan(value) else value
-
-    return [[[cell(v) for v in row] for row in layer] for layer in layers.tolist()]
+    return given.get("sensor", {})

@@ -37,10 +37,21 @@ from tactibench.report.board_tables import (
     BELOW,
     cost_blocks,
     curve_table,
+    machine_list,
     metric_table,
     published_blocks,
 )
-from tactibench.report.document import Block, Fold, Heading, Inline, Paragraph, Prose, prose
+from tactibench.report.document import (
+    Block,
+    Fold,
+    Group,
+    Heading,
+    Inline,
+    Paragraph,
+    Prose,
+    prose,
+    say_once,
+)
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
 from tactibench.report.simulator_error import first_line
@@ -48,13 +59,23 @@ from tactibench.report.table import Text
 from tactibench.report.writers.markdown import markdown
 from tactibench.shipped import shipped_folder
 
-READING = """\
+READING = prose("""\
 Each table holds one sensor: simulated and real never share a column. A row is a model with its
 parameters (those that are not at their defaults), encoder and training regime, its training seeds
 pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over presses.
 `sd`: standard deviation over training seeds, which is not part of the interval. `mixing`: frames
 that a model made for itself out of single presses, per training frame. Models in italics are
-trivial. `n/a`: not measured, or one seed has no value."""
+trivial. `n/a`: not measured, or one seed has no value. Rank: rows share one when the paired 95 %
+interval over presses of their difference from the first of them holds 0. The presses of a table are
+those of the first one where nothing else is said.""")
+"""How to read the tables of every board."""
+READING_COSTS = prose("""\
+Latency: one frame to contacts in mm, batch 1, one thread where nothing else is said. frames/s: the
+best batch. To float32: median distance of the timed configuration's answers from the float32 ones,
+which are scored. Times may be compared inside one machine only. \\*: still drifting when the
+warm-up ended. Operations: floating-point, of one frame. Memory: peak of the whole process while it
+was timed. Training: a run that found its weights in the cache shows the time that they took.""")
+"""How to read latency and cost."""
 GENERATED = "<!-- Made by `tactibench board` from submissions/ and published/; do not edit. -->"
 
 
@@ -86,9 +107,10 @@ class BoardPage:
 
     Attributes:
         title: The protocol's.
-        intro: How to read the tables.
+        intro: What holds for its tables alone; ``READING`` holds for those of all boards.
         sections: The tables of each sensor.
         published: With its heading; empty where no paper has a row.
+        timed_on: The machines behind the fingerprints; empty where nothing was timed.
         versions: Pages of the other versions of the protocol, without ``.md``.
     """
 
@@ -96,14 +118,16 @@ class BoardPage:
     intro: tuple[Block, ...]
     sections: tuple[PageSection, ...]
     published: tuple[Block, ...]
+    timed_on: tuple[Block, ...] = ()
     versions: tuple[str, ...] = ()
 
     def markdown(self) -> str:
         """Return the page as it stands under ``leaderboards/``."""
-        blocks: list[Block] = [*self.intro]
+        costs = [READING_COSTS] if self.timed_on else []
+        blocks: list[Block] = [READING, *costs, *self.intro]
         for part in self.sections:
             blocks += [Heading(2, part.title), *part.blocks]
-        body = markdown([*blocks, *self.published])
+        body = markdown([*blocks, *self.published, *self.timed_on])
         links = ", ".join(f"[{name}]({name}.md)" for name in self.versions)
         other = f"Other versions of this protocol: {links}.\n\n" if links else ""
         return f"# {self.title}\n\n{GENERATED}\n\n{other}{body}\n"
@@ -206,14 +230,18 @@ def board_page(
         )
         for section in sections_of(whole(records))
     )
-    intro = [*_archive_note(protocol), prose(READING), *_order(spec)]
+    intro = [*_archive_note(protocol), *_order(spec)]
     if not sections:
         text = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
         intro.append(prose(text))
     title = f"{protocol.name}: {protocol.spec.title}"
     if protocol.archived:
         title += f" (archived: version {protocol.spec.version})"
-    return BoardPage(title, tuple(intro), sections, tuple(published_blocks(name, published)))
+    said: set[str] = set()
+    sections = tuple(replace(one, blocks=say_once(one.blocks, said, set())) for one in sections)
+    timed_on = machine_list(row for one in sections for row in one.rows)
+    papers = tuple(published_blocks(name, published))
+    return BoardPage(title, tuple(intro), sections, papers, tuple(timed_on))
 
 
 def _archive_note(protocol: LoadedProtocol) -> list[Block]:
@@ -229,11 +257,7 @@ def _archive_note(protocol: LoadedProtocol) -> list[Block]:
 def _order(spec: BoardSpec) -> list[Block]:
     if spec.ranking is None:
         return []
-    text = (
-        f"Rows are ordered by {spec.ranking.name}, trivial ones last. The order is no rank: "
-        "rows that cannot be told apart share one."
-    )
-    return [prose(text)]
+    return [prose(f"Rows are ordered by {spec.ranking.name}, trivial ones last.")]
 
 
 def _page_section(
@@ -266,7 +290,8 @@ def _page_section(
     runs = [record for row in rows for record in row.records]
     signatures = tuple(record.signature for record in runs)
     summary = f"Signature{'s' if len(runs) > 1 else ''} of {plural(len(runs), 'run')}"
-    blocks += [*_missing_trivial(name, rows), _commits(runs), Fold(summary, signatures)]
+    blocks += _missing_trivial(name, rows)
+    blocks.append(Group("Commits and signatures", (_commits(runs), Fold(summary, signatures))))
     kept = tuple(block for block in blocks if block is not None)
     return PageSection(section, tuple(rows), learning, kept)
 
@@ -294,27 +319,20 @@ def _test_frames(record: Record, shots: bool) -> list[Block]:
     counted = f"{presses:,} presses"
     if frames != presses:
         counted = f"{frames:,} frames of {counted}"
-    parts: list[Inline]
-    if trained := trained_on(record):
+    if trained_on(record):  # what it was trained on stands in the title
         adapted = record.data.of_tested_sensor
         left = 0 if adapted is None else adapted.left_out_calibrated
-        fitted = f" {left:,} frames to which the simulator was fitted test nothing." if left else ""
-        text = (
-            f", tested on {counted} of another sensor, of which a "
-            "model is given the rest image and as many labelled frames as a column says, none "
-            f"of them a test press.{fitted}"
+        fitted = f"{left:,} frames to which the simulator was fitted test nothing."
+        return [prose(fitted)] if left else []
+    parts: list[Inline] = [
+        Prose(f"Trained on the sensor itself and tested on {counted}: "),
+        Text(command_options(record)[1:], "code"),
+        Prose("."),
+    ]
+    if shots:
+        parts.append(
+            Prose(" Rows with labelled presses were shown so many of it before (`--test shots=N`).")
         )
-        parts = [Prose("Trained on "), trained, Prose(text)]
-    else:
-        text = f"Trained on the sensor itself and tested on {counted}: "
-        parts = [Prose(text), Text(command_options(record)[1:], "code"), Prose(".")]
-        if shots:
-            parts.append(
-                Prose(
-                    " Rows with labelled presses were shown so many of it before "
-                    "(`--test shots=N`)."
-                )
-            )
     return [Paragraph(tuple(parts))]
 
 
@@ -349,8 +367,9 @@ def _missing_trivial(name: str, rows: Sequence[Row]) -> list[Block]:
     if trained_on(rows[0].first) or not absent:  # the board does not know where recordings lie
         return []
     asked = "".join({command_options(row.first) for row in rows})
-    made = " and ".join(f"`tactibench run {name} --model {model}{asked}`" for model in absent)
-    return [prose(f"Trivial rows are missing: {made} on this sensor.")]
+    text = f"`tactibench run {name} --model {absent[0]}{asked}`"
+    text += "".join(f", and with `--model {model}`" for model in absent[1:])
+    return [prose(f"Trivial rows are missing: {text} on this sensor.")]
 
 
 def _all_metrics(rows: Sequence[Row]) -> BoardTable:

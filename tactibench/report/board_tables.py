@@ -40,17 +40,6 @@ IDENTITY = (
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
 PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distance error, mm"}
-LATENCY_NOTE = (
-    "One frame to contacts in mm, batch 1, one thread where nothing else is said; mean over seeds. "
-    "frames/s: the best batch. To float32: median distance of the timed configuration's answers "
-    "from the float32 ones, which are scored. Times may be compared inside one machine only. "
-    "\\*: still drifting when the warm-up ended."
-)
-COST_NOTE = (
-    "Operations: floating-point, of one frame. Memory: peak of the whole process while it was "
-    "timed. Training: the experiments share their weights; a run that found them in the cache "
-    "shows the time that they took."
-)
 
 
 def identity(row: Row) -> list[Cell]:
@@ -99,8 +88,8 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
         ]
     presses = [count for one in pooled if one is not None for count in one.clusters]
     counted = f"{span(presses)} presses." if presses else ""
-    note = " ".join(filter(None, (spec.note, counted, "" if ranks is None else ranks.note)))
-    made = table(heads, body, title=spec.title, note=note)
+    note = " ".join(filter(None, (counted, "" if ranks is None else ranks.note)))
+    made = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
     return made if ranks is None else replace(made, anchors=tuple(map(row_anchor, rows)))
 
 
@@ -127,7 +116,7 @@ def _share_below(row: Row, column: MetricColumn, spec: BoardTable) -> str:
 
 
 def cost_blocks(rows: Sequence[Row]) -> list[Block]:
-    """Return the tables of latency and cost, and the machines behind the fingerprints."""
+    """Return the tables of latency and cost."""
     parts = [part for row in rows for part in by_machine(row)]
     latencies = table(
         (
@@ -140,7 +129,6 @@ def cost_blocks(rows: Sequence[Row]) -> list[Block]:
         ),
         [[*identity(row), *_latency_cells(row)] for row in parts],
         title="Latency",
-        note=LATENCY_NOTE,
     )
     costs = table(
         (
@@ -156,14 +144,19 @@ def cost_blocks(rows: Sequence[Row]) -> list[Block]:
         ),
         [[*identity(row), *_cost_cells(row)] for row in parts],
         title="Cost",
-        note=COST_NOTE,
     )
-    machines = {machine(record): record for row in rows for record in row.records}
+    return [Group("Latency and cost", (latencies, costs), heading=0)]
+
+
+def machine_list(rows: Iterable[Row]) -> list[Block]:
+    """Return the machines behind the fingerprints of timed rows, with their heading."""
+    records = (record for row in rows for record in row.records if record.speed)
+    machines = {machine(record): record for record in records}
     named = tuple(
         (Text(name, "code"), Prose(": "), _machine(record))
         for name, record in sorted(machines.items())
     )
-    return [Group("Latency and cost", (latencies, costs, Bullets(named)), heading=0)]
+    return [Heading(2, "Machines"), Bullets(named)] if named else []
 
 
 def _latency_cells(row: Row) -> Iterator[Cell]:
@@ -237,8 +230,8 @@ def curve_table(curves: Sequence[Curve], error: Ranking) -> Table | None:
         body.append([curve.label, *(_step_number(steps.get(n), error.decimals) for n in presses)])
     note = (
         f"{error.name[0].upper()}{error.name[1:]}, {error.unit}, by the presses that a model "
-        "learned from; the validation presses are the same in all. Below: the standard deviation "
-        "over seeds, or how many there are."
+        "learned from; the validation presses are the same in all. Below: the 95 % interval, and "
+        "the standard deviation over seeds, or how many there are."
     )
     heads: list[Head] = [
         Column("model", right=False, who=True),
@@ -252,7 +245,7 @@ def _step_number(step: Step | None, decimals: int) -> Number | None:
         return None
     sd = step.error.sd
     below = seed_count(step.seeds) if sd is None else f"sd {number(sd, decimals)}"
-    return Number(step.error.value, fixed(decimals), below=below)
+    return metric_number(step.error, decimals, below=below)
 
 
 def published_blocks(protocol: str, papers: Iterable[PublishedTable]) -> list[Block]:

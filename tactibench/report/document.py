@@ -6,7 +6,8 @@ papers) is a plain string, which every writer escapes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from tactibench.report.table import Table, Text
 
@@ -69,3 +70,26 @@ Block = Heading | Paragraph | Bullets | Fold | Group | Table
 def prose(text: str) -> Paragraph:
     """Return a paragraph of this program's own words."""
     return Paragraph((Prose(text),))
+
+
+def say_once(blocks: Iterable[Block], said: set[str], noted: set[str]) -> tuple[Block, ...]:
+    """Return the blocks with guides and notes of tables where no table before has said them.
+
+    Args:
+        blocks: Of one section.
+        said: The guides of the page so far.
+        noted: The notes of the section so far.
+    """
+    kept: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Group):
+            kept.append(replace(block, blocks=say_once(block.blocks, said, noted)))
+        elif isinstance(block, Table):
+            guide = "" if block.guide in said else block.guide
+            note = "" if block.note in noted else block.note
+            said.add(block.guide)
+            noted.add(block.note)
+            kept.append(replace(block, note=" ".join(filter(None, (guide, note))), guide=""))
+        else:
+            kept.append(block)
+    return tuple(kept)

@@ -36,8 +36,8 @@ def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
     pressed = [a for a in axes if a.ordered and a.reference.startswith(f"{a.family}:")]
     faults = [axis for axis in axes if axis.ordered and axis not in pressed]
     note = (
-        f"`{ERROR}`, the easy case first; below it, missed contacts in %, and false contacts per "
-        "frame where there are any."
+        f"`{ERROR}`, the easy case first; below it, where there are any, missed contacts in % and "
+        "false contacts per frame."
     )
     cases = (b for k, axis in enumerate(axes) for b in _case_blocks(rows, families, k, axis))
     return [
@@ -61,7 +61,7 @@ def _doubling_table(
         cells = (doubling_number(by_family[axis.family].doubles) for axis in axes)
         body.append([*identity(row), *cells])
     heads: list[Head] = [*IDENTITY, *(Column(family_head(axis)) for axis in axes)]
-    return table(heads, body, title=title, note=DOUBLING_NOTE)
+    return replace(table(heads, body, title=title), guide=DOUBLING_NOTE)
 
 
 def family_head(axis: Axis) -> str:
@@ -92,7 +92,7 @@ def _case_number(case: Case) -> Number | None:
     if case.error is None:
         return None
     below = []
-    if case.missed is not None:
+    if case.missed is not None and case.missed.value:
         below.append(f"{number(100 * case.missed.value, 1)} %")
     if case.spurious is not None and case.spurious.value:
         below.append(f"{number(case.spurious.value, 2)} false")

@@ -72,12 +72,14 @@ class Text:
         style: "" (plain), "italic" or "code".
         below: What stands below the words on a page that leaves the columns of detail out.
         link: Where the words lead on a page, such as "#row"; "" for nowhere.
+        brief: Whether a page hides what stands below, and only a filter finds it.
     """
 
     text: str
     style: str = ""
     below: str = ""
     link: str = ""
+    brief: bool = False
 
 
 Cell = Number | Text | str | None
@@ -129,6 +131,7 @@ class Table:
         rows: Cells, as many in each row as there are columns.
         title: The heading.
         note: A paragraph below the table.
+        guide: How to read tables of its kind; a page says it before the note of the first of them.
         captions: Lines above rows, by the number of the row.
         anchors: A name for every row, to which a page can be linked; () for none.
     """
@@ -137,6 +140,7 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     title: str = ""
     note: str = ""
+    guide: str = field(default="", kw_only=True)
     captions: Mapping[int, tuple[Caption, ...]] = field(default_factory=dict)
     anchors: tuple[str, ...] = ()
 

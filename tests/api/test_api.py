@@ -145,6 +145,20 @@ def test_a_figure_has_its_numbers(store: Path, tmp_path: Path) -> None:
         api.plot("fronteer", "exp1", board=board, store=store)
 
 
+def test_the_limits_of_a_sensor_have_their_numbers(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"reach": 0, "depths": [2], "progress": False}
+    made = api.plot_limit(**options)
+    middle = made.frame.set_index("group").query("metric == 'bound_x_mm'")["value"]
+    assert 1e-4 < middle["depth 2 mm, middle"] < 0.02
+    noisy = api.plot_limit(params={"read_noise": 12}, **options).frame
+    assert noisy["value"].iloc[0] > 2 * made.frame["value"].iloc[0]
+    assert made.save(tmp_path / "limit.png").stat().st_size > 1000
+    with pytest.raises(UserError, match="does not know what limits"):
+        api.plot_limit("recorded", **options)
+    with pytest.raises(UserError, match="'single' or 'dual'"):
+        api.plot_limit(scene="triple", **options)
+
+
 @pytest.mark.parametrize("kind", ["curve", "stability"])
 def test_a_figure_of_nothing_is_refused(kind: str, tmp_path: Path) -> None:
     with pytest.raises(UserError):

@@ -103,7 +103,8 @@ def test_misses_stand_beside_every_error(protocol):
     shares = {"missed", "resolved", "coverage"}
     for block in board_spec(protocol).blocks:
         metrics = {column.metric for column in block.columns}
-        assert metrics & shares or block.title.startswith(("Penalised", "False contacts"))
+        shown = metrics | set(block.below.values())
+        assert shown & shares or block.title.startswith("False contacts")
         assert metrics <= set(FAMILIES)
 
 
@@ -115,6 +116,7 @@ def test_sensors_have_sections_of_their_own_and_published_rows_too(fabricate):
         "Simulated sensor tactip-127, instance=3: a perturbed individual",
         "Real sensor tactip-127",
         "Published",
+        "Machines",
     ]
     found = tables(text)
     assert [len(rows) for rows in found["Error"]] == [1, 1, 1]
@@ -172,7 +174,7 @@ def test_fewer_presses_stand_in_the_curve_only(fabricate):
     assert len(found["Error"][0]) == 1
     (curve,) = found["Learning curve"][0]
     assert list(curve) == ["model", "250", "3,600"]
-    assert curve["250"] == "0.2000<br><sub>1 seed</sub>"
+    assert curve["250"] == "0.2000<br><sub>0.1800 – 0.2200</sub><br><sub>1 seed</sub>"
     assert "Learning curve" not in tables(made([fabricate()]))
 
 
@@ -183,11 +185,20 @@ def test_optional_tables_appear_with_their_metrics(fabricate):
     assert "Stated uncertainty" in tables(made([fabricate(metrics=(("nll", "all", -3.0),))]))
 
 
+def test_what_several_tables_share_is_said_once(fabricate):
+    text = made([fabricate(), fabricate(sensor={"instance": 3})])
+    assert len(tables(text)["Error"]) == 2
+    assert text.count("Means over x, y and depth of the best-scored prediction") == 1
+    assert text.count("Rank: rows share one") == 1
+    assert text.count("Operations: floating-point") == 1
+    assert text.count("1,000 presses.") == 2  # once a sensor
+
+
 def test_the_share_of_resolved_pairs_stands_below_the_error_of_a_distance(fabricate):
     rows = (("distance_penalised_mm", "6.5", 1.25), ("resolved", "6.5", 0.5))
     found = tables(made([fabricate("exp2", metrics=rows)], "exp2"))
     cell = found["Penalised error by true distance, mm"][0][0]["6.5"]
-    assert cell == "1.25<br><sub>50 %</sub>"
+    assert cell == "1.25<br><sub>1.12 – 1.38</sub><br><sub>50 %</sub>"
 
 
 def test_another_version_of_the_protocol_says_so(fabricate):

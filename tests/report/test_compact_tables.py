@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactibench.report.document import Group, prose
-from tactibench.report.html.compact import compact, compact_blocks
+from tactibench.report.html.compact import compact, compact_blocks, named_briefly
 from tactibench.report.numbers import fixed
 from tactibench.report.table import Column, Number, Text, table
+from tactibench.report.writers.html import html
 
 WHO = Column("model", who=True)
 REGIME = Column("regime", detail=True)
@@ -56,6 +57,27 @@ def test_details_stay_where_the_name_does_not_say_them():
     shown = compact(table([WHO, REGIME, Column("error")], [["a", "single", number(1)]]))
     assert shown is not None
     assert [column.head for column in shown.columns] == ["model", "regime", "error"]
+
+
+def test_what_all_rows_say_stands_below_once():
+    heads = [WHO, Column("machine", right=False), Column("error")]
+    shown = compact(table(heads, [[name(n), "abc", number(1)] for n in "ab"]))
+    assert shown is not None
+    assert [column.head for column in shown.columns] == ["model", "error"]  # equal numbers stay
+    assert shown.note == "In all rows: machine: abc."
+    one = compact(table(heads, [[name("a"), "abc", number(1)]]))
+    assert one is not None
+    assert len(one.columns) == 3
+
+
+def test_details_are_hidden_where_names_tell_rows_apart():
+    apart, alike = (table([WHO], [[name(n)] for n in names]) for names in ("ab", "aa"))
+    brief, same = named_briefly([Group("group", (apart,)), alike])
+    assert isinstance(brief, Group)
+    (shown,) = brief.blocks
+    assert 'data-more="single, 3 seeds"' in html([shown])
+    assert "<sub>" not in html([shown])
+    assert same == alike
 
 
 def test_links_stay_with_their_rows():

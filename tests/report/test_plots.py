@@ -179,7 +179,7 @@ def test_the_distance_curve_shows_rows_intervals_and_named_published_means(fabri
     ]
     values = [list(line.get_ydata()) for line in shares.lines if line.get_marker() == "o"]
     assert values == [[40.0] * 3] * len(values)
-    assert errors.get_ylim()[0] == 0
+    assert errors.get_yscale() == "log"
     assert errors.get_ylim()[1] > 1.214
     assert "hollow: less than half resolved" in figure.get_suptitle()
 
@@ -305,14 +305,35 @@ def test_off_nominal_panels_stand_beside_the_nominal_ones(fabricate: Any) -> Non
 
     nominal, other = sections_of([*records(), *records(sensor={"instance": 1})])
     found = frontiers(nominal.rows, ERROR)
-    condition = off_nominal(nominal, [nominal, other], found, ERROR)
-    assert condition is not None
-    left, right = frontier_figure(found, ERROR, off_nominal=condition).axes
+    conditions = off_nominal("exp1", nominal, [nominal, other], found)
+    left, right = frontier_figure(found, ERROR, off_nominal=conditions).axes
     assert left.get_title("left").endswith("nominal")
     assert "off-nominal: a perturbed individual" in right.get_title("left")
     assert left.get_ylim() == right.get_ylim()
-    assert off_nominal(other, [nominal, other], found, ERROR) is None  # not the nominal sensor
-    assert off_nominal(nominal, [nominal], found, ERROR) is None
+    assert off_nominal("exp1", other, [nominal, other], found) == []  # not the nominal sensor
+    assert off_nominal("exp1", nominal, [nominal], found) == []
+
+
+def test_unseen_instances_of_another_protocol_stand_beside_a_frontier(fabricate: Any) -> None:
+    def pressed(width: int, errors: list[float]) -> Record:
+        cases = tuple(("ospa_mm", f"individual:{k + 1}", error) for k, error in enumerate(errors))
+        return fabricate("stability", settings={"width": width}, metrics=cases)
+
+    records = [fabricate(settings={"width": w}, error=w / 99, p90_ms=w) for w in (8, 16)]
+    (nominal,) = sections_of(records)
+    found = frontiers(nominal.rows, ERROR)
+    errors = {8: [0.1, 0.2, 0.3, 0.4], 16: [1.0, 1.0, 1.0, 3.0]}
+    (unseen,) = sections_of([pressed(w, e) for w, e in errors.items()])
+    (condition,) = off_nominal("exp1", nominal, [nominal], found, [unseen])
+    points = [(p.latency.value, p.error.value) for p in condition.frontiers[0].points]
+    assert points == [(8, pytest.approx(0.25)), (16, pytest.approx(1.5))]
+    assert [p.error.low for p in condition.frontiers[0].points] == pytest.approx([0.1, 1.0], 0.2)
+    left, right = frontier_figure(found, ERROR, off_nominal=[condition]).axes
+    assert "unseen instances" in right.get_title("left")
+    assert "OSPA" in right.get_ylabel()
+    assert left.get_xlim() == right.get_xlim()
+    assert left.get_ylim() != right.get_ylim()  # another error has an axis of its own
+    assert off_nominal("exp2", nominal, [nominal], found, [unseen]) == []
 
 
 def test_a_learning_curve_has_its_values_and_bars(fabricate: Any) -> None:

@@ -1,7 +1,8 @@
 """Tables without what says nothing, as narrow as a page needs them.
 
 A Markdown board says of every row what was not measured. A page leaves out columns and rows that
-hold no value, and writes encoder, regime, mixing and seeds below the name of the model.
+hold no value, and writes encoder, regime, mixing and seeds below the name of the model. What all
+rows say in the same words stands once, below the table.
 """
 
 from __future__ import annotations
@@ -41,20 +42,63 @@ def compact(table: Table) -> Table | None:
     if not used:
         return None
     left_out = len(rows) - len(full)
-    note = f"{plural(left_out, 'row')} without a value not shown." if left_out else ""
+    notes = [f"{plural(left_out, 'row')} without a value not shown."] if left_out else []
+    same = {f: text for f in used if (text := _same_words([rows[k][f] for k in full]))}
+    if same:
+        listed = "; ".join(f"{columns[f].head}: {same[f]}" for f in sorted(same))
+        notes.append(f"In all rows: {listed}.")
     shown = [
         k
         for k, column in enumerate(columns)
-        if k in used or column.who or (column.detail and not all(named))
+        if (k in used and k not in same) or column.who or (column.detail and not all(named))
     ]
     return replace(
         table,
         columns=tuple(columns[k] for k in shown),
         rows=tuple(tuple(rows[k][c] for c in shown) for k in full),
-        note=" ".join(filter(None, (table.note, note))),
+        note=" ".join(filter(None, (table.note, *notes))),
         captions={},
         anchors=tuple(table.anchors[k] for k in full) if table.anchors else (),
     )
+
+
+def named_briefly(blocks: Iterable[Block]) -> list[Block]:
+    """Return the blocks with details of models only where a table needs them to tell rows apart.
+
+    A filter still finds the details. The first table of a section says them all.
+    """
+    kept: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Group):
+            kept.append(replace(block, blocks=tuple(named_briefly(block.blocks))))
+        else:
+            kept.append(_named_briefly(block) if isinstance(block, Table) else block)
+    return kept
+
+
+def _named_briefly(table: Table) -> Table:
+    who = next((k for k, column in enumerate(table.columns) if column.who), None)
+    if who is None:
+        return table
+    names = [row[who] for row in table.rows]
+    if len({name.text for name in names if isinstance(name, Text)}) < len(names):
+        return table
+    rows = (
+        tuple(
+            replace(cell, brief=True) if k == who and isinstance(cell, Text) else cell
+            for k, cell in enumerate(row)
+        )
+        for row in table.rows
+    )
+    return replace(table, rows=tuple(rows))
+
+
+def _same_words(cells: list[Cell]) -> str:
+    """Return the words that several rows share; "" for numbers, and where rows differ."""
+    if len(cells) < 2 or any(cell != cells[0] for cell in cells):
+        return ""
+    first = cells[0]
+    return first.text if isinstance(first, Text) else first if isinstance(first, str) else ""
 
 
 def _says_details(row: tuple[Cell, ...], columns: tuple[Column, ...]) -> Iterable[bool]:

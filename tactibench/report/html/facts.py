@@ -30,16 +30,14 @@ def best_rows(
         "protocol",
         "measured on",
         Column("rank 1", right=False, who=True),
-        "error that orders the board",
         Column("error"),
         "beside it",
         Column("p90, one thread, ms"),
-        Column("seeds"),
     ]
     rows = [cells for board, page in boards for cells in _first_rows(board, page, link)]
     note = (
-        "Rows of rank 1: no paired 95 % interval tells them apart from the first. Trivial rows and "
-        "tables of a single row are left out."
+        "Rows of rank 1: no paired 95 % interval tells them apart from the first, by the error "
+        "that orders the board. Trivial rows and tables of a single row are left out."
     )
     return table(heads, rows, title="At a glance", note=note)
 
@@ -56,9 +54,8 @@ def _first_rows(
             value = metric_number(row.metric(error.metric, error.group), error.decimals)
             if rank == 1 and value is not None and not row.trivial:
                 name = Text(row.label, link=link(board, row_anchor(row)))
-                names: list[Cell] = [board.name, section.title, name, f"{error.name}, {error.unit}"]
-                seeds = ", ".join(str(seed) for seed in row.seeds)
-                yield [*names, value, misses(row), row_latency(row), seeds]
+                where = Text(section.title, below=f"{error.name}, {error.unit}")
+                yield [board.name, where, name, value, misses(row), row_latency(row)]
 
 
 def plan(board: ReportBoard) -> Table:
@@ -67,7 +64,7 @@ def plan(board: ReportBoard) -> Table:
     rows = [(name, text) for name, text in _questions(spec) if text]
     heads: list[Head] = [Column("what", right=False, who=True), "asked"]
     note = f"Version {spec.version}, sha256 {board.protocol.hash}."
-    return table(heads, rows, title=f"{spec.id}: {spec.title}", note=note)
+    return table(heads, rows, title=f"{board.name}: {spec.title}", note=note)
 
 
 def _questions(spec: Protocol) -> Iterator[tuple[str, str]]:

@@ -1,9 +1,9 @@
-"""The figures of a report: the same pictures as PNG files, with their numbers as tables."""
+"""The figures of a report: the same pictures as those of the command line."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
@@ -17,16 +17,13 @@ from tactibench.board.sections import Section
 from tactibench.errors import UserError
 from tactibench.metrics.gospa import gospa_per_frame
 from tactibench.metrics.trials import Trials
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.board_spec import Ranking, board_spec
 from tactibench.records.record import Record
 from tactibench.report.board_page import PageSection
-from tactibench.report.hard_cases import doubling_table
 from tactibench.report.html.report_data import ReportBoard
 from tactibench.report.numbers import fixed, number, plural, significant
-from tactibench.report.plot_tables import curve_steps_table, frontier_table
 from tactibench.report.plots.curve import LEARNING, curve_figure
 from tactibench.report.plots.distance import (
-    Series,
     distance_figure,
     fitted_series,
     threshold_figure,
@@ -38,7 +35,7 @@ from tactibench.report.plots.relief import relief_figure
 from tactibench.report.plots.run_pictures import RunArrays
 from tactibench.report.plots.stability import stability_figure
 from tactibench.report.plots.style import CURVES, image_bytes
-from tactibench.report.table import Cell, Column, Number, Table, metric_number, table
+from tactibench.report.table import Cell, Column, Number, Table, Text, table
 
 COLUMNS = 10
 """Models beside each other in a heat map."""
@@ -47,8 +44,8 @@ WORST_ROWS, WORST = 8, 3
 RELIEF_ROWS = 2
 PAGE_DPI = 100
 WITHOUT_FRAMES = (
-    "Worst frames and heatmaps in relief are stored with runs, not with committed records: run a "
-    "model, such as `tactibench run {} --model unet`, and make the report with `--store runs`."
+    "Worst frames and heatmaps in relief are stored with runs, not with committed records: "
+    "`tactibench run {} --model unet`, then `tactibench report --store runs`, shows them."
 )
 T = TypeVar("T")
 MISSES = (("missed", "missed"), ("resolved", "resolved as two"), ("coverage", "answered"))
@@ -57,11 +54,11 @@ MISSES = (("missed", "missed"), ("resolved", "resolved as two"), ("coverage", "a
 
 @dataclass(frozen=True)
 class Option:
-    """One choice of a panel. image: data URI. tables: the numbers behind the image."""
+    """One choice of a panel. image: data URI. numbers: behind it, where no table has them."""
 
     label: str
     image: str
-    tables: tuple[Table, ...] = ()
+    numbers: Table | None = None
     note: str = ""
 
 
@@ -97,7 +94,7 @@ def panels(
     """Return the figures of one sensor. sections: all of the board."""
     rows = [row for row in section.rows if not row.trivial]
     candidates = (
-        _frontier_panel(section.section, board.name, sections),
+        _frontier_panel(section.section, board, sections),
         *_distance_panels(rows, board, section.title),
         _curve_panel(section, board.name),
         *_stability_panels(rows, board, section.title),
@@ -138,11 +135,11 @@ def _image(figure: Figure, kind: Literal["png", "svg"] = "svg") -> str:
     return f"data:image/{'png' if kind == 'png' else 'svg+xml'};base64,{data}"
 
 
-def _frontier_panel(here: Section, protocol: str, sections: Sequence[Section]) -> Panel | None:
-    error = board_spec(protocol).ranking
+def _frontier_panel(here: Section, board: ReportBoard, sections: Sequence[Section]) -> Panel | None:
+    error = board_spec(board.name).ranking
     if error is None:
         return None
-    options = []
+    options, moved = [], False
     rows = [row for row in here.rows if not row.trivial]
     for name in sorted({machine(record) for row in rows for record in row.records}):
         regimes = [regime for regime in frontiers(rows, error, name) if regime.points]
@@ -150,19 +147,37 @@ def _frontier_panel(here: Section, protocol: str, sections: Sequence[Section]) -
             words = machine_words(regimes[0].points[0].row.first)
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            other = off_nominal(here, sections, regimes, error)
+            other = off_nominal(board.name, here, sections, regimes, board.unseen)
             drawn = [_less_crowded(regime) for regime in regimes]
-            figure = frontier_figure(drawn, error, off_nominal=other, title="", measured_on=words)
-            image = _image(figure)
-            tables = tuple(frontier_table(regime, error) for regime in regimes)
-            options.append(Option(words, image, tables, note))
-    caption = (
-        "p90 of one frame to contacts on one thread against the error that orders the board; bars: "
-        "95 % over presses, of all seeds. Hollow: dominated beyond the intervals. Dashed: the "
-        "least error within a time. Off-nominal: the same models where the sensor is "
-        "not the nominal one. Times are compared inside one machine only."
-    )
+            figure = frontier_figure(drawn, error, off_nominal=other, title="")
+            beaten = any(regime.dominated for regime in regimes)
+            verdicts = _verdict_table(regimes, error) if beaten else None
+            options.append(Option(words, _image(figure), verdicts, note))
+            moved = moved or bool(other)
+    caption = "Bars: 95 % over presses, of all seeds."
+    if moved:
+        caption += " Off-nominal: the same models where the sensor is not the nominal one."
     return Panel("Speed against error", caption, tuple(options), "timed on")
+
+
+def _verdict_table(regimes: Sequence[Frontier], error: Ranking) -> Table:
+    """Return who is on the frontier of a regime, and who is dominated by whom."""
+    heads = (
+        Column("model", right=False, who=True),
+        Column("p90, ms"),
+        Column(f"error, {error.unit}"),
+    )
+    rows: list[list[Cell]] = [
+        [
+            Text(point.label, below=regime.regime),
+            Number(point.latency.value, significant),
+            Number(point.error.value, fixed(error.decimals)),
+            regime.verdict(point),
+        ]
+        for regime in regimes
+        for point in regime.points
+    ]
+    return table((*heads, "in its regime"), rows)
 
 
 def _less_crowded(regime: Frontier) -> Frontier:
@@ -190,7 +205,6 @@ def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Ite
         _batch_options(
             series,
             lambda part: distance_figure(part, published=board.published, measured_on=where),
-            _distance_table,
         ),
         "rows",
     )
@@ -203,7 +217,6 @@ def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Ite
         _batch_options(
             series,
             lambda part: threshold_figure(part, measured_on=where),
-            lambda part: _threshold_table(rows, {one.label for one in part}),
         ),
         "rows",
     )
@@ -212,53 +225,18 @@ def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Ite
 def _batch_options(
     rows: Sequence[T],
     draw: Callable[[Sequence[T]], Figure],
-    tabulate: Callable[[Sequence[T]], Table] | None,
     kind: Literal["png", "svg"] = "svg",
     size: int = CURVES,
 ) -> tuple[Option, ...]:
-    """Return a picture and a table for every ``size`` rows, the best first, named by places."""
+    """Return a picture for every ``size`` rows, the best first, named by places."""
     options = []
     drawn = rows if len(rows) <= MOST_PICTURES * size else rows[:size]
     for start in range(0, len(drawn), size):
         part = drawn[start : start + size]
         label = "" if len(rows) <= size else f"{start + 1} to {start + len(part)}"
         note = f"The best {len(drawn)} of {len(rows):,} rows." if len(drawn) < len(rows) else ""
-        tables = () if tabulate is None else (tabulate(part),)
-        options.append(Option(label, _image(draw(part), kind), tables, note))
+        options.append(Option(label, _image(draw(part), kind), note=note))
     return tuple(options)
-
-
-def _distance_table(series: Sequence[Series]) -> Table:
-    rows: list[list[Cell]] = []
-    for one in series:
-        penalised = {line[0]: line for line in one.penalised}
-        error = {line[0]: line for line in one.error}
-        for distance, share, *_ in one.resolved:
-            cells = (
-                None if line is None else Number(line[1], fixed(3), (line[2], line[3]))
-                for line in (error.get(distance), penalised.get(distance))
-            )
-            rows.append(
-                [
-                    one.label,
-                    Number(distance, "{:g}".format),
-                    *cells,
-                    Number(100 * share, fixed(0)),
-                ]
-            )
-    names = ["distance, mm", "error, mm", "penalised error, mm", "resolved, %"]
-    return table((Column("model", right=False, who=True), *map(Column, names)), rows)
-
-
-def _threshold_table(rows: Sequence[Row], labels: Collection[str]) -> Table:
-    shown = (("threshold_mm", 2), ("resolved", 1), ("catch_resolved", 1))
-    body = [
-        [row.label, *(metric_number(row.metric(name, "all"), digits) for name, digits in shown)]
-        for row in rows
-        if row.label in labels
-    ]
-    names = ["threshold, mm", "resolved, %", "single seen as two, %"]
-    return table((Column("model", right=False, who=True), *map(Column, names)), body)
 
 
 def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
@@ -270,10 +248,8 @@ def _curve_panel(section: PageSection, protocol: str) -> Panel | None:
         lambda part: curve_figure(
             part, error, replace(LEARNING, title=""), measured_on=section.title
         ),
-        lambda part: curve_steps_table(part, error),
     )
-    caption = "Error against the presses that a model learned from; bars: 95 % over presses."
-    return Panel("Learning curve", caption, options, "rows")
+    return Panel("Learning curve", "Bars: 95 % over presses.", options, "rows")
 
 
 def _stability_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
@@ -283,19 +259,17 @@ def _stability_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> It
     heat = _batch_options(
         rows,
         lambda part: doubling_figure(part, axes, title="", measured_on=where),
-        lambda part: doubling_table(part, axes),
         size=COLUMNS,
     )
     caption = (
-        "Value at which the error is twice that of the easy case; the names of the families say "
-        "from where to where their cases go. Dark: doubled early. n/a: the easy case costs more "
-        "than half the gate already. A model with a small error doubles it early."
+        "Value at which the error is twice that of the easy case; the name of a family says from "
+        "where to where its cases go. Dark: doubled early. n/a: the easy case costs more than half "
+        "the gate already. A model with a small error doubles it early."
     )
     yield Panel("Where the error doubles", caption, heat, "rows")
     options = _batch_options(
         rows,
         lambda part: stability_figure(part, axes, title="", measured_on=where),
-        None,
         "png",
     )
     caption = (

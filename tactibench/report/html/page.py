@@ -16,9 +16,15 @@ from typing import Any
 
 from tactibench import __version__
 from tactibench.errors import UserError
-from tactibench.report.board_page import BoardPage, PageSection, board_page
-from tactibench.report.document import Block, Group
-from tactibench.report.html.compact import compact, compact_blocks
+from tactibench.report.board_page import (
+    READING,
+    READING_COSTS,
+    BoardPage,
+    PageSection,
+    board_page,
+)
+from tactibench.report.document import Block, Bullets, Group
+from tactibench.report.html.compact import compact, compact_blocks, named_briefly
 from tactibench.report.html.facts import best_rows, machines, plan, software
 from tactibench.report.html.figures import WITHOUT_FRAMES, Panel, panels
 from tactibench.report.html.report_data import ReportBoard, ReportData
@@ -80,9 +86,10 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
     template = _template()
     pages = _board_pages(data)
     chapters = []
+    said: set[str] = set()
     for board, page in pages:
         advance(board.name)
-        chapters.append(_chapter(board, page))
+        chapters.append(_chapter(board, page, said))
     advance("page")
     best = best_rows(pages, lambda _, anchor: f"#{anchor}")
     links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters), *END_LINKS]
@@ -112,9 +119,9 @@ def site_pages(
     yield INDEX, _rendered(template, data, pages, [], index, best=best, here=INDEX)
     for board, page in pages:
         advance(board.name)
-        chapter, links = _chapter(board, page), [(INDEX, "All boards"), *others, *END_LINKS]
-        one = [(board, page)]
-        yield _file(board), _rendered(template, data, one, [chapter], links, here=_file(board))
+        chapters = [_chapter(board, page, set())]
+        links, one = [(INDEX, "All boards"), *others, *END_LINKS], [(board, page)]
+        yield _file(board), _rendered(template, data, one, chapters, links, here=_file(board))
 
 
 def _file(board: ReportBoard) -> str:
@@ -162,33 +169,56 @@ def _rendered(
         script=script,
         policy=POLICY.format(f"sha256-{digest}"),
         best=best,
+        reading=[READING, READING_COSTS],
         plans=[plan(board) for board, _ in pages],
         environment=[machines(records), software(records)],
     )
     return text
 
 
-def _chapter(board: ReportBoard, page: BoardPage) -> Chapter:
+def _chapter(board: ReportBoard, page: BoardPage, said: set[str]) -> Chapter:
+    """Return a chapter. said: captions and notes of papers that the page has, more are added."""
     sections = tuple(
-        _section(board, page, section, _anchor(board.name, k))
+        _section(board, page, section, _anchor(board.name, k), said)
         for k, section in enumerate(page.sections)
     )
-    published = html(compact_blocks(page.published[1:]))  # the template has its heading
+    papers = compact_blocks(page.published[1:])  # the template has its heading
+    published = html(_new_items(block, said) for block in papers)
     return Chapter(board.name, page.title, html(page.intro), sections, published)
 
 
-def _section(board: ReportBoard, page: BoardPage, section: PageSection, key: str) -> SectionView:
+def _new_items(block: Block, said: set[str]) -> Block:
+    """Return a list without what the page has said of the same paper before."""
+    if not isinstance(block, Bullets):
+        return block
+    return Bullets(tuple(item for item in block.items if _once(repr(item), said)))
+
+
+def _once(text: str, said: set[str]) -> str:
+    """Return a text that has not been said, else ""."""
+    new = "" if text in said else text
+    said.add(text)
+    return new
+
+
+def _section(
+    board: ReportBoard, page: BoardPage, section: PageSection, key: str, said: set[str]
+) -> SectionView:
     stored = any(row.first.name in board.runs for row in section.rows)
     lacking = board.protocol.spec.answer == "contacts" and not stored
     blocks = compact_blocks(section.blocks)
     first = next((k + 1 for k, block in enumerate(blocks) if isinstance(block, Table)), len(blocks))
+    blocks[first:] = named_briefly(blocks[first:])
     return SectionView(
         key,
         section.title,
         html(blocks[:first]),
         html(map(_folded, blocks[first:])),
-        tuple(panels(section, board, [one.section for one in page.sections])),
-        WITHOUT_FRAMES.format(board.name) if lacking else "",
+        tuple(
+            replace(panel, caption=_once(panel.caption, said))
+            for panel in panels(section, board, [one.section for one in page.sections])
+        ),
+        _once(WITHOUT_FRAMES, said).format(board.name) if lacking else "",
     )
 
 
@@ -215,7 +245,7 @@ def _template() -> Any:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    for name, write in (("table", _compact_html), ("prose", prose_html)):
+    for name, write in (("table", _compact_html), ("prose", prose_html), ("blocks", html)):
         environment.filters[name] = _marked(Markup, write)
     return environment.from_string(_asset("page.html.j2"))
 

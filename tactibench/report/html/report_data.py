@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from tactibench.board.grouping import whole
 from tactibench.board.predictions import PressErrors, press_errors_of
 from tactibench.board.ranking import Errors
+from tactibench.board.sections import NOMINAL, Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,
     check_folder,
@@ -38,6 +40,7 @@ class ReportBoard:
         published: Tables of papers.
         errors: Press by press, by the name of the record.
         runs: Stored runs, by the name of the record.
+        unseen: Where other instances of the sensor were pressed, by another protocol.
     """
 
     protocol: LoadedProtocol
@@ -45,6 +48,7 @@ class ReportBoard:
     published: tuple[PublishedTable, ...]
     errors: Errors
     runs: Mapping[str, StoredRun] = field(default_factory=dict)
+    unseen: tuple[Section, ...] = ()
 
     @property
     def name(self) -> str:
@@ -96,12 +100,18 @@ def gather(
         raise UserError(_no_complete_run(store, len(runs)))
     if origin != RUNS:
         check_folder(board)
-    boards = [
+    wanted = [one for one in versions if not protocols or one.name in protocols]
+    pressed = {spec.unseen.protocol for one in wanted if (spec := board_spec(one.name)).unseen}
+    read = [
         _board(version, complete, board, origin)
         for version in versions
-        if not protocols or version.name in protocols
+        if version in wanted or version.spec.id in pressed
     ]
-    boards = [one for one in boards if one.records or one.name in protocols]
+    boards = [
+        replace(one, unseen=tuple(_unseen(one, read)))
+        for one in read
+        if one.protocol in wanted and (one.records or one.name in protocols)
+    ]
     present = {one.name for one in boards}
     earlier = [one for one in boards if one.protocol.archived and one.protocol.spec.id in present]
     if not (protocols or archived):
@@ -135,6 +145,15 @@ def _board(
     shown = sorted([*committed, *own], key=lambda record: record.name)
     tables = tuple(published_tables(protocol, board))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
+
+
+def _unseen(board: ReportBoard, read: Iterable[ReportBoard]) -> Iterator[Section]:
+    """Yield the nominal sections of the protocol that presses other instances of the sensor."""
+    unseen = board_spec(board.name).unseen
+    for other in read:
+        if unseen is not None and other.protocol.spec.id == unseen.protocol:
+            sections = sections_of(whole(other.records))
+            yield from (section for section in sections if section.kind == NOMINAL)
 
 
 def _press_errors(

@@ -24,6 +24,7 @@ from tactibench.report.plots.style import (
     error_bars,
     headline,
     legend_below,
+    log_ticks,
     new_figure,
     plain,
     row_looks,
@@ -109,17 +110,14 @@ def distance_figure(
     """
     figure = new_figure(8.0, 6.0)
     errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
-    ceiling = 0.0
     for one, look, shift in dodged(series):
         label = short_label(one.label)
         label += "" if len(one.error) else ": no pair resolved"
         show_line(errors, one.error, shift, look, label, hollow=one.few)
         show_line(shares, one.resolved * [1, 100, 100, 100], shift, look)
-        ceiling = max(ceiling, float(one.error[:, 3].max(initial=0.0)))
     means = published_means(published)
-    ceiling = max([ceiling, *(value for _, value in means)]) * 1.06 or 1.0
-    _show_published(errors, means, ceiling)
-    errors.set_ylim(0, ceiling)
+    log_errors(errors, [one.error for one in series], [value for _, value in means])
+    _show_published(errors, means)
     errors.set_ylabel("error of the distance, mm\n(mean over resolved pairs)")
     share_axis(shares)
     finish(figure, (errors, shares), "Two-point discrimination", series, measured_on)
@@ -175,7 +173,7 @@ def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figu
         if one.threshold is not None and not one.threshold.censored:
             shares.plot(one.threshold.value, 75, markersize=11, **look.points)
     shares.axhline(75, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
-    errors.set_ylim(bottom=0)
+    log_errors(errors, [one.penalised for one in series])
     errors.set_ylabel("penalised error\nof the distance, mm")
     share_axis(shares)
     finish(figure, (errors, shares), THRESHOLD_TITLE, series, measured_on)
@@ -220,6 +218,21 @@ def show_line(
         axes.plot(x[hollow] + shift, value[hollow], linestyle="none", **few, **look.points)
 
 
+def log_errors(axes: Axes, tables: Sequence[FloatArray], others: Sequence[float] = ()) -> None:
+    """Set a logarithmic axis of errors: those of the models span decades.
+
+    Args:
+        axes: Of the panel.
+        tables: (K, 4) distance, value, low, high, mm.
+        others: More values that the axis has to hold, mm.
+    """
+    values = [float(v) for v in (*(v for table in tables for v in table[:, 1]), *others) if v > 0]
+    if values:
+        high = max([*values, *(float(table[:, 3].max(initial=0.0)) for table in tables)])
+        axes.set(yscale="log", ylim=(min(values) / 1.5, high * 1.3))
+        log_ticks(axes.yaxis)
+
+
 def share_axis(axes: Axes) -> None:
     """Set the axes of a panel of resolved shares by distance."""
     axes.set_ylim(-6, 106)
@@ -245,10 +258,11 @@ def finish(
     headline(figure, title, *details)
 
 
-def _show_published(axes: Axes, means: Sequence[tuple[str, float]], ceiling: float) -> None:
+def _show_published(axes: Axes, means: Sequence[tuple[str, float]]) -> None:
     """Draw dashed lines, each named in the right margin."""
-    places = spread([value for _, value in means], ceiling * 0.13)
-    for (label, value), place in zip(means, places, strict=True):
+    low, high = np.log(axes.get_ylim()) if means else (0.0, 1.0)
+    places = spread([float(np.log(value)) for _, value in means], (high - low) * 0.13)
+    for (label, value), place in zip(means, np.exp(places), strict=True):
         axes.axhline(value, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
         axes.annotate(
             f"{short_label(label)} {value:g} mm\nhardware, published",

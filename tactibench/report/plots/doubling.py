@@ -16,8 +16,8 @@ from tactibench.protocols.families import Axis
 from tactibench.report.hard_cases import doubling_number, family_head
 from tactibench.report.plots.style import GREY, HEAT, headline, model_look, new_figure, short_label
 
-CELL_INCH = (1.02, 0.27)
-FAMILY_INCH = 2.5
+CELL_INCH = (0.86, 0.27)
+FAMILY_INCH = 2.3
 """Beside the cells, for the name of a family and its values."""
 BRIGHT = 0.55
 """Share of the colours from which on words in a cell are dark."""

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tactibench.board.frontier import Frontier, Point, elsewhere_frontiers
+from tactibench.board.frontier import Frontier, Point, Range, elsewhere_frontiers
 from tactibench.board.sections import KINDS, Section
 from tactibench.board.sections import NOMINAL as NOMINAL_KIND
-from tactibench.protocols.board_spec import Ranking
+from tactibench.protocols.board_spec import Ranking, board_spec
 from tactibench.report.plots.style import (
     GREY,
     Look,
@@ -41,101 +41,129 @@ GAP = 0.09
 STRANGE = 0.16
 """Between a name and the point of another, inches."""
 FADED = 0.45
-TITLE_LETTERS = 66
-ABSENT: dict[str, Any] = {"ha": "center", "va": "center", "color": GREY, "fontsize": 9}
 TITLE = "Speed against error; bars: 95 % over presses, of all seeds"
 NOMINAL = "nominal"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Frontiers, one a regime, of one set of test frames. title: over its panels."""
+    """Frontiers, one a regime, of one set of test frames.
+
+    Attributes:
+        title: Over its panels.
+        frontiers: One a regime.
+        axis: Name of an error that is another than the nominal one; "" where it is the same.
+    """
 
     title: str
     frontiers: tuple[Frontier, ...]
+    axis: str = ""
+
+    @property
+    def count(self) -> int:
+        """Its points."""
+        return sum(len(frontier.points) for frontier in self.frontiers)
 
 
 def off_nominal(
-    here: Section, sections: Sequence[Section], nominal: Sequence[Frontier], error: Ranking
-) -> Condition | None:
+    protocol: str,
+    here: Section,
+    sections: Sequence[Section],
+    nominal: Sequence[Frontier],
+    unseen: Sequence[Section] = (),
+) -> list[Condition]:
     """Return how the same configurations did where the sensor was not the nominal one.
 
     Args:
+        protocol: Name of the protocol.
         here: The section of the frontiers.
         sections: All of the board.
         nominal: Frontiers of its rows.
-        error: That ranks.
+        unseen: Sections of the protocol that presses other instances, the newest version first.
 
     Returns:
-        The section of the same sensor with most of the configurations; None where none has two,
-        or where the frontiers themselves are not of the nominal sensor.
+        The section of the same sensor with most of the configurations, and the first of those
+        other instances; none has less than two configurations, and there is none where the
+        frontiers themselves are not of the nominal sensor.
     """
-    if here.kind != NOMINAL_KIND:
-        return None
-    best: Condition | None = None
-    most = 1  # a single point shows no order
+    spec = board_spec(protocol)
+    if here.kind != NOMINAL_KIND or spec.ranking is None:
+        return []
+    error, more = spec.ranking, spec.unseen
+    moved = []
     for section in sections:
-        if section.kind == NOMINAL_KIND or section.sensor.name != here.sensor.name:
-            continue
-        moved = elsewhere_frontiers(nominal, section.rows, error)
-        count = sum(len(frontier.points) for frontier in moved)
-        if count > most:
+        if section.kind != NOMINAL_KIND and section.sensor.name == here.sensor.name:
             test = section.record.test_sensor
             words = KINDS[section.kind] if test is None else test.description
-            best, most = Condition(f"off-nominal: {words}", tuple(moved)), count
-    return best
+            found = elsewhere_frontiers(nominal, section.rows, error.metric, [error.group])
+            moved.append(Condition(f"off-nominal: {words}", tuple(found)))
+    instances = []
+    for section in unseen:
+        if more is not None and section.sensor.name == here.sensor.name:
+            found = elsewhere_frontiers(nominal, section.rows, more.metric, more.groups)
+            words = f"{len(more.groups)} unseen instances, best to worst"
+            instances.append(Condition(f"off-nominal: {words}", tuple(found), more.name))
+    moved.sort(key=lambda one: -one.count)
+    newest = [one for one in instances if one.count > 1]  # a single point shows no order
+    return [one for one in moved[:1] if one.count > 1] + newest[:1]
 
 
 def frontier_figure(
     frontiers: Sequence[Frontier],
     error: Ranking,
     *,
-    off_nominal: Condition | None = None,
+    off_nominal: Sequence[Condition] = (),
     title: str = TITLE,
     measured_on: str = "",
 ) -> Figure:
-    """Draw latency against error with intervals, one row of panels a regime, on the same log axes.
+    """Draw latency against error with intervals, a panel a regime and condition, on log axes.
 
-    Colour and marker by model; filled: not dominated, hollow: dominated. A name stands beside its
-    point where there is room for it, those on the line first.
+    Panels of one error have the same axes. Colour and marker by model; filled: not dominated,
+    hollow: dominated. A name stands beside its point where there is room for it, those on the line
+    first.
 
     Args:
         frontiers: One a regime.
         error: That ranks.
-        off_nominal: The same configurations on other test frames, in panels to the right.
+        off_nominal: The same configurations on other test frames, in panels of their own.
         title: Of the picture.
         measured_on: Printed as subtitle.
     """
     shown = [k for k, one in enumerate(frontiers) if one.points] or list(range(len(frontiers)))[:1]
-    conditions = [Condition(NOMINAL if off_nominal else "", tuple(frontiers))]
-    conditions += [off_nominal] if off_nominal else []
-    count, across = max(1, len(shown)), len(conditions)
-    figure = new_figure(9.5, HEIGHT_INCH * count + 1.3)
-    panels = figure.subplots(count, across, sharex=True, sharey=True, squeeze=False)
-    points = [p for one in conditions for k in shown for p in one.frontiers[k].points]
-    if points:
-        _set_scales(panels[0, 0], points)
+    conditions = [Condition(NOMINAL if off_nominal else "", tuple(frontiers)), *off_nominal]
+    drawn = [
+        (condition, condition.frontiers[k])
+        for k in shown
+        for condition in conditions
+        if len(condition.frontiers[k].points) > 1 or condition is conditions[0]
+    ]
+    across = 2 if off_nominal else 1
+    down = max(1, -(-len(drawn) // across))
+    figure = new_figure(9.5, HEIGHT_INCH * down + 1.3)
+    panels = figure.subplots(down, across, squeeze=False)
+    points = [point for _, frontier in drawn for point in frontier.points]
     size = (WIDE_INCH if across == 1 else NARROW_INCH, HEIGHT_INCH - 0.5)
-    for line, k in zip(panels, shown, strict=False):
-        for axes, condition in zip(line, conditions, strict=True):
-            frontier = condition.frontiers[k]
-            _show_line(axes, frontier.best)
-            for point in frontier.points:
-                _show_point(axes, point, hollow=point.label in frontier.dominated)
-            _show_labels(axes, frontier, size)
-            names = filter(None, (f"trained in regime {frontier.regime}", condition.title))
-            axes.set_title(short_label(", ".join(names), TITLE_LETTERS), fontsize=9.5, loc="left")
-            if points and not frontier.points:
-                axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, **ABSENT)
+    for axes, (condition, frontier) in zip(panels.flat, drawn, strict=False):
+        if points:
+            alike = [p for other, one in drawn if other.axis == condition.axis for p in one.points]
+            _set_scales(axes, [p.latency for p in points], [p.error for p in alike])
+        _show_line(axes, frontier.best)
+        for point in frontier.points:
+            _show_point(axes, point, hollow=point.label in frontier.dominated)
+        _show_labels(axes, frontier, size)
+        names = filter(None, (f"trained in regime {frontier.regime}", condition.title))
+        axes.set_title("\n".join(map(short_label, names)), fontsize=9.5, loc="left")
+        axes.set_ylabel(condition.axis or f"{error.name}, {error.unit}")
     for axes in panels.flat:
         plain(axes)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(f"{error.name}, {error.unit}")
-    for axes in panels[-1]:
+    for axes in panels.flat[len(drawn) :]:
+        axes.set_visible(False)
+    for axes in panels.flat[max(0, len(drawn) - across) :]:
         axes.set_xlabel("one frame to contacts, p90 on one thread, ms")
     if points:
         models = sorted({_model(point) for point in points})
-        legend_below(figure, min(5, 2 + len(models)), _legend(models))
+        handles = _legend(models)
+        legend_below(figure, len(handles) if len(handles) < 6 else len(handles) // 2, handles)
     headline(figure, title, measured_on)
     return figure
 
@@ -169,8 +197,8 @@ def _show_point(axes: Axes, point: Point, *, hollow: bool) -> None:
     )
 
 
-def _set_scales(axes: Axes, points: Sequence[Point]) -> None:
-    for axis, ranges in (("x", [p.latency for p in points]), ("y", [p.error for p in points])):
+def _set_scales(axes: Axes, times: Sequence[Range], errors: Sequence[Range]) -> None:
+    for axis, ranges in (("x", times), ("y", errors)):
         low = min(min(r.low for r in ranges if r.low > 0), min(r.value for r in ranges))
         high = max(r.high for r in ranges)
         margin = max((high / low) ** 0.06, 1.1)
@@ -178,8 +206,14 @@ def _set_scales(axes: Axes, points: Sequence[Point]) -> None:
             axes.set(xscale="log", xlim=(low / margin, high * margin))
         else:
             axes.set(yscale="log", ylim=(low / margin, high * margin**1.5))  # room for a name
-        subs = (1, 2, 5) if high / low < 300 else (1,)
-        log_ticks(axes.xaxis if axis == "x" else axes.yaxis, subs)
+        log_ticks(axes.xaxis if axis == "x" else axes.yaxis, _subs(high / low))
+
+
+def _subs(ratio: float) -> Sequence[float]:
+    """Return what is numbered in a decade, so that a short axis has several numbers, too."""
+    if ratio > 300:
+        return (1,)
+    return (1, 2, 5) if ratio > 6 else (1, 1.5, 2, 3, 4, 5, 7)
 
 
 def _show_line(axes: Axes, best: Sequence[Point]) -> None:
@@ -297,6 +331,8 @@ def _legend(models: Sequence[str]) -> list[Line2D]:
         "hollow: dominated beyond the intervals", Look(GREY, "o"), markerfacecolor="white"
     )
     steps = Line2D([], [], color=GREY, linestyle=(0, (5, 3)), label="least error within a time")
+    if len(handles) > 3 and len(handles) % 2:
+        handles.append(Line2D([], [], linestyle="none", label=" "))  # what is no model stays apart
     return [*handles, hollow, steps]
 
 

@@ -28,7 +28,7 @@ from tactibench.report.plots.style import (
     short_label,
 )
 
-COLUMNS = 4
+COLUMNS = 3
 DODGE = 0.07
 """Between the rows, in steps of the axis, so that bars stand beside each other."""
 TENTH = 0.1
@@ -57,7 +57,7 @@ def stability_figure(
     looks = row_looks([row.first.model.name for row in rows])
     shown = [k for k, grade in enumerate(families[0]) if len(grade.cases) > 1]
     count = math.ceil(len(shown) / COLUMNS)
-    figure = new_figure(11.0, 2.1 * count + 1.1)
+    figure = new_figure(9.0, 2.0 * count + 1.1)
     panels = np.atleast_1d(figure.subplots(count, COLUMNS)).reshape(count, COLUMNS)
     for panel, k in zip(panels.flat, shown, strict=False):
         grades = [grades[k] for grades in families]
@@ -65,7 +65,7 @@ def stability_figure(
     for panel in panels.flat[len(shown) :]:
         panel.set_axis_off()
     for line in panels:
-        line[0].set_ylabel("error, mm", fontsize=8)
+        line[0].set_ylabel("error, mm", fontsize=9)
     handles, labels = panels.flat[0].get_legend_handles_labels()
     legend_below(figure, 4, handles, labels)
     notes = "bars: 95 % over presses; hollow: a tenth of the contacts missed, or more; |: doubled"
@@ -81,14 +81,14 @@ def _show_family(
     for k, (grade, look, label) in enumerate(zip(grades, looks, labels, strict=True)):
         drawn += _show_curve(axes, grade, DODGE * (k - middle), label, look)
     values = [case.value for case in grades[0].cases]
-    axes.set_xticks(range(len(values)), [f"{value:g}" for value in values], fontsize=7)
+    axes.set_xticks(range(len(values)), [f"{value:g}" for value in values], fontsize=8)
     if drawn:  # an error of 0 has no place on a logarithmic axis
         axes.set_yscale("log")
         log_ticks(axes.yaxis)
         axes.yaxis.set_major_locator(LogLocator(numticks=6))
-    axes.tick_params(axis="y", labelsize=7)
+    axes.tick_params(axis="y", labelsize=8)
     unit = f", {axis.unit}" if axis.unit else ""
-    axes.set_title(f"{axis.family}{unit}", fontsize=8.5, loc="left")
+    axes.set_title(f"{axis.family}{unit}", fontsize=9, loc="left")
     plain(axes)
     axes.axvline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (2, 2)))  # after the easy case
 

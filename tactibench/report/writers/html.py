@@ -105,6 +105,8 @@ def _id(name: str) -> str:
 
 def _cell(cell: Cell, column: Column, anchor: str) -> str:
     value = f' data-v="{cell.value:.10g}"' if isinstance(cell, Number) else ""
+    if isinstance(cell, Text) and cell.brief:
+        value = f' data-more="{escape(cell.below)}"'
     link = ""
     if column.who and anchor:
         link = f'<a class="link" href="#{escape(anchor)}" aria-label="Link to this row">#</a>'
@@ -126,5 +128,6 @@ def _content(cell: Cell) -> str:
         if cell.below:
             lines.append(f"<sub>{escape(cell.below)}</sub>")
         return "<br>".join(lines)
-    below = f"<br><sub>{escape(cell.below)}</sub>" if isinstance(cell, Text) and cell.below else ""
-    return _words(cell) + below
+    if not isinstance(cell, Text) or not cell.below or cell.brief:
+        return _words(cell)
+    return f"{_words(cell)}<br><sub>{escape(cell.below)}</sub>"

@@ -43,7 +43,7 @@
     const names = heads.map((head) => head.textContent);
     [...table.tBodies[0].rows].forEach((row) => [...row.cells].forEach((cell, column) => {
       cell.dataset.head = names[column];
-      if (cell.textContent.length > 24 && !cell.querySelector("sub")) cell.classList.add("words");
+      if (cell.textContent.length > 24 && !cell.matches(".n, .who")) cell.classList.add("words");
     }));
     if (table.tBodies[0].rows.length < 2) return;
     const label = document.createElement("label");
@@ -72,7 +72,8 @@
       const words = input.value.toLowerCase().split(/[\s,]+/).filter(Boolean);
       let shown = 0;
       all("table.board", chapter).forEach((table) => [...table.tBodies[0].rows].forEach((row) => {
-        const text = row.textContent.toLowerCase();
+        const more = [...row.cells].map((cell) => cell.dataset.more ?? "").join(" ");
+        const text = `${row.textContent} ${more}`.toLowerCase();
         row.hidden = !words.every((word) => text.includes(word));
         shown += !row.hidden;
       }));
@@ -128,6 +129,8 @@
     if (entry.isIntersecting) link.setAttribute("aria-current", "true"); else link.removeAttribute("aria-current");
   }), { rootMargin: "-20% 0px -70% 0px" });
   all("section.chapter").forEach((chapter) => here.observe(chapter));
+
+  document.querySelector("nav .here")?.scrollIntoView({ block: "nearest", inline: "center" });
 
   byId("theme").addEventListener("click", () => {
     theme = themes[(themes.indexOf(theme) + 1) % themes.length];
