@@ -84,9 +84,14 @@ class Run(StoredRun):
         """Return a metric's value, None where it is n/a. Raises UserError for an unknown one."""
         row = self.record.metric(metric, group)
         if row is None:
-            known = {f"{m.metric} of {m.group}" for m in self.record.metrics}
-            what = f"{metric} of {group}"
-            raise UserError(f"run {self.name} has no {what}; {did_you_mean(what, known)}")
+            groups = [m.group for m in self.record.metrics if m.metric == metric]
+            if groups:
+                raise UserError(
+                    f"run {self.name} has no {metric} of {group!r}; it has those of "
+                    f"{', '.join(groups)}."
+                )
+            hint = did_you_mean(metric, {m.metric for m in self.record.metrics})
+            raise UserError(f"run {self.name} has no metric {metric!r}; {hint}")
         return row.value
 
 
@@ -336,7 +341,7 @@ def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
 
     Returns:
         Columns protocol, sensor, model, encoder, regime, mixing, seeds, metric, group, value, unit,
-        low, high, sd, clusters and censored.
+        low, high, sd, clusters, censored and rank, which is that of the row on the board.
 
     Raises:
         UserError: There is no board or no such protocol, or a record cannot be read.
@@ -478,9 +483,11 @@ class Plot:
         return None if self.data.draw_detail is None else self.data.draw_detail()
 
     def save(self, path: str | Path) -> Path:
-        """Write the figure as a PNG file and return its path."""
+        """Write the figure as a PNG file and return its path. Raises UserError for another name."""
         from tactibench.report.plots.style import save_png
 
+        if Path(path).suffix.lower() != ".png":
+            raise UserError(f"{path} is no PNG file; call it {Path(path).with_suffix('.png')}.")
         save_png(self.figure, Path(path))
         return Path(path)
 

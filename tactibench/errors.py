@@ -43,9 +43,10 @@ def is_full(error: OSError) -> bool:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: the close match, or all known names."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    by_letters = {one.lower(): one for one in names}  # EXP1 is nearer to exp1 than to any other
+    close = difflib.get_close_matches(name.lower(), by_letters, n=1, cutoff=0.5)
     if close:
-        return f"did you mean {close[0]!r}?"
+        return f"did you mean {by_letters[close[0]]!r}?"
     return f"known: {', '.join(names) or 'none'}."
 
 

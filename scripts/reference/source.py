@@ -50,11 +50,10 @@ def outline(node: ast.ClassDef) -> str:
         elif isinstance(item, ast.FunctionDef):
             lines += [f"    {line}" for line in _comment(ast.get_docstring(item))]
             shown = {"property", "classmethod", "staticmethod"}
-            lines += [
-                f"    @{one.id}"
-                for one in item.decorator_list
-                if isinstance(one, ast.Name) and one.id in shown
-            ]
+            names = [one.id for one in item.decorator_list if isinstance(one, ast.Name)]
+            # A reader uses a cached property as any other: without parentheses.
+            names = ["property" if name == "cached_property" else name for name in names]
+            lines += [f"    @{name}" for name in names if name in shown]
             lines.append(f"    {signature(item)}: ...")
     return "\n".join(lines)
 

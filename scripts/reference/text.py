@@ -20,6 +20,8 @@ def prose(docstring: str | None) -> list[str]:
             lines += ["```console" if typed else "```text", *kept, "```", ""]
         elif text and all(line.startswith("    ") for line in text):
             lines += ["```text", *(line[4:] for line in text), "```", ""]
+        elif text and text[0] == "Returns:":
+            lines += [text[0], "", *(plain(line.strip()) for line in text[1:]), ""]
         elif text and text[0] in SECTIONS:
             lines += [text[0], "", *_items(text[1:]), ""]
         else:

@@ -36,12 +36,16 @@ class Placement:
         rank: Of the run's row; rows that cannot be told apart share one.
         rows: How many rows have a rank, this one included.
         above: The next better row of another rank; None for the first rank.
+        board: Folder of the board.
+        committed: Whether the run itself is a row of it already.
     """
 
     ranking: Ranking
     rank: int
     rows: int
     above: Row | None
+    board: Path | None = None
+    committed: bool = False
 
 
 def place_run(run: StoredRun, board: Path) -> Placement | None:
@@ -87,7 +91,15 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     better = [k for k, number in enumerate(numbers) if number is not None and number < rank]
     above = max(better, key=lambda k: (numbers[k] or 0, k), default=None)
     known = sum(number is not None for number in numbers)
-    return Placement(ranking, rank, known, None if above is None else rows[above])
+    committed_names = {other.name for other in all_records}
+    return Placement(
+        ranking=ranking,
+        rank=rank,
+        rows=known,
+        above=None if above is None else rows[above],
+        board=board,
+        committed=own.name in committed_names,
+    )
 
 
 def times_bound(record: Record) -> tuple[float, float] | None:

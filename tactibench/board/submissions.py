@@ -27,11 +27,12 @@ from tactibench.board.predictions import (
     read_press_errors,
 )
 from tactibench.board.rows import label_of
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import UserError
 from tactibench.protocols.loader import (
     LoadedProtocol,
     protocol_files,
     protocol_versions,
+    unknown_protocol,
     version_of,
 )
 from tactibench.records.files import atomic, parse_json, read_json, write_arrays
@@ -348,7 +349,7 @@ def records_of(board: Path, protocol: str) -> list[Record]:
     """Return the committed records of a protocol. Raises UserError for no such one, or no board."""
     files = protocol_files()
     if protocol not in files:
-        raise UserError(f"unknown protocol {protocol!r}; {did_you_mean(protocol, files)}")
+        raise unknown_protocol(protocol, files)
     check_folder(board)
     return read_submissions(board, protocol)
 
@@ -357,6 +358,6 @@ def check_folder(board: Path) -> None:
     """Raise UserError where there is no board."""
     if not board.is_dir():
         raise UserError(
-            f"there is no board in {board}; call this in a checkout of tactibench, or name its "
-            "folder with --board DIR."
+            f"there is no board in {board}; name another folder with --board DIR (a checkout of "
+            f"tactibench has leaderboards), or begin a board of your own: `mkdir {board}`."
         )

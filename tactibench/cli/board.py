@@ -47,7 +47,7 @@ def board(ctx: click.Context, check: bool, added: tuple[str, ...]) -> None:
         echo(ctx.get_help())
 
 
-@board.command()
+@board.command(short_help="the ranked rows of a board")
 @click.argument("protocol", type=PROTOCOL)
 @board_option
 def show(protocol: str, board_folder: Path) -> None:
@@ -73,14 +73,14 @@ def show(protocol: str, board_folder: Path) -> None:
     terminal.say(f"all tables: {board_folder / name}.md")
 
 
-@board.command()
+@board.command(short_help="make the pages of all boards from the records")
 @board_option
 def write(board_folder: Path) -> None:
     """Write the pages of all boards from the committed records."""
     _write_pages(board_folder)
 
 
-@board.command("check")
+@board.command("check", short_help="compare the pages with the records; write nothing")
 @board_option
 @click.pass_context
 def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -> None:
@@ -105,12 +105,12 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
     echo(f"{len(made)} pages are what the committed records give")
 
 
-@board.command()
+@board.command(short_help="runs become rows, and the pages are made")
 @click.argument("names", nargs=-1, required=True, metavar="RUN...", type=RUN)
 @store_option
 @board_option
 def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
-    """Commit each RUN (a name, a folder, or a pattern such as 'exp1-*') and write the pages.
+    """Add each RUN (a name, a folder, or a pattern such as 'exp1-*') and write the pages.
 
     A newer record of the same row and seed replaces the older one. Partial runs are refused; a
     pattern passes them over.
@@ -125,7 +125,7 @@ def add(names: tuple[str, ...], store: Path, board_folder: Path) -> None:
     _write_pages(board_folder)
 
 
-@board.command()
+@board.command(short_help="write a run's two files for a pull request")
 @click.argument("name", metavar="RUN", type=RUN)
 @store_option
 @board_option
@@ -150,7 +150,7 @@ def submit(name: str, store: Path, board_folder: Path) -> None:
     )
 
 
-@board.command()
+@board.command(short_help="score submissions again, without the model")
 @click.argument(
     "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
 )
@@ -206,7 +206,7 @@ def verify(
         ctx.exit(1)
 
 
-@board.command()
+@board.command(short_help="the figures of all boards as JSON, CSV or LaTeX")
 @board_option
 @json_option
 @output_file("--csv", "csv_file", help="Write the figures here, a line a metric.")
@@ -232,7 +232,7 @@ def export(
             stream.write(board_latex(board_folder).encode())
 
 
-@board.command()
+@board.command(short_help="publish the hash of the secret seed of test presses")
 @click.argument("protocol")
 @board_option
 def hidden(protocol: str, board_folder: Path) -> None:

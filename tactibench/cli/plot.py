@@ -54,7 +54,7 @@ board_options = add_options(
 """Options that say which runs are drawn, and where picture and numbers go."""
 
 
-@plot.command()
+@plot.command(short_help="speed against error, and who is dominated")
 @click.argument("protocol")
 @board_options
 @click.option("--machine", help="Fingerprint of the machine; default: that of most runs.")
@@ -83,7 +83,7 @@ def frontier(
     _show(made, out, json_file)
 
 
-@plot.command()
+@plot.command(short_help="error against the presses that a model learned from")
 @click.argument("protocol")
 @board_options
 @click.option(
@@ -123,7 +123,7 @@ def curve(
     _show(made, out, json_file)
 
 
-@plot.command()
+@plot.command(short_help="where errors double on hard cases")
 @click.argument("protocol", default="stability")
 @board_options
 @picture_file("--errors", "Draw the error case by case, a panel a family, of at most six rows.")

@@ -22,7 +22,7 @@ def _depths(_ctx: click.Context, _option: click.Parameter, text: str) -> tuple[f
     return numbers
 
 
-@click.command()
+@click.command(short_help="the Cramer-Rao bound over the workspace of a sensor")
 @click.option("--sensor", "sensor_name", default="tactip-127", show_default=True, help="Preset.")
 @param_option("sensor.NAME=VALUE", "Set one.")
 @click.option("--scene", type=click.Choice(["single", "dual"]), default="single", show_default=True)

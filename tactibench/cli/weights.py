@@ -29,7 +29,7 @@ def weights() -> None:
     """
 
 
-@weights.command("export")
+@weights.command("export", short_help="write trained weights into a file, or a network as ONNX")
 @click.argument("model", type=MODEL)
 @click.option("--protocol", default="exp1", show_default=True, help="Whose weights.")
 @request_options(
@@ -78,7 +78,7 @@ def export(
         _export_onnx(plan, onnx, terminal)
 
 
-@weights.command("import")
+@weights.command("import", short_help="put the weights of a file into the cache")
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--sha256", metavar="HEX", help="Refuse any other file than this.")
 def take(file: Path, sha256: str | None) -> None:

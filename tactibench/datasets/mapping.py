@@ -84,7 +84,7 @@ def read_mapping(path: Path, params: Sequence[str] = ()) -> ImportOptions:
     try:
         given = tomllib.loads(read_file(path).decode("utf-8"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path} is no TOML file: {error}; write NAME = VALUE lines.") from None
+        raise UserError(f'{path} is no TOML file: {error}; write lines such as x = "cx".') from None
     first = {text.partition("=")[0] for text in params}
     nested = [name for name, value in given.items() if isinstance(value, (dict, list))]
     if nested:
@@ -283,7 +283,12 @@ def _find_table(folder: Path, name: str) -> tuple[Table, str, Path]:
                 if count and (best is None or count > best[0]):
                     best = (count, table, column, place)
     if best is None:
-        tables = ", ".join(path.name for path in paths) or "no CSV file"
+        if not paths:
+            raise UserError(
+                f"{folder} holds no CSV file; put the table of labels there, or name another "
+                "folder."
+            )
+        tables = ", ".join(path.name for path in paths)
         raise UserError(
             f"{folder} holds {tables}, in which no column names files of the folder; write the "
             "names of the frames, with .png, into one. Of a sensor without a camera, name the "

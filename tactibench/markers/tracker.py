@@ -219,8 +219,8 @@ def _find_pins(image: npt.NDArray[Any]) -> tuple[Array, Array]:
         )
     if len(pins) > MOST_PINS:
         raise UserError(
-            f"the rest frame shows {len(pins):,} bright spots, which are no pins; import raw "
-            "camera frames with --param light=even."
+            f"the rest frame shows {len(pins):,} bright spots, which are no pins; take one of the "
+            "undeformed sensor in focus, and import raw camera frames with --param light=even."
         )
     return np.ascontiguousarray(pins[:, :2]), np.ascontiguousarray(pins[:, 2])
 

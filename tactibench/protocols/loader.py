@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,8 +123,15 @@ def load_protocol(name: str) -> LoadedProtocol:
         raise UserError(f"there is no {name!r}; versions that are kept: {', '.join(versions)}.")
     path = Path(name)
     if path.suffix != ".toml":
-        raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, files)}")
+        raise unknown_protocol(name, files)
     return _read_own(path)
+
+
+def unknown_protocol(name: str, known: Iterable[str]) -> UserError:
+    """Return the error of a name that no protocol has: the close one, or where others come from."""
+    hint = did_you_mean(name, known)
+    own = "" if hint.endswith("?") else f" {VARIABLE} names a folder with protocols of your own."
+    return UserError(f"unknown protocol {name!r}; {hint}{own}")
 
 
 def _read_own(path: Path) -> LoadedProtocol:

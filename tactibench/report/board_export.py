@@ -120,6 +120,8 @@ def _first_table(title: str, rows: list[Row], spec: BoardTable, ranked: Ranks | 
             ]
         )
     note = "mean over seeds [95 % interval over presses]"
+    if any(row.trivial for row in rows):
+        note += "; trivial models stand last, whatever their rank"
     return table(heads, body, title=title, note=note)
 
 

@@ -24,11 +24,16 @@ from tactibench.board.submissions import (
     read_submissions,
     records_of_version,
 )
-from tactibench.errors import UserError, did_you_mean
+from tactibench.errors import UserError
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import BoardSpec, board_spec
 from tactibench.protocols.board_spec import Column as MetricColumn
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, protocol_versions
+from tactibench.protocols.loader import (
+    VARIABLE,
+    LoadedProtocol,
+    protocol_files,
+    protocol_versions,
+)
 from tactibench.protocols.published import PublishedTable, published_for
 from tactibench.records.files import atomic
 from tactibench.records.identity import canonical
@@ -170,7 +175,8 @@ def page_files(board: Path) -> list[PageFile]:
     for name in committed_protocols(board):
         if name not in files:
             raise UserError(
-                f"{board} holds records of a protocol {name!r}; {did_you_mean(name, files)}"
+                f"{board} holds records of protocol {name!r}, which is not installed; name the "
+                f"folder of its .toml file in {VARIABLE}."
             )
     return [page for name in files for page in _version_pages(board, name)]
 

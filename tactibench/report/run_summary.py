@@ -129,7 +129,9 @@ def speed_line(record: Record) -> str:
     rate = frames_per_second(record)
     text = f"speed: frame to contacts, p90, {', '.join(times)}"
     text += "" if rate is None else f", at most {rate:,.0f} frames/s"
-    return text if all(row.settled for row in record.speed) else f"{text}, still drifting"
+    if all(row.settled for row in record.speed):
+        return text
+    return f"{text}, still drifting: is the machine busy?"
 
 
 def place_line(record: Record, place: Placement | None) -> str:
@@ -167,7 +169,12 @@ def _next(record: Record, place: Placement | None) -> str:
         return "the same command without --quick and --limit"
     if record.limits.presses is not None:
         return f"`tactibench plot curve {record.protocol.id} --store runs`"
-    board = "" if place is not None else " --board FOLDER"
+    if place is None:
+        return f"`tactibench board add {record.name} --board FOLDER`"
+    default = place.board is None or place.board == Path("leaderboards")
+    board = "" if default else f" --board {place.board}"
+    if place.committed:
+        return f"it is on the board, see `tactibench board show {record.protocol.id}{board}`"
     return f"`tactibench board add {record.name}{board}`"
 
 

@@ -67,7 +67,7 @@ def export_onnx(
     name = type(model).__name__
     if not isinstance(model, LearnedModel):
         raise UserError(
-            f"model {name} is no network and has no ONNX form; take a network such as unet or cnn, "
+            f"{name} is no network and has no ONNX form; take a network such as unet or cnn, "
             "or hand on its weights with --out."
         )
     if not (find_spec("onnx") and find_spec("onnxruntime")):

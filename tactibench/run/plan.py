@@ -188,7 +188,7 @@ def make_plan(
         ),
         {} if frame_plans is None else frame_plans,
     )
-    _check_signals(components, frames)
+    _check_signals(components, frames, host)
     published = _published_predictions(request, protocol, frames)
     device = choose_device(request.device)
     weights = plan_weights(
@@ -221,15 +221,17 @@ def no_weights(plan: RunPlan) -> UserError:
     )
 
 
-def _check_signals(components: Components, frames: FramePlan) -> None:
+def _check_signals(components: Components, frames: FramePlan, host: PluginHost) -> None:
     """Raise UserError where the model cannot read what a sensor gives."""
     model = components.model.spec
     for sensor, signal in zip((components.sensor, components.tested), frames.signals, strict=False):
         if signal not in model.reads:
             reads = " and ".join(model.reads)
+            able = ", ".join(one.name for one in host.models if signal in one.reads)
             raise UserError(
                 f"model {model.name!r} reads {reads} frames, but sensor "
-                f"{sensor.name!r} gives {signal} frames; take another of `tactibench list models`."
+                f"{sensor.name!r} gives {signal} frames; models that read {signal}: "
+                f"{able or 'none'}."
             )
 
 

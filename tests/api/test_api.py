@@ -84,8 +84,11 @@ def test_frames_hold_what_the_records_hold(store: Path) -> None:
 
 
 def test_an_unknown_metric_is_named_with_the_close_one(store: Path) -> None:
-    with pytest.raises(UserError, match="did you mean 'mae_mm of mean'"):
-        run_of(store, "cnn").value("mae", "mean")
+    run = run_of(store, "cnn")
+    with pytest.raises(UserError, match="has no metric 'mae'; did you mean 'mae_mm'"):
+        run.value("mae", "mean")
+    with pytest.raises(UserError, match=r"has no mae_mm of 'all'; it has those of .*mean"):
+        run.value("mae_mm")
 
 
 def test_runs_are_compared_by_name_or_as_they_are(store: Path) -> None:
@@ -120,7 +123,11 @@ def test_a_board_is_a_frame_and_places_a_run(
     assert first is not None
     # Errors press by press decide, not the fabricated means, which are equal.
     assert (first.rows, first.rank) == (2, 1)
+    assert (first.board, first.committed) == (board, False)
     add(cnn, board)
+    third = api.place(cnn, board)
+    assert third is not None
+    assert third.committed
     second = api.place(unet, board)
     assert second is not None
     assert (second.rows, second.rank) == (2, 1 if second.above is None else 2)
@@ -141,6 +148,8 @@ def test_a_figure_has_its_numbers(store: Path, tmp_path: Path) -> None:
     assert set(made.frame["metric"]) == {"p90_ms", "mae_mm"}
     assert all(isinstance(one, Table) for one in made.data.tables)
     assert made.save(tmp_path / "a.png").stat().st_size > 1000
+    with pytest.raises(UserError, match=r"a.gif is no PNG file; call it .*a.png"):
+        made.save(tmp_path / "a.gif")
     with pytest.raises(UserError, match="did you mean 'frontier'"):
         api.plot("fronteer", "exp1", board=board, store=store)
 

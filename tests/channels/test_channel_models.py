@@ -120,7 +120,7 @@ def plan(host: PluginHost, cache: Path, protocol: str, model: str) -> Any:
     ("protocol", "model", "says"),
     [
         ("exp1", "unet", "model 'unet' reads image frames, but sensor 'soft_skin' gives channels"),
-        ("exp2", "superpose", "model 'superpose' reads image frames"),
+        ("exp2", "superpose", "models that read channels: kernel, mean, nearest, pins"),
         ("stability", "nearest", "protocol 'stability' changes images"),
     ],
 )

@@ -31,6 +31,11 @@ UNET = ("run", "exp2", "--model", "unet")
         (["describe", "unett"], ["nothing is called 'unett'", "did you mean 'unet'?"]),
         (["run", "exp1", "--model", "unett"], ["unknown model 'unett'", "did you mean 'unet'?"]),
         (["run", "exp9", "--model", "mean"], ["unknown protocol 'exp9'", "did you mean 'exp"]),
+        (["run", "EXP1", "--model", "mean"], ["unknown protocol 'EXP1'", "did you mean 'exp1'?"]),
+        (
+            ["run", "slant", "--model", "mean"],
+            ["known: exp1", "TACTIBENCH_PROTOCOLS names a folder"],
+        ),
         ([*MEAN, "--sensor", "tactip-128"], ["unknown sensor 'tactip-128'", "'tactip-12"]),
         ([*UNET, "--encoder", "herz"], ["unknown encoder 'herz'", "did you mean 'hertz'?"]),
         ([*MEAN, "--encoder", "hertz"], ["'mean' uses no encoder"]),

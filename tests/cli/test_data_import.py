@@ -81,3 +81,15 @@ def test_params_are_listed(cli):
 def test_mistakes_are_sentences(refused, plates, arguments, says):
     assert says in refused("data", *arguments)
     assert sorted(p.name for p in plates.parent.iterdir()) == ["plates"]
+
+
+def test_folders_without_one_table_say_what_to_do(refused, tmp_path):
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    assert "lab holds no CSV file; put the table" in refused(
+        "data", "import", folder, tmp_path / "new", "--guess"
+    )
+    for name in ("labels.csv", "channels.csv"):
+        (folder / name).write_text("x\n1\n")
+    told = refused("run", "exp1", "--model", "mean", "--data", folder)
+    assert "holds several CSV files (channels.csv, labels.csv); make a data set" in told

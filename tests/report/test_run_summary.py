@@ -78,6 +78,10 @@ def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None
     )
     assert "RMSE 1.50 to 1,021 times the bound" in line
     assert line.endswith(f"next: `tactibench board add {made.name}`")
+    lab = place_line(made, Placement(ranking, 3, 9, above, Path("lab")))
+    assert lab.endswith(f"next: `tactibench board add {made.name} --board lab`")
+    there = place_line(made, Placement(ranking, 3, 9, above, Path("lab"), committed=True))
+    assert there.endswith("it is on the board, see `tactibench board show exp1 --board lab`")
     assert "rank 1 of 9 by MAE, mean of x, y and depth, nothing above" in place_line(
         made, Placement(ranking, 1, 9, None)
     )
@@ -105,7 +109,7 @@ def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -
         "at most 167 frames/s"
     )
     made.speed[0].settled = False
-    assert speed_line(made).endswith(", still drifting")
+    assert speed_line(made).endswith(", still drifting: is the machine busy?")
     assert speed_line(made.model_copy(update={"speed": []})) == "speed: not timed"
 
 

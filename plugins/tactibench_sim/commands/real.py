@@ -18,6 +18,7 @@ _MARGIN_PX = 22.0
 
 @click.command(
     name="real",
+    short_help="fit the simulator to real plate presses, and compare",
     help="Fit the simulator to recorded plate presses in DIR (targets.csv and frames_bw, as in the "
     "Tac-VGNN sets) and report how far the simulated pins are from the real ones on the others.",
 )

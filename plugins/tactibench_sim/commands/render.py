@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 @click.command(
+    short_help="draw one press: frame, markers, skin, forces",
     help="Draw one press: the frame, the markers' displacement, the skin; print the force of each "
-    f"contact.\n\nSCENE: {HELP}"
+    f"contact.\n\nSCENE: {HELP}",
 )
 @click.argument("scene")
 @click.option(

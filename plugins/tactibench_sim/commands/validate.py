@@ -8,8 +8,9 @@ import click
 
 
 @click.command(
+    short_help="error and cost of every tier against finite elements",
     help="Show error and cost of every tier and term on the finite-element scenes that ship: tips "
-    "of R = 1 to 8 mm, alone and in pairs and triples, by depth, spacing, radius and shear."
+    "of R = 1 to 8 mm, alone and in pairs and triples, by depth, spacing, radius and shear.",
 )
 @click.option(
     "--out",

@@ -191,8 +191,9 @@ def check_reach(n: Array, delta: Array, deepest: float) -> None:
         raise UserError("a tip's place or depth is not a number; give x, y and depth in mm.")
     if (delta > deepest + _SLACK).any():
         raise UserError(
-            f"a tip penetrates {delta.max():.2f} mm; the simulator's tables end at {deepest:g} mm, "
-            "press less deep. Deeper go finite elements: `--param sensor.tier=fem`."
+            f"a tip penetrates {delta.max():.2f} mm; for a tip of its size the simulator's tables "
+            f"end at {deepest:g} mm, press less deep (of a protocol: depth_max_mm). Deeper go "
+            "finite elements: `--param sensor.tier=fem`."
         )
     low = math.cos(math.radians(STEEPEST_DEG + _SLACK))
     if (touching & (n[..., 2] < low)).any():

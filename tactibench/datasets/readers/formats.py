@@ -64,7 +64,9 @@ def _table_path(folder: Path, name: str) -> Path:
         raise UserError(f"{folder} holds no {name or 'CSV file'}; name another folder.")
     names = ", ".join(path.name for path in paths)
     raise UserError(
-        f"{folder} holds several CSV files ({names}); name one with --param table=FILE."
+        f"{folder} holds several CSV files ({names}); make a data set of them with `tactibench "
+        f"data import {folder} NEW --param table=FILE --guess` (channels: --param channels=FILE, "
+        "too)."
     )
 
 
