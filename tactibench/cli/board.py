@@ -174,7 +174,8 @@ def verify(
     The truth is made anew by this installation; nothing of the submitter's is imported. Exit code 1
     when a file is refused.
     """
-    from tactibench.board.truth import Source, trusted_host
+    from tactibench.board.shipped import trusted_host
+    from tactibench.board.truth import Source
     from tactibench.board.verification import metric_rows
     from tactibench.board.verification import verify as check
     from tactibench.cli.output import Terminal

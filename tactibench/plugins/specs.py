@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from tactibench.errors import UserError, did_you_mean, printable
 from tactibench.plugins.targets import import_subclass, import_target
@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from tactibench.plugins.base import Encoder, Model, Sensor
 
 Value = bool | int | float | str
+
+Prior = Literal["none", "plain addition", "nominal mechanics", "fitted to multi-contact labels"]
+"""What a model knew, before it saw a frame or besides its frames, of contacts that press together:
+nothing; that what they move adds up; the mechanics of a nominal sensor; a law that was fitted to
+labelled presses with several contacts, of its own training included."""
+PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
@@ -200,6 +206,9 @@ class ModelSpec(_Spec):
             protocol's.
         recipes: Value of the parameter ``recipe`` -> defaults that differ in that recipe, by name
             of the parameter.
+        deterministic: Whether nothing is drawn at random in a training on one sensor, so that every
+            seed gives the same weights; ``tactibench check`` holds it to that. On a board one seed
+            of such a model is enough, if it ships with tactibench.
     """
 
     answers: tuple[str, ...] = ("contacts",)
@@ -211,6 +220,7 @@ class ModelSpec(_Spec):
     recipes: Mapping[str, Mapping[str, Value]] = field(
         default_factory=dict, hash=False, kw_only=True
     )
+    deterministic: bool = field(default=False, kw_only=True)
 
     def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""
@@ -231,6 +241,9 @@ class ModelSpec(_Spec):
         if not isinstance(reads, tuple) or not reads or set(reads) - set(SIGNALS):
             raise ValueError(f"{self.name!r} has reads {reads!r}; a tuple of {SIGNALS}")
         _check_count(self.name, self.max_contacts)
+        deterministic: object = self.deterministic
+        if not isinstance(deterministic, bool):
+            raise ValueError(f"{self.name!r} has deterministic {deterministic!r}; True or False")
         encoders: object = self.encoders
         if not isinstance(encoders, tuple) or not encoders or not all(map(_is_name, encoders)):
             raise ValueError(f"{self.name!r} has encoders {encoders!r}; a tuple of kinds")
