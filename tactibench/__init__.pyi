@@ -27,6 +27,7 @@ from .plugins.specs import CommandSpec as CommandSpec
 from .plugins.specs import EncoderSpec as EncoderSpec
 from .plugins.specs import ModelSpec as ModelSpec
 from .plugins.specs import Parameter as Parameter
+from .plugins.specs import Prior as Prior
 from .plugins.specs import SensorSpec as SensorSpec
 from .plugins.specs import training_parameters as training_parameters
 

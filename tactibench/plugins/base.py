@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene, Workspace
 from tactibench.errors import UserError
-from tactibench.plugins.specs import IMAGE
+from tactibench.plugins.specs import IMAGE, Prior
 
 Maps = npt.NDArray[np.float32]
 Stage = tuple[str, Callable[[Any], Any]]
@@ -122,6 +122,8 @@ class FitReport:
         resumed_from: Epoch of the checkpoint from which training went on; 0: from the start.
         history: One mapping per epoch.
         notes: JSON values for the record.
+        prior: What the model knew of contacts that press together, see ``Prior``. A board shows it
+            in a column; None stands there as "not stated".
     """
 
     epochs: int = 0
@@ -129,6 +131,7 @@ class FitReport:
     resumed_from: int = 0
     history: tuple[dict[str, float], ...] = ()
     notes: dict[str, Any] = field(default_factory=dict)
+    prior: Prior | None = None
 
 
 class Model(ABC):

@@ -52,9 +52,10 @@ READING = """\
 Each table holds one sensor: simulated and real never share a column. A row is a model with its
 parameters (those that are not at their defaults), encoder and training regime, its training seeds
 pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over presses.
-`sd`: standard deviation over training seeds, which is not part of the interval. `mixing`: frames
-that a model made for itself out of single presses, per training frame. Models in italics are
-trivial. `n/a`: not measured, or one seed has no value."""
+`sd`: standard deviation over training seeds, which is not part of the interval. `prior knowledge`:
+what a model knew of contacts that press together besides the frames of its regime, and how many
+frames it mixed for itself out of single presses, per training frame. Models in italics are trivial.
+`n/a`: not measured, or one seed has no value."""
 GENERATED = "<!-- Made by `tactibench board` from submissions/ and published/; do not edit. -->"
 
 

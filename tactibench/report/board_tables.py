@@ -34,7 +34,7 @@ IDENTITY = (
     Column("model", right=False, who=True),
     Column("encoder", right=False, detail=True),
     Column("regime", right=False, detail=True),
-    Column("mixing", detail=True),
+    Column("prior knowledge", right=False, detail=True),
     Column("seeds", detail=True),
 )
 BELOW = "†"
@@ -55,14 +55,14 @@ COST_NOTE = (
 
 def identity(row: Row) -> list[Cell]:
     """Return the cells of IDENTITY; trivial models are in italics."""
-    mixing = f"mixing {row.mixing}" if row.mixing else ""
-    details = (row.encoder, row.regime, mixing, plural(len(row.records), "seed"))
+    prior = "" if row.prior == "none" else f"prior knowledge: {row.prior}"
+    details = (row.encoder, row.regime, prior, plural(len(row.records), "seed"))
     model = f"{row.model} {BELOW}" if row.below_bound else row.model
     return [
         Text(model, "italic" if row.trivial else "", ", ".join(filter(None, details))),
         row.encoder or "none",
         row.regime,
-        row.mixing or "no",
+        row.prior,
         seed_count(len(row.records)),
     ]
 

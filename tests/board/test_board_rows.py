@@ -11,25 +11,44 @@ from hypothesis import strategies as st
 from tactibench.board.cost import latency
 from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ordered
-from tactibench.board.rows import label_of, mixing_of
+from tactibench.board.rows import label_of, mixing_of, prior_of
 from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
 
 
 def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
     record = fabricate(settings={"width": 32, "mixing": 0.5})
     assert record.model.changed == {"width": 32, "mixing": 0.5}
-    assert mixing_of(record) == "0.5"
+    assert mixing_of(record) == 0.5
     assert label_of(record) == "unet, width=32 + hertz, mixing 0.5 (single)"
     assert label_of(fabricate(model="cnn", encoder=None)) == "cnn (single)"
-    assert mixing_of(fabricate(settings={"mixing": 0.0})) == ""
+    assert mixing_of(fabricate(settings={"mixing": 0.0})) == 0.0
 
 
 def test_a_row_says_what_its_mixed_frames_know_and_not_what_was_asked_for(fabricate):
     record = fabricate(settings={"mixing": -1.0})
-    assert mixing_of(record) == ""
-    notes = {"mixing": 1.0, "mixed": 3600, "prior": "plain addition"}
-    training = record.training.model_copy(update={"notes": notes})
-    assert mixing_of(record.model_copy(update={"training": training})) == "1, plain addition"
+    assert mixing_of(record) == 0.0
+    notes = {"mixing": 1.0, "mixed": 3600}
+    mixed = trained(record, notes=notes, prior="plain addition")
+    assert (mixing_of(mixed), prior_of(mixed)) == (1.0, "plain addition")
+    (row,) = rows_of([mixed])
+    assert row.prior == "plain addition, mixing 1"
+
+
+def trained(record, **facts):
+    return record.model_copy(update={"training": record.training.model_copy(update=facts)})
+
+
+def test_prior_knowledge_of_older_records_is_what_follows_from_them(fabricate):
+    """Never hidden: where nothing follows, the row says that nothing was stated."""
+    network = fabricate(settings={"mixing": 0.0})
+    assert prior_of(network) == "none"
+    assert prior_of(trained(network, notes={"mixing": 1.0})) == "not stated"
+    noted = trained(network, notes={"mixing": 1.0, "prior": "nominal mechanics"})
+    assert prior_of(noted) == "nominal mechanics"
+    assert prior_of(fabricate(model="superpose", encoder=None)) == "not stated"
+    assert prior_of(fabricate(model="cnn", encoder=None)) == "none"  # answers one contact
+    assert prior_of(fabricate(model="nearest", encoder=None)) == "none"
+    assert prior_of(fabricate(model="stranger", encoder=None)) == "not stated"
 
 
 def test_a_record_without_a_readable_signature_keeps_its_names(fabricate):
