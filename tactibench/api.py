@@ -333,8 +333,8 @@ def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
         board: Folder of the leaderboards.
 
     Returns:
-        Columns protocol, sensor, model, encoder, regime, prior, mixing, seeds, metric, group, value,
-        unit, low, high, sd, clusters and censored.
+        Columns protocol, sensor, model, encoder, regime, prior, mixing, seeds, metric, group,
+        value, unit, low, high, sd, clusters and censored.
 
     Raises:
         UserError: There is no board or no such protocol, or a record cannot be read.

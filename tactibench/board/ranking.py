@@ -42,7 +42,7 @@ from tactibench.protocols.board_spec import Ranking, board_spec
 from tactibench.protocols.loader import protocol_files
 from tactibench.stats.crossed import adjust_pairs, crossed_p_values
 from tactibench.stats.intervals import t_quantile
-from tactibench.stats.paired import holm
+from tactibench.stats.paired import grouped, holm
 
 Pairs = tuple[list[int], list[int], npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
@@ -176,23 +176,15 @@ class _Sample:
 
 
 def _group(difference: FloatArray, of_presses: FloatArray, of_both: FloatArray) -> dict[int, int]:
-    """Return the rank of every sample, the best first; the arguments are those of ``_compare``.
-
-    The first of those that are left opens a group, all that are not surely worse join it, and the
-    next group's rank counts the samples before it (1, 1, 3).
-    """
+    """Return the rank of every sample, the best first; the arguments are those of ``_compare``."""
     distinct = (adjust_pairs(of_presses) < 1 - LEVEL) & (difference > 0)
-    ranks: dict[int, int] = {}
-    left = list(range(len(difference)))
-    while left:
-        first, *others = left
+
+    def worse(first: int, others: Sequence[int]) -> set[int]:
         adjusted = holm([float(of_both[k, first]) for k in others])
-        worse = {
-            k for k, p in zip(others, adjusted, strict=True) if p < 1 - LEVEL and distinct[k, first]
-        }
-        ranks |= dict.fromkeys((k for k in left if k not in worse), 1 + len(ranks))
-        left = [k for k in left if k in worse]
-    return ranks
+        pairs = zip(others, adjusted, strict=True)
+        return {k for k, p in pairs if p < 1 - LEVEL and distinct[k, first]}
+
+    return grouped(range(len(difference)), worse)
 
 
 def _known(sample: _Sample | None) -> _Sample:

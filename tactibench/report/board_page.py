@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -112,12 +112,29 @@ class BoardPage:
 
 @dataclass(frozen=True)
 class PageFile:
-    """The file of a page. records: that it was made from; on_curve: those of fewer presses."""
+    """The file of a page, and what it was made from.
+
+    Attributes:
+        path: Under ``leaderboards/``.
+        text: What it shall hold.
+        protocol: One version.
+        submissions: Records of that version, and of those that are not kept.
+    """
 
     path: Path
     text: str
-    records: int
-    on_curve: int
+    protocol: LoadedProtocol
+    submissions: tuple[Record, ...] = field(repr=False)
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+        return len(self.submissions)
+
+    @property
+    def on_curve(self) -> int:
+        """Number of records of fewer presses, which belong to a learning curve alone."""
+        return self.records - len(whole(self.submissions))
 
     @property
     def current(self) -> bool:
@@ -172,9 +189,8 @@ def _version_pages(board: Path, name: str) -> list[PageFile]:
         tables, errors = published_tables(protocol, board), all_press_errors(board, records)
         page = board_page(protocol, records, tables, errors)
         page = replace(page, versions=tuple(one for one in names if one != protocol.name))
-        on_curve = len(records) - len(whole(records))
         path = board / f"{protocol.name}.md"
-        pages.append(PageFile(path, page.markdown(), len(records), on_curve))
+        pages.append(PageFile(path, page.markdown(), protocol, tuple(records)))
     return pages
 
 
