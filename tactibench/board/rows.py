@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tactibench.board.shipped import one_contact_models
@@ -87,6 +87,38 @@ def trained_on(record: Record) -> str:
     """Return the sensor of a model that was tested on another one; "" where on the same."""
     test = record.test_sensor
     return "" if test is None else test.trained_on or ""
+
+
+@dataclass(frozen=True)
+class FittedFrames:
+    """Labelled frames of the tested recording to which something else than the model was fitted.
+
+    Attributes:
+        simulator: By the simulated sensor that the model was trained on.
+        labels: By offset and pivot of the labels; None: by an older run, which does not say.
+    """
+
+    simulator: int
+    labels: int | None
+
+    @property
+    def known(self) -> int:
+        """Sum of those that are known; a frame that served both is counted twice."""
+        return self.simulator + (self.labels or 0)
+
+
+def fitted_frames(record: Record) -> FittedFrames | None:
+    """Return what was fitted to the tested sensor; None for a model that was trained on it."""
+    seen, test = record.data.of_tested_sensor, record.test_sensor
+    if seen is None or test is None or not test.trained_on:
+        return None
+    fit = seen.described.get("label_fit")
+    labels: int | None = 0
+    if isinstance(fit, Mapping):
+        labels = int(fit["presses"])
+    elif seen.described.get("pivot_mm") not in (None, test.parameters.get("pivot_mm")):
+        labels = None  # a pivot that nobody gave was fitted
+    return FittedFrames(seen.left_out_calibrated, labels)
 
 
 def command_options(record: Record) -> str:

@@ -15,7 +15,14 @@ from types import MappingProxyType
 from tactibench.board.curve import Curve, curves
 from tactibench.board.grouping import rows_of, section_key, whole
 from tactibench.board.ranking import Errors, ordered, ranks
-from tactibench.board.rows import BELOW_BOUND, TRIVIAL, Row, command_options, trained_on
+from tactibench.board.rows import (
+    BELOW_BOUND,
+    TRIVIAL,
+    Row,
+    command_options,
+    fitted_frames,
+    trained_on,
+)
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,
@@ -313,13 +320,10 @@ def _test_frames(record: Record, shots: bool) -> list[Block]:
         counted = f"{frames:,} frames of {counted}"
     parts: list[Inline]
     if trained := trained_on(record):
-        adapted = record.data.of_tested_sensor
-        left = 0 if adapted is None else adapted.left_out_calibrated
-        fitted = f" {left:,} frames to which the simulator was fitted test nothing." if left else ""
         text = (
-            f", tested on {counted} of another sensor, of which a "
-            "model is given the rest image and as many labelled frames as a column says, none "
-            f"of them a test press.{fitted}"
+            f", tested on {counted} of another sensor. A model is shown its rest image and as many "
+            "labelled frames as a column says, none of them a test press."
+            f"{_fitted_frames(record)}"
         )
         parts = [Prose("Trained on "), trained, Prose(text)]
     else:
@@ -333,6 +337,19 @@ def _test_frames(record: Record, shots: bool) -> list[Block]:
                 )
             )
     return [Paragraph(tuple(parts))]
+
+
+def _fitted_frames(record: Record) -> str:
+    """Return what else was fitted to labelled frames of the tested sensor, as sentences."""
+    fitted = fitted_frames(record)
+    if fitted is None:
+        return ""
+    labels = "an unknown number" if fitted.labels is None else f"{fitted.labels:,}"
+    fits = [f"offset and pivot of the labels to {labels}"]
+    if fitted.simulator:
+        fits.insert(0, f"the simulated sensor to {fitted.simulator:,}, which test nothing")
+    text = " `labelled frames besides` counts those to which something else was fitted"
+    return f"{text}: {'; '.join(fits)}."
 
 
 def _scene_counts(record: Record) -> list[Block]:

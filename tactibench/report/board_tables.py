@@ -10,7 +10,7 @@ from tactibench.board.cost import by_machine, frames_per_second, latency, machin
 from tactibench.board.curve import Curve, Step, counts
 from tactibench.board.grouping import row_anchor
 from tactibench.board.ranking import Ranks
-from tactibench.board.rows import PooledMetric, Row
+from tactibench.board.rows import FittedFrames, PooledMetric, Row, fitted_frames
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.board_spec import Ranking
@@ -36,6 +36,11 @@ IDENTITY = (
     Column("regime", right=False, detail=True),
     Column("prior knowledge", right=False, detail=True),
     Column("seeds", detail=True),
+)
+FITTED = Column(
+    "labelled frames besides",
+    title="labelled frames of the tested sensor to which something else was fitted: a simulator, "
+    "offset and pivot of its labels",
 )
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
@@ -91,6 +96,11 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
             title = f"standard deviation over training seeds of {column.head}"
             heads.append(Column("sd", title=title, spread=True))
     body = [[*identity(row), *_metric_cells(row, spec)] for row in rows]
+    fitted = [fitted_frames(row.first) for row in rows]
+    if any(fitted):
+        heads.insert(len(IDENTITY), FITTED)
+        for cells, frames in zip(body, fitted, strict=True):
+            cells.insert(len(IDENTITY), _fitted(frames))
     if ranks is not None:
         heads.insert(0, Column("rank"))
         body = [
@@ -102,6 +112,14 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     note = " ".join(filter(None, (spec.note, counted, "" if ranks is None else ranks.note)))
     made = table(heads, body, title=spec.title, note=note)
     return made if ranks is None else replace(made, anchors=tuple(map(row_anchor, rows)))
+
+
+def _fitted(frames: FittedFrames | None) -> Cell:
+    if frames is None:
+        return Number(0, fixed(0))
+    if frames.labels is None:
+        return f"more than {frames.known:,}"
+    return Number(frames.known, "{:,.0f}".format)
 
 
 def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from tactibench.board.cost import latency
 from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ordered
-from tactibench.board.rows import label_of, mixing_of, prior_of
+from tactibench.board.rows import FittedFrames, fitted_frames, label_of, mixing_of, prior_of
 from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
+from tactibench.records.record import FrameCounts, SensorId
 
 
 def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
@@ -189,3 +190,35 @@ def test_a_row_surely_below_the_bound_is_told(fabricate, value, below):
     """The interval of a fabricated metric is a tenth to either side."""
     (row,) = rows_of([fabricate(metrics=(("rmse_over_bound", "x", value),))])
     assert row.below_bound == below
+
+
+@pytest.mark.parametrize(
+    ("described", "fitted"),
+    [
+        ({"pivot_mm": 20.5, "label_fit": {"presses": 1500}}, FittedFrames(400, 1500)),
+        ({"pivot_mm": 20.5}, FittedFrames(400, None)),  # an older run, whose fit has no count
+        ({"pivot_mm": 0.0}, FittedFrames(400, 0)),  # as the parameter gave it
+    ],
+)
+def test_labelled_frames_of_the_tested_sensor_are_counted_whatever_was_fitted(
+    fabricate, described, fitted
+):
+    tested = {
+        "name": "recorded",
+        "parameters": {"pivot_mm": 0.0},
+        "asked": ["data=331"],
+        "on": "recording 331",
+        "presses": 1000,
+        "trained_on": "simulated fitted-331",
+    }
+    sensor = {"name": "fitted-331", "origin": "simulated", "parameters": {}, "tested": tested}
+    seen = {"labelled_frames": [0, 200], "left_out_calibrated": 400, "described": described}
+    record = fabricate().model_copy(
+        update={
+            "sensor": SensorId.model_validate(sensor),
+            "data": FrameCounts.model_validate({"of_tested_sensor": seen}),
+        }
+    )
+    assert fitted_frames(record) == fitted
+    assert fitted.known == 400 + (fitted.labels or 0)
+    assert fitted_frames(fabricate()) is None

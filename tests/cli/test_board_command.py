@@ -118,7 +118,7 @@ def test_the_same_figures_as_csv_and_latex(cli, stored_run):
     assert (mae["value"], mae["unit"], mae["model"], mae["rank"]) == ("0.0625", "mm", "a_b", "")
     text = Path("table.tex").read_text()
     assert (
-        r"n/a & a\_b & hertz & single & not stated & 3 & 0.0625 {\scriptsize [0.0563, 0.0688]} & "
+        r"-- & a\_b & hertz & single & not stated & 3 & 0.0625 {\scriptsize [0.0563, 0.0688]} & "
         in text
     )
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
