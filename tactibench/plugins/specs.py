@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 from tactibench.errors import UserError, did_you_mean, printable
 from tactibench.plugins.targets import import_subclass, import_target
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
     from tactibench.plugins.base import Encoder, Model, Sensor
 
 Value = bool | int | float | str
-
-Prior = Literal["none", "plain addition", "nominal mechanics", "fitted to multi-contact labels"]
-"""What a model knew, before it saw a frame or besides its frames, of contacts that press together:
-nothing; that what they move adds up; the mechanics of a nominal sensor; a law that was fitted to
-labelled presses with several contacts, of its own training included."""
-PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 KINDS = ("model", "sensor", "encoder")
 ANSWERS = ("contacts", "plate")
@@ -352,30 +346,6 @@ class CommandSpec:
     def load(self) -> Any:
         """Import and return the click command. Raises UserError when that fails."""
         return import_target(self.name, self.target)
-
-
-def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
-    """Return the parameters that every model trained by ``tactibench.training`` has.
-
-    Args:
-        mixing: Whether the model can learn from frames with several contacts that are made from
-            single presses.
-    """
-    epochs = Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000)
-    precision = Parameter(
-        "precision",
-        "recipe",
-        "training arithmetic, recipe: as the recipe has it",
-        choices=("recipe", "auto", "float32", "bf16"),
-    )
-    mixed_frames = Parameter(
-        "mixing",
-        0.0,
-        "extra multi-contact frames made from single presses, share of the presses",
-        low=0,
-        high=10,
-    )
-    return (epochs, precision, mixed_frames) if mixing else (epochs, precision)
 
 
 def _is_name(value: object) -> bool:

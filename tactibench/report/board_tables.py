@@ -89,6 +89,8 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     pooled = [row.metric(first.metric, first.group) for row in rows]
     if spec.optional and not any(pooled):
         return None
+    if spec.sorted:
+        rows = sorted(rows, key=lambda row: _first_value(row, first))
     heads: list[Column | str] = [*IDENTITY]
     for column in spec.columns:
         heads.append(Column(column.head))
@@ -112,6 +114,11 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     note = " ".join(filter(None, (spec.note, counted, "" if ranks is None else ranks.note)))
     made = table(heads, body, title=spec.title, note=note)
     return made if ranks is None else replace(made, anchors=tuple(map(row_anchor, rows)))
+
+
+def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:
+    pooled = row.metric(column.metric, column.group)
+    return (True, 0.0) if pooled is None else (False, pooled.value)
 
 
 def _fitted(frames: FittedFrames | None) -> Cell:

@@ -13,8 +13,9 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import FitReport, Model, Progress
-from tactibench.plugins.specs import PRIORS, ModelSpec
+from tactibench.plugins.base import Model, Progress
+from tactibench.plugins.fit_report import PRIORS, FitReport
+from tactibench.plugins.specs import ModelSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.files import file_hash, locked, read_checked_json, write_checked_json

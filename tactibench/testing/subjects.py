@@ -17,12 +17,12 @@ from tactibench.errors import PluginError, UserError, call_plugin
 from tactibench.frames.source import spread
 from tactibench.plugins.base import (
     Encoder,
-    FitReport,
     Model,
     ModelContext,
     Sensor,
     SensorContext,
 )
+from tactibench.plugins.fit_report import FitReport
 from tactibench.plugins.specs import IMAGE, EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol

@@ -15,8 +15,8 @@ from torch import nn
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import FitReport, Model, ModelContext, Progress, Stage
-from tactibench.plugins.specs import Prior
+from tactibench.plugins.base import Model, ModelContext, Progress, Stage
+from tactibench.plugins.fit_report import FitReport, Prior
 from tactibench.training.examples import Examples
 from tactibench.training.inference import (
     CONFIGURATIONS,
