@@ -62,7 +62,7 @@ def test_check_prints_a_line_a_property_and_the_counts(cli: Any, tmp_path: Path)
     found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
     assert len(found["properties"]) == len(lines) == 23
     counts = {row["metric"]: row["value"] for row in found["metrics"]}
-    assert (counts["ran"], counts["failed"], counts["failed_as_expected"]) == (19, 0, 1)
+    assert (counts["ran"], counts["failed"], counts["failed_as_expected"]) == (20, 0, 1)
     assert {one["outcome"] for one in found["properties"]} == {
         "passed",
         "failed as expected",
