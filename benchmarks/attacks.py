@@ -25,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
 import forged
 
-from tactibench.board.truth import Source, trusted_host
+from tactibench.board.shipped import trusted_host
+from tactibench.board.truth import Source
 from tactibench.board.verification import score_again
 from tactibench.errors import UserError
 from tactibench.records.cache import cache_folder

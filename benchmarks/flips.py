@@ -31,7 +31,8 @@ import forged
 from same_run import in_common
 from tiny_lab import Lab, tiny_host
 
-from tactibench.board.truth import Source, trusted_host
+from tactibench.board.shipped import trusted_host
+from tactibench.board.truth import Source
 from tactibench.board.verification import score_again
 from tactibench.datasets import Header, Writer, index, open_dataset
 from tactibench.datasets.schema import Draft

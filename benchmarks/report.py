@@ -27,8 +27,9 @@ from tactibench.board.predictions import (
     read_answers_file,
     split_ranked,
 )
+from tactibench.board.shipped import trusted_host
 from tactibench.board.submissions import FOLDER, compact, read_submissions, text_of
-from tactibench.board.truth import Source, trusted_host, truth_of
+from tactibench.board.truth import Source, truth_of
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.files import arrays_hash, write_arrays
 from tactibench.records.record import Record

@@ -17,11 +17,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
 from forged import sign
+
+from tactibench.records.store import with_checksum
 
 ROOT = Path(__file__).parents[1]
 SEEDS = 3
@@ -50,7 +53,11 @@ def copies(count: int) -> Iterator[tuple[Path, dict]]:
         values["model"]["name"] = model
         values["seed"] = number % SEEDS
         values["name"] = f"{values['protocol']['id']}-{model}-s{number % SEEDS}-{number:08x}"
+        # Three trainings of each model: seeds of one weights hash would count once.
+        values["identity"]["weights_hash"] = sha256(values["name"].encode()).hexdigest()
         sign(values)
+        if values["identity"].get("sealed"):
+            values = with_checksum(values)
         yield path, values
 
 

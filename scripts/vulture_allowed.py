@@ -31,6 +31,7 @@ context_manager
 damaged_weights
 depth_range
 determinism
+deterministic
 every_answer
 finds_contacts
 float_frame

@@ -340,8 +340,9 @@ def load_board(protocol: str, board: str | Path = BOARD) -> pd.DataFrame:
         board: Folder of the leaderboards.
 
     Returns:
-        Columns protocol, sensor, model, encoder, regime, mixing, seeds, metric, group, value, unit,
-        low, high, sd, clusters, censored and rank, which is that of the row on the board.
+        Columns protocol, sensor, model, encoder, regime, prior, mixing, seeds, metric, group,
+        value, unit, low, high, sd, clusters, censored and rank, which is that of the row on the
+        board.
 
     Raises:
         UserError: There is no board or no such protocol, or a record cannot be read.

@@ -118,7 +118,7 @@ def fabricated(
         "partial": False,
         "limits": {"quick": False, "limit": None},
         "identity": {
-            "weights_hash": "cd",
+            "weights_hash": f"cd{seed}",
             "predictions_hash": "",
             "stored": {"predictions": ""},
             "data": [f"frames of {label[1]}"],

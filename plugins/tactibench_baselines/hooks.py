@@ -18,6 +18,7 @@ def tactibench_models() -> list[ModelSpec]:
             answers=("contacts", "plate"),
             reads=_READS,
             max_contacts=1,
+            deterministic=True,
         ),
         ModelSpec(
             "nearest",
@@ -34,5 +35,6 @@ def tactibench_models() -> list[ModelSpec]:
             ),
             answers=("contacts", "plate"),
             reads=_READS,
+            deterministic=True,
         ),
     ]

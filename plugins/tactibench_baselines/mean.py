@@ -59,7 +59,9 @@ class MeanModel(Model):
             self._mean = Contacts.none()
         else:
             self._mean = Contacts.truth([labels["xy"].mean(axis=0)], [labels["depth"].mean()])
-        return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
+        return FitReport(
+            seconds=time.perf_counter() - start, notes={"frames": len(frames)}, prior="none"
+        )
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
         """Return the mean, once a frame."""

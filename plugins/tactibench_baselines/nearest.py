@@ -73,7 +73,9 @@ class NearestModel(Model):
             deviations = channel_vectors(frames, minus_rest=self._minus_rest).std(axis=0)
             self._scale = np.where(deviations > 0, deviations, 1.0).astype(np.float32)
         self._remember(self._features(frames), self._minus_rest)
-        return FitReport(seconds=time.perf_counter() - start, notes={"frames": len(frames)})
+        return FitReport(
+            seconds=time.perf_counter() - start, notes={"frames": len(frames)}, prior="none"
+        )
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer]:
         """Return the label of the nearest training frame; of equally near ones the first."""

@@ -22,6 +22,7 @@ def tactibench_models() -> Iterable[ModelSpec]:
             answers=_ANSWERS,
             reads=_READS,
             max_contacts=1,
+            deterministic=True,
         ),
         ModelSpec(
             name="pins",

@@ -106,7 +106,7 @@ class Kernel(Model):
             kernel(self._places, self._places, self._length), learned.targets, self._setting
         )
         notes = {"left_out": count - len(frames), **asdict(self._setting)}
-        return FitReport(seconds=time.perf_counter() - began, notes=notes)
+        return FitReport(seconds=time.perf_counter() - began, notes=notes, prior="none")
 
     def adapt(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> Mapping[str, Any]:
         """Correct the answers by what labelled frames of another sensor lack (``Correction``).

@@ -33,5 +33,6 @@ def tactibench_models() -> Iterable[ModelSpec]:
                 Parameter("max_count", 6, "most contacts in a frame", low=1, high=16),
             ),
             max_contacts=None,
+            deterministic=True,
         )
     ]

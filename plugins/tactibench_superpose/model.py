@@ -21,6 +21,7 @@ from tactibench import (
     Frame,
     Model,
     ModelContext,
+    Prior,
     Progress,
     UserError,
 )
@@ -51,7 +52,7 @@ _HELD_OUT = 8
 """One of so many training presses with several contacts is left out of the law, to measure the
 errors of answers, and one of so many training sensors of the fields. With every fourth press left
 out the law is a quarter worse than the one from all."""
-_PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
+_PRIORS: dict[str, Prior] = {"dome": "nominal mechanics", "none": "plain addition"}
 """Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
 _KEPT = 2
 """Sensors whose fields stay in memory, 100 MB each where they vary."""
@@ -161,10 +162,10 @@ class Superpose(Model):
         notes: dict[str, Any] = {"single_presses": count, "others": len(frames) - count}
         neighbours = self._settings["neighbours"]
         fitted = bool(groups) and neighbours == "dome"
-        notes["prior"] = "fitted to multi-contact labels" if fitted else _PRIORS[neighbours]
+        prior: Prior = "fitted to multi-contact labels" if fitted else _PRIORS[neighbours]
         if several > 1:
             notes |= {"sensors": several, "numbers_a_sensor": family.field.ways}
-        return FitReport(1, time.perf_counter() - began, notes=notes)
+        return FitReport(1, time.perf_counter() - began, notes=notes, prior=prior)
 
     def _single_presses(self, frames: Sequence[Frame], truth: Sequence[Answer]) -> SinglePresses:
         rows = single_press_rows(truth)

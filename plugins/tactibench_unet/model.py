@@ -20,6 +20,7 @@ from tactibench import (
     Grid,
     ModelContext,
     Pose,
+    Prior,
     Progress,
     UserError,
 )
@@ -51,7 +52,7 @@ _MIXED_EPOCHS = 8
 _HEADROOM = {"default": 0.7, "paper": 1.0}
 """Share of the sigmoid's range that heat 0..1 is learned in. At 1 the deepest contacts ask for
 infinite logits, and a short training leaves them too shallow; published is 1."""
-_PRIORS = {"dome": "nominal mechanics", "none": "plain addition"}
+_PRIORS: dict[str, Prior] = {"dome": "nominal mechanics", "none": "plain addition"}
 """Parameter ``neighbours`` -> what a row says that the model knew before its frames."""
 _EMPTY = 0.05
 """Empty frames to learn from under faults, as a share of the frames."""

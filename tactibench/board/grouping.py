@@ -45,19 +45,23 @@ def section_key(record: Record) -> list[Any]:
 
     These are the question, the sensor and the test frames.
     """
-    sensor, test = record.sensor, record.test_sensor
+    test = record.test_sensor
     key = [
         record.protocol.id,
         record.protocol.hash,
-        sensor.origin,
-        sensor.name,
-        _lasting(sensor.parameters),
+        *training_sensor(record),
         record.identity.data,
     ]
     if test is None:
         return key
     key += [test.name, _lasting(test.parameters)]
     return [*key, test.trained_on] if test.trained_on else key
+
+
+def training_sensor(record: Record) -> list[Any]:
+    """Return all that two records must share to be trained on one sensor, as JSON values."""
+    sensor = record.sensor
+    return [sensor.origin, sensor.name, _lasting(sensor.parameters)]
 
 
 def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:

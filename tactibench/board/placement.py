@@ -33,15 +33,16 @@ class Placement:
 
     Attributes:
         ranking: The error that orders the board.
-        rank: Of the run's row; rows that cannot be told apart share one.
-        rows: How many rows have a rank, this one included.
-        above: The next better row of another rank; None for the first rank.
+        rank: Of the run's row; rows that cannot be told apart share one. None: it has too few seeds
+            or presses for one.
+        rows: How many rows have a rank.
+        above: The next better row, of another rank where it has one; None for the best.
         board: Folder of the board.
         committed: Whether the run itself is a row of it already.
     """
 
     ranking: Ranking
-    rank: int
+    rank: int | None
     rows: int
     above: Row | None
     board: Path | None = None
@@ -85,11 +86,15 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     rows = ordered(record.protocol.id, rows_of([*others, own]))
     ranked = ranks(record.protocol.id, rows, errors)
     place = next(k for k, row in enumerate(rows) if own in row.records)
-    numbers = () if ranked is None else ranked.by_row
-    if not numbers or (rank := numbers[place]) is None:
+    if ranked is None or rows[place].metric(ranking.metric, ranking.group) is None:
         return None
-    better = [k for k, number in enumerate(numbers) if number is not None and number < rank]
-    above = max(better, key=lambda k: (numbers[k] or 0, k), default=None)
+    numbers = ranked.by_row
+    rank = numbers[place]
+    if rank is None:
+        above = place - 1 if place else None
+    else:
+        better = [k for k, number in enumerate(numbers) if number is not None and number < rank]
+        above = max(better, key=lambda k: (numbers[k] or 0, k), default=None)
     known = sum(number is not None for number in numbers)
     committed_names = {other.name for other in all_records}
     return Placement(

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tactibench.board.derivation import Derived
-from tactibench.board.record_forms import OURS, SLACK, differs, same, short
+from tactibench.board.record_forms import SLACK, differs, same, short
+from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, Parameter, SensorSpec

@@ -14,14 +14,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
 from tactibench.records.record import Record
 from tactibench.records.store import CHECKSUM, PARTS, with_checksum
 from tactibench.run.machine import fingerprint_hash
 from tactibench.run.plan import name_stem
 
-OURS = "tactibench"
-"""The distribution whose plugins are trusted."""
 SHA256 = re.compile(r"[0-9a-f]{64}")
 FORMS: Mapping[str, re.Pattern[str]] = {
     "identity.commit": re.compile(r"[0-9a-f]{40}(\+dirty)?|installed|unknown"),
@@ -271,3 +270,5 @@ def _impossible_training(record: Record) -> Iterator[str]:
             yield f"training.notes.mixing is {short(used)}, but the model has mixing {asked!r}"
     if not isinstance(training.notes.get("prior", ""), str):
         yield "training.notes.prior is no text"
+    if training.prior == "none" and training.notes.get("mixing"):
+        yield "training.prior is none, but training.notes.mixing says that frames were mixed"

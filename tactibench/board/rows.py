@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from tactibench.board.shipped import one_contact_models
 from tactibench.metrics.location import AXES
 from tactibench.records.record import Record
 from tactibench.run.request import SHOTS
@@ -33,17 +34,29 @@ def below_bound(value: float | None, high: float | None) -> bool:
     return value is not None and (value if high is None else high) < 1.0
 
 
-def mixing_of(record: Record) -> str:
-    """Return the frames mixed out of single presses for every training frame, "" for none.
+def mixing_of(record: Record) -> float:
+    """Return the frames mixed out of single presses for every training frame."""
+    share = record.training.notes.get(MIXING, record.model.parameters.get(MIXING))
+    return max(float(share), 0.0) if isinstance(share, int | float) else 0.0
 
-    With what they know of contacts that press together, where the record says it: "1, nominal
-    mechanics".
+
+NOT_STATED = "not stated"
+
+
+def prior_of(record: Record) -> str:
+    """Return what a model knew of contacts that press together, see ``FitReport.prior``.
+
+    Of a record that is older than this field: what follows from its parameters and notes.
     """
-    notes = record.training.notes
-    share = notes.get(MIXING, record.model.parameters.get(MIXING))
-    if not isinstance(share, int | float) or share <= 0:
-        return ""
-    return f"{share:g}, {notes['prior']}" if "prior" in notes else f"{share:g}"
+    stated = record.training.prior or record.training.notes.get("prior")
+    if stated:
+        return str(stated)
+    parameters, name = record.model.parameters, record.model.name
+    if mixing_of(record):
+        return NOT_STATED
+    # Without frames that it mixed a network has nothing but those that it was given.
+    known = MIXING in parameters or name in TRIVIAL or name in one_contact_models()
+    return "none" if known else NOT_STATED
 
 
 def model_text(record: Record) -> str:
@@ -65,8 +78,8 @@ def label_of(record: Record, *, shots: bool = True) -> str:
     text = model_text(record) if shots else record.model.text(without=MIXING)
     if record.encoder is not None:
         text += f" + {record.encoder.text()}"
-    if mixing := mixing_of(record):
-        text += f", mixing {mixing}"
+    if share := mixing_of(record):
+        text += f", mixing {share:g}"
     return f"{text} ({record.regime})"
 
 
@@ -74,6 +87,38 @@ def trained_on(record: Record) -> str:
     """Return the sensor of a model that was tested on another one; "" where on the same."""
     test = record.test_sensor
     return "" if test is None else test.trained_on or ""
+
+
+@dataclass(frozen=True)
+class FittedFrames:
+    """Labelled frames of the tested recording to which something else than the model was fitted.
+
+    Attributes:
+        simulator: By the simulated sensor that the model was trained on.
+        labels: By offset and pivot of the labels; None: by an older run, which does not say.
+    """
+
+    simulator: int
+    labels: int | None
+
+    @property
+    def known(self) -> int:
+        """Sum of those that are known; a frame that served both is counted twice."""
+        return self.simulator + (self.labels or 0)
+
+
+def fitted_frames(record: Record) -> FittedFrames | None:
+    """Return what was fitted to the tested sensor; None for a model that was trained on it."""
+    seen, test = record.data.of_tested_sensor, record.test_sensor
+    if seen is None or test is None or not test.trained_on:
+        return None
+    fit = seen.described.get("label_fit")
+    labels: int | None = 0
+    if isinstance(fit, Mapping):
+        labels = int(fit["presses"])
+    elif seen.described.get("pivot_mm") not in (None, test.parameters.get("pivot_mm")):
+        labels = None  # a pivot that nobody gave was fitted
+    return FittedFrames(seen.left_out_calibrated, labels)
 
 
 def command_options(record: Record) -> str:
@@ -158,9 +203,15 @@ class Row:
         return self.first.regime
 
     @property
-    def mixing(self) -> str:
-        """Frames mixed out of single presses for every training frame, "" for none."""
+    def mixing(self) -> float:
+        """Frames mixed out of single presses for every training frame."""
         return mixing_of(self.first)
+
+    @property
+    def prior(self) -> str:
+        """What the model knew of contacts that press together, with the frames that it mixed."""
+        share = f", mixing {self.mixing:g}" if self.mixing else ""
+        return prior_of(self.first) + share
 
     @property
     def presses(self) -> int | None:

@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tactibench.board.derivation import Derived, derive, read_facts
-from tactibench.board.record_forms import OURS
 from tactibench.contacts import Answer, FloatArray
 from tactibench.errors import UserError
 from tactibench.frames.drawn_presses import DrawnFrames
@@ -27,7 +26,6 @@ from tactibench.frames.source import FrameRequest, FrameSet, FrameSource
 from tactibench.frames.transfer import TransferFrames
 from tactibench.frames.two_point_limit import sampled_limits
 from tactibench.geometry import true_contacts
-from tactibench.plugins.discovery import installed
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.hidden_seed import HiddenSeed
@@ -79,13 +77,6 @@ class Source:
             self.kept[key] = make()
         kept: T = self.kept[key]
         return kept
-
-
-def trusted_host() -> PluginHost:
-    """Return the plugins that ship with tactibench, and no others, whatever is installed."""
-    return PluginHost(
-        [(point, origin) for point, origin in installed() if origin.distribution == OURS]
-    )
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,8 @@ LIMIT_TOLERANCE = 1e-3
 """Relative, of a limit that is searched in rendered frames of single precision."""
 NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
-FROM_MAPS = frozenset({"surface_rmse_mm"})
+EXCESS = "surface_excess_mm"
+FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", EXCESS})
 """Metrics of heatmaps, which are not submitted."""
 
 FORM = ("unit", "better", "censored")
@@ -245,7 +246,11 @@ def _refuse_maps(record: Record, frames: int, where: str) -> None:
     for row in record.metrics:
         if row.metric not in FROM_MAPS:
             continue
-        if row.n > frames or row.clusters > frames or (row.value or 0.0) < 0:
+        if (
+            row.n > frames
+            or row.clusters > frames
+            or ((row.value or 0.0) < 0 and row.metric != EXCESS)
+        ):
             raise UserError(f"{where}: {row.metric} of {row.group} is of no test of this protocol.")
         measured = (row.value, row.low, row.high)
         if (none or row.value is None) and (measured != (None,) * 3 or (none and row.n)):

@@ -84,11 +84,13 @@ def write(board_folder: Path) -> None:
 @board_option
 @click.pass_context
 def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -> None:
-    """Compare the pages with the committed records; write nothing.
+    """Compare the pages with the committed records, and the records with each other.
 
-    Exit code 1 when a page is out of date.
+    Nothing is written. Exit code 1 when a page is out of date, or when rows of one name (model,
+    parameters, regime, encoder, sensor, seed) have several trainings.
     """
     from tactibench.board.submissions import check_folder
+    from tactibench.board.trainings import compare_trainings
     from tactibench.report.board_page import page_files
 
     check_folder(board_folder)
@@ -100,9 +102,15 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
             "run `tactibench board write` and commit it.",
             err=True,
         )
-    if stale:
+    trainings = compare_trainings(
+        (record, page.protocol) for page in made for record in page.submissions
+    )
+    for sentence in trainings.contradictions:
+        echo(sentence, err=True)
+    if stale or trainings.contradictions:
         ctx.exit(1)
     echo(f"{len(made)} pages are what the committed records give")
+    echo(trainings.note)
 
 
 @board.command(short_help="runs become rows, and the pages are made")
@@ -174,7 +182,8 @@ def verify(
     The truth is made anew by this installation; nothing of the submitter's is imported. Exit code 1
     when a file is refused.
     """
-    from tactibench.board.truth import Source, trusted_host
+    from tactibench.board.shipped import trusted_host
+    from tactibench.board.truth import Source
     from tactibench.board.verification import metric_rows
     from tactibench.board.verification import verify as check
     from tactibench.cli.output import Terminal

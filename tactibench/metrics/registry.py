@@ -27,7 +27,7 @@ _FAMILIES = {
     "threshold": ("threshold_mm", "limit_mm"),
     "detection": ("missed", "spurious", "catch_resolved", "d_prime"),
     "gospa": ("gospa1_mm", "gospa2_mm"),
-    "surface": ("surface_rmse_mm",),
+    "surface": ("surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"),
     "plate": (
         "tilt_mae_deg",
         "coverage",

@@ -29,8 +29,10 @@ class Trials:
     truth, predictions: contacts of every frame. press: (N,) press ids, the clusters. group: one
     name per frame ("all"; "dual", "triple"; a true distance such as "6.5"; "catch").
     maps: (N, H, W) predicted heatmaps, 1 standing for ``max_depth``. surface: (N, H, W) true
-    inward displacement of the skin, mm. bound: per frame (K, 3) Cramer-Rao standard deviations of
-    x, y and depth, mm; inf for a contact that the frame does not show. gate: mm, inf for none.
+    inward displacement of the skin, mm. floor: (N,) mm^2, the mean square by which the true
+    contacts, drawn by the encoder, are off it. bound: per frame (K, 3) Cramer-Rao standard
+    deviations of x, y and depth, mm; inf for a contact that the frame does not show. gate: mm, inf
+    for none.
     limit: (N,) two-point limits of the sensor, mm, nan where it was not asked, inf for none.
     level: of the intervals. axes: of the families whose cases the groups are. failed: (N,)
     NOT_FINITE or RAISED where the model failed on a frame, which then has no predictions.
@@ -47,6 +49,7 @@ class Trials:
     level: float = 0.95
     maps: npt.NDArray[Any] | None = None
     surface: npt.NDArray[Any] | None = None
+    floor: FloatArray | None = None
     bound: tuple[FloatArray, ...] | None = None
     limit: FloatArray | None = None
     axes: tuple[Axis, ...] = ()
@@ -69,6 +72,9 @@ class Trials:
                     raise ValueError(f"{name} has shape {value.shape}, expected (N, H, W)")
         if self.maps is not None and self.surface is not None:
             _same_shape(self.maps, self.surface)
+        if self.floor is not None:
+            _lengths(n, floor=self.floor)
+            finite(self.floor, "floor")
         if self.limit is not None:
             _lengths(n, limit=self.limit)
         if self.failed is not None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, ClassVar, Protocol, Self
@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from tactibench.contacts import Answer, Contacts, FloatArray, Frame, Grid, Scene, Workspace
 from tactibench.errors import UserError
+from tactibench.plugins.fit_report import FitReport
 from tactibench.plugins.specs import IMAGE
 
 Maps = npt.NDArray[np.float32]
@@ -110,25 +111,6 @@ class Progress(Protocol):
     def epoch(self, epoch: int, loss: float, validation_mm: float | None) -> None:
         """End an epoch; they count from 1. validation_mm: mean position error, mm."""
         ...
-
-
-@dataclass(frozen=True)
-class FitReport:
-    """Summary of a training.
-
-    Attributes:
-        epochs: Number of epochs, those before an interruption included.
-        seconds: Time spent in this and earlier calls.
-        resumed_from: Epoch of the checkpoint from which training went on; 0: from the start.
-        history: One mapping per epoch.
-        notes: JSON values for the record.
-    """
-
-    epochs: int = 0
-    seconds: float = 0.0
-    resumed_from: int = 0
-    history: tuple[dict[str, float], ...] = ()
-    notes: dict[str, Any] = field(default_factory=dict)
 
 
 class Model(ABC):

@@ -200,6 +200,9 @@ class ModelSpec(_Spec):
             protocol's.
         recipes: Value of the parameter ``recipe`` -> defaults that differ in that recipe, by name
             of the parameter.
+        deterministic: Whether nothing is drawn at random in a training on one sensor, so that every
+            seed gives the same weights; ``tactibench check`` holds it to that. On a board one seed
+            of such a model is enough, if it ships with tactibench.
     """
 
     answers: tuple[str, ...] = ("contacts",)
@@ -211,6 +214,7 @@ class ModelSpec(_Spec):
     recipes: Mapping[str, Mapping[str, Value]] = field(
         default_factory=dict, hash=False, kw_only=True
     )
+    deterministic: bool = field(default=False, kw_only=True)
 
     def defaults(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the value that every parameter has where only ``values`` are given."""
@@ -231,6 +235,9 @@ class ModelSpec(_Spec):
         if not isinstance(reads, tuple) or not reads or set(reads) - set(SIGNALS):
             raise ValueError(f"{self.name!r} has reads {reads!r}; a tuple of {SIGNALS}")
         _check_count(self.name, self.max_contacts)
+        deterministic: object = self.deterministic
+        if not isinstance(deterministic, bool):
+            raise ValueError(f"{self.name!r} has deterministic {deterministic!r}; True or False")
         encoders: object = self.encoders
         if not isinstance(encoders, tuple) or not encoders or not all(map(_is_name, encoders)):
             raise ValueError(f"{self.name!r} has encoders {encoders!r}; a tuple of kinds")
@@ -339,30 +346,6 @@ class CommandSpec:
     def load(self) -> Any:
         """Import and return the click command. Raises UserError when that fails."""
         return import_target(self.name, self.target)
-
-
-def training_parameters(*, mixing: bool) -> tuple[Parameter, ...]:
-    """Return the parameters that every model trained by ``tactibench.training`` has.
-
-    Args:
-        mixing: Whether the model can learn from frames with several contacts that are made from
-            single presses.
-    """
-    epochs = Parameter("epochs", 0, "epochs, 0: as many as the recipe has", low=0, high=1000)
-    precision = Parameter(
-        "precision",
-        "recipe",
-        "training arithmetic, recipe: as the recipe has it",
-        choices=("recipe", "auto", "float32", "bf16"),
-    )
-    mixed_frames = Parameter(
-        "mixing",
-        0.0,
-        "extra multi-contact frames made from single presses, share of the presses",
-        low=0,
-        high=10,
-    )
-    return (epochs, precision, mixed_frames) if mixing else (epochs, precision)
 
 
 def _is_name(value: object) -> bool:

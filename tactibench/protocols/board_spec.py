@@ -62,13 +62,15 @@ class Block(_Frozen):
     """A table of a board. optional: left out where no row has its first column.
 
     columns: one with ``groups`` in the file stands for one a group, ``{group}`` in its head.
-    below: metric -> a share that stands below its value in a column of one group.
+    below: metric -> a share that stands below its value in a column of one group. sorted: whether
+    the rows stand in the order of the first column, not in that of the board.
     """
 
     title: Text
     columns: Annotated[tuple[Column, ...], Field(min_length=1)]
     note: str = ""
     optional: bool = False
+    sorted: bool = False
     below: Mapping[str, str] = {}
 
     @field_validator("columns", mode="before")

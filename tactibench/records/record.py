@@ -19,6 +19,7 @@ from pydantic import (
 
 from tactibench.contacts import Workspace
 from tactibench.errors import UserError
+from tactibench.plugins.fit_report import Prior
 
 SCHEMA = 1
 SHARES = ("missed", "resolved", "catch_resolved", "coverage")
@@ -294,7 +295,7 @@ class Efficiency(_Open):
 
 
 class Training(_Open):
-    """A training. seconds: in this run, or when the weights were made."""
+    """A training. seconds: in this run, or when the weights were made. prior: see ``FitReport``."""
 
     epochs: int | None = None
     seconds: float | None = None
@@ -303,6 +304,7 @@ class Training(_Open):
     reused: bool = False
     history: list[Any] = []
     notes: dict[str, Any] = {}
+    prior: Prior | None = None
 
 
 class AdaptedSensor(_Open):

@@ -10,7 +10,7 @@ from typing import Any
 from tactibench.board.cost import by_machine, frames_per_second, latency, machine
 from tactibench.board.grouping import whole
 from tactibench.board.ranking import Errors, Ranks, ordered, ranks
-from tactibench.board.rows import Row
+from tactibench.board.rows import Row, prior_of
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,
@@ -98,7 +98,7 @@ def _first_table(title: str, rows: list[Row], spec: BoardTable, ranked: Ranks | 
     numbers = (None,) * len(rows) if ranked is None else ranked.by_row
     heads: list[Head] = [
         Column(""),
-        *("model", "encoder", "regime", "mixing"),
+        *("model", "encoder", "regime", "prior knowledge"),
         Column("seeds"),
         *(Column(column.head) for column in spec.columns),
     ]
@@ -114,7 +114,7 @@ def _first_table(title: str, rows: list[Row], spec: BoardTable, ranked: Ranks | 
                 Text(row.model, "italic" if row.trivial else ""),
                 row.encoder or None,
                 row.regime,
-                row.mixing or "no",
+                row.prior,
                 str(len(row.records)),
                 *metrics,
             ]
@@ -140,6 +140,7 @@ def _lines(protocol: str, section: Section, row: Row) -> list[dict[str, Any]]:
         "model": row.model,
         "encoder": row.encoder or None,
         "regime": row.regime,
+        "prior": prior_of(row.first),
         "mixing": row.mixing or None,
         "seeds": list(row.seeds),
     }

@@ -8,14 +8,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
 from tactibench.board.curve import Curve, curves
 from tactibench.board.grouping import rows_of, section_key, whole
 from tactibench.board.ranking import Errors, ordered, ranks
-from tactibench.board.rows import BELOW_BOUND, TRIVIAL, Row, command_options, trained_on
+from tactibench.board.rows import (
+    BELOW_BOUND,
+    TRIVIAL,
+    Row,
+    command_options,
+    fitted_frames,
+    trained_on,
+)
 from tactibench.board.sections import Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,
@@ -68,11 +75,13 @@ READING = prose("""\
 Each table holds one sensor: simulated and real never share a column. A row is a model with its
 parameters (those that are not at their defaults), encoder and training regime, its training seeds
 pooled. Values are means over seeds; below them, the mean of the seeds' 95 % intervals over presses.
-`sd`: standard deviation over training seeds, which is not part of the interval. `mixing`: frames
-that a model made for itself out of single presses, per training frame. Models in italics are
-trivial. `n/a`: not measured, or one seed has no value. Rank: rows share one when the paired 95 %
-interval over presses of their difference from the first of them holds 0. The presses of a table are
-those of the first one where nothing else is said.""")
+`sd`: standard deviation over training seeds, which is not part of the interval. `prior knowledge`:
+what a model knew of contacts that press together besides the frames of its regime, and how many
+frames it mixed for itself out of single presses, per training frame. Models in italics are trivial.
+`n/a`: not measured, or one seed has no value. Rank: rows share one where their order may be chance,
+that of other presses and of other training seeds. Rows of two ranks differ at p < 0.05, adjusted
+for the number of comparisons (Holm). The presses of a table are those of the first one where
+nothing else is said.""")
 """How to read the tables of every board."""
 READING_COSTS = prose("""\
 Latency: one frame to contacts in mm, batch 1, one thread where nothing else is said. frames/s: the
@@ -140,12 +149,29 @@ class BoardPage:
 
 @dataclass(frozen=True)
 class PageFile:
-    """The file of a page. records: that it was made from; on_curve: those of fewer presses."""
+    """The file of a page, and what it was made from.
+
+    Attributes:
+        path: Under ``leaderboards/``.
+        text: What it shall hold.
+        protocol: One version.
+        submissions: Records of that version, and of those that are not kept.
+    """
 
     path: Path
     text: str
-    records: int
-    on_curve: int
+    protocol: LoadedProtocol
+    submissions: tuple[Record, ...] = field(repr=False)
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+        return len(self.submissions)
+
+    @property
+    def on_curve(self) -> int:
+        """Number of records of fewer presses, which belong to a learning curve alone."""
+        return self.records - len(whole(self.submissions))
 
     @property
     def current(self) -> bool:
@@ -201,9 +227,8 @@ def _version_pages(board: Path, name: str) -> list[PageFile]:
         tables, errors = published_tables(protocol, board), all_press_errors(board, records)
         page = board_page(protocol, records, tables, errors)
         page = replace(page, versions=tuple(one for one in names if one != protocol.name))
-        on_curve = len(records) - len(whole(records))
         path = board / f"{protocol.name}.md"
-        pages.append(PageFile(path, page.markdown(), len(records), on_curve))
+        pages.append(PageFile(path, page.markdown(), protocol, tuple(records)))
     return pages
 
 
@@ -326,10 +351,8 @@ def _test_frames(record: Record, shots: bool) -> list[Block]:
     if frames != presses:
         counted = f"{frames:,} frames of {counted}"
     if trained_on(record):  # what it was trained on stands in the title
-        adapted = record.data.of_tested_sensor
-        left = 0 if adapted is None else adapted.left_out_calibrated
-        fitted = f"{left:,} frames to which the simulator was fitted test nothing."
-        return [prose(fitted)] if left else []
+        fitted = _fitted_frames(record).strip()
+        return [prose(fitted)] if fitted else []
     parts: list[Inline] = [
         Prose(f"Trained on the sensor itself and tested on {counted}: "),
         Text(command_options(record)[1:], "code"),
@@ -340,6 +363,19 @@ def _test_frames(record: Record, shots: bool) -> list[Block]:
             Prose(" Rows with labelled presses were shown so many of it before (`--test shots=N`).")
         )
     return [Paragraph(tuple(parts))]
+
+
+def _fitted_frames(record: Record) -> str:
+    """Return what else was fitted to labelled frames of the tested sensor, as sentences."""
+    fitted = fitted_frames(record)
+    if fitted is None:
+        return ""
+    labels = "an unknown number" if fitted.labels is None else f"{fitted.labels:,}"
+    fits = [f"offset and pivot of the labels to {labels}"]
+    if fitted.simulator:
+        fits.insert(0, f"the simulated sensor to {fitted.simulator:,}, which test nothing")
+    text = " `labelled frames besides` counts those to which something else was fitted"
+    return f"{text}: {'; '.join(fits)}."
 
 
 def _scene_counts(record: Record) -> list[Block]:

@@ -10,7 +10,7 @@ from tactibench.board.cost import by_machine, frames_per_second, latency, machin
 from tactibench.board.curve import Curve, Step, counts
 from tactibench.board.grouping import row_anchor
 from tactibench.board.ranking import Ranks
-from tactibench.board.rows import PooledMetric, Row
+from tactibench.board.rows import FittedFrames, PooledMetric, Row, fitted_frames
 from tactibench.protocols.board_spec import Block as BoardTable
 from tactibench.protocols.board_spec import Column as MetricColumn
 from tactibench.protocols.board_spec import Ranking
@@ -34,8 +34,13 @@ IDENTITY = (
     Column("model", right=False, who=True),
     Column("encoder", right=False, detail=True),
     Column("regime", right=False, detail=True),
-    Column("mixing", detail=True),
+    Column("prior knowledge", right=False, detail=True),
     Column("seeds", detail=True),
+)
+FITTED = Column(
+    "labelled frames besides",
+    title="labelled frames of the tested sensor to which something else was fitted: a simulator, "
+    "offset and pivot of its labels",
 )
 BELOW = "†"
 """Marks a model whose errors are below the Cramer-Rao bound."""
@@ -44,14 +49,14 @@ PUBLISHED_HEADS = HEADS | {"coverage": "answered, %", "distance_mae_mm": "distan
 
 def identity(row: Row) -> list[Cell]:
     """Return the cells of IDENTITY; trivial models are in italics."""
-    mixing = f"mixing {row.mixing}" if row.mixing else ""
-    details = (row.encoder, row.regime, mixing, plural(len(row.records), "seed"))
+    prior = "" if row.prior == "none" else f"prior knowledge: {row.prior}"
+    details = (row.encoder, row.regime, prior, plural(len(row.records), "seed"))
     model = f"{row.model} {BELOW}" if row.below_bound else row.model
     return [
         Text(model, "italic" if row.trivial else "", ", ".join(filter(None, details))),
         row.encoder or "none",
         row.regime,
-        row.mixing or "no",
+        row.prior,
         seed_count(len(row.records)),
     ]
 
@@ -73,6 +78,8 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     pooled = [row.metric(first.metric, first.group) for row in rows]
     if spec.optional and not any(pooled):
         return None
+    if spec.sorted:
+        rows = sorted(rows, key=lambda row: _first_value(row, first))
     heads: list[Column | str] = [*IDENTITY]
     for column in spec.columns:
         heads.append(Column(column.head))
@@ -80,6 +87,11 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
             title = f"standard deviation over training seeds of {column.head}"
             heads.append(Column("sd", title=title, spread=True))
     body = [[*identity(row), *_metric_cells(row, spec)] for row in rows]
+    fitted = [fitted_frames(row.first) for row in rows]
+    if any(fitted):
+        heads.insert(len(IDENTITY), FITTED)
+        for cells, frames in zip(body, fitted, strict=True):
+            cells.insert(len(IDENTITY), _fitted(frames))
     if ranks is not None:
         heads.insert(0, Column("rank"))
         body = [
@@ -91,6 +103,19 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     note = " ".join(filter(None, (counted, "" if ranks is None else ranks.note)))
     made = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
     return made if ranks is None else replace(made, anchors=tuple(map(row_anchor, rows)))
+
+
+def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:
+    pooled = row.metric(column.metric, column.group)
+    return (True, 0.0) if pooled is None else (False, pooled.value)
+
+
+def _fitted(frames: FittedFrames | None) -> Cell:
+    if frames is None:
+        return Number(0, fixed(0))
+    if frames.labels is None:
+        return f"more than {frames.known:,}"
+    return Number(frames.known, "{:,.0f}".format)
 
 
 def _metric_cells(row: Row, spec: BoardTable) -> Iterator[Cell]:

@@ -49,6 +49,8 @@ NAMES = {
     "rmse_over_bound": "RMSE / Cramer-Rao bound",
     "rmse_pooled_mm": "RMSE pooled over axes",
     "spurious": "spurious contacts per frame",
+    "surface_excess_mm": "surface RMSE over the floor of the encoder",
+    "surface_floor_mm": "surface RMSE of the encoder itself",
     "surface_rmse_mm": "surface RMSE of the heatmap",
     "threshold_mm": "two-point threshold (75 %)",
     "limit_mm": "two-point limit of the noise",

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from tactibench.board.rows import measured_on
+from tactibench.board.rows import NOT_STATED, measured_on, prior_of
 from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
 from tactibench.protocols.families import UNTOUCHED, Axis
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
@@ -169,7 +169,7 @@ def _print_heading(console: Console, record: Record) -> None:
         )
     if mixed := training.notes.get("mixed"):
         console.print(Text(f"and on {mixed:,} frames mixed out of single presses"))
-    if prior := training.notes.get("prior"):
+    if (prior := prior_of(record)) not in ("none", NOT_STATED):
         console.print(Text(f"prior knowledge of contacts that press together: {prior}"))
     print_warning(console, record)
 

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from tactibench.board.cost import frames_per_second, latency
 from tactibench.board.placement import Placement, times_bound
+from tactibench.board.ranking import FEWEST_PRESSES, FEWEST_SEEDS
 from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import board_spec
 from tactibench.records.record import Record
@@ -146,6 +147,8 @@ def _place(record: Record, place: Placement | None) -> Iterator[str]:
         yield f"no rank, {why}"
     else:
         rank = f"rank {place.rank} of {place.rows} by {place.ranking.name}"
+        if place.rank is None:
+            rank = f"no rank yet, which takes {FEWEST_SEEDS} seeds and {FEWEST_PRESSES} presses"
         if place.above is None:
             yield f"{rank}, nothing above"
         else:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tactibench.contacts import Contacts
 from tactibench.frames.ground_truth import true_bounds, true_limits, true_surfaces
 from tactibench.frames.presses import Presses
 from tactibench.metrics.registry import check_metrics
@@ -30,6 +31,10 @@ from tactibench.run.reporter import Reporter
 from tactibench.run.score import score_answers
 from tactibench.run.timing import Speed
 from tactibench.run.train import train_model
+
+FLOOR = frozenset({"surface_floor_mm", "surface_excess_mm"})
+SURFACE = FLOOR | {"surface_rmse_mm"}
+"""Metrics that need the floor of the encoder, and those that need the true surfaces."""
 
 
 def execute(
@@ -116,12 +121,13 @@ def _add_simulated_truth(
 ) -> None:
     """Add what only a simulator knows, for the metrics that need it.
 
-    True surfaces beside heatmaps, Cramer-Rao bounds, two-point limits beside a threshold.
+    True surfaces beside heatmaps and how well the encoder can draw them, Cramer-Rao bounds,
+    two-point limits beside a threshold.
     """
     names, grid = plan.spec.metrics.names, plan.spec.grid.grid()
     context = SensorContext(np.random.SeedSequence(plan.spec.data_seed))
     with plan.components.tested.build(context) as sensor:
-        if "surface_rmse_mm" in names and plan.components.shows_surface and maps:
+        if SURFACE & {*names} and plan.components.shows_surface and maps:
             surfaces = _join_sets(
                 "true surfaces",
                 test.sets,
@@ -130,6 +136,13 @@ def _add_simulated_truth(
             )
             if surfaces is not None:
                 maps["surface"] = surfaces
+            encoder = plan.components.build_encoder()
+            if surfaces is not None and encoder is not None and FLOOR & {*names}:
+                from tactibench.metrics.surface import surface_floor
+
+                depth = plan.spec.workspace.depth_max_mm
+                contacts = [one for one in test.truth if isinstance(one, Contacts)]
+                maps["floor"] = surface_floor(encoder, contacts, surfaces, grid, depth)
         known = (
             ("rmse_over_bound", "bound", "Cramer-Rao bounds", true_bounds),
             ("threshold_mm", "limit", "two-point limits", true_limits),

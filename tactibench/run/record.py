@@ -72,6 +72,7 @@ def make_record(
             "reused": weights.reused,
             "history": report["history"],
             "notes": report["notes"],
+            "prior": report.get("prior"),
         },
         "data": {
             "train": frames.count("fit"),

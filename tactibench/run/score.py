@@ -85,6 +85,7 @@ def trials_of(
         level=protocol.test.level,
         maps=maps.get("maps"),
         surface=maps.get("surface"),
+        floor=maps.get("floor"),
         bound=None if bound is None else tuple(np.split(bound, counts)),
         limit=truth.get("limit"),
         axes=protocol.axes,

@@ -13,7 +13,8 @@ import numpy as np
 
 from tactibench.contacts import Answer, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import FitReport, Model, Progress
+from tactibench.plugins.base import Model, Progress
+from tactibench.plugins.fit_report import PRIORS, FitReport
 from tactibench.plugins.specs import ModelSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
@@ -26,6 +27,7 @@ from tactibench.records.identity import (
     installed_versions,
 )
 from tactibench.run.components import Components
+from tactibench.training.precision import resolve_precision
 
 TRAINING_STREAM = 1
 MANIFEST = "manifest.json"
@@ -111,9 +113,17 @@ def plan_weights(
         "frames": training_key,
         "seed": seed,
         "device": device,
+        **_auto_precision(model, device),
         "versions": installed_versions(*TRAINED_WITH),
     }
     return WeightsPlan.of(identity, cache)
+
+
+def _auto_precision(model: BoundSpec[ModelSpec], device: str) -> dict[str, str]:
+    """Return what "auto" means on this machine, where it may decide how a model is trained."""
+    if model.values.get("precision") not in ("auto", "recipe"):
+        return {}
+    return {"auto_precision": resolve_precision("auto", device)}
 
 
 def training_code(model: BoundSpec[ModelSpec]) -> str:
@@ -219,6 +229,11 @@ def _report_as_json(report: object, model: str) -> dict[str, Any]:
         raise UserError(
             f"fit of model {model!r} gave {type(report).__name__} where a FitReport is asked; end "
             "it with `return FitReport(...)`."
+        )
+    if report.prior is not None and report.prior not in PRIORS:
+        raise UserError(
+            f"fit of model {model!r} gave a FitReport with prior {report.prior!r}; allowed: "
+            f"{', '.join(PRIORS)}."
         )
     try:
         text = json.dumps(asdict(report), allow_nan=False, default=lambda value: value.item())

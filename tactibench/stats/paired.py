@@ -58,16 +58,22 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(x) for x in adjusted]
 
 
-def grouped(order: Sequence[int], worse: Callable[[int, int], bool]) -> dict[int, int]:
-    """Return the rank of every model of ``order``, best first, by whether it is ``worse``.
+def grouped(
+    order: Sequence[int], worse: Callable[[int, Sequence[int]], set[int]]
+) -> dict[int, int]:
+    """Return the rank of every model of ``order``, the best first.
 
-    The first of those that are left opens a group, all that are not worse than it join, and the
-    next group's rank counts the models before it (1, 1, 3).
+    The first of those that are left opens a group, all that are not worse join it, and the next
+    group's rank counts the models before it (1, 1, 3).
+
+    Args:
+        order: Models.
+        worse: Which of some models are worse than one; called with the first and all others left.
     """
     ranks: dict[int, int] = {}
     left = list(order)
     while left:
-        tied = [left[0], *(m for m in left[1:] if not worse(m, left[0]))]
-        ranks |= dict.fromkeys(tied, 1 + len(ranks))
-        left = [m for m in left if m not in tied]
+        behind = worse(left[0], left[1:])
+        ranks |= dict.fromkeys((m for m in left if m not in behind), 1 + len(ranks))
+        left = [m for m in left if m in behind]
     return ranks

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from tactibench.contacts import Answer, Contacts, Frame, Pose
 from tactibench.errors import UserError, describe_exception
 from tactibench.images import resized
-from tactibench.plugins.base import FitReport
+from tactibench.plugins.fit_report import FitReport
 from tactibench.run.predict import blinded
 from tactibench.testing.parameters import check_parameters
 from tactibench.testing.presses import changed_images, writable
@@ -29,7 +29,7 @@ from tactibench.testing.runner import (
     must_work,
     require,
 )
-from tactibench.testing.subjects import FIT, ModelSubject, difference
+from tactibench.testing.subjects import FIT, SEED, ModelSubject, difference
 
 BATCH = 8
 SHOWN = 10
@@ -134,6 +134,21 @@ def seed(subject: ModelSubject) -> None:
     model, _ = subject.trained_again
     gap = difference(subject.predict(model, subject.test_examples.frames), subject.answers)
     require(gap <= EXACT, f"answers differ by {gap:.3g}; is a global generator used?")
+
+
+def deterministic(subject: ModelSubject) -> None:
+    """A model that says that nothing is drawn saves the same weights after another seed."""
+    if not subject.spec.deterministic:
+        raise NotApplicable("it does not say so")
+    other = subject.build()
+    subject.fit(other, seed=SEED + 1)
+    saved = []
+    for model in (subject.trained(), other):
+        with TemporaryDirectory() as name:
+            model.save(Path(name))
+            paths = sorted(path for path in Path(name).rglob("*") if path.is_file())
+            saved.append([(path.name, path.read_bytes()) for path in paths])
+    require(saved[0] == saved[1], "the weights of two seeds differ")
 
 
 def save_load(subject: ModelSubject) -> None:

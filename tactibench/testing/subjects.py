@@ -17,12 +17,12 @@ from tactibench.errors import PluginError, UserError, call_plugin
 from tactibench.frames.source import spread
 from tactibench.plugins.base import (
     Encoder,
-    FitReport,
     Model,
     ModelContext,
     Sensor,
     SensorContext,
 )
+from tactibench.plugins.fit_report import FitReport
 from tactibench.plugins.specs import IMAGE, EncoderSpec, ModelSpec, SensorSpec, Value
 from tactibench.protocols.draws import draw_scenes, pressable
 from tactibench.protocols.loader import load_protocol
@@ -117,15 +117,15 @@ class ModelSubject:
         """Frames that the model was not trained on."""
         return self.examples[-TEST:]
 
-    def fit(self, model: Model, training: Examples | None = None) -> FitReport:
-        """Train a model with the seed of all checks, on other frames where they are given."""
+    def fit(self, model: Model, training: Examples | None = None, seed: int = SEED) -> FitReport:
+        """Train a model, with the seed of all checks and on their frames where none is given."""
         training = training or self.examples[:FIT]
         validation = self.examples[FIT : FIT + VALIDATION]
         return model.fit(
             list(training.frames),
             list(training.truth),
             validation=(list(validation.frames), list(validation.truth)),
-            rng=np.random.default_rng(SEED),
+            rng=np.random.default_rng(seed),
             progress=NullProgress(),
         )
 

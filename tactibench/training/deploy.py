@@ -18,7 +18,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from tactibench.training.inference import autocast, deterministic_kernels, resolve_precision
+from tactibench.training.inference import autocast, deterministic_kernels
+from tactibench.training.precision import resolve_precision
 
 Forward = Callable[[torch.Tensor], torch.Tensor]
 Fold = Callable[[nn.Module, str], nn.Module]

@@ -1,13 +1,11 @@
-"""Arithmetic of a network: which type a machine computes natively, and a copy for inference."""
+"""Arithmetic of a network: autocast, kernels that repeat themselves, and a copy for inference."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -24,36 +22,6 @@ CONFIGURATIONS = {
     "onnxruntime": "float32, normalisation folded, ONNX Runtime",
 }
 """Name -> description. All compute on the model's device; ONNX Runtime only on a CPU."""
-
-_FLAGS = {"avx512_bf16", "amx_bf16", "bf16"}
-"""Names in /proc/cpuinfo of bf16 products: two on x86, the last on ARM."""
-
-
-def resolve_precision(precision: str, device: str) -> str:
-    """Turn "auto" into "bf16" where the device has instructions for it, else into "float32".
-
-    torch says that oneDNN supports bf16 also where it has to emulate it, which is slower than
-    float32; so the processor's own flags decide. Where they cannot be read: float32.
-    """
-    if precision != "auto":
-        return precision
-    if device == "cuda":
-        return "bf16" if torch.cuda.is_bf16_supported() else "float32"
-    return "bf16" if _FLAGS & processor_flags() else "float32"
-
-
-@cache
-def processor_flags(path: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
-    """Return the instruction-set flags of the first processor; none where there is no such file."""
-    try:
-        lines = path.read_text().splitlines()
-    except OSError:
-        return frozenset()
-    for line in lines:
-        name, _, flags = line.partition(":")
-        if name.strip() in ("flags", "Features"):
-            return frozenset(flags.split())
-    return frozenset()
 
 
 def autocast(precision: str, device: str) -> AbstractContextManager[Any]:

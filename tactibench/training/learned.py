@@ -15,16 +15,17 @@ from torch import nn
 
 from tactibench.contacts import Answer, Contacts, Frame
 from tactibench.errors import UserError
-from tactibench.plugins.base import FitReport, Model, ModelContext, Progress, Stage
+from tactibench.plugins.base import Model, ModelContext, Progress, Stage
+from tactibench.plugins.fit_report import FitReport, Prior
 from tactibench.training.examples import Examples
 from tactibench.training.inference import (
     CONFIGURATIONS,
     autocast,
     deterministic_kernels,
     fold_batch_norm,
-    resolve_precision,
 )
 from tactibench.training.loop import train
+from tactibench.training.precision import resolve_precision
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
 from tactibench.training.targets import position_error_mm
 from tactibench.training.weights import load_weights, save_weights
@@ -67,7 +68,7 @@ class LearnedModel(Model):
         self.recipe = recipe
         self.architecture = architecture
         self.mixing = mixing
-        self.prior = "nominal mechanics"
+        self.prior: Prior = "nominal mechanics"
         precision = resolve_precision("auto", context.device)
         self.timed_as = f"{precision}, batch 1, normalisation folded, channels_last"
         self._network: nn.Module | None = None
@@ -203,7 +204,8 @@ class LearnedModel(Model):
             checkpoints=self.context.checkpoints,
         )
         self._use(network)
-        return replace(report, notes={**report.notes, **notes})
+        prior: Prior = self.prior if mixed else "none"
+        return replace(report, prior=prior, notes={**report.notes, **notes})
 
     def predict(self, frames: Sequence[Frame]) -> list[Answer | None]:
         """Return one answer a frame, computed in float32."""
@@ -310,7 +312,7 @@ class LearnedModel(Model):
                 raise
             notes["not_mixed"] = str(error)
             return [], []
-        notes |= {"mixing": share, "mixed": len(mixed), "prior": self.prior}
+        notes |= {"mixing": share, "mixed": len(mixed)}
         return mixed, contacts
 
     def _build(self, seed: int) -> nn.Module:

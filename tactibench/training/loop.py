@@ -19,11 +19,13 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from tactibench.errors import UserError
-from tactibench.plugins.base import FitReport, Progress
+from tactibench.plugins.base import Progress
+from tactibench.plugins.fit_report import FitReport
 from tactibench.training.averaging import average_weights, measure_statistics
 from tactibench.training.checkpoint import TrainingState, load_checkpoint, save_checkpoint
 from tactibench.training.examples import Examples
-from tactibench.training.inference import autocast, deterministic_kernels, resolve_precision
+from tactibench.training.inference import autocast, deterministic_kernels
+from tactibench.training.precision import resolve_precision
 from tactibench.training.recipe import Recipe, Seeds, torch_seed
 
 Loss = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]

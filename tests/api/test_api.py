@@ -121,8 +121,8 @@ def test_a_board_is_a_frame_and_places_a_run(
     cnn = run_of(store, "cnn")
     first = api.place(cnn, board)
     assert first is not None
-    # Errors press by press decide, not the fabricated means, which are equal.
-    assert (first.rows, first.rank) == (2, 1)
+    # One seed of six presses is no rank; the row above is named all the same.
+    assert (first.rows, first.rank) == (0, None)
     assert (first.board, first.committed) == (board, False)
     add(cnn, board)
     third = api.place(cnn, board)
@@ -130,7 +130,7 @@ def test_a_board_is_a_frame_and_places_a_run(
     assert third.committed
     second = api.place(unet, board)
     assert second is not None
-    assert (second.rows, second.rank) == (2, 1 if second.above is None else 2)
+    assert {first.above is None, second.above is None} == {True, False}
     frame = api.load_board("exp1", board)
     assert set(frame["model"]) == {"cnn", "unet"}
     short = store_run(

@@ -11,25 +11,45 @@ from hypothesis import strategies as st
 from tactibench.board.cost import latency
 from tactibench.board.grouping import rows_of
 from tactibench.board.ranking import ordered
-from tactibench.board.rows import label_of, mixing_of
+from tactibench.board.rows import FittedFrames, fitted_frames, label_of, mixing_of, prior_of
 from tactibench.board.sections import FINITE_ELEMENTS, NOMINAL, PERTURBED, sections_of
+from tactibench.records.record import FrameCounts, SensorId
 
 
 def test_a_label_names_what_differs_from_the_defaults_and_mixing_apart(fabricate):
     record = fabricate(settings={"width": 32, "mixing": 0.5})
     assert record.model.changed == {"width": 32, "mixing": 0.5}
-    assert mixing_of(record) == "0.5"
+    assert mixing_of(record) == 0.5
     assert label_of(record) == "unet, width=32 + hertz, mixing 0.5 (single)"
     assert label_of(fabricate(model="cnn", encoder=None)) == "cnn (single)"
-    assert mixing_of(fabricate(settings={"mixing": 0.0})) == ""
+    assert mixing_of(fabricate(settings={"mixing": 0.0})) == 0.0
 
 
 def test_a_row_says_what_its_mixed_frames_know_and_not_what_was_asked_for(fabricate):
     record = fabricate(settings={"mixing": -1.0})
-    assert mixing_of(record) == ""
-    notes = {"mixing": 1.0, "mixed": 3600, "prior": "plain addition"}
-    training = record.training.model_copy(update={"notes": notes})
-    assert mixing_of(record.model_copy(update={"training": training})) == "1, plain addition"
+    assert mixing_of(record) == 0.0
+    notes = {"mixing": 1.0, "mixed": 3600}
+    mixed = trained(record, notes=notes, prior="plain addition")
+    assert (mixing_of(mixed), prior_of(mixed)) == (1.0, "plain addition")
+    (row,) = rows_of([mixed])
+    assert row.prior == "plain addition, mixing 1"
+
+
+def trained(record, **facts):
+    return record.model_copy(update={"training": record.training.model_copy(update=facts)})
+
+
+def test_prior_knowledge_of_older_records_is_what_follows_from_them(fabricate):
+    """Never hidden: where nothing follows, the row says that nothing was stated."""
+    network = fabricate(settings={"mixing": 0.0})
+    assert prior_of(network) == "none"
+    assert prior_of(trained(network, notes={"mixing": 1.0})) == "not stated"
+    noted = trained(network, notes={"mixing": 1.0, "prior": "nominal mechanics"})
+    assert prior_of(noted) == "nominal mechanics"
+    assert prior_of(fabricate(model="superpose", encoder=None)) == "not stated"
+    assert prior_of(fabricate(model="cnn", encoder=None)) == "none"  # answers one contact
+    assert prior_of(fabricate(model="nearest", encoder=None)) == "none"
+    assert prior_of(fabricate(model="stranger", encoder=None)) == "not stated"
 
 
 def test_a_record_without_a_readable_signature_keeps_its_names(fabricate):
@@ -170,3 +190,35 @@ def test_a_row_surely_below_the_bound_is_told(fabricate, value, below):
     """The interval of a fabricated metric is a tenth to either side."""
     (row,) = rows_of([fabricate(metrics=(("rmse_over_bound", "x", value),))])
     assert row.below_bound == below
+
+
+@pytest.mark.parametrize(
+    ("described", "fitted"),
+    [
+        ({"pivot_mm": 20.5, "label_fit": {"presses": 1500}}, FittedFrames(400, 1500)),
+        ({"pivot_mm": 20.5}, FittedFrames(400, None)),  # an older run, whose fit has no count
+        ({"pivot_mm": 0.0}, FittedFrames(400, 0)),  # as the parameter gave it
+    ],
+)
+def test_labelled_frames_of_the_tested_sensor_are_counted_whatever_was_fitted(
+    fabricate, described, fitted
+):
+    tested = {
+        "name": "recorded",
+        "parameters": {"pivot_mm": 0.0},
+        "asked": ["data=331"],
+        "on": "recording 331",
+        "presses": 1000,
+        "trained_on": "simulated fitted-331",
+    }
+    sensor = {"name": "fitted-331", "origin": "simulated", "parameters": {}, "tested": tested}
+    seen = {"labelled_frames": [0, 200], "left_out_calibrated": 400, "described": described}
+    record = fabricate().model_copy(
+        update={
+            "sensor": SensorId.model_validate(sensor),
+            "data": FrameCounts.model_validate({"of_tested_sensor": seen}),
+        }
+    )
+    assert fitted_frames(record) == fitted
+    assert fitted.known == 400 + (fitted.labels or 0)
+    assert fitted_frames(fabricate()) is None

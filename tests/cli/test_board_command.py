@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tactibench.board.submissions import compact
+from tactibench.records.store import with_checksum
+
 
 def test_runs_are_added_written_and_checked(cli, stored_run):
     names = [stored_run(seed=0), stored_run(seed=1)]
@@ -16,7 +19,7 @@ def test_runs_are_added_written_and_checked(cli, stored_run):
     assert f"added leaderboards/submissions/exp1/{names[0]}.json" in out
     assert "leaderboards/exp1.md: 2 runs; written" in out
     text = Path("leaderboards/exp1.md").read_text(encoding="utf-8")
-    assert "| 1 | unet | hertz | single | no | 2 |" in text
+    assert "| n/a | unet | hertz | single | not stated | 2 |" in text
     assert cli("board", "check")[0] == 0
     assert "exp1.md: 2 runs; unchanged" in cli("board", "write")[1]
 
@@ -34,6 +37,22 @@ def test_a_changed_page_fails_the_check_with_what_to_do(cli, stored_run):
     cli("board", "write")
     Path("leaderboards/exp1.md").unlink()
     assert "leaderboards/exp1.md is not" in cli("board", "check")[2]
+
+
+@pytest.mark.parametrize(("weights", "code"), [("a", 0), ("b", 1)])
+def test_rows_of_one_name_have_one_training(cli, fabricate, weights, code):
+    for protocol, letter in (("exp1", "a"), ("exp2", weights)):
+        record = fabricate(protocol=protocol)
+        record.identity.weights_hash = 64 * letter
+        folder = Path("board/submissions") / protocol
+        folder.mkdir(parents=True)
+        values = with_checksum(compact(record).json_values())
+        (folder / f"{record.name}.json").write_text(json.dumps(values), encoding="utf-8")
+    cli("board", "write", "--board", "board")
+    found, out, err = cli("board", "check", "--board", "board")
+    assert found == code
+    assert ("1 training has one set of weights each." in out) == (code == 0)
+    assert ("but have weights aaaaaaaa and bbbbbbbb; run both" in err) == (code == 1)
 
 
 def test_a_pattern_takes_whole_runs_and_the_newest_of_a_seed(cli, stored_run):
@@ -90,15 +109,18 @@ def test_two_records_of_one_seed_are_refused(cli, refused, stored_run):
 
 
 def test_the_same_figures_as_csv_and_latex(cli, stored_run):
-    name = stored_run(model="a_b", error=0.05)
-    assert cli("board", "add", name)[0] == 0
+    names = [stored_run(model="a_b", error=0.0625, seed=seed) for seed in range(3)]
+    assert cli("board", "add", *names)[0] == 0
     assert cli("board", "export", "--csv", "rows.csv", "--latex", "table.tex")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
-    assert (mae["value"], mae["unit"], mae["model"], mae["rank"]) == ("0.05", "mm", "a_b", "1")
+    assert (mae["value"], mae["unit"], mae["model"], mae["rank"]) == ("0.0625", "mm", "a_b", "")
     text = Path("table.tex").read_text()
-    assert r"1 & a\_b & hertz & single & no & 1 & 0.0500 {\scriptsize [0.0450, 0.0550]} & " in text
+    assert (
+        r"-- & a\_b & hertz & single & not stated & 3 & 0.0625 {\scriptsize [0.0563, 0.0688]} & "
+        in text
+    )
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
     assert "% protocol:exp1@1|model:a_b" in text
 

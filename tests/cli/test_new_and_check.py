@@ -55,14 +55,14 @@ def test_check_prints_a_line_a_property_and_the_counts(cli: Any, tmp_path: Path)
     assert (code, err) == (0, "")
     first, *lines, last = out.splitlines()
     assert first.startswith("model mean of plugin 'baselines' (tactibench ")
-    assert last == "19 ran: 18 passed, 0 failed, 1 failed as expected; 3 skipped"
+    assert last == "20 ran: 19 passed, 0 failed, 1 failed as expected; 3 skipped"
     (expected,) = [line for line in lines if "failed as expected" in line]
     assert "nan_frame" in expected
     assert "looks at no frame" in expected
     found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert len(found["properties"]) == len(lines) == 22
+    assert len(found["properties"]) == len(lines) == 23
     counts = {row["metric"]: row["value"] for row in found["metrics"]}
-    assert (counts["ran"], counts["failed"], counts["failed_as_expected"]) == (19, 0, 1)
+    assert (counts["ran"], counts["failed"], counts["failed_as_expected"]) == (20, 0, 1)
     assert {one["outcome"] for one in found["properties"]} == {
         "passed",
         "failed as expected",

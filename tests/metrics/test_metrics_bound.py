@@ -58,3 +58,29 @@ def test_other_values_are_refused(wrong: float) -> None:
     bound[1, 2] = wrong
     with pytest.raises(ValueError, match=r"not finite|positive"):
         trials(bound)
+
+
+def test_pairs_are_compared_contact_by_contact_inside_the_gate() -> None:
+    """Errors of a quarter of the bound on x, once and twice it on y and depth; one is missed."""
+    rng = np.random.default_rng(6)
+    n, scale = 2000, np.array([0.25, 1.0, 2.0])
+    bound = rng.uniform(0.01, 0.05, (n, 2, 3))
+    places = np.array([[-4.0, 0.0, 2.0], [4.0, 0.0, 3.0]])
+    guess = places + rng.normal(size=bound.shape) * bound * scale
+
+    def contacts(rows: Any) -> Contacts:
+        return Contacts(rows[:, :2], rows[:, 2], np.ones(len(rows)))
+
+    guesses = [contacts(rows[::-1]) for rows in guess]  # in another order than the truth
+    guesses[0] = contacts(guess[0][1:])
+    made = Trials(
+        (contacts(places),) * n, tuple(guesses), np.arange(n), ("8.0",) * n, bound=tuple(bound)
+    )
+    found = {r.group: r for r in score(["rmse_over_bound"], made, rng=np.random.default_rng(0))}
+    for axis, expected in zip("xyz", scale, strict=True):
+        assert found[axis].value == pytest.approx(expected, rel=0.05)
+        assert found[axis].n == 2 * n - 1
+    error = np.concatenate([guess[0, 1:] - places[1:], *(guess[1:] - places)])
+    spread = np.concatenate([bound[0, 1:], *bound[1:]])
+    by_hand = np.sqrt((error**2).sum(axis=0) / (spread**2).sum(axis=0))
+    assert [found[axis].value for axis in "xyz"] == pytest.approx(list(by_hand))

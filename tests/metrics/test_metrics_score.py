@@ -211,7 +211,8 @@ def test_every_metric_says_what_it_is():
         "raised",
     }
     beside = {"limit_mm"}  # of every threshold on a sensor that knows it
-    asked = {*EXP1, *EXP2, *EXP3, *plates, *uncertainty, *hard, *beside}
+    floor = {"surface_floor_mm", "surface_excess_mm"}  # of later versions
+    asked = {*EXP1, *EXP2, *EXP3, *plates, *uncertainty, *hard, *beside, *floor}
     assert asked == set(FAMILIES)
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tactibench.contacts import Contacts, PlatePose
+from tactibench.contacts import Contacts, Grid, PlatePose
 from tactibench.metrics.score import score
+from tactibench.metrics.surface import surface_floor
 from tactibench.metrics.trials import PlateTrials, Trials
 
 PLATE = ["depth_mae_mm", "tilt_mae_deg", "coverage"]
@@ -35,6 +36,64 @@ def test_a_constant_offset_is_its_rmse():
     trials = Trials(none, none, np.arange(3), ("all",) * 3, maps=maps, surface=maps * 6 + 0.25)
     (row,) = score(["surface_rmse_mm"], trials, rng=np.random.default_rng(0))
     assert (row.value, row.low, row.high) == pytest.approx((0.25, 0.25, 0.25))
+
+
+def test_excess_is_what_the_model_adds_to_the_floor():
+    rng = np.random.default_rng(2)
+    floor = rng.uniform(0.1, 0.3, 6)
+    trials = surface_trials(rng, floor=floor)
+    names = ["surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"]
+    rows = {(r.metric, r.group): r for r in score(names, trials, rng=np.random.default_rng(0))}
+    for group, part in {"dual": slice(0, 2), "triple": slice(2, 5), "all": slice(0, 5)}.items():
+        whole, least, excess = (rows[name, group] for name in names)
+        assert least.value == pytest.approx(np.sqrt(floor[part].mean()))
+        assert excess.value == pytest.approx(whole.value - least.value)
+    excess = rows["surface_excess_mm", "all"]
+    assert excess.low < excess.value < excess.high
+
+
+def test_maps_that_are_the_encoders_own_have_no_excess_and_no_scatter():
+    rng = np.random.default_rng(3)
+    trials = surface_trials(rng)
+    squares = ((trials.maps.astype(float) * 6 - trials.surface) ** 2).mean(axis=(1, 2))
+    same = surface_trials(np.random.default_rng(3), floor=squares)
+    rows = score(["surface_excess_mm"], same, rng=np.random.default_rng(0))
+    ends = [end for r in rows if r.low is not None for end in (r.value, r.low, r.high)]
+    assert ends == pytest.approx([0.0] * 6, abs=1e-12)
+    alone = score(["surface_excess_mm", "surface_floor_mm"], trials, rng=np.random.default_rng(0))
+    assert {r.value for r in alone} == {None}
+
+
+def test_the_interval_of_the_excess_is_that_of_a_bootstrap_over_presses():
+    rng = np.random.default_rng(4)
+    n = 400
+    maps = rng.uniform(0, 0.2, (n, 1, 1))
+    floor = 0.25 * maps[:, 0, 0] ** 2 + rng.uniform(0, 0.02, n)
+    none = (Contacts.none(),) * n
+    trials = Trials(
+        none, none, np.arange(n), ("all",) * n, maps=maps, surface=0 * maps, floor=floor
+    )
+    (row,) = score(["surface_excess_mm"], trials, rng=rng)
+    picks = rng.integers(n, size=(4000, n))
+    squares = (6 * maps[:, 0, 0]) ** 2
+    drawn = np.sqrt(squares[picks].mean(axis=1)) - np.sqrt(floor[picks].mean(axis=1))
+    assert (row.high - row.low) / 2 == pytest.approx(1.96 * drawn.std(), rel=0.06)
+
+
+class Drawing:
+    """An encoder that draws the depth of every contact in all cells."""
+
+    def encode_batch(self, contacts, grid):
+        depth = np.array([c.depth.sum() for c in contacts])
+        return np.ones((len(contacts), 1, *grid.shape), np.float32) * depth[:, None, None, None] / 6
+
+
+def test_the_floor_is_the_error_of_the_true_contacts_as_they_are_drawn():
+    grid = Grid((2, 2), (0.0, 0.0), 1.0)
+    truth = [Contacts.truth([[0, 0]], [depth]) for depth in np.linspace(1, 3, 250)]
+    surfaces = np.zeros((250, 2, 2), np.float16)
+    floor = surface_floor(Drawing(), truth, surfaces, grid, 6.0)
+    assert floor == pytest.approx(np.linspace(1, 3, 250) ** 2, rel=1e-6)
 
 
 def test_plates_against_plain_loops():

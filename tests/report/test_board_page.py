@@ -93,9 +93,12 @@ def test_a_row_shows_seeds_mean_interval_spread_misses_and_trivial_rows(fabricat
     assert "1,000 presses." in text
 
 
-def test_mixing_has_a_column_of_its_own(fabricate):
+def test_prior_knowledge_and_mixing_have_a_column_of_their_own(fabricate):
     (rows,) = tables(made([fabricate(settings={"mixing": 1.0, "width": 8})]))["Error"]
-    assert (rows[0]["model"], rows[0]["mixing"]) == ("unet, width=8", "1")
+    assert (rows[0]["model"], rows[0]["prior knowledge"]) == (
+        "unet, width=8",
+        "not stated, mixing 1",
+    )
 
 
 @pytest.mark.parametrize("protocol", sorted(protocol_files()))

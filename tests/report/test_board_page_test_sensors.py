@@ -156,5 +156,6 @@ def test_every_pair_of_sensors_has_a_table_and_says_what_was_simulated(tested):
     assert all(len(section.rows) == 2 for section in sections)
     assert measured_on(records[-1]) == "real recording tac/127, trained on simulated fitted-127"
     text = board_page(load_protocol("transfer"), records, []).markdown()
-    assert "42 frames to which the simulator was fitted test nothing" in text
+    assert "the simulated sensor to 42, which test nothing; offset and pivot" in text
+    assert "| labelled frames besides |" in text
     assert "Trivial rows" not in text

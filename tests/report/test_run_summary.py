@@ -85,6 +85,9 @@ def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None
     assert "rank 1 of 9 by MAE, mean of x, y and depth, nothing above" in place_line(
         made, Placement(ranking, 1, 9, None)
     )
+    assert "no rank yet, which takes 3 seeds and 20 presses, above it cnn" in place_line(
+        made, Placement(ranking, None, 9, above)
+    )
 
 
 RATIOS = (("x", 1.5), ("y", 20.0), ("z", 1021.3))

@@ -18,7 +18,8 @@ from tactibench import UserError
 from tactibench.board import submissions
 from tactibench.board.grouping import section_key
 from tactibench.board.rows import measured_on, trained_on
-from tactibench.board.truth import Source, trusted_host
+from tactibench.board.shipped import trusted_host
+from tactibench.board.truth import Source
 from tactibench.board.verification import verify
 from tactibench.plugins.host import PluginHost
 from tactibench.protocols.loader import protocol_files

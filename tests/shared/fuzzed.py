@@ -103,7 +103,8 @@ def _records(_: Path) -> list[bytes]:
 
 @cache
 def _submission_source() -> Any:
-    from tactibench.board.truth import Source, trusted_host
+    from tactibench.board.shipped import trusted_host
+    from tactibench.board.truth import Source
 
     return Source(trusted_host(), Path(tempfile.mkdtemp(prefix="fuzz-cache-")))
 

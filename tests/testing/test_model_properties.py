@@ -67,6 +67,12 @@ def global_noise(self: Any, fit: Any, *arguments: Any, **keys: Any) -> Any:
     return report
 
 
+def noise_of_the_seed(self: Any, fit: Any, *arguments: Any, **keys: Any) -> Any:
+    report = fit(*arguments, **keys)
+    self.mean_answer = self.mean_answer + keys["rng"].normal(0, 0.1, 3)
+    return report
+
+
 def forgets_to_save(self: Any, save: Any, directory: Any) -> None:
     self.mean_answer, kept = np.zeros(3), self.mean_answer
     save(directory)
@@ -160,6 +166,7 @@ BROKEN = [
     ("batch", answering(lambda answers, _: moved(answers, np.arange(len(answers)))), {}),
     ("sensors", answering(by_the_first_rest), {}),
     ("seed", changing("fit", global_noise), {}),
+    ("deterministic", changing("fit", noise_of_the_seed), {"deterministic": True}),
     ("save_load", changing("save", forgets_to_save), {}),
     ("save_load", with_attributes(save=lambda *_: None), {}),
     ("damaged_weights", changing("load", loads_anything), {}),
@@ -216,7 +223,7 @@ def test_the_good_one_holds_them_all(host: Any) -> None:
     assert [finding.line() for finding in report.findings if finding.outcome == FAILED] == []
     assert report.ok
     skipped = {one.checked.name for one in report.findings if one.outcome == SKIPPED}
-    assert skipped == {"every_answer", "several", "maps", "adapt"}
+    assert skipped == {"every_answer", "deterministic", "several", "maps", "adapt"}
 
 
 def test_a_model_that_adapts_and_forgets_is_good(host: Any, target: Any) -> None:

@@ -5,12 +5,8 @@ import torch
 from state_hash import state_hash
 from torch import nn
 
-from tactibench.training.inference import (
-    autocast,
-    fold_batch_norm,
-    processor_flags,
-    resolve_precision,
-)
+from tactibench.training.inference import autocast, fold_batch_norm
+from tactibench.training.precision import processor_flags, resolve_precision
 
 
 def test_a_folded_network_answers_as_before():
@@ -64,7 +60,7 @@ def test_auto_follows_the_processors_flags(monkeypatch, tmp_path, flags, chosen)
     file.write_text(f"processor : 0\nflags\t\t: {flags}\n\nprocessor : 1\nflags : other\n")
     found = processor_flags(file)
     assert found == set(flags.split())
-    monkeypatch.setattr("tactibench.training.inference.processor_flags", lambda: found)
+    monkeypatch.setattr("tactibench.training.precision.processor_flags", lambda: found)
     assert resolve_precision("auto", "cpu") == chosen
 
 

@@ -36,8 +36,9 @@ def best_rows(
     ]
     rows = [cells for board, page in boards for cells in _first_rows(board, page, link)]
     note = (
-        "Rows of rank 1: no paired 95 % interval tells them apart from the first, by the error "
-        "that orders the board. Trivial rows and tables of a single row are left out."
+        "Rows of rank 1: their order may be chance, that of presses and of seeds. Where none has a "
+        "rank: the one with the smallest error. Trivial rows and tables of a single row are left "
+        "out."
     )
     return table(heads, rows, title="At a glance", note=note)
 
@@ -50,9 +51,11 @@ def _first_rows(
         ranked = ranks(board.name, section.rows, board.errors)
         if error is None or ranked is None or sum(not row.trivial for row in section.rows) < 2:
             continue
-        for row, rank in zip(section.rows, ranked.by_row, strict=True):
+        better = [k for k, row in enumerate(section.rows) if not row.trivial]
+        first = [k for k in better if ranked.by_row[k] == 1] or better[:1]
+        for row in (section.rows[k] for k in first):
             value = metric_number(row.metric(error.metric, error.group), error.decimals)
-            if rank == 1 and value is not None and not row.trivial:
+            if value is not None:
                 name = Text(row.label, link=link(board, row_anchor(row)))
                 where = Text(section.title, below=f"{error.name}, {error.unit}")
                 yield [board.name, where, name, value, misses(row), row_latency(row)]

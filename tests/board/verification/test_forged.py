@@ -8,7 +8,8 @@ import forged
 import pytest
 
 from tactibench import UserError
-from tactibench.board.truth import Source, trusted_host
+from tactibench.board.shipped import trusted_host
+from tactibench.board.truth import Source
 from tactibench.board.verification import score_again
 
 pytestmark = pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")

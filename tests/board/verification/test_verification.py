@@ -15,7 +15,8 @@ import pytest
 
 from tactibench import UserError
 from tactibench.board.predictions import answers_file
-from tactibench.board.truth import Source, trusted_host, truth_of
+from tactibench.board.shipped import trusted_host
+from tactibench.board.truth import Source, truth_of
 from tactibench.board.verification import verify
 from tactibench.frames.two_point_limit import D_PRIME
 from tactibench.geometry import true_contacts

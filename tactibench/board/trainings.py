@@ -1,0 +1,113 @@
+"""One name, one training: the rows of one name and seed have the same weights in every protocol.
+
+A row is called by model, parameters, regime, encoder and sensor. Who reads two boards takes rows of
+one name for one model; trained twice, with other epochs or another version of the code, they are
+two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tactibench.board.grouping import training_sensor
+from tactibench.board.rows import label_of, trained_on
+from tactibench.board.shipped import deterministic_models
+from tactibench.protocols.loader import LoadedProtocol
+from tactibench.protocols.schema import Protocol
+from tactibench.records.identity import canonical
+from tactibench.records.record import Record
+
+
+@dataclass(frozen=True)
+class Trainings:
+    """The trainings behind a board.
+
+    Attributes:
+        contradictions: A sentence for each record whose weights are not those of its name.
+        names: How many names and seeds were compared.
+        older: How many records have no checksum; they were made before this rule.
+        older_names: How many names among these have several trainings.
+    """
+
+    contradictions: tuple[str, ...]
+    names: int
+    older: int
+    older_names: int
+
+    @property
+    def note(self) -> str:
+        """A sentence on what was compared, and what was not."""
+        count = "1 training has" if self.names == 1 else f"{self.names} trainings have"
+        text = f"{count} one set of weights each"
+        if not self.older:
+            return f"{text}."
+        return (
+            f"{text}. Not held to that: {self.older} older records without a checksum, among them "
+            f"names with several trainings: {self.older_names}."
+        )
+
+
+def compare_trainings(records: Iterable[tuple[Record, LoadedProtocol]]) -> Trainings:
+    """Compare the weights of records, given with the versions of protocols that they stand with.
+
+    Records of a present version with a checksum are held to the rule. Those without one are
+    counted, and archived versions are left out.
+    """
+    sealed: dict[str, list[Record]] = {}
+    older: dict[str, list[Record]] = {}
+    for record, protocol in records:
+        if protocol.archived or record.protocol.hash != protocol.hash:
+            continue
+        group = older if record.identity.checksum is None else sealed
+        group.setdefault(canonical(training_key(record, protocol.spec)), []).append(record)
+    return Trainings(
+        tuple(sentence for several in sealed.values() for sentence in _contradictions(several)),
+        len(sealed),
+        sum(map(len, older.values())),
+        sum(len(_hashes(several)) > 1 for several in older.values()),
+    )
+
+
+def training_key(record: Record, protocol: Protocol) -> list[Any]:
+    """Return all that is in the name of a training, as JSON values.
+
+    The kind of answer and a training for another sensor are part of it: they follow from the
+    protocol and change what is learned. A model that draws nothing has one training for all seeds.
+    """
+    transfers = protocol.transfer is not None
+    drawn = transfers or record.model.name not in deterministic_models()
+    return [
+        record.model.identity,
+        record.regime,
+        None if record.encoder is None else record.encoder.identity,
+        training_sensor(record),
+        None if record.sensor.recording is None else record.sensor.recording.sha256,
+        None if record.sensor.range is None else record.sensor.range.json_values(),
+        trained_on(record),
+        record.data.train,
+        record.limits.presses,
+        [protocol.answer, transfers],
+        record.seed if drawn else "any",
+    ]
+
+
+def _hashes(records: Sequence[Record]) -> set[str]:
+    return {record.identity.weights_hash for record in records}
+
+
+def _contradictions(records: Sequence[Record]) -> list[str]:
+    first, *others = sorted(records, key=lambda record: (record.created, record.name))
+    return [
+        f"{first.name} and {other.name} are both seed {other.seed} of {label_of(other)}, but have "
+        f"weights {first.identity.weights_hash[:8]} and {other.identity.weights_hash[:8]}; run "
+        "both with one training, and add them again."
+        if first.seed == other.seed
+        else f"{first.name} and {other.name} are seeds {first.seed} and {other.seed} of "
+        f"{label_of(other)}, which draws nothing when it is trained, but have weights "
+        f"{first.identity.weights_hash[:8]} and {other.identity.weights_hash[:8]}; run both anew "
+        "on one machine."
+        for other in others
+        if other.identity.weights_hash != first.identity.weights_hash
+    ]

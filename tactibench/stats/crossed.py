@@ -1,0 +1,76 @@
+"""Differences of models that were trained on several seeds and answered the same presses.
+
+A mean over presses and seeds is off for two reasons: other presses, and other seeds. No bootstrap
+of an array of presses by seeds is exact (McCullagh 2000, Bernoulli 6:285), and resampling three
+seeds says too little: it finds two thirds of their variance. So the two variances are estimated
+each on its own and added, as the variance of a crossed array is when its last term is left out.
+That errs to the safe side: what a press and a seed do together is counted twice (Owen 2007, Annals
+of Applied Statistics 1:386). The sum has the degrees of freedom of Welch and Satterthwaite (Welch
+1947). These can be more than the few of the seeds, so the seeds alone are asked, too, and the
+wider of the two decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import stdtr  # scipy.stats takes a second to import
+
+from tactibench.stats.clusters import FloatArray
+from tactibench.stats.paired import holm
+
+Term = tuple[FloatArray, FloatArray]
+"""Variances of differences, and the degrees of freedom with which each was estimated."""
+
+
+def crossed_p_values(
+    difference: FloatArray,
+    press_variance: FloatArray,
+    presses: FloatArray,
+    seed_variance: FloatArray,
+    seeds: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return two-sided p values of every pair of K models: of presses alone, and of seeds as well.
+
+    Args:
+        difference: (K, K), row minus column.
+        press_variance: (K, K) variance of the difference over other presses.
+        presses: (K, K) number of presses behind it.
+        seed_variance: (K,) variance of a model's mean over other seeds; 0 where nothing of a
+            training is drawn.
+        seeds: (K,) number of seeds.
+    """
+    freedom = np.maximum(seeds - 1.0, 1.0)
+    own = np.broadcast_to(seed_variance, difference.shape)
+    free = np.broadcast_to(freedom, difference.shape)
+    of_seeds: list[Term] = [(own.T, free.T), (own, free)]
+    of_presses: list[Term] = [(press_variance, np.maximum(presses - 1.0, 1.0))]
+    return welch_p_values(difference, of_presses), np.maximum(
+        welch_p_values(difference, of_seeds),
+        welch_p_values(difference, [*of_seeds, *of_presses]),
+    )
+
+
+def welch_p_values(difference: FloatArray, terms: Sequence[Term]) -> FloatArray:
+    """Return two-sided p values of differences whose variance is a sum of independent estimates.
+
+    Without any variance p is 1 for a difference of 0, and 0 for every other.
+    """
+    zero = np.zeros_like(difference)
+    variance = sum((variance for variance, _ in terms), zero)
+    spread = sum((variance**2 / freedom for variance, freedom in terms), zero)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = variance**2 / spread
+        p = 2 * stdtr(freedom, -np.abs(difference) / np.sqrt(variance))
+    certain = np.where(difference == 0, 1.0, 0.0)
+    return np.where(spread > 0, p, certain)
+
+
+def adjust_pairs(p: FloatArray) -> FloatArray:
+    """Return symmetric (K, K) p values, adjusted for the family of all pairs by Holm."""
+    upper = np.triu_indices(len(p), 1)
+    adjusted = np.ones_like(p)
+    if len(upper[0]):
+        adjusted[upper] = holm(p[upper].tolist())
+    return np.minimum(adjusted, adjusted.T)
