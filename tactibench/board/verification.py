@@ -59,7 +59,7 @@ NEGLIGIBLE_MM = 1e-6
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
 
-FORM = ("unit", "better", "censored")
+FORM = ("unit", "better", "censored", "method")
 """Fields of a metric that do not rest on what was measured."""
 
 

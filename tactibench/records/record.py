@@ -57,7 +57,8 @@ class _Open(BaseModel):
 class Metric(_Strict):
     """A metric of one group. value: None for n/a. n: values averaged. clusters: presses.
 
-    censored: the value is only a limit.
+    censored: the value is only a limit. method: how it was estimated where that is not the metric's
+    usual way; "interpolated": between measured shares, because no curve fits them.
     """
 
     metric: str
@@ -70,6 +71,7 @@ class Metric(_Strict):
     unit: str
     better: Literal["lower", "higher", "none"]
     censored: Literal["<", ">"] | None = None
+    method: Literal["interpolated"] | None = None
 
 
 class SpeedRow(_Strict):

@@ -89,6 +89,7 @@ def trials_of(
         limit=truth.get("limit"),
         axes=protocol.axes,
         failed=_failures(predicted),
+        psychometric=protocol.test.psychometric,
     )
 
 

@@ -211,7 +211,8 @@ def test_every_metric_says_what_it_is():
         "raised",
     }
     beside = {"limit_mm"}  # of every threshold on a sensor that knows it
-    asked = {*EXP1, *EXP2, *EXP3, *plates, *uncertainty, *hard, *beside}
+    fit = {f"threshold_{name}" for name in ("lapse", "deviance", "freedom", "p")}
+    asked = {*EXP1, *EXP2, *EXP3, *plates, *uncertainty, *hard, *beside, *fit}
     assert asked == set(FAMILIES)
 
 
