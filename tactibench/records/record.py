@@ -75,7 +75,12 @@ class Metric(_Strict):
 
 
 class SpeedRow(_Strict):
-    """Latency of one phase, ms a call."""
+    """Latency of one phase, ms a call.
+
+    settled: whether times neither drifted nor were disturbed. cpu_ms: mean processor time of the
+    process. stolen, foreign: shares of the processors that other machines and other processes took
+    meanwhile; load: load average of the minute before. None where that was not measured.
+    """
 
     scenario: str
     threads: int
@@ -87,6 +92,10 @@ class SpeedRow(_Strict):
     mean_ms: float
     per_s: float
     settled: bool
+    cpu_ms: float | None = None
+    stolen: float | None = None
+    foreign: float | None = None
+    load: float | None = None
 
 
 class ProtocolId(_Strict):
@@ -281,9 +290,15 @@ class Configuration(_Open):
 
 
 class Timed(Configuration):
-    """The configuration that was timed, and those that it was chosen from."""
+    """The configuration that was timed, and those that it was chosen from.
+
+    interleaved: models that were timed in turns, this one among them; None where it was timed by
+    itself, after its training. at: when, where that was not in the run.
+    """
 
     raced: list[Configuration] = []
+    interleaved: int | None = None
+    at: str | None = None
 
 
 class Efficiency(_Open):
