@@ -47,6 +47,9 @@ SETTLED_WITHIN = 0.02
 """Relative difference of the medians of two blocks of calls at which a warm-up ends."""
 BLOCK = 20
 """Calls of a block: enough for a median that a neighbour's work does not move."""
+READING_MS = 0.003
+"""Time that reading the clocks of a phase takes at most: processor and wall time of a call of few
+microseconds differ by it."""
 WARMUP_BLOCKS = 25
 """Blocks after which a warm-up ends although it has not settled."""
 
@@ -102,11 +105,15 @@ class LatencySample:
     @property
     def quiet(self) -> bool:
         """Return whether nothing else took part of the times, as far as that can be known."""
-        share, load = self.processor_share, self.load
-        if share is None or share < 1 - QUIET:
+        if self.cpu_ms is None:
+            return False
+        wall, load = float(self.raw_ms.sum()), self.load
+        slack = QUIET * wall + READING_MS * self.raw_ms.size
+        more = float(self.cpu_ms.sum()) - wall
+        if more < -slack:
             return False
         if self.threads == 1:
-            return share <= 1 + QUIET and (load.stolen or 0.0) <= QUIET
+            return more <= slack and (load.stolen or 0.0) <= QUIET
         return load.quiet is not False
 
     @property
