@@ -117,7 +117,7 @@ def misses_line(record: Record) -> str:
 
 
 def speed_line(record: Record) -> str:
-    """Return the time of one frame and the best rate, and whether a time still drifted."""
+    """Return the time of one frame and the best rate, and whether a time is not settled."""
     threads = sorted({row.threads for row in record.speed if row.scenario == "single"})
     times = [
         f"{number(p90, 2)} ms ({plural(count, 'thread')})"
@@ -129,7 +129,7 @@ def speed_line(record: Record) -> str:
     rate = frames_per_second(record)
     text = f"speed: frame to contacts, p90, {', '.join(times)}"
     text += "" if rate is None else f", at most {rate:,.0f} frames/s"
-    return text if all(row.settled for row in record.speed) else f"{text}, still drifting"
+    return text if all(row.settled for row in record.speed) else f"{text}, not settled"
 
 
 def place_line(record: Record, place: Placement | None) -> str:
