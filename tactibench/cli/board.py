@@ -275,20 +275,8 @@ def time_board(
     Nothing is trained. The new times take the place of the old ones in the records of the store. A
     machine on which others compute is refused. Runs that cannot be timed are named with the reason.
     """
-    from tactibench.board.times import (
-        Timekeeper,
-        commit_times,
-        refuse_noise,
-        store_times,
-        time_models,
-    )
-    from tactibench.cli.output import Terminal
-    from tactibench.plugins.host import PluginHost
+    from tactibench.cli.board_time import time_runs
     from tactibench.protocols.loader import load_protocol
-    from tactibench.records.cache import cache_folder
-    from tactibench.report.time_report import print_times
-    from tactibench.run.load import machine_load
-    from tactibench.run.request import data_folder
 
     name = load_protocol(protocol).spec.id
     runs = [
@@ -298,26 +286,10 @@ def time_board(
     ]
     if not runs:
         raise UserError(f"{store} holds no complete run of {name} that is asked for.")
-    if not anyway:
-        refuse_noise(machine_load())
-    terminal = Terminal()
-    keeper = Timekeeper(PluginHost(), cache_folder(), terminal, data_folder(data))
-    models = []
-    with terminal.task("open models", len(runs)) as advance:
-        for run in runs:
-            try:
-                models.append(keeper.open(run))
-            except UserError as reason:
-                terminal.say(f"left out: {reason}")
-            advance(1)
-    if not models:
-        raise UserError("no run is left to be timed; the lines above say why.")
-    speeds = time_models(models, terminal, calls=calls)
-    timed = [store_times(one.run, speeds[one.run.record.name]) for one in models]
-    print_times(terminal.out, [run.record for run in timed])
+    timed = time_runs(
+        runs, data=data, calls=calls, anyway=anyway, board=board_folder if commit else None
+    )
     if commit:
-        written = [path for run in timed if (path := commit_times(run, board_folder)) is not None]
-        terminal.say(f"wrote the times of {len(written)} committed records")
         _write_pages(board_folder)
     save_json(
         json_file,
