@@ -2,12 +2,19 @@
 
     python benchmarks/interval_coverage.py [--errors normal|gamma] [--frames 50] [--runs 1000]
                                            [--seed 0]
+    python benchmarks/interval_coverage.py --threshold [--runs 200]
 
 Prints, for within-press correlations 0, 0.05 and 0.3 and for 10, 30 and 100 presses, the coverage
 of the interval that takes frames for independent, of the clustered t interval, and of the BCa and
 the percentile bootstrap over presses. Errors are a share per press plus a share per frame, which
 makes the correlation exact: normal, or (--errors gamma) skewed as absolute errors are. Exit code 1
 when the clustered t interval, which the metrics use, leaves 93 to 97 % in a line.
+
+With --threshold: observers that lose 0, 3 or 8 % of all pairs judge 100 pairs at each of the twelve
+distances of exp2. Prints how far off the threshold is and how often its interval holds the true
+one: of the logistic fit of the first versions, of the fit with a lapse rate, of the interpolated
+crossing, and of what "lapse" protocols record, a fit or a crossing; and how often p calls a misfit.
+A fourth observer follows no logistic curve: from 10 mm on it sees nearly all pairs.
 """
 
 from __future__ import annotations
@@ -18,7 +25,10 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy import stats
+from scipy.special import expit
 
+from tactibench.metrics.crossing import interpolated_threshold
+from tactibench.metrics.threshold import SHARE, checked_threshold, fit_threshold
 from tactibench.stats.bca import bca_interval, bootstrap_values
 from tactibench.stats.intervals import mean_interval
 
@@ -63,6 +73,55 @@ def intervals(
     yield float(low), float(high)
 
 
+DISTANCES = np.arange(6.5, 12.01, 0.5)
+PAIRS = 100
+MIDDLE, SLOPE = 8.6, 1.5
+"""Of the observers' curves: 95 % of the way from none to all takes 3.9 mm."""
+
+
+def observers() -> Iterator[tuple[str, np.ndarray, float]]:
+    """Name, P at every distance and true threshold; that of no curve is between two distances."""
+    for lapse in (0.0, 0.03, 0.08):
+        threshold = MIDDLE + np.log(SHARE / (1 - SHARE - lapse)) / SLOPE
+        yield f"lapse {lapse:.2f}", (1 - lapse) * expit(SLOPE * (DISTANCES - MIDDLE)), threshold
+    p = np.where(DISTANCES < 10, 0.2 + 0.5 * expit(SLOPE * (DISTANCES - MIDDLE)), 0.97)
+    at = int((p >= SHARE).argmax())
+    part = (SHARE - p[at - 1]) / (p[at] - p[at - 1])
+    yield "no curve", p, float(DISTANCES[at - 1] + part * (DISTANCES[at] - DISTANCES[at - 1]))
+
+
+def threshold_table(runs: int, level: float, seed: int) -> int:
+    """Print the table of --threshold; 1 where a recorded interval holds the truth too rarely."""
+    names = ("logistic", "with lapses", "crossing", "recorded")
+    print(f"{PAIRS} pairs a distance, {runs} runs, nominal {level:.0%}: bias, mm, and coverage")
+    print("observer    " + "".join(f"{name:>20s}" for name in names) + "   p < .01   p < .05")
+    press, distance = np.arange(PAIRS * len(DISTANCES)), np.repeat(DISTANCES, PAIRS)
+    worst = 1.0
+    streams = np.random.SeedSequence(seed).spawn(4)
+    for (name, p, truth), stream in zip(observers(), streams, strict=True):
+        rng = np.random.default_rng(stream)
+        off, held, misfits = np.zeros(4), np.zeros(4), np.zeros(2)
+        for _ in range(runs):
+            hits = (rng.random(len(distance)) < np.repeat(p, PAIRS)) * 1.0
+            fit = checked_threshold(distance, hits, press, rng=rng, level=level)
+            assert fit.goodness is not None  # noqa: S101
+            assert fit.goodness.p is not None  # noqa: S101
+            estimates = (
+                fit_threshold(distance, hits, press, level=level),
+                fit_threshold(distance, hits, press, level=level, most_lapses=0.1),
+                interpolated_threshold(distance, hits, press, SHARE, rng=rng, level=level),
+                fit.estimate,
+            )
+            off += [(one.value or np.nan) - truth for one in estimates]
+            held += [(one.low or -np.inf) <= truth <= (one.high or np.inf) for one in estimates]
+            misfits += fit.goodness.p < 0.01, fit.goodness.p < 0.05
+        cells = (f"{o:+9.3f} {h:10.1%}" for o, h in zip(off / runs, held / runs, strict=True))
+        shares = "".join(f"{share:10.1%}" for share in misfits / runs)
+        print(f"{name:12s}" + "".join(cells) + shares, flush=True)
+        worst = min(worst, held[3] / runs)
+    return int(worst < 0.90)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--errors", choices=("normal", "gamma"), default="normal")
@@ -70,7 +129,10 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=1000, help="simulated data sets per line")
     parser.add_argument("--level", type=float, default=0.95)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--threshold", action="store_true", help="of the two-point threshold")
     options = parser.parse_args()
+    if options.threshold:
+        return threshold_table(options.runs, options.level, options.seed)
     print(
         f"{options.errors} errors, {options.frames} frames a press, {options.runs} runs, "
         f"nominal {options.level:.0%}"

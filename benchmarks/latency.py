@@ -23,8 +23,9 @@ from skimage.feature import peak_local_max
 from tactibench import Contacts, Frame, Grid, ModelContext, Pose
 from tactibench.plugins.base import Stage
 from tactibench.run.configurations import COMPILED, compare_configurations, fastest
-from tactibench.run.latency import LatencySample, time_in_rounds, torch_threads
+from tactibench.run.latency import Clocks, LatencySample, time_in_rounds
 from tactibench.run.machine import machine
+from tactibench.run.threads import limited_threads
 from tactibench_heatmaps.hertz import HertzGaussian
 from tactibench_unet.model import UNet
 
@@ -100,7 +101,7 @@ def main() -> None:
     maps = np.stack([encoder.encode(one, GRID) for one in scenes(rng, 100)])
     frames = [blank(rng) for _ in range(50)]
     model = UNet(ModelContext("contacts", GRID, MAX_DEPTH_MM, encoder=encoder), width=options.width)
-    with torch_threads(1):
+    with limited_threads(1):
         scored = model.predict(frames[:3])
         truth = [Contacts.truth([[0, 0]], [1.0])] * 3  # random weights have no error to compare
         found = compare_configurations(model, frames[:3], scored, truth, compiled=options.compile)
@@ -120,14 +121,14 @@ def main() -> None:
         if threads == 1:
             clocks["processor time"] = time.thread_time
         for clock_name, clock in clocks.items():
-            with torch_threads(threads):
+            with limited_threads(threads):
                 samples = time_in_rounds(
                     entries,
                     frames,
                     threads=threads,
                     calls=options.calls,
                     rounds=options.calls // 10,
-                    clock=clock,
+                    clocks=Clocks(wall=clock),
                     budget_s=60,
                 )
             chosen = chosen or fastest(found.usable, samples).name

@@ -37,11 +37,12 @@ from tactibench.records.cache import cache_folder
 from tactibench.records.files import read_json, write_json
 from tactibench.run.configurations import COMPILED
 from tactibench.run.difference import compare, mean_error_mm
-from tactibench.run.latency import BATCHES, torch_threads
+from tactibench.run.latency import BATCHES
 from tactibench.run.plan import make_plan
 from tactibench.run.predict import blinded
 from tactibench.run.reporter import NullReporter
 from tactibench.run.request import RunRequest, read_parameters
+from tactibench.run.threads import limited_threads
 from tactibench.run.train import open_frames, train_model
 from tactibench.training import LearnedModel
 
@@ -159,7 +160,7 @@ def drift_rows(
     are the model's own mean error, why ways were left out, and a row a way, batch and threads.
     """
     seen = [blinded(frame) for frame in frames]
-    with torch_threads(1):
+    with limited_threads(1):
         scored = [model.predict([frame])[0] for frame in seen]
     error = mean_error_mm(scored, truth)
     rows: list[Row] = []
@@ -167,7 +168,7 @@ def drift_rows(
     for name, make in ways(model, compiled=compiled).items():
         try:
             for count in threads:
-                with torch_threads(count):
+                with limited_threads(count):
                     began = time.monotonic()
                     stages = make(seen[:1])
                     for batch in (batch for batch in batches or BATCHES if batch <= len(seen)):

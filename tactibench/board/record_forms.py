@@ -237,8 +237,14 @@ def _impossible_times(record: Record) -> Iterator[str]:
             yield f"the {what} has no row of its total"
         if row.phase == "total" and (row.p50_ms <= 0 or row.mean_ms <= 0):
             yield f"the {what} takes no time"
+        if any(share is not None and not 0 <= share <= 1 for share in (row.stolen, row.foreign)):
+            yield f"the {what} has a share of the processors outside 0..1"
+        if any(number is not None and number < 0 for number in (row.cpu_ms, row.load)):
+            yield f"the {what} has a negative processor time or load"
         if row.mean_ms < row.p50_ms / 2 * (1 - SLACK):  # half of the calls take p50 or more
             yield f"the {what} has a mean below half of its median"
+    if record.timed.interleaved is not None and record.timed.interleaved < 1:
+        yield f"timed.interleaved is {record.timed.interleaved}; the model itself counts"
     if record.environment.threads < 1:
         yield f"environment.threads is {record.environment.threads}; a run has one or more"
     for timed in (record.timed, *record.timed.raced):

@@ -60,7 +60,7 @@ EXCESS = "surface_excess_mm"
 FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", EXCESS})
 """Metrics of heatmaps, which are not submitted."""
 
-FORM = ("unit", "better", "censored")
+FORM = ("unit", "better", "censored", "method")
 """Fields of a metric that do not rest on what was measured."""
 
 

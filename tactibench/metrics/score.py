@@ -36,7 +36,7 @@ def score(
 
 
 def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
-    """Name the estimate by its metric and group; ``censored`` is set only where it applies."""
+    """Name the estimate by metric and group; ``censored`` and ``method`` only where they apply."""
     values = {
         "metric": spec.name,
         "group": group,
@@ -44,8 +44,9 @@ def _metric(spec: MetricSpec, group: str, estimate: Estimate) -> Metric:
         "unit": spec.unit,
         "better": spec.better,
     }
-    if estimate.censored is None:
-        del values["censored"]
+    for name in ("censored", "method"):
+        if values[name] is None:
+            del values[name]
     return Metric.model_validate(values)
 
 

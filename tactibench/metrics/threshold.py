@@ -1,20 +1,29 @@
 """Two-point threshold: the distance at which 75 % of the pairs are resolved.
 
-Logistic model, threshold m and slope b >= 0 as its parameters:
+Psychometric curve with threshold m, slope b >= 0 and lapse rate g, the share of pairs that is lost
+whatever their distance:
 
-    P(resolved | d) = 1 / (1 + exp(-(log 3 + b (d - m))))
+    P(resolved | d) = (1 - g) / (1 + exp(-(log(0.75 / (0.25 - g)) + b (d - m))))
 
-fitted by maximum likelihood over the distances tested. The interval is that of the profile
-likelihood, {m : 2 (L_max - L(m)) <= t^2 phi}, which needs no standard error and therefore survives
-a perfect step, where the slope is infinite. t is Student's quantile with presses - 1 degrees of
-freedom; phi, the mean squared press sum of the residuals over their mean square (at least 1),
-widens it when frames share a press.
+so that P(m) = 0.75 of all pairs for every g, and m is one thing in all fits. It is fitted by
+maximum likelihood over the distances tested, with 0 <= g <= g_max. Protocols of which
+``test.psychometric`` is "logistic" (the default, and all first versions) have g_max = 0; "lapse" is
+g_max = 0.1, with the goodness of the fit beside it and the interpolated crossing in its place where
+it does not fit (``tactibench.metrics.goodness``, ``tactibench.metrics.crossing``).
+
+The interval is that of the profile likelihood, {m : 2 (L_max - L(m)) <= t^2 phi}, which needs no
+standard error and therefore survives a perfect step, where the slope is infinite. t is Student's
+quantile with presses - 1 degrees of freedom; phi, the mean squared press sum of the residuals over
+their mean square (at least 1), widens it when frames share a press.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -22,6 +31,8 @@ from scipy.special import expit, log_expit
 from scipy.stats import binom
 
 from tactibench.contacts import FloatArray
+from tactibench.metrics.crossing import interpolated_threshold
+from tactibench.metrics.goodness import Goodness, goodness_of_fit
 from tactibench.metrics.groups import condition, members
 from tactibench.metrics.separation import resolved
 from tactibench.metrics.spec import MetricSpec, Rows
@@ -35,67 +46,186 @@ STEEPEST = 50.0
 """Largest slope, 1/mm: from 5 % to 95 % in 0.12 mm, a step to any eye."""
 GRID = 221
 """Thresholds tried before the best is refined: every 0.025 mm over 6.5..12 mm."""
+MOST_LAPSES = 0.1
+"""Largest lapse rate of a fit. A model that loses more than a tenth of the widest pairs does not
+lapse, it fails; and a larger bound lets the rate stand in for a slow rise (Wichmann and Hill 2001
+bound it by 0.06 for people)."""
+MISFIT = 0.01
+"""Smallest p at which the fit stands. At 0.05 every twentieth model that the curve describes would
+lose its fit; a table has ten rows. With 100 pairs a distance a curve that is off by a tenth of the
+pairs at two distances lies far below."""
+LAPSES = 11
+"""Lapse rates tried at once; each of the rounds after the first looks between two neighbours."""
+LAPSE_ROUNDS = 8
+"""Rounds of that search: the last step is 3e-8, so that the threshold is the same within 1e-6 mm
+whatever the last bit of a likelihood."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Likelihood of a threshold at its best slope. distance, hits, trials: (K,) per distance."""
+    """Likelihood of a threshold at its best slope and lapse rate.
+
+    distance, hits, trials: (K,) per distance. most_lapses: g_max.
+    """
 
     distance: FloatArray
     hits: FloatArray
     trials: FloatArray
+    most_lapses: float = 0.0
 
-    def logit(self, threshold: FloatArray, slope: FloatArray) -> FloatArray:
-        """Return (M, K) log odds of a resolved trial."""
+    def logit(
+        self, threshold: FloatArray, slope: FloatArray, lapse: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Return (M, K) log odds of a resolved trial among those that do not lapse."""
         offset = self.distance[None, :] - threshold[:, None]
-        return math.log(SHARE / (1 - SHARE)) + slope[:, None] * offset
+        middle = np.log(SHARE / (1 - SHARE - np.asarray(lapse, dtype=np.float64)))
+        return np.asarray(np.atleast_1d(middle)[:, None] + slope[:, None] * offset)
 
-    def slope(self, threshold: FloatArray) -> FloatArray:
-        """The (M,) most likely slope for each threshold, by bisection of the concave likelihood."""
+    def slope(self, threshold: FloatArray, lapse: FloatArray | float = 0.0) -> FloatArray:
+        """The (M,) most likely slope for each threshold, by bisection of the likelihood."""
         low, high = np.zeros(len(threshold)), np.full(len(threshold), STEEPEST)
         offset = self.distance[None, :] - threshold[:, None]
+        rate = np.atleast_1d(np.asarray(lapse, dtype=np.float64))[:, None]
         for _ in range(60):
             middle = (low + high) / 2
-            residual = self.hits - self.trials * expit(self.logit(threshold, middle))
+            eta = self.logit(threshold, middle, lapse)
+            missing = expit(-eta)
+            residual = self.hits - self.trials * (1 - rate) * expit(eta)
+            # dP / (P (1 - P)) by eta; 1 without lapses
+            residual *= missing / (rate + (1 - rate) * missing)
             rising = (residual * offset).sum(axis=1) > 0
             low, high = np.where(rising, middle, low), np.where(rising, high, middle)
         return np.asarray((low + high) / 2)
 
+    def _at_lapse(self, threshold: FloatArray, lapse: FloatArray | float) -> FloatArray:
+        """Return the (M,) log likelihood of each threshold with its lapse rate."""
+        eta = self.logit(threshold, self.slope(threshold, lapse), lapse)
+        rate = np.atleast_1d(np.asarray(lapse, dtype=np.float64))[:, None]
+        hit, miss = np.log1p(-rate) + log_expit(eta), np.log1p(-rate) + log_expit(-eta)
+        with np.errstate(divide="ignore"):
+            miss = np.logaddexp(np.log(rate), miss)
+        terms = self.hits * hit + (self.trials - self.hits) * miss
+        return np.asarray(terms.sum(axis=1), dtype=np.float64)
+
+    def lapse(self, threshold: FloatArray) -> FloatArray:
+        """The (M,) most likely lapse rate for each threshold."""
+        best = np.full(len(threshold), self.most_lapses / 2)
+        if not self.most_lapses:
+            return best
+        rows, half = np.arange(len(threshold)), self.most_lapses / 2
+        for _ in range(LAPSE_ROUNDS):
+            tried = best[:, None] + half * np.linspace(-1, 1, LAPSES)
+            tried = np.clip(tried, 0.0, self.most_lapses)
+            likelihood = self._at_lapse(np.repeat(threshold, LAPSES), tried.ravel())
+            best = tried[rows, likelihood.reshape(-1, LAPSES).argmax(axis=1)]
+            half *= 2 / (LAPSES - 1)
+        return best
+
     def log_likelihood(self, threshold: FloatArray) -> FloatArray:
         """Return the (M,) log likelihood of each threshold."""
-        eta = self.logit(threshold, self.slope(threshold))
-        terms = self.hits * log_expit(eta) + (self.trials - self.hits) * log_expit(-eta)
-        return np.asarray(terms.sum(axis=1), dtype=np.float64)
+        return self._at_lapse(threshold, self.lapse(threshold))
 
     def at(self, threshold: float) -> float:
         """Return the log likelihood of one threshold."""
         return float(self.log_likelihood(np.array([threshold]))[0])
 
+    def curve(self, threshold: float) -> tuple[float, float, float]:
+        """Return threshold, slope and lapse rate of the most likely curve of one threshold."""
+        at = np.array([threshold])
+        lapse = self.lapse(at)
+        return threshold, float(self.slope(at, lapse)[0]), float(lapse[0])
+
+
+class ThresholdFit(NamedTuple):
+    """A threshold with its interval, the lapse rate of the fit, and how well the curve fits.
+
+    lapse, goodness: None where nothing could be fitted.
+    """
+
+    estimate: Estimate
+    lapse: float | None = None
+    goodness: Goodness | None = None
+
 
 def fit_threshold(
-    distance: FloatArray, hits: FloatArray, press: Labels, *, level: float = 0.95
+    distance: FloatArray,
+    hits: FloatArray,
+    press: Labels,
+    *,
+    level: float = 0.95,
+    most_lapses: float = 0.0,
 ) -> Estimate:
     """Threshold from (N,) distances and 0/1 answers.
 
     Censored "<" at the shortest distance when the fit lies nowhere below 75 %, ">" at the longest
     when it stays below everywhere; a limit beyond the tested distances is None. No value with
-    fewer than two distances.
+    fewer than two distances. most_lapses: g_max.
     """
     distances, index = np.unique(distance, return_inverse=True)
     codes, clusters = cluster_codes(press, len(distance))
     n = len(distance)
     if len(distances) < 2:
         return Estimate(None, None, None, n, clusters)
-    k = len(distances)
-    yes = np.bincount(index, hits, k).astype(np.float64)
-    profile = Profile(distances, yes, np.bincount(index, minlength=k).astype(np.float64))
+    profile = _profile(distances, index, hits, most_lapses)
     best, censored = _most_likely(profile, hits.mean() >= SHARE)
     if clusters < 2:
         return Estimate(best, None, None, n, clusters, censored)
-    probability = expit(profile.logit(np.array([best]), profile.slope(np.array([best]))))[0, index]
+    _, slope, lapse = profile.curve(best)
+    eta = profile.logit(np.array([best]), np.array([slope]), lapse)
+    probability = (1 - lapse) * expit(eta)[0, index]
     drop = t_quantile(level, clusters) ** 2 / 2 * _inflation(hits - probability, codes, clusters)
     low, high = _limits(profile, best, profile.at(best) - drop)
     return Estimate(best, low, high, n, clusters, censored)
+
+
+def checked_threshold(
+    distance: FloatArray,
+    hits: FloatArray,
+    press: Labels,
+    *,
+    rng: np.random.Generator,
+    level: float = 0.95,
+    most_lapses: float = MOST_LAPSES,
+) -> ThresholdFit:
+    """Threshold as ``fit_threshold`` gives it, with its goodness of fit.
+
+    Where p is below MISFIT, the threshold is the crossing of the isotonic shares, interpolated,
+    with a bootstrap interval over presses, and its ``method`` says so.
+
+    Args:
+        distance: (N,) mm.
+        hits: (N,) 0 or 1.
+        press: (N,) the clusters.
+        rng: of the bootstrap over presses. The p has random numbers of its own, so that it is the
+            same wherever the same answers are scored.
+        level: of the interval.
+        most_lapses: g_max.
+    """
+    estimate = fit_threshold(distance, hits, press, level=level, most_lapses=most_lapses)
+    if estimate.value is None:
+        return ThresholdFit(estimate)
+    distances, index = np.unique(distance, return_inverse=True)
+    profile = _profile(distances, index, hits, most_lapses)
+    _, slope, lapse = profile.curve(estimate.value)
+    eta = profile.logit(np.array([estimate.value]), np.array([slope]), lapse)[0]
+    curve = (float(eta[0]), float(eta[-1]), lapse)
+    codes, clusters = cluster_codes(press, len(distance))
+    # About the shares as they are: residuals of a curve that does not fit agree within a press.
+    spread = _inflation(hits - (profile.hits / profile.trials)[index], codes, clusters)
+    goodness = goodness_of_fit(
+        distances, profile.hits, profile.trials, curve, most_lapses=most_lapses, spread=spread
+    )
+    if goodness.p is not None and goodness.p < MISFIT:
+        estimate = interpolated_threshold(distance, hits, press, SHARE, rng=rng, level=level)
+    return ThresholdFit(estimate, lapse, goodness)
+
+
+def _profile(
+    distances: FloatArray, index: IntArray, hits: FloatArray, most_lapses: float
+) -> Profile:
+    k = len(distances)
+    yes = np.bincount(index, hits, k).astype(np.float64)
+    return Profile(distances, yes, np.bincount(index, minlength=k).astype(np.float64), most_lapses)
 
 
 def _most_likely(profile: Profile, mostly_resolved: bool) -> tuple[float, str | None]:
@@ -135,18 +265,50 @@ def _limits(profile: Profile, best: float, cut: float) -> tuple[float | None, fl
     return sides[0], sides[1]
 
 
-def threshold(trials: Trials, _rng: np.random.Generator) -> Rows:
+def threshold(trials: Trials, rng: np.random.Generator) -> Rows:
     """Fit over the trials whose group is a distance; the group's number is the distance."""
+    if trials.psychometric == "logistic":
+        yield "all", fit_threshold(*_answers(trials), level=trials.level)
+    else:
+        _FITS[trials] = fit = _checked(trials, rng)
+        yield "all", fit.estimate
+
+
+def _answers(trials: Trials) -> tuple[FloatArray, FloatArray, Labels]:
+    """Return (N,) distances, 0/1 answers and presses of the trials whose group is a distance."""
     answers = resolved(trials)
     numbers = [condition(name) for name in trials.group]
     use = np.array([numbers[i] is not None for i in answers.trial], dtype=bool)
     use &= members(trials, "all")[answers.trial]
     index = answers.trial[use]
     distance = np.array([numbers[i] for i in index], dtype=np.float64)
-    yield (
-        "all",
-        fit_threshold(distance, answers.values[use], trials.press[index], level=trials.level),
-    )
+    return distance, answers.values[use], trials.press[index]
+
+
+_FITS: WeakKeyDictionary[Trials, ThresholdFit] = WeakKeyDictionary()
+"""The fits of trials that are being scored: what says how well a curve fits follows its threshold.
+Only the threshold's own are kept, because its interval is from the random numbers of its metric."""
+
+
+def _checked(trials: Trials, rng: np.random.Generator) -> ThresholdFit:
+    most = 0.0 if trials.psychometric == "logistic" else MOST_LAPSES
+    return checked_threshold(*_answers(trials), rng=rng, level=trials.level, most_lapses=most)
+
+
+def _number(
+    read: Callable[[ThresholdFit], float | None],
+) -> Callable[[Trials, np.random.Generator], Rows]:
+    """Rows of a number of the fit, without an interval."""
+
+    def rows(trials: Trials, rng: np.random.Generator) -> Rows:
+        fit = _FITS.get(trials) or _checked(trials, rng)
+        yield "all", Estimate(read(fit), None, None, fit.estimate.n, fit.estimate.clusters)
+
+    return rows
+
+
+def _of_goodness(name: str) -> Callable[[ThresholdFit], float | None]:
+    return lambda fit: None if fit.goodness is None else getattr(fit.goodness, name)
 
 
 def limit(trials: Trials, _rng: np.random.Generator) -> Rows:
@@ -181,8 +343,40 @@ SPECS = (
         "lower",
         "distance m at which a logistic fit of resolved "
         "against distance reaches 75 %; censored '<' or '>' at the ends of the distances "
-        "tested",
+        "tested. Where test.psychometric is 'lapse', the curve is (1 - g) / (1 + exp(-(log(0.75 / "
+        "(0.25 - g)) + b (d - m)))) with 0 <= g <= 0.1; where its p is below 0.01, m is the "
+        "crossing of the isotonic shares, interpolated (method 'interpolated')",
         threshold,
+    ),
+    MetricSpec(
+        "threshold_lapse",
+        "1",
+        "none",
+        "lapse rate g of that fit: the share of pairs lost whatever their distance",
+        _number(lambda fit: fit.lapse),
+    ),
+    MetricSpec(
+        "threshold_deviance",
+        "1",
+        "none",
+        "2 sum over distances of (h log(h / n P) + (n - h) log((n - h) / n (1 - P))) / phi, h of n "
+        "pairs resolved, P of the fit, phi >= 1 what frames of one press have in common",
+        _number(_of_goodness("deviance")),
+    ),
+    MetricSpec(
+        "threshold_freedom",
+        "1",
+        "none",
+        "degrees of freedom of threshold_deviance: distances less parameters of the curve",
+        _number(_of_goodness("freedom")),
+    ),
+    MetricSpec(
+        "threshold_p",
+        "1",
+        "none",
+        "share of 999 data sets drawn from the fitted curve and fitted again whose deviance is as "
+        "large, the data themselves counted as one",
+        _number(_of_goodness("p")),
     ),
     MetricSpec(
         "limit_mm",

@@ -36,6 +36,7 @@ class Trials:
     limit: (N,) two-point limits of the sensor, mm, nan where it was not asked, inf for none.
     level: of the intervals. axes: of the families whose cases the groups are. failed: (N,)
     NOT_FINITE or RAISED where the model failed on a frame, which then has no predictions.
+    psychometric: "logistic" or "lapse", the curve of a threshold.
 
     Raises ValueError on lengths or shapes that do not fit and on other values that are not finite.
     """
@@ -54,6 +55,7 @@ class Trials:
     limit: FloatArray | None = None
     axes: tuple[Axis, ...] = ()
     failed: npt.NDArray[np.int8] | None = None
+    psychometric: str = "logistic"
 
     def __post_init__(self) -> None:
         n = len(self.truth)

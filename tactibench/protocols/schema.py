@@ -181,6 +181,8 @@ class Test(Strict):
     cluster: Literal["press"]
     level: Share
     catch: Name | None = None
+    # Without the key it is the fit of the first versions of exp2 and fine.
+    psychometric: Literal["logistic", "lapse"] = "logistic"
 
 
 class Metrics(Strict):

@@ -58,7 +58,8 @@ class _Open(BaseModel):
 class Metric(_Strict):
     """A metric of one group. value: None for n/a. n: values averaged. clusters: presses.
 
-    censored: the value is only a limit.
+    censored: the value is only a limit. method: how it was estimated where that is not the metric's
+    usual way; "interpolated": between measured shares, because no curve fits them.
     """
 
     metric: str
@@ -71,10 +72,16 @@ class Metric(_Strict):
     unit: str
     better: Literal["lower", "higher", "none"]
     censored: Literal["<", ">"] | None = None
+    method: Literal["interpolated"] | None = None
 
 
 class SpeedRow(_Strict):
-    """Latency of one phase, ms a call."""
+    """Latency of one phase, ms a call.
+
+    settled: whether times neither drifted nor were disturbed. cpu_ms: mean processor time of the
+    process. stolen, foreign: shares of the processors that other machines and other processes took
+    meanwhile; load: load average of the minute before. None where that was not measured.
+    """
 
     scenario: str
     threads: int
@@ -86,6 +93,10 @@ class SpeedRow(_Strict):
     mean_ms: float
     per_s: float
     settled: bool
+    cpu_ms: float | None = None
+    stolen: float | None = None
+    foreign: float | None = None
+    load: float | None = None
 
 
 class ProtocolId(_Strict):
@@ -280,9 +291,15 @@ class Configuration(_Open):
 
 
 class Timed(Configuration):
-    """The configuration that was timed, and those that it was chosen from."""
+    """The configuration that was timed, and those that it was chosen from.
+
+    interleaved: models that were timed in turns, this one among them; None where it was timed by
+    itself, after its training. at: when, where that was not in the run.
+    """
 
     raced: list[Configuration] = []
+    interleaved: int | None = None
+    at: str | None = None
 
 
 class Efficiency(_Open):

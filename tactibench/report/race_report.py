@@ -24,7 +24,7 @@ def print_race(console: Console, race: Race, subject: str, note: str) -> None:
     for name, reason in race.configurations.skipped.items():
         console.print(Text(f"left out: {name}: {reason.rstrip('.')}", style="dim"))
     if not all(row["settled"] for row in race.rows):
-        text = "NOT SETTLED: some times still drifted after the warm-up"
+        text = "NOT SETTLED: some times still drifted, or something else computed meanwhile"
         console.print(Text(text, style="yellow"))
     if note:
         console.print(Text(note, style="yellow"))

@@ -93,7 +93,8 @@ def _remarks(record: Record) -> Iterator[tuple[str, str]]:
     )
     if unsettled:
         names = ", ".join(unsettled)
-        yield f"NOT SETTLED: times of {names} still drifted after the warm-up", "yellow"
+        text = f"NOT SETTLED: times of {names} still drifted, or something else computed meanwhile"
+        yield text, "yellow"
     if not any(row.scenario == "offline" for row in record.speed):
         yield "offline (larger batches): none, not timed by this run", "dim"
     timed = record.timed

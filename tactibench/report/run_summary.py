@@ -118,7 +118,7 @@ def misses_line(record: Record) -> str:
 
 
 def speed_line(record: Record) -> str:
-    """Return the time of one frame and the best rate, and whether a time still drifted."""
+    """Return the time of one frame and the best rate, and whether a time is not settled."""
     threads = sorted({row.threads for row in record.speed if row.scenario == "single"})
     times = [
         f"{number(p90, 2)} ms ({plural(count, 'thread')})"
@@ -132,7 +132,7 @@ def speed_line(record: Record) -> str:
     text += "" if rate is None else f", at most {rate:,.0f} frames/s"
     if all(row.settled for row in record.speed):
         return text
-    return f"{text}, still drifting: is the machine busy?"
+    return f"{text}, not settled: is the machine busy?"
 
 
 def place_line(record: Record, place: Placement | None) -> str:

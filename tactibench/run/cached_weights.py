@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tactibench.errors import UserError
-from tactibench.records.files import read_checked_json
-from tactibench.run.weights import MANIFEST
+from tactibench.records.files import file_hash, read_checked_json
+from tactibench.run.weights import MANIFEST, weights_hash
 
 
 @dataclass(frozen=True)
@@ -64,3 +64,14 @@ def _read(path: Path) -> Iterator[CachedWeights]:
         )
     except (UserError, OSError, KeyError, TypeError):
         return
+
+
+def weights_folder(cache: Path, content_hash: str) -> Path | None:
+    """Return the folder of the weights of a hash, every file compared; None where there is none."""
+    for weights in cached_weights(cache):
+        if weights.hash == content_hash:
+            files = read_checked_json(weights.folder / MANIFEST)["files"]
+            found = {name: file_hash(weights.folder / name) for name in files}
+            if weights_hash(found) == content_hash:
+                return weights.folder
+    return None

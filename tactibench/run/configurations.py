@@ -18,10 +18,10 @@ from tactibench.run.latency import (
     LatencySample,
     offline_block,
     time_in_rounds,
-    torch_threads,
 )
 from tactibench.run.machine import all_threads
 from tactibench.run.predict import blinded
+from tactibench.run.threads import limited_threads
 
 COMPILED = "compiled"
 """Takes tens of seconds to make, so it is left out unless asked for."""
@@ -147,7 +147,7 @@ def race_briefly(
     """Return the fastest way on one thread, which a run times, and how all ways did."""
     rows = spread(range(len(frames)), BRIEF_FRAMES)
     few = [frames[row] for row in rows]
-    with torch_threads(1):
+    with limited_threads(1):
         ways = compare_configurations(
             model, few, [scored[row] for row in rows], [truth[row] for row in rows]
         )
@@ -190,7 +190,7 @@ def race(
         advance: is told of every finished step.
     """
     seen = [blinded(frame) for frame in frames]
-    with torch_threads(1):
+    with limited_threads(1):
         scored = [model.predict([frame])[0] for frame in seen]
         ways = compare_configurations(
             model, seen, scored, truth, compiled=compiled, advance=advance
@@ -199,7 +199,7 @@ def race(
     best = ways.usable[0]
 
     def time_all(scenario: str, threads: int, **settings: Any) -> dict[str, LatencySample]:
-        with torch_threads(threads):
+        with limited_threads(threads):
             samples = time_in_rounds(ways.stages(), seen, threads=threads, **settings)
         for name, sample in samples.items():
             rows.extend({"configuration": name, **row} for row in sample.rows(scenario))

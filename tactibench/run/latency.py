@@ -1,8 +1,15 @@
 """Latency: how long one call takes, phase by phase.
 
 A call is given one frame, as in a closed loop, or a batch of frames. It warms up until two
-successive blocks of calls have medians that differ by less than 2 %, then keeps every raw time.
-Scoring is never inside a call. The number of threads is set by the caller and only noted here.
+successive blocks of calls have medians that differ by less than 2 %, then keeps every raw time,
+and beside it the processor time of the process. Scoring is never inside a call. The number of
+threads is set by the caller and only noted here.
+
+Times are *settled* when the warm-up ended by itself and the machine was quiet. On one thread
+processor and wall time agree within 10 %: a process that waited has less, one that computed on
+other threads has more. Several threads wait for each other, so there other processes and other
+machines took at most 10 % of the processors, and the process computed for at least 90 % of the
+time.
 """
 
 from __future__ import annotations
@@ -13,20 +20,36 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import cycle, islice, pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from tactibench.errors import UserError
 from tactibench.plugins.base import Stage
+from tactibench.run.load import QUIET, UNKNOWN, Counter, Load, counters, load_between
 
 Clock = Callable[[], float]
+
+
+class Clocks(NamedTuple):
+    """What times are read from: seconds of the wall and of the process, and the machine's load."""
+
+    wall: Clock = time.perf_counter
+    processor: Clock = time.process_time
+    counters: Counter = counters
+
+
+CLOCKS = Clocks()
+Times = list[list[float]]
+"""Seconds of every stage of every call."""
 
 SETTLED_WITHIN = 0.02
 """Relative difference of the medians of two blocks of calls at which a warm-up ends."""
 BLOCK = 20
 """Calls of a block: enough for a median that a neighbour's work does not move."""
+READING_MS = 0.003
+"""Time that reading the clocks of a phase takes at most: processor and wall time of a call of few
+microseconds differ by it."""
 WARMUP_BLOCKS = 25
 """Blocks after which a warm-up ends although it has not settled."""
 
@@ -42,18 +65,23 @@ class LatencySample:
     Attributes:
         phases: their names, in order.
         raw_ms: (calls, phases) milliseconds.
-        settled: whether the warm-up ended by itself.
+        warm: whether the warm-up ended by itself.
         warmup_calls: calls of the warm-up.
         threads: as the caller set them.
         batch: frames in a call.
+        cpu_ms: (calls, phases) milliseconds of processor time of the whole process, the same shape;
+            None where it was not measured.
+        load: of the machine meanwhile.
     """
 
     phases: tuple[str, ...]
     raw_ms: npt.NDArray[np.float64]
-    settled: bool
+    warm: bool
     warmup_calls: int
     threads: int
     batch: int = 1
+    cpu_ms: npt.NDArray[np.float64] | None = None
+    load: Load = UNKNOWN
 
     def __post_init__(self) -> None:
         raw = np.array(self.raw_ms, dtype=np.float64)
@@ -61,6 +89,37 @@ class LatencySample:
             raise ValueError(f"raw times have shape {raw.shape} for {len(self.phases)} phases")
         raw.setflags(write=False)
         object.__setattr__(self, "raw_ms", raw)
+        if self.cpu_ms is not None:
+            cpu = np.array(self.cpu_ms, dtype=np.float64)
+            if cpu.shape != raw.shape:
+                raise ValueError(f"processor times have shape {cpu.shape}, raw times {raw.shape}")
+            cpu.setflags(write=False)
+            object.__setattr__(self, "cpu_ms", cpu)
+
+    @property
+    def processor_share(self) -> float | None:
+        """Return processor time over wall time of all calls; None where it was not measured."""
+        wall = float(self.raw_ms.sum())
+        return None if self.cpu_ms is None or not wall else float(self.cpu_ms.sum()) / wall
+
+    @property
+    def quiet(self) -> bool:
+        """Return whether nothing else took part of the times, as far as that can be known."""
+        if self.cpu_ms is None:
+            return False
+        wall, load = float(self.raw_ms.sum()), self.load
+        slack = QUIET * wall + READING_MS * self.raw_ms.size
+        more = float(self.cpu_ms.sum()) - wall
+        if more < -slack:
+            return False
+        if self.threads == 1:
+            return more <= slack and (load.stolen or 0.0) <= QUIET
+        return load.quiet is not False
+
+    @property
+    def settled(self) -> bool:
+        """Return whether the times neither drifted nor were disturbed."""
+        return self.warm and self.quiet
 
     @property
     def total_ms(self) -> npt.NDArray[np.float64]:
@@ -77,6 +136,11 @@ class LatencySample:
         whole = self.total_ms
         per_s = 1e3 * self.batch / float(whole.mean()) if whole.any() else float("inf")
         columns = {name: self.raw_ms[:, k] for k, name in enumerate(self.phases)}
+        cpu: dict[str, float] = {}
+        if self.cpu_ms is not None:
+            means = self.cpu_ms.mean(axis=0)
+            cpu = {**dict(zip(self.phases, map(float, means), strict=True))}
+            cpu["total"] = float(means.sum())
         rows = []
         for phase, times in {**columns, "total": whole}.items():
             p50, p90, p99 = (float(q) for q in np.quantile(times, (0.5, 0.9, 0.99)))
@@ -92,6 +156,10 @@ class LatencySample:
                     "mean_ms": float(times.mean()),
                     "per_s": per_s,
                     "settled": self.settled,
+                    "cpu_ms": cpu.get(phase),
+                    "stolen": self.load.stolen,
+                    "foreign": self.load.foreign,
+                    "load": self.load.average,
                 }
             )
         return rows
@@ -105,7 +173,7 @@ def time_calls(
     threads: int,
     calls: int = 300,
     budget_s: float | None = None,
-    clock: Clock = time.perf_counter,
+    clocks: Clocks = CLOCKS,
     block: int = BLOCK,
     warmup_blocks: int = WARMUP_BLOCKS,
 ) -> LatencySample:
@@ -119,7 +187,7 @@ def time_calls(
         calls: that are timed.
         budget_s: seconds after which the warm-up counts as not settled and the timing stops, though
             never before one block of timed calls.
-        clock: gives seconds.
+        clocks: what is read.
         block: calls of a block.
         warmup_blocks: of the warm-up, at most.
 
@@ -128,71 +196,88 @@ def time_calls(
     """
     phases = _check(stages, frames, calls)
     source = cycle(batches(frames, batch))
-    over = _deadline(budget_s, clock)
+    over = _deadline(budget_s, clocks.wall)
     with _no_collection():
-        settled, warmup = _warm_up(stages, source, clock, over, block, warmup_blocks)
-        raw: list[list[float]] = []
+        warm, warmup = _warm_up(stages, source, clocks, over, block, warmup_blocks)
+        raw: Times = []
+        cpu: Times = []
+        before = clocks.counters()
         while len(raw) < calls and not (len(raw) >= block and over()):
-            raw.append(_call(stages, next(source), clock))
-    return LatencySample(phases, 1e3 * np.array(raw), settled, warmup, threads, batch)
+            _call(stages, next(source), clocks, raw, cpu)
+        load = load_between(before, clocks.counters())
+    return _sample(phases, raw, cpu, warm, warmup, threads, batch, load)
 
 
 def time_in_rounds(
     models: Mapping[str, Sequence[Stage]],
-    frames: Sequence[Any],
+    frames: Sequence[Any] | Mapping[str, Sequence[Any]],
     batch: int = 1,
     *,
     threads: int,
     calls: int = 300,
     rounds: int = 10,
     budget_s: float | None = None,
-    clock: Clock = time.perf_counter,
+    clocks: Clocks = CLOCKS,
     block: int = BLOCK,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> dict[str, LatencySample]:
-    """Time several lists of stages on the same frames in turns, so that all meet the same noise.
+    """Time several lists of stages in turns, so that all meet the same noise.
 
     Each warms up first, as in ``time_calls``; then ``rounds`` times each is called ``calls /
     rounds`` times.
 
     Args:
         models: name -> stages.
-        frames: are taken in turn by each.
+        frames: are taken in turn by each; a mapping has those of every name.
         batch: frames of a call.
         threads: as the caller set them.
         calls: of each.
         rounds: how many turns each has.
         budget_s: seconds for all warm-ups together, and as many for all rounds, of which the first
             is always finished.
-        clock: gives seconds.
+        clocks: what is read.
         block: calls of a block of the warm-up.
+        advance: is told of every finished round.
 
     Raises:
         ValueError: for a job that cannot be timed.
     """
     if rounds < 1 or calls < rounds:
         raise ValueError(f"{calls} calls in {rounds} rounds: at least one call a round is needed")
-    sources = {name: cycle(batches(frames, batch)) for name in models}
+    own = frames if isinstance(frames, Mapping) else dict.fromkeys(models, frames)
+    sources = {name: cycle(batches(own[name], batch)) for name in models}
     share = None if budget_s is None else budget_s / max(1, len(models))
     warm: dict[str, tuple[bool, int]] = {}
-    raw: dict[str, list[list[float]]] = {name: [] for name in models}
+    raw: dict[str, Times] = {name: [] for name in models}
+    cpu: dict[str, Times] = {name: [] for name in models}
     with _no_collection():
         for name, stages in models.items():
-            _check(stages, frames, calls)
-            over = _deadline(share, clock)
-            warm[name] = _warm_up(stages, sources[name], clock, over, block, WARMUP_BLOCKS)
-        over = _deadline(budget_s, clock)
+            _check(stages, own[name], calls)
+            over = _deadline(share, clocks.wall)
+            warm[name] = _warm_up(stages, sources[name], clocks, over, block, WARMUP_BLOCKS)
+        over = _deadline(budget_s, clocks.wall)
+        # Over all turns: those of one model are too short for ticks of 10 ms.
+        before = clocks.counters()
         for number in range(rounds):
             if number and over():
                 break
             for name, stages in models.items():
                 for _ in range(calls // rounds):
-                    raw[name].append(_call(stages, next(sources[name]), clock))
-    samples = {}
-    for name, stages in models.items():
-        phases = tuple(phase for phase, _ in stages)
-        times = 1e3 * np.array(raw[name])
-        samples[name] = LatencySample(phases, times, *warm[name], threads, batch)
-    return samples
+                    _call(stages, next(sources[name]), clocks, raw[name], cpu[name])
+            advance(1)
+        load = load_between(before, clocks.counters())
+    return {
+        name: _sample(
+            tuple(phase for phase, _ in stages),
+            raw[name],
+            cpu[name],
+            *warm[name],
+            threads,
+            batch,
+            load,
+        )
+        for name, stages in models.items()
+    }
 
 
 def offline_block(batch: int) -> int:
@@ -206,29 +291,6 @@ def batches(frames: Sequence[Any], batch: int) -> list[list[Any]]:
         raise ValueError(f"batch is {batch}, it must be at least 1")
     endless = cycle(frames)
     return [list(islice(endless, batch)) for _ in range(-(-len(frames) // batch))]
-
-
-@contextmanager
-def torch_threads(count: int) -> Iterator[None]:
-    """Let torch compute with ``count`` threads inside the block, and as before after it.
-
-    Raises:
-        UserError: The block has changed the number.
-    """
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-        found = torch.get_num_threads()
-    finally:
-        torch.set_num_threads(before)
-    if found != count:
-        raise UserError(
-            f"the model set torch's threads to {found} while it was timed with {count}, so that "
-            "the times are of no known number of threads; take torch.set_num_threads out of it."
-        )
 
 
 @contextmanager
@@ -263,7 +325,7 @@ def _deadline(budget_s: float | None, clock: Clock) -> Callable[[], bool]:
 def _warm_up(
     stages: Sequence[Stage],
     source: Iterator[list[Any]],
-    clock: Clock,
+    clocks: Clocks,
     over: Callable[[], bool],
     block: int,
     blocks: int,
@@ -272,19 +334,38 @@ def _warm_up(
     before = float("inf")
     done = 0
     while done < block * blocks and not over():
-        times = [sum(_call(stages, next(source), clock)) for _ in range(block)]
+        raw: Times = []
+        for _ in range(block):
+            _call(stages, next(source), clocks, raw, [])
         done += block
-        median = float(np.median(times))
+        median = float(np.median([sum(times) for times in raw]))
         if abs(median - before) < SETTLED_WITHIN * before < float("inf"):
             return True, done
         before = median
     return False, done
 
 
-def _call(stages: Sequence[Stage], value: Any, clock: Clock) -> list[float]:
-    """Seconds of every stage in one call."""
-    marks = [clock()]
+def _call(stages: Sequence[Stage], value: Any, clocks: Clocks, raw: Times, cpu: Times) -> None:
+    """Call the stages once; add the seconds of every stage, of the wall and of the process."""
+    wall, processor, _ = clocks
+    computed, marks = [processor()], [wall()]
     for _, stage in stages:
         value = stage(value)
-        marks.append(clock())
-    return [after - before for before, after in pairwise(marks)]
+        marks.append(wall())
+        computed.append(processor())
+    raw.append([after - before for before, after in pairwise(marks)])
+    cpu.append([after - before for before, after in pairwise(computed)])
+
+
+def _sample(
+    phases: tuple[str, ...],
+    raw: Times,
+    cpu: Times,
+    warm: bool,
+    warmup: int,
+    threads: int,
+    batch: int,
+    load: Load,
+) -> LatencySample:
+    times, computed = 1e3 * np.array(raw), 1e3 * np.array(cpu)
+    return LatencySample(phases, times, warm, warmup, threads, batch, computed, load)

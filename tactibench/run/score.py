@@ -90,6 +90,7 @@ def trials_of(
         limit=truth.get("limit"),
         axes=protocol.axes,
         failed=_failures(predicted),
+        psychometric=protocol.test.psychometric,
     )
 
 

@@ -17,9 +17,10 @@ from tactibench.frames.source import spread
 from tactibench.plugins.base import Model, Stage
 from tactibench.plugins.failures import describe_method
 from tactibench.run.difference import answers_of, compare, declared_stages
-from tactibench.run.latency import BATCHES, offline_block, time_calls, torch_threads
+from tactibench.run.latency import BATCHES, LatencySample, offline_block, time_calls
 from tactibench.run.machine import all_threads
 from tactibench.run.predict import blinded
+from tactibench.run.threads import limited_threads
 
 TIMED_FRAMES = 200
 """Test frames that calls take in turn, spread over all: groups follow each other in a test."""
@@ -50,6 +51,15 @@ class Speed:
     raw: dict[str, np.ndarray] = field(default_factory=dict)
     timed: dict[str, Any] = field(default_factory=dict)
     efficiency: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, scenario: str, sample: LatencySample) -> None:
+        """Add the rows and the raw times of a scenario, "single" or "offline"."""
+        self.rows.extend(sample.rows(scenario))
+        one = scenario == "single"
+        name = f"single_{sample.threads}_threads" if one else f"offline_{sample.batch}_frames"
+        self.raw[f"{name}_ms"] = np.asarray(sample.raw_ms)
+        if sample.cpu_ms is not None:
+            self.raw[f"{name}_cpu_ms"] = np.asarray(sample.cpu_ms)
 
 
 def time_model(
@@ -114,10 +124,9 @@ def _time_single(
 ) -> Speed:
     speed = Speed()
     for threads in sorted({1, all_threads()}):
-        with torch_threads(threads):
+        with limited_threads(threads):
             sample = time_calls(stages, frames, threads=threads, calls=calls, budget_s=budget_s)
-        speed.rows.extend(sample.rows("single"))
-        speed.raw[f"single_{threads}_threads_ms"] = np.asarray(sample.raw_ms)
+        speed.add("single", sample)
     return speed
 
 
@@ -125,7 +134,7 @@ def _time_offline(
     stages: Sequence[Stage], frames: Sequence[Frame], budget_s: float, speed: Speed
 ) -> None:
     threads = all_threads()
-    with torch_threads(threads):
+    with limited_threads(threads):
         for batch in BATCHES:
             sample = time_calls(
                 stages,
@@ -137,8 +146,7 @@ def _time_offline(
                 block=offline_block(batch),
                 warmup_blocks=OFFLINE_BLOCKS,
             )
-            speed.rows.extend(sample.rows("offline"))
-            speed.raw[f"offline_{batch}_frames_ms"] = np.asarray(sample.raw_ms)
+            speed.add("offline", sample)
 
 
 class PeakMemory:

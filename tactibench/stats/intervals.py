@@ -27,7 +27,8 @@ class Estimate:
 
     value, low, high: None where there is nothing to estimate from; never NaN. n: values that were
     averaged. clusters: presses they come from. censored: "<" or ">" when the value is only known
-    to lie beyond the one given.
+    to lie beyond the one given. method: "interpolated" when no curve fits and the value was read
+    between the measured shares.
 
     Raises ValueError when a number is not finite.
     """
@@ -38,6 +39,7 @@ class Estimate:
     n: int
     clusters: int
     censored: str | None = None
+    method: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("value", "low", "high"):

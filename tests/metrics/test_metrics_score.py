@@ -212,7 +212,8 @@ def test_every_metric_says_what_it_is():
     }
     beside = {"limit_mm"}  # of every threshold on a sensor that knows it
     floor = {"surface_floor_mm", "surface_excess_mm"}  # of later versions
-    asked = {*EXP1, *EXP2, *EXP3, *plates, *uncertainty, *hard, *beside, *floor}
+    fit = {f"threshold_{name}" for name in ("lapse", "deviance", "freedom", "p")}
+    asked = {*EXP1, *EXP2, *EXP3, *plates, *uncertainty, *hard, *beside, *floor, *fit}
     assert asked == set(FAMILIES)
 
 

@@ -1,12 +1,18 @@
-"""The 75 % point of a logistic curve."""
+"""The 75 % point of a psychometric curve, and how well the curve fits."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import minimize
-from scipy.special import expit
+from scipy.special import expit, logit, xlogy
+from sklearn.isotonic import IsotonicRegression
 
+from tactibench.metrics.crossing import crossing, interpolated_threshold, isotonic_shares
 from tactibench.metrics.score import score
-from tactibench.metrics.threshold import fit_threshold
+from tactibench.metrics.threshold import MISFIT, MOST_LAPSES, checked_threshold, fit_threshold
 
 DISTANCES = np.arange(6.5, 12.01, 0.5)
 
@@ -104,3 +110,196 @@ def test_one_distance_or_none_has_no_threshold(two_point, kinds):
     assert fit_threshold(np.empty(0), np.empty(0), np.empty(0)).value is None
     (row,) = score(["threshold_mm"], two_point, rng=np.random.default_rng(0))
     assert row.n == 180
+
+
+def lapsing(middle, slope, lapse):
+    """P of every distance, and where it is 75 % of all pairs."""
+    return (1 - lapse) * expit(slope * (DISTANCES - middle)), middle + logit(
+        0.75 / (1 - lapse)
+    ) / slope
+
+
+def checked(distance, hits, press=None, seed=0, **options):
+    press = np.arange(len(hits)) if press is None else press
+    return checked_threshold(distance, hits, press, rng=np.random.default_rng(seed), **options)
+
+
+@pytest.mark.parametrize("lapse", [0.0, 0.03, 0.08])
+def test_a_known_lapse_rate_is_recovered(lapse):
+    curve, threshold = lapsing(8.4, 1.7, lapse)
+    fit = checked(*exactly(curve, 20_000))
+    assert fit.estimate.value == pytest.approx(threshold, abs=3e-3)
+    assert fit.lapse == pytest.approx(lapse, abs=1e-3)
+    assert fit.estimate.method is None
+    assert fit.goodness.deviance < 0.1
+    assert fit.goodness.p > 0.99
+
+
+def test_no_lapse_rate_is_the_fit_of_version_1():
+    distance, hits = answers(expit(1.2 * (DISTANCES - 8.5)), 40, np.random.default_rng(4))
+    press = np.arange(len(hits))
+    assert fit_threshold(distance, hits, press, most_lapses=0.0) == fit_threshold(
+        distance, hits, press
+    )
+    fit = checked(distance, hits, most_lapses=0.0)
+    assert (fit.lapse, fit.goodness.freedom) == (0.0, 10)
+    assert fit.estimate == fit_threshold(distance, hits, press)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_against_a_general_optimiser_of_threshold_slope_and_lapse(seed):
+    curve, _ = lapsing(8.2, 1.1, (0.03, 0.08, 0.2)[seed])
+    distance, hits = answers(curve, 100, np.random.default_rng(seed))
+    h = np.array([hits[distance == d].sum() for d in DISTANCES])
+
+    def deviance(at):
+        m, b, g = at[0], np.exp(at[1]), 0.1 * expit(at[2])
+        p = (1 - g) * expit(logit(0.75 / (1 - g)) + b * (DISTANCES - m))
+        fit = xlogy(h, p) + xlogy(100 - h, 1 - p)
+        return 2 * (xlogy(h, h / 100) + xlogy(100 - h, 1 - h / 100) - fit).sum()
+
+    options = {"xatol": 1e-9, "fatol": 1e-11, "maxiter": 5000, "maxfev": 5000}
+    starts = [(m, b, g) for m, b in ((8, 0.5), (10, -0.5)) for g in (-3, 3)]
+    best = min(
+        (minimize(deviance, start, method="Nelder-Mead", options=options) for start in starts),
+        key=lambda one: one.fun,
+    )
+    fit = checked(distance, hits)
+    curve = fit_threshold(distance, hits, np.arange(1200), most_lapses=MOST_LAPSES)
+    assert curve.value == pytest.approx(best.x[0], abs=2e-5)
+    assert fit.lapse == pytest.approx(0.1 * expit(best.x[2]), abs=1e-4)
+    assert fit.goodness.deviance == pytest.approx(best.fun, abs=1e-5)
+    assert fit.goodness.freedom == 9
+
+
+def test_a_perfect_step_fits_perfectly():
+    fit = checked(*exactly(DISTANCES > 9.1, 50))
+    assert 9.0 < fit.estimate.value < 9.5
+    assert fit.lapse == pytest.approx(0, abs=1e-4)
+    assert fit.goodness.deviance < 0.01  # a slope of 50 / mm is not infinite
+    assert fit.goodness.p == 1.0
+
+
+@pytest.mark.parametrize(
+    ("share", "value", "censored"), [(1, 6.5, "<"), (0.95, 6.5, "<"), (0, 12, ">")]
+)
+def test_all_resolved_and_none_are_censored_and_fit(share, value, censored):
+    fit = checked(*exactly(np.full(12, share), 100))
+    assert (fit.estimate.value, fit.estimate.censored) == (value, censored)
+    assert fit.estimate.method is None
+    assert fit.goodness.deviance == pytest.approx(0, abs=1e-3)
+    assert fit.goodness.p > 0.9
+
+
+@pytest.mark.parametrize("shares", [(0.9, 0.9, 0.3) * 4, tuple(np.linspace(0.6, 0.2, 12))])
+def test_no_curve_gives_the_crossing_and_says_so(shares):
+    distance, hits = exactly(np.array(shares), 100)
+    fit = checked(distance, hits)
+    assert fit.goodness.p < MISFIT
+    assert fit.estimate.method == "interpolated"
+    again = checked(distance, hits, seed=1)
+    assert again.goodness == fit.goodness  # its random numbers are its own
+    assert fit.estimate == checked(distance, hits).estimate
+
+
+def test_two_distances_leave_nothing_to_check():
+    distance, hits = (
+        np.repeat([8.0, 10.0], 50),
+        np.concatenate([np.arange(50) < k for k in (20, 45)]),
+    )
+    fit = checked(distance, hits * 1.0)
+    assert (fit.goodness.freedom, fit.goodness.p) == (0, None)
+    assert fit.estimate.method is None
+    nothing = checked(np.full(9, 8.0), np.ones(9))
+    assert (nothing.estimate.value, nothing.lapse, nothing.goodness) == (None, None, None)
+
+
+def test_frames_of_one_press_do_not_make_a_misfit():
+    rng = np.random.default_rng(3)
+    curve, _ = lapsing(9.0, 1.5, 0.03)
+    distance, hits = answers(curve, 60, rng)
+    copied = np.repeat(distance, 8), np.repeat(hits, 8), np.repeat(np.arange(720), 8)
+    alone, together = checked(distance, hits), checked(*copied)
+    assert together.goodness.deviance == pytest.approx(alone.goodness.deviance, rel=1e-3)
+    assert together.goodness.p > 0.01
+
+
+def test_p_is_uniform_where_the_curve_is_true():
+    rng = np.random.default_rng(5)
+    curve, _ = lapsing(9.0, 3.0, 0.0)  # steep: most distances add nothing to the deviance
+    p = [checked(*answers(curve, 50, rng)).goodness.p for _ in range(20)]
+    assert 0.2 < np.mean(np.array(p) < 0.5) < 0.8
+    assert np.mean(np.array(p) < 0.05) < 0.3
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 9), st.integers(1, 9)), min_size=2, max_size=8).map(
+        lambda pairs: [(min(h, n), n) for h, n in pairs]
+    )
+)
+@settings(max_examples=100, deadline=None)
+def test_isotonic_shares_are_those_of_scikit_learn(counts):
+    hits, trials = np.array(counts, dtype=float).T
+    expected = IsotonicRegression().fit_transform(
+        np.arange(len(hits)), hits / trials, sample_weight=trials
+    )
+    np.testing.assert_allclose(isotonic_shares(hits[None], trials[None])[0], expected, atol=1e-9)
+
+
+def test_the_crossing_lies_on_the_line_between_two_shares():
+    distance = np.array([6.0, 7.0, 8.0])
+    shares = np.array([[0.5, 0.7, 0.9], [0.8, 0.9, 1.0], [0.1, 0.2, 0.3], [0.0, 0.75, 1.0]])
+    np.testing.assert_allclose(crossing(distance, shares, 0.75), [7.25, 6.0, 8.0, 7.0])
+
+
+def test_a_distance_that_a_resample_has_lost_is_stepped_over():
+    hits, trials = np.array([[2.0, 0.0, 9.0], [0, 0, 8]]), np.array([[10.0, 0.0, 10.0], [0, 0, 10]])
+    shares = isotonic_shares(hits, trials)
+    assert shares[0, 0] == pytest.approx(0.2)
+    assert shares[0, 1] in (shares[0, 0], shares[0, 2])
+    found = crossing(np.array([6.0, 7.0, 8.0]), shares, 0.75)
+    assert np.isfinite(found).all()
+    assert (found <= 8).all()
+
+
+@pytest.mark.parametrize(("share", "value", "censored"), [(0.9, 6.5, "<"), (0.5, 12.0, ">")])
+def test_a_crossing_outside_is_censored(share, value, censored):
+    distance, hits = exactly(np.full(12, share), 100)
+    found = interpolated_threshold(
+        distance, hits, np.arange(1200), 0.75, rng=np.random.default_rng(0)
+    )
+    assert (found.value, found.censored, found.method) == (value, censored, "interpolated")
+    assert (found.low if censored == "<" else found.high) is None
+
+
+@pytest.mark.parametrize("lapse", [0.0, 0.03, 0.08])
+@pytest.mark.long
+def test_the_interval_with_lapses_covers(lapse):
+    rng = np.random.default_rng(9)
+    curve, threshold = lapsing(9.0, 1.5, lapse)
+    covered = 0
+    for _ in range(120):
+        found = fit_threshold(*answers(curve, 50, rng), np.arange(600), most_lapses=MOST_LAPSES)
+        covered += found.low <= threshold <= found.high
+    assert covered / 120 > 0.88
+
+
+def test_what_a_protocol_asks_for(two_point):
+    asked = [
+        "threshold_mm",
+        "threshold_lapse",
+        "threshold_deviance",
+        "threshold_freedom",
+        "threshold_p",
+    ]
+    plain = score(["threshold_mm"], two_point, rng=np.random.default_rng(0))
+    both = replace(two_point, psychometric="lapse")
+    rows = {row.metric: row for row in score(asked, both, rng=np.random.default_rng(0))}
+    backwards = score(asked[::-1], replace(both), rng=np.random.default_rng(0))
+    assert {row.metric: row for row in backwards} == rows
+    assert list(rows) == asked
+    assert rows["threshold_freedom"].value == 0.0
+    assert rows["threshold_p"].value is None
+    assert rows["threshold_mm"].method is None
+    assert "method" not in rows["threshold_mm"].json_values()
+    assert plain[0].unit == "mm"

@@ -112,7 +112,7 @@ def test_speed_that_drifted_or_was_not_timed(fabricate: Callable[..., Record]) -
         "at most 167 frames/s"
     )
     made.speed[0].settled = False
-    assert speed_line(made).endswith(", still drifting: is the machine busy?")
+    assert speed_line(made).endswith(", not settled: is the machine busy?")
     assert speed_line(made.model_copy(update={"speed": []})) == "speed: not timed"
 
 

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tactibench.run.latency import (
+    Clocks,
     LatencySample,
     batches,
     time_calls,
     time_in_rounds,
-    torch_threads,
 )
+from tactibench.run.load import Counters, Load
+from tactibench.run.threads import limited_threads
 
 
 class Clock:
@@ -26,6 +28,18 @@ class Clock:
     def __init__(self) -> None:
         self.now = 100.0
         self.called: list[str] = []
+        self.share = 1.0
+        self.foreign_s = 0.0
+        self.stolen_s = 0.0
+
+    @property
+    def clocks(self) -> Clocks:
+        """The clocks of a process that computes ``share`` of the time, on two processors."""
+        return Clocks(self, lambda: self.share * self.now, self.counters)
+
+    def counters(self) -> Counters:
+        busy = self.share * self.now + self.foreign_s
+        return Counters(busy, self.stolen_s, 2 * self.now, 2, self.share * self.now)
 
     def __call__(self) -> float:
         return self.now
@@ -54,7 +68,7 @@ def test_phases_are_timed_apart():
         ("preprocess", clock.stage(constant(0.001))),
         ("forward", clock.stage(constant(0.004))),
     ]
-    sample = time_calls(stages, ["a"], threads=1, clock=clock)
+    sample = time_calls(stages, ["a"], threads=1, clocks=clock.clocks)
     assert sample.phases == ("preprocess", "forward")
     assert sample.raw_ms.shape == (300, 2)
     np.testing.assert_allclose(sample.raw_ms, np.tile([1.0, 4.0], (300, 1)), rtol=1e-6)
@@ -66,7 +80,7 @@ def test_phases_are_timed_apart():
 def test_each_stage_gets_what_the_one_before_returned():
     seen = []
     stages = [("one", lambda frames: [f + 1 for f in frames]), ("two", seen.append)]
-    time_calls(stages, [10, 20, 30], threads=1, calls=4, budget_s=0.0, clock=Clock())
+    time_calls(stages, [10, 20, 30], threads=1, calls=4, budget_s=0.0, clocks=Clock().clocks)
     assert seen == [[11], [21], [31], [11]]  # a budget already spent: no warm-up at all
 
 
@@ -74,7 +88,7 @@ def test_warm_up_goes_on_while_calls_get_faster():
     """Blocks of 20: 2.0, 1.0, 1.0 s: the third agrees with the second, the second not."""
     clock = Clock()
     stages = [("all", clock.stage(lambda call: 2.0 if call < 20 else 1.0))]
-    sample = time_calls(stages, [0], threads=1, clock=clock)
+    sample = time_calls(stages, [0], threads=1, clocks=clock.clocks)
     assert (sample.settled, sample.warmup_calls) == (True, 60)
     np.testing.assert_allclose(sample.raw_ms, 1000.0)
 
@@ -83,7 +97,7 @@ def test_warm_up_goes_on_while_calls_get_faster():
 def test_settled_means_within_two_percent(change, settles):
     clock = Clock()
     stages = [("all", clock.stage(lambda call: (1 - change) ** (call // 20)))]
-    sample = time_calls(stages, [0], threads=1, clock=clock)
+    sample = time_calls(stages, [0], threads=1, clocks=clock.clocks)
     assert sample.settled is settles
     assert sample.warmup_calls == (40 if settles else 500)
 
@@ -91,16 +105,16 @@ def test_settled_means_within_two_percent(change, settles):
 def test_outliers_do_not_keep_it_from_settling():
     clock = Clock()
     stages = [("all", clock.stage(lambda call: 9.0 if call == 25 else 1.0))]
-    assert time_calls(stages, [0], threads=1, clock=clock).warmup_calls == 40
+    assert time_calls(stages, [0], threads=1, clocks=clock.clocks).warmup_calls == 40
 
 
 def test_budget_stops_but_leaves_a_block():
     clock = Clock()
     stages = [("all", clock.stage(constant(1.0)))]
-    sample = time_calls(stages, [0], threads=1, budget_s=100.0, clock=clock)
+    sample = time_calls(stages, [0], threads=1, budget_s=100.0, clocks=clock.clocks)
     assert sample.settled
     assert len(sample.raw_ms) == 60  # 40 of the 100 went into the warm-up
-    sample = time_calls(stages, [0], threads=1, budget_s=15.0, clock=clock)
+    sample = time_calls(stages, [0], threads=1, budget_s=15.0, clocks=clock.clocks)
     assert (sample.settled, sample.warmup_calls, len(sample.raw_ms)) == (False, 20, 20)
 
 
@@ -111,14 +125,14 @@ def test_offline_batches_take_frames_in_turn():
         seen.append(tuple(frames))
         clock.now += 0.5
 
-    sample = time_calls([("all", look)], "abcde", 2, threads=2, calls=6, clock=clock)
+    sample = time_calls([("all", look)], "abcde", 2, threads=2, calls=6, clocks=clock.clocks)
     assert sample.batch == 2
     assert sample.threads == 2
     assert len(sample.raw_ms) == 6
     assert set(seen) == {("a", "b"), ("c", "d"), ("e", "a")}
     with pytest.raises(ValueError, match="batch"):
-        time_calls([("all", look)], "abc", 0, threads=1, clock=clock)
-    big = time_calls([("all", look)], "abc", 7, threads=1, clock=clock)
+        time_calls([("all", look)], "abc", 0, threads=1, clocks=clock.clocks)
+    big = time_calls([("all", look)], "abc", 7, threads=1, clocks=clock.clocks)
     assert {len(s) for s in seen} == {2, 7}
     assert big.batch == 7
 
@@ -136,7 +150,7 @@ def test_collector_is_off_in_calls_and_restored(was_on):
     try:
         (gc.enable if was_on else gc.disable)()
         with pytest.raises(RuntimeError, match="stop"):
-            time_calls([("all", fail)], [0], threads=1, clock=Clock())
+            time_calls([("all", fail)], [0], threads=1, clocks=Clock().clocks)
         assert gc.isenabled() is was_on
     finally:
         (gc.enable if before else gc.disable)()
@@ -187,7 +201,7 @@ def test_torch_threads_are_restored_after_an_error(monkeypatch):
     inside = []
 
     def use():
-        with torch_threads(3):
+        with limited_threads(3):
             inside.append(FakeTorch.threads)
             raise RuntimeError("inside")
 
@@ -211,7 +225,9 @@ def models(clock):
 
 
 def test_all_are_called_in_turns_after_their_warm_ups(clock, models):
-    found = time_in_rounds(models, "xyz", threads=1, calls=6, rounds=3, clock=clock, block=2)
+    found = time_in_rounds(
+        models, "xyz", threads=1, calls=6, rounds=3, clocks=clock.clocks, block=2
+    )
     assert "".join(clock.called) == "aaaa" + "bbbb" + "aabb" * 3
     np.testing.assert_allclose(found["a"].total_ms, [1.0] * 6)
     np.testing.assert_allclose(found["b"].total_ms, [3.0] * 6)
@@ -222,7 +238,7 @@ def test_all_are_called_in_turns_after_their_warm_ups(clock, models):
 
 def test_a_spent_budget_leaves_one_round(clock, models):
     found = time_in_rounds(
-        models, "xyz", threads=2, calls=8, rounds=4, budget_s=0.0, clock=clock, block=2
+        models, "xyz", threads=2, calls=8, rounds=4, budget_s=0.0, clocks=clock.clocks, block=2
     )
     assert "".join(clock.called) == "aabb"
     assert [(s.settled, len(s.raw_ms)) for s in found.values()] == [(False, 2)] * 2
@@ -231,7 +247,9 @@ def test_a_spent_budget_leaves_one_round(clock, models):
 def test_rounds_of_batches(clock):
     seen = []
     model = {"only": [("all", lambda frames: seen.append(tuple(frames)))]}
-    found = time_in_rounds(model, "abc", 2, threads=1, calls=2, rounds=1, clock=clock, block=1)
+    found = time_in_rounds(
+        model, "abc", 2, threads=1, calls=2, rounds=1, clocks=clock.clocks, block=1
+    )
     assert set(seen) == {("a", "b"), ("c", "a")}
     assert found["only"].batch == 2
     assert batches("abc", 7) == [list("abcabca")]
@@ -255,7 +273,7 @@ def test_quantiles_of_a_ramp():
     """0, 1 .. 100 ms: the q quantile is 100 q, the mean 50 ms, 4 frames a call: 80 a second."""
     ramp = np.arange(101.0)
     raw = np.column_stack([0.25 * ramp, 0.75 * ramp])
-    rows = LatencySample(("forward", "decode"), raw, True, 40, 2, 4).rows("offline")
+    rows = LatencySample(("forward", "decode"), raw, True, 40, 2, 4, raw).rows("offline")
     assert [row["phase"] for row in rows] == ["forward", "decode", "total"]
     for row, share in zip(rows, (0.25, 0.75, 1.0), strict=True):
         assert row["p50_ms"] == pytest.approx(50 * share)
@@ -279,4 +297,111 @@ def test_rows_are_ordered_and_add_up(raw):
 
 def test_json_values_only():
     for row in LatencySample(("a",), [[1.0]], True, 40, 1).rows("single"):
-        assert {type(value) for value in row.values()} <= {str, int, float, bool}
+        assert {type(value) for value in row.values()} <= {str, int, float, bool, type(None)}
+
+
+def timed(clock, threads=1):
+    stages = [("all", clock.stage(constant(0.01)))]
+    return time_calls(stages, [0], threads=threads, calls=100, clocks=clock.clocks)
+
+
+@pytest.mark.parametrize(
+    ("share", "settled"), [(1.0, True), (0.91, True), (0.89, False), (1.09, True), (1.2, False)]
+)
+def test_one_thread_is_settled_where_processor_and_wall_time_agree(share, settled):
+    clock = Clock()
+    clock.share = share
+    sample = timed(clock)
+    assert sample.processor_share == pytest.approx(share)
+    assert (sample.warm, sample.settled) == (True, settled)
+    (row, total) = sample.rows("single")
+    assert row["cpu_ms"] == total["cpu_ms"] == pytest.approx(10 * share)
+    assert total["settled"] is settled
+
+
+@pytest.mark.parametrize(
+    ("share", "foreign_s", "stolen_s", "settled"),
+    [
+        (1.0, 0.0, 0.0, True),
+        (1.9, 0.0, 0.0, True),
+        (1.9, 0.19, 0.0, True),
+        (1.9, 0.21, 0.0, False),
+        (1.9, 0.0, 0.21, False),
+        (1.9, 0.11, 0.11, False),
+        (0.8, 0.0, 0.0, False),
+    ],
+)
+def test_several_threads_are_settled_where_others_took_little(share, foreign_s, stolen_s, settled):
+    """100 calls of 10 ms on two processors: 2 s, of which others may take 0.2."""
+    clock = Clock()
+    clock.share = share
+
+    def disturbed(value):
+        clock.now += 0.01
+        clock.foreign_s += foreign_s / 100
+        clock.stolen_s += stolen_s / 100
+        return value
+
+    sample = time_calls([("all", disturbed)], [0], threads=2, calls=100, clocks=clock.clocks)
+    assert sample.settled is settled
+    (row,) = [row for row in sample.rows("single") if row["phase"] == "total"]
+    assert row["foreign"] == pytest.approx(foreign_s / 2, abs=1e-9)
+    assert row["stolen"] == pytest.approx(stolen_s / 2, abs=1e-9)
+
+
+def test_times_are_not_settled_while_they_drift():
+    clock = Clock()
+    stages = [("all", clock.stage(lambda call: 0.97 ** (call // 20)))]
+    sample = time_calls(stages, [0], threads=1, clocks=clock.clocks)
+    assert (sample.warm, sample.quiet, sample.settled) == (False, True, False)
+
+
+def test_without_processor_times_nothing_is_proven():
+    sample = LatencySample(("a",), [[1.0]], True, 40, 1)
+    assert (sample.processor_share, sample.settled) == (None, False)
+    assert sample.rows("single")[0]["cpu_ms"] is None
+    with pytest.raises(ValueError, match="processor times"):
+        LatencySample(("a",), [[1.0]], True, 40, 1, 1, [[1.0], [2.0]])
+
+
+def test_too_short_to_know_the_load(clock):
+    sample = time_calls(
+        [("all", clock.stage(constant(0.001)))], [0], threads=2, calls=100, clocks=clock.clocks
+    )
+    assert (sample.load.stolen, sample.load.foreign) == (None, None)
+    assert sample.settled
+
+
+def test_frames_of_every_model_may_be_its_own(clock):
+    seen = {"a": set(), "b": set()}
+    models = {name: [("all", lambda frames, n=name: seen[n].update(frames))] for name in seen}
+    rounds = []
+    time_in_rounds(
+        models,
+        {"a": "xy", "b": "z"},
+        threads=1,
+        calls=4,
+        rounds=2,
+        clocks=clock.clocks,
+        block=1,
+        advance=rounds.append,
+    )
+    assert seen == {"a": {"x", "y"}, "b": {"z"}}
+    assert rounds == [1, 1]
+
+
+def test_phases_have_processor_times_of_their_own(clock):
+    def compute(value):
+        clock.now += 0.003
+        return value
+
+    sample = time_calls(
+        [("one", compute), ("two", clock.stage(constant(0.001)))],
+        [0],
+        threads=1,
+        calls=100,
+        clocks=clock.clocks,
+    )
+    rows = {row["phase"]: row["cpu_ms"] for row in sample.rows("single")}
+    assert rows == pytest.approx({"one": 3.0, "two": 1.0, "total": 4.0})
+    assert sample.load == Load(0.0, 0.0, sample.load.average)

@@ -142,17 +142,22 @@ def logistic_fit(record: Record, distance: FloatArray) -> FloatArray | None:
     The slope is the most likely one at the threshold, as in ``tactibench.metrics.threshold``.
 
     Returns:
-        None where the run has no threshold, or a bound: no fit of these counts crosses 75 % there.
+        None where the run has no threshold, or a bound, or one between measured shares: no fit of
+        these counts crosses 75 % there.
     """
     shares = [m for m in record.metrics if m.metric == "resolved" and m.group[:1].isdigit()]
     known = sorted((float(m.group), m.value, m.n) for m in shares if m.value is not None)
     threshold = next((m for m in record.metrics if m.metric == "threshold_mm"), None)
     if len(known) < 2 or threshold is None or threshold.value is None or threshold.censored:
         return None
+    if threshold.method is not None:
+        return None
+    lapse = record.value("threshold_lapse", "all") or 0.0
     tested, share, trials = np.array(known, dtype=np.float64).T
     middle = np.array([threshold.value])
-    slope = Profile(tested, np.rint(share * trials), trials).slope(middle)
-    return np.asarray(expit(Profile(distance, distance, distance).logit(middle, slope))[0])
+    slope = Profile(tested, np.rint(share * trials), trials).slope(middle, lapse)
+    eta = Profile(distance, distance, distance).logit(middle, slope, lapse)
+    return np.asarray((1 - lapse) * expit(eta)[0])
 
 
 def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figure:

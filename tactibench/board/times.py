@@ -1,0 +1,256 @@
+"""The models of one board timed together, from trained weights, apart from their training.
+
+A run times its model after training it, whatever else the machine does. Here all models of a
+protocol are timed in turns in one job on a quiet machine, so that their times can be compared, and
+the new rows take the place of the old ones in their records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from tactibench.board.submissions import FOLDER, add
+from tactibench.contacts import Answer, Frame
+from tactibench.errors import UserError
+from tactibench.frames.source import spread
+from tactibench.plugins.base import Stage
+from tactibench.plugins.host import PluginHost
+from tactibench.protocols.loader import version_of
+from tactibench.records.answers import unpack_contacts, unpack_plates
+from tactibench.records.bound_spec import BoundSpec
+from tactibench.records.record import Record, SpeedRow, Timed
+from tactibench.records.store import PARTS, StoredRun, write_run
+from tactibench.run.cached_weights import weights_folder
+from tactibench.run.configurations import ROUNDS, race_briefly
+from tactibench.run.difference import answers_of, compare, declared_stages
+from tactibench.run.evaluation import TestFrames
+from tactibench.run.latency import BATCHES, offline_block, time_in_rounds
+from tactibench.run.load import QUIET, Load
+from tactibench.run.machine import all_threads, environment_facts
+from tactibench.run.plan import RunPlan, make_plan
+from tactibench.run.predict import blinded
+from tactibench.run.reporter import Reporter
+from tactibench.run.request import HIDDEN, RunRequest, read_test_options
+from tactibench.run.threads import limited_threads
+from tactibench.run.timing import BUDGET_S, CALLS, OFFLINE_CALLS, TIMED_FRAMES, Speed
+
+
+@dataclass(frozen=True)
+class TimedModel:
+    """The model of a run, ready to be timed.
+
+    Attributes:
+        run: whose record takes the times.
+        stages: of the configuration that is timed.
+        frames: as a model may see them.
+        timed: what the configuration is and costs in accuracy, as a record holds it.
+    """
+
+    run: StoredRun
+    stages: Sequence[Stage]
+    frames: Sequence[Frame]
+    timed: Mapping[str, Any]
+
+
+@dataclass
+class Timekeeper:
+    """Opens the models of runs; runs that share test frames open them once.
+
+    Attributes:
+        host: of the plugins.
+        cache: of frames and weights.
+        reporter: shows the work.
+        data: folder of recorded frames.
+    """
+
+    host: PluginHost
+    cache: Path
+    reporter: Reporter
+    data: Path | None = None
+    _frames: dict[tuple[str, ...], TestFrames] = field(default_factory=dict)
+    _fingerprint: str = field(default_factory=lambda: environment_facts()["fingerprint"])
+
+    def open(self, run: StoredRun) -> TimedModel:
+        """Return the model of a run with the weights that it was scored with.
+
+        Raises:
+            UserError: the run has no times to replace, is of another machine, its weights are not
+                in the cache, or they do not give its answers.
+        """
+        record = run.record
+        _refuse_untimed(record)
+        if record.environment.fingerprint != self._fingerprint:
+            raise UserError(
+                f"{record.name} is a run of another machine ({record.environment.fingerprint}, "
+                f"this one is {self._fingerprint}); its times would not be those of its record."
+            )
+        plan = make_plan(request_of_record(record, self.host, self.data), self.host, self.cache)
+        folder = weights_folder(self.cache, record.identity.weights_hash)
+        if folder is None:
+            raise UserError(
+                f"the weights of {record.name} ({record.identity.weights_hash[:12]}) are not in "
+                "the cache; run the protocol again, which trains and times them."
+            )
+        model = plan.components.build_model(plan.context())
+        model.load(folder)
+        test = self._test_frames(plan)
+        rows = spread(range(len(test.frames)), TIMED_FRAMES)
+        frames = [blinded(test.frames[row]) for row in rows]
+        truth = [test.truth[row] for row in rows]
+        scored = _scored(run, plan.spec.answer, rows)
+        configuration, stages = model.timed_as, declared_stages(model)
+        raced: list[dict[str, Any]] = []
+        if model.configurations:
+            best, raced = race_briefly(model, frames, scored, truth, BUDGET_S)
+            configuration, stages = best.description, list(best.stages)
+        difference = compare(answers_of(stages, frames), scored, truth)
+        if not difference.allowed:
+            raise UserError(
+                f"the weights of {record.name} do not answer as its record says; run the protocol "
+                "again with --fresh."
+            )
+        timed = {"configuration": configuration, **difference.as_row(), "raced": raced}
+        return TimedModel(run, stages, frames, timed)
+
+    def _test_frames(self, plan: RunPlan) -> TestFrames:
+        key = tuple(frame_set.key for frame_set in plan.frames.test)
+        if key not in self._frames:
+            self._frames[key] = TestFrames.open(plan, self.reporter)
+        return self._frames[key]
+
+
+def request_of_record(record: Record, host: PluginHost, data: Path | None) -> RunRequest:
+    """Return the request that a run was made by, with all parameters as its record states them."""
+    test, bound = record.test_sensor, {"model": BoundSpec.of_record(host.models, record.model)}
+    bound["sensor"] = BoundSpec.of_record(host.sensors, record.sensor)
+    if record.encoder is not None:
+        bound["encoder"] = BoundSpec.of_record(host.encoders, record.encoder)
+    options = () if test is None else tuple(test.options)
+    return RunRequest(
+        record.protocol.id,
+        record.model.name,
+        regime=record.regime,
+        sensor=record.sensor.name,
+        encoder=None if record.encoder is None else record.encoder.name,
+        data=data,
+        seed=record.seed,
+        device=record.training.device or "cpu",
+        parameters={
+            kind: {name: str(value) for name, value in one.values.items()}
+            for kind, one in bound.items()
+        },
+        presses=record.limits.presses,
+        test=read_test_options(
+            tuple(option for option in options if option != HIDDEN), hidden=HIDDEN in options
+        ),
+    )
+
+
+def time_models(
+    models: Sequence[TimedModel],
+    reporter: Reporter,
+    *,
+    calls: int = CALLS,
+    batches: Sequence[int] = BATCHES,
+) -> dict[str, Speed]:
+    """Time all models in turns: one frame a call with one thread and with all, and in batches.
+
+    Args:
+        models: with different names of their runs.
+        reporter: shows the work.
+        calls: of each model at batch 1.
+        batches: of the scenario ``offline``.
+
+    Returns:
+        By the name of the run.
+    """
+    moment = datetime.now(UTC).isoformat(timespec="seconds")
+    together = {"interleaved": len(models), "at": moment}
+    speeds = {one.run.record.name: Speed(timed={**one.timed, **together}) for one in models}
+    stages = {one.run.record.name: one.stages for one in models}
+    frames = {one.run.record.name: one.frames for one in models}
+    count, threads = len(models), sorted({1, all_threads()})
+    with reporter.task("time", ROUNDS * (len(threads) + len(batches))) as advance:
+
+        def measure(scenario: str, threads: int, calls: int, budget_s: float, **more: Any) -> None:
+            with limited_threads(threads):
+                samples = time_in_rounds(
+                    stages,
+                    frames,
+                    threads=threads,
+                    calls=max(calls, ROUNDS),
+                    rounds=ROUNDS,
+                    budget_s=budget_s * count,
+                    advance=advance,
+                    **more,
+                )
+            for name, sample in samples.items():
+                speeds[name].add(scenario, sample)
+
+        for number in threads:
+            measure("single", number, calls, BUDGET_S)
+        for batch in batches:
+            block = offline_block(batch)
+            more = {"batch": batch, "block": block}
+            measure("offline", all_threads(), OFFLINE_CALLS, BUDGET_S / 6, **more)
+    return speeds
+
+
+def store_times(run: StoredRun, speed: Speed) -> StoredRun:
+    """Return the run with new times in its record and beside it; all else stays as it is.
+
+    Raises:
+        UserError: an array of the run is damaged, or the record breaks an invariant.
+    """
+    parts = {name: run.arrays(name) for name in PARTS if name != "times"}
+    rows = [SpeedRow.model_validate(row) for row in speed.rows]
+    changes = {"speed": rows, "timed": Timed.model_validate(speed.timed)}
+    record = run.record.model_copy(update=changes)
+    return write_run(run.folder.parent, record, {**parts, "times": speed.raw})
+
+
+def commit_times(run: StoredRun, board: Path) -> Path | None:
+    """Write the record of a run over the committed one of the same name; None where there is none.
+
+    Raises:
+        UserError: as ``add``.
+    """
+    path = board / FOLDER / run.record.protocol.id / f"{run.record.name}.json"
+    return add(run, board).path if path.is_file() else None
+
+
+def refuse_noise(load: Load) -> None:
+    """Raise UserError where others compute on this machine, with how much they take."""
+    if load.quiet is False:
+        stolen, foreign = (round(100 * (share or 0)) for share in (load.stolen, load.foreign))
+        raise UserError(
+            f"the machine is not quiet: other processes take {foreign} % of its processors and "
+            f"other machines {stolen} % (at most {100 * QUIET:.0f} % together, load average "
+            f"{load.average}); stop them, or add --anyway, and the times count as not settled."
+        )
+
+
+def _refuse_untimed(record: Record) -> None:
+    """Raise UserError for runs whose model changes between frames, or that have no times."""
+    protocol = version_of(record.protocol.id, record.protocol.hash)
+    if protocol is None or protocol.archived:
+        raise UserError(f"{record.name} is of an earlier version of its protocol; run it again.")
+    if protocol.spec.families:
+        raise UserError(f"{record.name} is of a protocol that times no model.")
+    if protocol.spec.transfer is not None or record.shots:
+        raise UserError(
+            f"{record.name} times a model that was shown frames of the tested sensor; only the run "
+            "itself can time it."
+        )
+
+
+def _scored(run: StoredRun, kind: str, rows: Sequence[int]) -> list[Answer | None]:
+    unpack: Callable[[Mapping[str, Any]], Sequence[Answer | None]] = (
+        unpack_plates if kind == "plate" else unpack_contacts
+    )
+    answers = unpack(run.arrays("predictions"))
+    return [answers[row] for row in rows]

@@ -1,0 +1,62 @@
+"""The table of ``tactibench board time``: a line a model and number of threads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.text import Text
+
+from tactibench.records.record import Record, SpeedRow
+from tactibench.report.numbers import fixed, plural
+from tactibench.report.table import Cell, Column, Number, Table, table
+from tactibench.report.writers.terminal import print_table
+from tactibench.run.load import QUIET
+
+
+def print_times(console: Console, records: Sequence[Record]) -> None:
+    """Print the times of one frame of all models, and which are not settled and why."""
+    print_table(console, times_table(records))
+    for record in records:
+        for row in _single(record):
+            if not row.settled:
+                threads = plural(row.threads, "thread")
+                text = f"NOT SETTLED: {record.name}, {threads}: {disturbance(row)}"
+                console.print(Text(text, style="yellow"), soft_wrap=True)
+
+
+def times_table(records: Sequence[Record]) -> Table:
+    """Return the table, the fastest model first."""
+    numbers = ("p50 ms", "p90 ms", "processor/wall", "stolen, %", "foreign, %", "load")
+    rows: list[list[Cell]] = []
+    for record in sorted(records, key=lambda one: min(r.p50_ms for r in _single(one))):
+        for row in _single(record):
+            shares = [None if s is None else 100 * s for s in (row.stolen, row.foreign)]
+            values = [row.p50_ms, row.p90_ms, processor_share(row), *shares, row.load]
+            cells = ["n/a" if v is None else Number(v, fixed(2)) for v in values]
+            rows.append([record.name, str(row.threads), *cells, "yes" if row.settled else "no"])
+    return table(["run", "threads", *map(Column, numbers), "settled"], rows)
+
+
+def processor_share(row: SpeedRow) -> float | None:
+    """Return processor time over wall time of a row; None where it was not measured."""
+    return None if row.cpu_ms is None or not row.mean_ms else row.cpu_ms / row.mean_ms
+
+
+def disturbance(row: SpeedRow) -> str:
+    """Return in words why the times of a row are not settled."""
+    share = processor_share(row)
+    if share is None:
+        return "processor time was not measured"
+    if share < 1 - QUIET:
+        return f"the process computed for {100 * share:.0f} % of the time"
+    others = (row.stolen or 0.0) + (row.foreign or 0.0 if row.threads > 1 else 0.0)
+    if row.threads == 1 and share > 1 + QUIET:
+        return f"the process computed on {share:.1f} threads"
+    if others > QUIET:
+        return f"others took {100 * others:.0f} % of the processors"
+    return "they still drifted after the warm-up"
+
+
+def _single(record: Record) -> list[SpeedRow]:
+    return [r for r in record.speed if (r.scenario, r.phase) == ("single", "total")]
