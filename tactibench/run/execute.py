@@ -124,7 +124,7 @@ def _add_simulated_truth(
         if "surface_rmse_mm" in names and plan.components.shows_surface and maps:
             surfaces = _join_sets(
                 "true surfaces",
-                test.sets,
+                test.sets[: test.main],
                 lambda presses: true_surfaces(sensor, presses, grid),
                 reporter,
             )
@@ -136,7 +136,7 @@ def _add_simulated_truth(
         )
         for metric, name, title, find in known:
             if metric in names:
-                found = _join_sets(title, test.sets, partial(find, sensor), reporter)
+                found = _join_sets(title, test.sets[: test.main], partial(find, sensor), reporter)
                 if found is not None:
                     truth[name] = found
 
