@@ -11,10 +11,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from tactibench.board.rows import PooledMetric, Row, label_of
+from tactibench.plugins.specs import INSTANCE
 from tactibench.protocols.board_spec import Ranking
 from tactibench.records.record import Record, Value
 
-INSTANCE, INSTANCES = "instance", "instances"
+INSTANCES = "instances"
 """Parameters of a sensor: which one of its make it is, and of how many the training presses are."""
 
 

@@ -63,7 +63,7 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
         UserError: A committed record cannot be read.
     """
     record = run.record
-    ranking = board_spec(record.protocol.id).ranking
+    ranking = board_spec(record.protocol.label).ranking
     protocol = version_of(record.protocol.id, record.protocol.hash)
     shortened = record.partial or record.limits.presses is not None
     committed = board / FOLDER / record.protocol.id
@@ -83,8 +83,8 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     errors = all_press_errors(board, others)
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
     errors[own.name] = press_errors_of(protocol.spec, trials_of(protocol.spec, truth, predicted))
-    rows = ordered(record.protocol.id, rows_of([*others, own]))
-    ranked = ranks(record.protocol.id, rows, errors)
+    rows = ordered(record.protocol.label, rows_of([*others, own]))
+    ranked = ranks(record.protocol.label, rows, errors)
     place = next(k for k, row in enumerate(rows) if own in row.records)
     if ranked is None or rows[place].metric(ranking.metric, ranking.group) is None:
         return None

@@ -60,7 +60,7 @@ def ranked_errors(
     spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> Arrays:
     """Return arrays of the error that orders the board; empty where none does."""
-    if board_spec(spec.id).ranking is None:
+    if board_spec(spec.label).ranking is None:
         return {}
     errors = press_errors_of(spec, trials_of(spec, truth, predicted))
     return {f"{RANKED}press": errors.press, f"{RANKED}error": errors.error}
@@ -68,7 +68,7 @@ def ranked_errors(
 
 def press_errors_of(spec: Protocol, trials: Trials | PlateTrials) -> PressErrors:
     """Return the error that orders the board of a protocol, which has one."""
-    by = board_spec(spec.id).ranking
+    by = board_spec(spec.label).ranking
     if by is None:
         raise UserError(f"no error orders the board of {spec.id}, so it ranks nothing.")
     group = by.group if spec.answer == "plate" else "all"  # elsewhere it is an axis, or all

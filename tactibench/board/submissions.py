@@ -132,10 +132,10 @@ def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> l
 
     Those of a version that is not kept stand with the present one, which says so.
     """
-    if protocol.archived:
+    if not protocol.present:
         return [record for record in records if record.protocol.hash == protocol.hash]
-    earlier = {one.hash for one in protocol_versions(protocol.spec.id) if one.archived}
-    return [record for record in records if record.protocol.hash not in earlier]
+    others = {one.hash for one in protocol_versions(protocol.spec.id) if not one.present}
+    return [record for record in records if record.protocol.hash not in others]
 
 
 def refuse_twins(records: Sequence[Record]) -> None:

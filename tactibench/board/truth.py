@@ -294,10 +294,11 @@ def _drawn_truth(frames: DrawnFrames) -> Arrays:
     arrays = _pack_truth(frames.spec, sets, [true_contacts(scene, radius) for scene in scenes])
     if "rmse_over_bound" not in frames.spec.metrics.names:
         return arrays
+    main = [scene for frame_set in sets if not frame_set.apart for scene in frame_set.scenes]
     bounds: list[FloatArray] = []
     began = time.process_time()
     with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
-        for scene in scenes:
+        for scene in main:
             bound = sensor.bound(scene)
             if bound is None:
                 return arrays
@@ -315,7 +316,7 @@ def _limits(frames: DrawnFrames) -> Arrays:
     """Return the two-point limits of the test presses, nothing where the sensor knows none."""
     limits = []
     with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
-        for frame_set in frames.test_frames():
+        for frame_set in (one for one in frames.test_frames() if not one.apart):
             limit = sampled_limits(sensor, frame_set.scenes)
             if limit is None:
                 return {}

@@ -86,7 +86,7 @@ class Verdict:
 
     def headline(self) -> list[Metric]:
         """Return the error that orders the board, and what was missed."""
-        ranking = board_spec(self.record.protocol.id).ranking
+        ranking = board_spec(self.record.protocol.label).ranking
         wanted = [] if ranking is None else [(ranking.metric, ranking.group)]
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
         return [row for row in self.again if (row.metric, row.group) in wanted]

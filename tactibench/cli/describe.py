@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 def describe(name: str) -> None:
     """Show the details of a model, sensor, encoder or protocol called NAME."""
     from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.loader import archived_files, protocol_files
+    from tactibench.protocols.loader import archived_files, next_files, protocol_files
 
     host = PluginHost()
-    files = protocol_files() | archived_files()
+    files = protocol_files() | archived_files() | next_files()
     known = [*files, *(spec.name for catalogue in host.catalogues for spec in catalogue)]
     shown = 0
     for catalogue in host.catalogues:
@@ -98,12 +98,16 @@ def _show_protocol(name: str) -> None:
     for axis in spec.axes:
         echo(f"  {_family(axis)}")
     echo(f"  tested on {', '.join(spec.test.sets)}; gate {spec.test.gate_mm} mm")
+    for apart in spec.test.apart:
+        on = f" on instances {', '.join(map(str, apart.instances))}" if apart.instances else ""
+        echo(f"  apart     {apart.name}: {', '.join(apart.sets)}{on}")
     echo(f"  metrics   {', '.join(spec.metrics.names)}")
     echo(f"  published {', '.join(spec.published.tables) or 'none'}")
 
 
 def _kind(draw: Draw) -> str:
-    return f"{draw.tips}-tip" if draw.offsets_mm else draw.indenter
+    several = draw.offsets_mm or draw.tip_count
+    return f"{draw.tips}-tip" if several else draw.indenter
 
 
 def _family(axis: Axis) -> str:

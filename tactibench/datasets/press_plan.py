@@ -179,7 +179,7 @@ def _subsets(protocol: Protocol, split: Split) -> list[tuple[str, Sequence[int],
     if split.draw in protocol.test.sets:
         subsets.append((split.draw, divided.test, TEST))
     names = [name for regime in protocol.regimes.values() for name in regime]
-    whole = dict.fromkeys([*names, *protocol.test.sets])
+    whole = dict.fromkeys([*names, *protocol.tested_draws])
     return subsets + [(name, range(sizes[name]), WHOLE) for name in whole if name != split.draw]
 
 
@@ -191,7 +191,9 @@ def _splits(
     protocol: Protocol, split: Split, ids: Mapping[tuple[str, int], list[int]]
 ) -> dict[str, dict[str, list[int]]]:
     """Return one split a regime: what ``fit`` gets in it, and what the protocol tests on."""
-    test = [ids.get((name, TEST), []) + ids.get((name, WHOLE), []) for name in protocol.test.sets]
+    test = [
+        ids.get((name, TEST), []) + ids.get((name, WHOLE), []) for name in protocol.tested_draws
+    ]
     return {
         f"{protocol.id}-{regime}": {
             "train": [

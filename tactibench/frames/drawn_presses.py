@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from tactibench.frames.source import (
     spread_over_sets,
 )
 from tactibench.plugins.base import Sensor, SensorContext
-from tactibench.plugins.specs import SensorSpec
+from tactibench.plugins.specs import INSTANCE, NOMINAL, SensorSpec
 from tactibench.protocols.draws import (
     LABELLED_STREAM,
     SceneSet,
@@ -34,12 +34,14 @@ from tactibench.protocols.draws import (
     draw_scenes,
     pressable,
 )
-from tactibench.protocols.schema import Protocol, Split
+from tactibench.protocols.schema import ApartTest, Protocol, Split
 from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
 from tactibench.records.bound_spec import BoundSpec
 
 Rows = dict[str, Sequence[int]]
 """Draw -> numbers of its presses."""
+FIRST_INSTANCE = 100
+"""Part of a draw that the first instance presses, beside those of ``protocols.split``."""
 FEW_SHOT = "shots"
 """Name of the labelled presses of the tested sensor."""
 
@@ -111,6 +113,12 @@ class SensorFrames:
         sensor: Sensor = self.component.build(SensorContext(seed))
         return sensor
 
+    def on_instance(self, instance: int) -> SensorFrames:
+        """Return another sensor of its make, pressed as this one."""
+        component = self.component
+        values = {**component.values, INSTANCE: instance}
+        return replace(self, component=BoundSpec(component.spec, values, component.origin))
+
     def draw(self, name: str) -> SceneSet:
         """Return the scenes of one of the protocol's draws on the sensor's surface."""
         return draw_scenes(self.pressed, name)
@@ -126,6 +134,7 @@ class SensorFrames:
         stream: int | None = None,
         presses: Sequence[str] = (),
         groups: Sequence[str] | None = None,
+        apart: bool = False,
     ) -> GeneratedFrameSet:
         """Return the frames of scenes, to be made when they are opened.
 
@@ -138,6 +147,7 @@ class SensorFrames:
             stream: of that noise; None: the draw's.
             presses: of every frame; empty where each is a press of its own.
             groups: of every frame, in the result tables; None: those of the draw.
+            apart: whether they are scored apart from the other test frames.
         """
         radius = self.pressed.workspace.dome_radius_mm
         recipe = FrameRecipe(
@@ -159,6 +169,7 @@ class SensorFrames:
             groups=tuple(groups),
             names=recipe.names,
             presses=tuple(presses),
+            apart=apart,
             recipe=recipe,
             cache=self.cache,
         )
@@ -226,16 +237,54 @@ class DrawnFrames(FrameSource):
         return replace(frames, recipe=replace(frames.recipe, longer=longer))
 
     def test_frames(self) -> tuple[FrameSet, ...]:
-        """Return the presses that the protocol tests, or as many as are asked for."""
+        """Return the presses that the protocol tests, or as many as are asked for.
+
+        Presses that are scored apart come last; a test of a few presses has none of them.
+        """
         rows: Rows = {
             name: range(len(self.testing.draw(name).scenes)) for name in self.spec.test.sets
         }
         if (split := self.split).draw in rows:
             count, seed = len(rows[split.draw]), self.testing.protocol.data_seed
             rows[split.draw] = split_presses(count, split, seed).test
-        return tuple(
+        sets = [
             self._frame_set(self.testing, "test", name, kept, TEST)
             for name, kept in spread_over_sets(rows, self.request.test_count).items()
+        ]
+        if self.request.test_count is None:
+            sets += [frames for apart in self.spec.test.apart for frames in self._apart(apart)]
+        return tuple(sets)
+
+    def _apart(self, apart: ApartTest) -> Iterator[GeneratedFrameSet]:
+        """Yield the frames of presses that are scored apart.
+
+        Instances press the scenes in turn, so that the conditions of a draw fall on all of them.
+        They are left out for a sensor that has none, and where one of them is the tested sensor.
+        """
+        for name in apart.sets:
+            scenes = self.testing.draw(name).scenes
+            if not apart.instances:
+                group = f"{apart.name}:{name}"
+                yield self._set_apart(self.testing, name, range(len(scenes)), WHOLE, group)
+            elif self.testing.component.values.get(INSTANCE) == NOMINAL:
+                for turn, instance in enumerate(apart.instances):
+                    rows = range(turn, len(scenes), len(apart.instances))
+                    frames = self.testing.on_instance(instance)
+                    group = f"{apart.name}:{INSTANCE}-{instance}"
+                    yield self._set_apart(frames, name, rows, FIRST_INSTANCE + turn, group)
+
+    def _set_apart(
+        self, frames: SensorFrames, name: str, rows: Sequence[int], part: int, group: str
+    ) -> GeneratedFrameSet:
+        scenes = frames.draw(name).scenes
+        return frames.frame_set(
+            "test",
+            name,
+            [scenes[row] for row in rows],
+            [f"{name}-{row}" for row in rows],
+            part,
+            groups=[group] * len(rows),
+            apart=True,
         )
 
     def _labelled_frames(self) -> FrameSet:
@@ -255,7 +304,7 @@ class DrawnFrames(FrameSource):
 
     def rejected(self) -> int:
         """Return how many candidates of the test draws geometry refused."""
-        names = [name for name in self.spec.test.sets if name != self.split.draw]
+        names = [name for name in self.spec.tested_draws if name != self.split.draw]
         return sum(self.testing.draw(name).rejected for name in names)
 
     def _frame_set(

@@ -114,6 +114,7 @@ class FrameSet(ABC):
         groups: of every frame, its group in the result tables.
         names: of every frame, unique in the set.
         presses: of every frame, the press it belongs to; empty where each is a press of its own.
+        apart: whether they are scored apart from the other test frames, which come before them.
     """
 
     role: str
@@ -122,6 +123,7 @@ class FrameSet(ABC):
     groups: tuple[str, ...]
     names: tuple[str, ...]
     presses: tuple[str, ...] = ()
+    apart: bool = False
 
     @property
     @abstractmethod

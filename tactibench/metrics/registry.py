@@ -43,7 +43,14 @@ _FAMILIES = {
         "tilt_mae_minus_published_deg",
         "tilt_mae_minus_published_p",
     ),
-    "uncertainty": ("nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95"),
+    "uncertainty": (
+        "nll",
+        "rms_z",
+        "ellipse_50",
+        "ellipse_90",
+        "ellipse_95",
+        "std_over_bound",
+    ),
     "hard_cases": (
         "ospa_mm",
         "error_ratio",
@@ -83,11 +90,13 @@ def check_metrics(protocol: LoadedProtocol) -> None:
     """
     spec = protocol.spec
     kind = "plates" if spec.answer == "plate" else "contacts"
-    for name in spec.metrics.names:
+    keys = [("metrics.names", spec.metrics.names)]
+    keys += [(f"metrics of test.apart {one.name!r}", one.metrics) for one in spec.test.apart]
+    for key, name in ((key, name) for key, names in keys for name in names):
         if name in FAMILIES and getattr(find_metric(name), kind) is not None:
             continue
         fitting = [other for other, metric in all_metrics().items() if getattr(metric, kind)]
         raise UserError(
-            f"protocol file {protocol.path}: key 'metrics.names' holds {name!r}, which is no "
+            f"protocol file {protocol.path}: key {key!r} holds {name!r}, which is no "
             f"metric of answers that are {kind}; {did_you_mean(name, fitting)}"
         )

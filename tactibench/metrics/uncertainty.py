@@ -16,11 +16,18 @@ from scipy.spatial.distance import cdist
 
 from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
-from tactibench.metrics.groups import by_kind, mean_metric
-from tactibench.metrics.spec import Sample
+from tactibench.metrics.groups import by_kind, mean_metric, members
+from tactibench.metrics.spec import MetricSpec, Rows, Sample
 from tactibench.metrics.trials import Trials
 from tactibench.stats.clusters import IntArray
-from tactibench.stats.intervals import mean_interval, rms_interval, share_interval
+from tactibench.stats.intervals import (
+    Estimate,
+    mean_interval,
+    ratio_interval,
+    rms_interval,
+    root,
+    share_interval,
+)
 
 
 def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -28,8 +35,7 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
 
     Raises UserError for a std that is not positive.
     """
-    pairs = trials.matched
-    has = np.array([trials.predictions[i].std is not None for i in pairs.trial], dtype=bool)
+    pairs, has = trials.matched, _is_stated(trials)
     error = np.column_stack(
         [pairs.predicted_xy - pairs.true_xy, pairs.predicted_depth - pairs.true_depth]
     )[has]
@@ -46,6 +52,39 @@ def standardised(trials: Trials) -> tuple[FloatArray, FloatArray, IntArray]:
             f"std=None where the model does not know its error."
         )
     return error / std, std, pairs.trial[has]
+
+
+def _is_stated(trials: Trials) -> npt.NDArray[np.bool_]:
+    """Return (P,) whether the prediction of a pair inside the gate has a std."""
+    return np.array([trials.predictions[i].std is not None for i in trials.matched.trial], bool)
+
+
+def std_over_bound(trials: Trials, _rng: np.random.Generator) -> Rows:
+    """Yield sqrt(sum std^2 / sum b^2) over x, y and depth, b the Cramer-Rao standard deviation.
+
+    That is the sharpness of what a model states, 1 what the frames allow; it says nothing of
+    whether the errors are so small, which ``rms_z`` does. Pairs without a finite bound are left
+    out of both sums.
+    """
+    if trials.bound is None:
+        yield "all", Estimate.nothing()
+        return
+    _, std, trial = standardised(trials)
+    places = zip(trial, trials.matched.truth[_is_stated(trials)], strict=True)
+    bound = np.array([trials.bound[i][k] for i, k in places]).reshape(-1, 3)
+    known = np.isfinite(bound).all(axis=1) & members(trials, "all")[trial]
+    yield (
+        "all",
+        root(
+            ratio_interval(
+                (std[known] ** 2).sum(axis=1),
+                (bound[known] ** 2).sum(axis=1),
+                trials.press[trial[known]],
+                level=trials.level,
+                floor=0.0,
+            )
+        ),
+    )
 
 
 def gaussian_loss(z: FloatArray, std: FloatArray) -> FloatArray:
@@ -148,5 +187,13 @@ SPECS = (
             by_kind,
         )
         for percent in (50, 90, 95)
+    ),
+    MetricSpec(
+        "std_over_bound",
+        "",
+        "none",
+        "sqrt(sum std^2 / sum b^2) over pairs and x, y, depth, b the Cramer-Rao standard "
+        "deviation; 1 is as sharp as the frames allow",
+        std_over_bound,
     ),
 )

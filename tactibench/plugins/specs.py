@@ -29,6 +29,10 @@ ORIGINS = ("simulated", "real")
 VERSION = "version"
 RECIPE = "recipe"
 """Parameter by which a sensor is chosen among its versions."""
+INSTANCE = "instance"
+"""Parameter of a sensor that stands for one of its make; 0 is the nominal one."""
+NOMINAL = 0
+"""The instance that is as its make is meant to be."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")  # it becomes part of folder names
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 

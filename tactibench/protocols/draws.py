@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Protocol as StructuralType
@@ -11,7 +12,7 @@ import numpy as np
 from tactibench import contacts
 from tactibench.contacts import Indenter, Pose, Scene
 from tactibench.errors import UserError
-from tactibench.geometry import tip_depths, tip_positions
+from tactibench.geometry import scene_of_contacts, tip_depths, tip_positions
 from tactibench.protocols.schema import Draw, Plates, Protocol, Workspace
 
 SAME_MM = 0.01
@@ -20,6 +21,8 @@ lengths that protocols draw from are 0.5 mm apart."""
 LABELLED_STREAM = 2_000_000
 """Random stream of the labelled presses of a tested sensor; protocols draw from streams below a
 million."""
+RESTART = 0.02
+"""Chance that a place which is too near ends a set of scattered tips: fifty tries a set."""
 PATIENCE = 10_000
 """Candidates for one press; the rarest press of exp1, exp2 and exp3 takes some hundred."""
 
@@ -102,10 +105,37 @@ def _candidate(
     if draw.indenter == "dual":
         apart = float(rng.choice(draw.distances_mm)) if distance is None else distance
         return Scene(Indenter.dual(apart, draw.radius_mm), pose)
+    if draw.indenter == "scattered":
+        return _scattered(draw, workspace, rng)
     if draw.indenter == "tips":
         return Scene(Indenter(draw.radius_mm, draw.offsets_mm, draw.name), pose)
     a, b, c = (float(h) for h in rng.choice(draw.heights_mm, 3))
     return Scene(Indenter.triple((a, b, c), draw.side_mm or 0.0, draw.radius_mm), pose)
+
+
+def _scattered(draw: Draw, workspace: Workspace, rng: np.random.Generator) -> Scene:
+    """Return tips anywhere in the workspace, ``apart_mm`` or more apart, each of its own depth.
+
+    Places are drawn one after another, each again until it is far enough from those before it: of
+    whole sets of five tips, one in thousands would fit.
+    """
+    half = workspace.half_width_mm
+    places: list[tuple[float, float]] = []
+    for _ in range(PATIENCE):
+        x, y = rng.uniform(-half, half, 2).tolist()
+        if all(math.dist((x, y), place) >= (draw.apart_mm or 0.0) for place in places):
+            places.append((x, y))
+        elif rng.random() < RESTART:
+            places = []  # the first tips may leave no room for the last one
+        if len(places) == draw.tips:
+            break
+    else:
+        raise UserError(
+            f"draw {draw.name!r}: {draw.tips} tips {draw.apart_mm} mm apart hardly fit the "
+            "workspace; make the distance smaller."
+        )
+    depths = rng.uniform(workspace.depth_min_mm, workspace.depth_max_mm, draw.tips)
+    return scene_of_contacts(np.array(places), depths, draw.radius_mm, workspace.dome_radius_mm)
 
 
 def draw_plates(spec: Protocol, plates: Plates) -> SceneSet:

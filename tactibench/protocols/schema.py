@@ -76,10 +76,14 @@ class Defaults(Strict):
 
 
 class Draw(Strict):
-    """A named set of presses, drawn by rejection from one stream of the data seed."""
+    """A named set of presses, drawn by rejection from one stream of the data seed.
+
+    tip_count, apart_mm: of a scattered indenter, a new one each press. Its tips lie anywhere in the
+    workspace, at least so far apart, and each has a depth of its own.
+    """
 
     name: Name
-    indenter: Literal["single", "dual", "triple", "tips"]
+    indenter: Literal["single", "dual", "triple", "tips", "scattered"]
     radius_mm: PositiveFloat
     stream: Stream
     count: Presses | None = None
@@ -88,6 +92,8 @@ class Draw(Strict):
     side_mm: PositiveFloat | None = None
     heights_mm: tuple[Annotated[float, Field(ge=0)], ...] = Field(default=(), strict=False)
     offsets_mm: tuple[Offset, ...] = Field(default=(), strict=False)
+    tip_count: Annotated[int, Field(ge=2, le=8)] | None = None
+    apart_mm: PositiveFloat | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -102,6 +108,11 @@ class Draw(Strict):
             raise ValueError(f"draw {self.name!r}: per_distance belongs to a dual indenter")
         if triple != bool(self.heights_mm) or triple != (self.side_mm is not None):
             raise ValueError(f"draw {self.name!r}: side_mm and heights_mm belong to a triple")
+        scattered = self.indenter == "scattered"
+        if {scattered} != {self.tip_count is not None, self.apart_mm is not None}:
+            raise ValueError(
+                f"draw {self.name!r}: tip_count and apart_mm belong to a scattered indenter"
+            )
         if (self.indenter == "tips") != bool(self.offsets_mm):
             raise ValueError(f"draw {self.name!r}: offsets_mm belongs to indenter 'tips'")
         if len({(x, y) for x, y, _ in self.offsets_mm}) != len(self.offsets_mm):
@@ -111,14 +122,16 @@ class Draw(Strict):
     @property
     def tips(self) -> int:
         """Number of tips."""
-        return len(self.offsets_mm) or {"single": 1, "dual": 2, "triple": 3}[self.indenter]
+        several = len(self.offsets_mm) or self.tip_count
+        return several or {"single": 1, "dual": 2, "triple": 3}[self.indenter]
 
     @property
     def span_mm(self) -> float:
         """Largest distance between two tips."""
         places = [(x, y) for x, y, _ in self.offsets_mm]
         apart = (math.dist(a, b) for a, b in combinations(places, 2))
-        return max((*self.distances_mm, self.side_mm or 0.0, *apart))
+        least = (self.side_mm or 0.0, self.apart_mm or 0.0)
+        return max((*self.distances_mm, *least, *apart))
 
 
 class Split(Strict):
@@ -170,6 +183,19 @@ class Transfer(Strict):
         return self
 
 
+class ApartTest(Strict):
+    """Presses that are tested after the others and scored apart, in groups of their own.
+
+    metrics: that are computed of them. instances: of the sensor, which press them in turn; empty:
+    the sensor itself presses them, so that they are geometries that no training has seen.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[a-z]+$")]
+    sets: Names = Field(min_length=1)
+    metrics: tuple[str, ...] = Field(min_length=1, strict=False)
+    instances: tuple[Annotated[int, Field(ge=1)], ...] = Field(default=(), strict=False)
+
+
 class Test(Strict):
     """The presses that are scored, and the matching of predictions to the truth."""
 
@@ -183,6 +209,7 @@ class Test(Strict):
     catch: Name | None = None
     # Without the key it is the fit of the first versions of exp2 and fine.
     psychometric: Literal["logistic", "lapse"] = "logistic"
+    apart: tuple[ApartTest, ...] = Field(default=(), strict=False)
 
 
 class Metrics(Strict):
@@ -221,9 +248,20 @@ class Protocol(Strict):
     metrics: Metrics
     published: Published
 
+    @property
+    def label(self) -> str:
+        """Name with version, as "exp1@1"."""
+        return f"{self.id}@{self.version}"
+
     def draw(self, name: str) -> Draw:
         """Return the draw of that name."""
         return next(draw for draw in self.draws if draw.name == name)
+
+    @property
+    def tested_draws(self) -> tuple[str, ...]:
+        """The draws that are tested on the sensor itself, those that are scored apart last."""
+        apart = (name for one in self.test.apart if not one.instances for name in one.sets)
+        return (*self.test.sets, *apart)
 
     def family(self, name: str) -> Family:
         """Return the family of that name."""
@@ -256,6 +294,7 @@ def contradictions(spec: Protocol) -> Iterator[str]:
         kind = "draws or families" if spec.families else "draws"
         yield f"two {kind} take the same stream: they would share presses"
     yield from _about_families(spec)
+    yield from _about_apart(spec)
     if spec.recorded is not None:
         yield from _about_recorded(spec)
     if spec.split is not None:
@@ -267,6 +306,22 @@ def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
     for name, count in Counter(names).items():
         if count > 1:
             yield f"{key} holds {name!r} {count} times; it must hold it once"
+
+
+def _about_apart(spec: Protocol) -> Iterator[str]:
+    if spec.test.apart and (spec.split is None or spec.families):
+        yield "[[test.apart]] belongs to a protocol that draws its test presses"
+        return
+    yield from _repeated("test.apart", (one.name for one in spec.test.apart))
+    apart = [name for one in spec.test.apart for name in one.sets]
+    yield from _repeated("sets of test.apart", apart)
+    names = [draw.name for draw in spec.draws]
+    trained = [name for draws in spec.regimes.values() for name in draws]
+    for name in apart:
+        if name not in names:
+            yield f"no draw is named {name!r}; {_near(name, names)}"
+        elif name in spec.test.sets or name in trained or name == (spec.split and spec.split.draw):
+            yield f"draw {name!r} of [[test.apart]] is trained on or tested with the others, too"
 
 
 def _about_recorded(spec: Protocol) -> Iterator[str]:

@@ -215,12 +215,12 @@ def published_tables(protocol: LoadedProtocol, board: Path) -> list[PublishedTab
 
 
 def _version_pages(board: Path, name: str) -> list[PageFile]:
-    """Return the page of the present version, and of those archived ones that have records."""
+    """Return the page of the present version, and of those others that have records."""
     all_records = read_submissions(board, name)
     if not all_records and not (board / f"{name}.md").is_file():
         return []  # the board of a laboratory shows its own protocols, not all that ship
     of_versions = [(one, records_of_version(all_records, one)) for one in protocol_versions(name)]
-    shown = [(one, records) for one, records in of_versions if records or not one.archived]
+    shown = [(one, records) for one, records in of_versions if records or one.present]
     names = [protocol.name for protocol, _ in shown]
     pages = []
     for protocol, records in shown:
@@ -247,7 +247,7 @@ def board_page(
         errors: Press by press, of the records that have predictions beside them.
     """
     name = protocol.spec.id
-    spec = board_spec(name)
+    spec = board_spec(protocol.name)
     on_section: dict[str, list[Record]] = {}
     for record in records:
         on_section.setdefault(canonical(section_key(record)), []).append(record)
@@ -261,13 +261,15 @@ def board_page(
         )
         for section in sections_of(whole(records))
     )
-    intro = [*_archive_note(protocol), *_order(spec)]
+    intro = [*_version_note(protocol), *_order(spec)]
     if not sections:
-        text = f"No run has been added yet: `tactibench board add RUN` adds one of {name}."
+        text = f"No run has been added yet: `tactibench board add RUN` adds one of {protocol.name}."
         intro.append(prose(text))
     title = f"{protocol.name}: {protocol.spec.title}"
     if protocol.archived:
         title += f" (archived: version {protocol.spec.version})"
+    elif not protocol.present:
+        title += f" (next: version {protocol.spec.version})"
     said: set[str] = set()
     sections = tuple(replace(one, blocks=say_once(one.blocks, said, set())) for one in sections)
     timed_on = machine_list(row for one in sections for row in one.rows)
@@ -275,9 +277,15 @@ def board_page(
     return BoardPage(title, tuple(intro), sections, papers, tuple(timed_on))
 
 
-def _archive_note(protocol: LoadedProtocol) -> list[Block]:
-    if not protocol.archived:
+def _version_note(protocol: LoadedProtocol) -> list[Block]:
+    if protocol.present:
         return []
+    if not protocol.archived:
+        text = (
+            f"The next version of `{protocol.spec.id}`. It is open for runs (`tactibench run "
+            f"{protocol.name}`), and takes the place of the present one when its rows are complete."
+        )
+        return [prose(text)]
     text = (
         f"An earlier version of `{protocol.spec.id}`. Its rows can still be verified, but are not "
         "comparable with those of another version; new runs belong on the present board."
@@ -298,7 +306,7 @@ def _page_section(
     records: Iterable[Record],
     errors: Errors,
 ) -> PageSection:
-    name, first = protocol.spec.id, section.record
+    name, first = protocol.name, section.record
     rows = ordered(name, section.rows)
     blocks: list[Block | None] = [
         *_other_version(first, protocol),

@@ -72,7 +72,7 @@ def print_run(
         others: Stored runs; the first six of the same version of the protocol are shown.
         axes: Of the families of hard cases that the run is about.
     """
-    spec = board_spec(record.protocol.id)
+    spec = board_spec(record.protocol.label)
     comparable = [other for other in others if same_question(other, record)]
     _print_heading(console, record)
     if axes:

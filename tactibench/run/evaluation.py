@@ -31,6 +31,7 @@ class TestFrames:
 
     Attributes:
         sets: presses with their frames.
+        main: how many of the sets are not scored apart; they are the first.
         frames, names, truth, groups: of all sets in order.
         clusters: of every frame, the press it belongs to.
     """
@@ -38,6 +39,7 @@ class TestFrames:
     __test__ = False  # not a test case, whatever its name
 
     sets: tuple[Presses, ...]
+    main: int
     frames: Sequence[Frame]
     names: Sequence[str]
     truth: Sequence[Answer]
@@ -51,6 +53,7 @@ class TestFrames:
         sets = tuple(open_frames(frames, reporter) for frames in planned)
         return cls(
             sets,
+            sum(not frames.apart for frames in planned),
             [frame for presses in sets for frame in presses.frames],
             [name for presses in sets for name in presses.names],
             true_answers(plan.spec, sets),
@@ -81,12 +84,12 @@ class Evaluation:
 
     def time(self, predictions: Predictions) -> Speed:
         """Return how long the model takes for a test frame, and what that costs in accuracy."""
-        answers = predictions.answers(self.kind)[: len(self.test.frames)]
+        count = sum(map(len, self.test.sets[: self.test.main]))
+        frames, truth = self.test.frames[:count], self.test.truth[:count]
+        answers = predictions.answers(self.kind)[:count]
         quick = self.plan.request.quick
         with self.reporter.task("time", 1) as advance:
-            speed = time_model(
-                self.model, self.test.frames, answers, truth=self.test.truth, quick=quick
-            )
+            speed = time_model(self.model, frames, answers, truth=truth, quick=quick)
             advance(1)
         return speed
 

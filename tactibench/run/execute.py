@@ -130,7 +130,7 @@ def _add_simulated_truth(
         if SURFACE & {*names} and plan.components.shows_surface and maps:
             surfaces = _join_sets(
                 "true surfaces",
-                test.sets,
+                test.sets[: test.main],
                 lambda presses: true_surfaces(sensor, presses, grid),
                 reporter,
             )
@@ -142,14 +142,15 @@ def _add_simulated_truth(
 
                 depth = plan.spec.workspace.depth_max_mm
                 contacts = [one for one in test.truth if isinstance(one, Contacts)]
-                maps["floor"] = surface_floor(encoder, contacts, surfaces, grid, depth)
+                main = contacts[: len(surfaces)]
+                maps["floor"] = surface_floor(encoder, main, surfaces, grid, depth)
         known = (
             ("rmse_over_bound", "bound", "Cramer-Rao bounds", true_bounds),
             ("threshold_mm", "limit", "two-point limits", true_limits),
         )
         for metric, name, title, find in known:
             if metric in names:
-                found = _join_sets(title, test.sets, partial(find, sensor), reporter)
+                found = _join_sets(title, test.sets[: test.main], partial(find, sensor), reporter)
                 if found is not None:
                     truth[name] = found
 

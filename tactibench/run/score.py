@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from tactibench.errors import UserError, describe_exception
 from tactibench.protocols.loader import LoadedProtocol, protocol_versions, version_of
-from tactibench.protocols.schema import Protocol
+from tactibench.protocols.schema import ApartTest, Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
 from tactibench.records.files import arrays_hash
 from tactibench.records.record import Metric, Record
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 SCORING_STREAM = 1_000_000
 """Spawn key of the data seed behind bootstrap intervals."""
 THRESHOLD, LIMIT = "threshold_mm", "limit_mm"
+WHOLE = ("all", "mean")
+"""Groups of a metric that stand for all frames of a test."""
 PUBLISHED = "released."
 """Begins the names of arrays of published predictions: ``released.<table>.<array>``."""
 
@@ -53,16 +56,39 @@ def score_arrays(
         from tactibench.metrics.plate import PUBLISHED_NAMES
 
         names = (*names, *(name for name in PUBLISHED_NAMES if name not in names))
-    return score(names, trials, rng=np.random.default_rng(seed))
+    metrics = score(names, trials, rng=np.random.default_rng(seed))
+    for test in protocol.test.apart:
+        own = trials_of(protocol, truth, predicted, apart=test)
+        if len(own):
+            rows = score(test.metrics, own, rng=np.random.default_rng(seed))
+            metrics += [_of_apart(test, row) for row in rows]
+    return metrics
+
+
+def _of_apart(test: ApartTest, row: Metric) -> Metric:
+    """Return a metric of a test that is scored apart: of all its frames, or of a part of them."""
+    group = test.name if row.group in WHOLE else f"{test.name}:{row.group}"
+    return row.model_copy(update={"group": group})
 
 
 def trials_of(
-    protocol: Protocol, truth: Arrays, predicted: Arrays, maps: Arrays | None = None
+    protocol: Protocol,
+    truth: Arrays,
+    predicted: Arrays,
+    maps: Arrays | None = None,
+    apart: ApartTest | None = None,
 ) -> Trials | PlateTrials:
-    """Return what the metrics are computed from. Without ``maps`` those of heatmaps are n/a."""
+    """Return what the metrics are computed from.
+
+    Args:
+        protocol: of the run.
+        truth: packed true answers with ``press`` and ``group`` of every frame.
+        predicted: packed answers.
+        maps: heatmaps and true surfaces; None: the metrics of heatmaps are n/a.
+        apart: the test that is scored apart from the main one; None: the main one.
+    """
     from tactibench.metrics.trials import PlateTrials, Trials
 
-    groups = tuple(str(group) for group in truth["group"])
     if protocol.answer == "plate":
         return PlateTrials(
             unpack_plates(truth),
@@ -70,28 +96,46 @@ def trials_of(
             truth["press"],
             level=protocol.test.level,
             published=unpack_published(truth),
-            group=groups,
+            group=tuple(str(group) for group in truth["group"]),
         )
-    maps = maps or {}
-    bound = truth.get("bound")
-    counts = np.cumsum(truth["count"])[:-1]
-    return Trials(
-        unpack_contacts(truth),
-        unpack_contacts(predicted),
-        truth["press"],
-        groups,
+    rows = _rows_of(protocol, truth, apart)
+    true, answers = unpack_contacts(truth), unpack_contacts(predicted)
+    groups = [str(truth["group"][row]) for row in rows]
+    trials = Trials(
+        tuple(true[row] for row in rows),
+        tuple(answers[row] for row in rows),
+        truth["press"][rows],
+        tuple(group if apart is None else group.partition(":")[2] for group in groups),
         max_depth=protocol.workspace.depth_max_mm,
         gate=protocol.test.gate_mm,
         level=protocol.test.level,
-        maps=maps.get("maps"),
-        surface=maps.get("surface"),
-        floor=maps.get("floor"),
-        bound=None if bound is None else tuple(np.split(bound, counts)),
-        limit=truth.get("limit"),
         axes=protocol.axes,
         failed=_failures(predicted),
         psychometric=protocol.test.psychometric,
     )
+    if apart is not None:
+        return trials
+    # Only the frames of the main test have a true surface, bounds and limits: they are the first.
+    maps, bound = maps or {}, truth.get("bound")
+    counts = np.cumsum(truth["count"][rows])[:-1]
+    return replace(
+        trials,
+        maps=None if "maps" not in maps else maps["maps"][: len(rows)],
+        surface=maps.get("surface"),
+        floor=maps.get("floor"),
+        bound=None if bound is None else tuple(np.split(bound, counts)),
+        limit=truth.get("limit"),
+    )
+
+
+def _rows_of(protocol: Protocol, truth: Arrays, apart: ApartTest | None) -> npt.NDArray[np.intp]:
+    """Return the frames of the main test, or of one that is scored apart.
+
+    The groups of its frames begin with its name.
+    """
+    names = [one.name for one in protocol.test.apart]
+    test_of = np.array([str(group).partition(":")[0] for group in truth["group"]])
+    return np.flatnonzero(~np.isin(test_of, names) if apart is None else test_of == apart.name)
 
 
 def _failures(predicted: Arrays) -> npt.NDArray[np.int8] | None:

@@ -8,15 +8,13 @@ from typing import Any
 
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
-from tactibench.plugins.specs import VERSION, SensorSpec
+from tactibench.plugins.specs import INSTANCE, VERSION, SensorSpec
 from tactibench.protocols.schema import Protocol
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.run.request import REFERENCE, SHOTS, TestOptions, data_folder, folder_label
 
 Sensor = BoundSpec[SensorSpec]
 
-INSTANCE = "instance"
-"""Parameter of a sensor that stands for one of its make; 0 is the nominal one."""
 INSTANCES = "instances"
 """Parameter of a sensor that spreads the training presses over several of its make."""
 

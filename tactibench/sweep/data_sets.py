@@ -20,7 +20,6 @@ from tactibench.datasets.generation import (
 from tactibench.datasets.images import signal_bytes
 from tactibench.datasets.press_plan import PressPlan, PressSeries
 from tactibench.errors import UserError
-from tactibench.protocols.loader import protocol_files
 from tactibench.records.identity import digest
 from tactibench.run.request import read_parameters
 from tactibench.sweep.cluster import Cluster, WorkerLossError
@@ -63,7 +62,8 @@ def list_data_sets(file: SweepFile) -> tuple[DatasetTask, ...]:
         UserError: One cannot be pressed, or two have the same folder.
     """
     tasks: dict[Path, DatasetTask] = {}
-    for number, spec in enumerate(file.spec.generate, start=1):
+    asked = [spec for part in file.parts for spec in part.generate]
+    for number, spec in enumerate(asked, start=1):
         try:
             task = _task(file, spec)
         except UserError as error:
@@ -76,7 +76,7 @@ def list_data_sets(file: SweepFile) -> tuple[DatasetTask, ...]:
 
 def _task(file: SweepFile, spec: DatasetSpec) -> DatasetTask:
     protocol = spec.protocol
-    if protocol is not None and (protocol.endswith(".toml") or protocol in protocol_files()):
+    if protocol is not None:
         protocol = resolve_protocol(file, protocol)
     request = GenerationRequest(
         protocol,

@@ -24,7 +24,7 @@ from pydantic import (
 from tactibench.errors import UserError, did_you_mean
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import ModelSpec
-from tactibench.protocols.loader import load_protocol, protocol_files
+from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.mistakes import first_mistake
 from tactibench.run.request import RunRequest, read_parameters, read_test_options
 
@@ -120,12 +120,23 @@ class SweepSpec(_Strict):
         return self
 
 
+class _Parts(_Strict):
+    """A file of several sweeps, each with keys of its own."""
+
+    sweep: Annotated[tuple[SweepSpec, ...], Field(min_length=1, strict=False)]
+
+
 @dataclass(frozen=True)
 class SweepFile:
-    """A sweep's file and its valid keys; paths in it begin at the file's folder."""
+    """A sweep's file and its valid keys; paths in it begin at the file's folder.
+
+    Attributes:
+        path: of the file.
+        parts: the sweeps in it: one, or those of its tables ``[[sweep]]``.
+    """
 
     path: Path
-    spec: SweepSpec
+    parts: tuple[SweepSpec, ...]
 
     def resolve(self, text: str) -> Path:
         """Return a path of the file, absolute: the workers' folders are others."""
@@ -184,10 +195,13 @@ def read_sweep(path: Path) -> SweepFile:
         raise UserError(f"sweep file {path} cannot be read: {error.strerror or error}.") from None
     except (ValueError, RecursionError) as error:  # TOML's and Unicode's errors are ValueErrors
         raise UserError(f"sweep file {path} is not valid TOML: {error}.") from None
+    schema = _Parts if "sweep" in tables else SweepSpec
     try:
-        return SweepFile(path, SweepSpec.model_validate(tables))
+        if "sweep" in tables:
+            return SweepFile(path, _Parts.model_validate(tables).sweep)
+        return SweepFile(path, (SweepSpec.model_validate(tables),))
     except ValidationError as error:
-        raise UserError(f"sweep file {path}: {first_mistake(error, SweepSpec)}") from None
+        raise UserError(f"sweep file {path}: {first_mistake(error, schema)}") from None
 
 
 def read_choice(text: str) -> PluginChoice:
@@ -211,33 +225,37 @@ def read_choice(text: str) -> PluginChoice:
 def list_cells(file: SweepFile, host: PluginHost) -> tuple[Cell, ...]:
     """Return every combination of the lists that is not excluded, in the order of the lists.
 
-    Whether a model can be trained so is found out when the cell is planned.
+    A run that several sweeps of the file ask for is one cell. Whether a model can be trained so is
+    found out when the cell is planned.
 
     Raises:
-        UserError: A name does not exist, or no cell is left.
+        UserError: A name does not exist, or no cell of a sweep is left.
     """
-    spec = file.spec
-    try:
-        _check_names(file, host)
-        combinations = [
-            axes for axes in _combinations(file, host) if not _is_excluded(axes, spec.exclude)
-        ]
-        _check_exclusions(spec)
-        cells = tuple(Cell(axes, _request(file, axes, host)) for axes in combinations)
-    except UserError as error:
-        raise file.error(str(error)) from None
-    if (spec.protocol or spec.model) and not cells:
-        raise file.error("the exclusions leave no cell; exclude less.")
-    return cells
+    cells: list[Cell] = []
+    for number, spec in enumerate(file.parts, start=1):
+        where = f"sweep {number}: " if len(file.parts) > 1 else ""
+        try:
+            _check_names(file, spec, host)
+            combinations = [
+                axes for axes in _combinations(spec, host) if not _is_excluded(axes, spec.exclude)
+            ]
+            _check_exclusions(spec)
+            own = [Cell(axes, _request(file, spec, axes, host)) for axes in combinations]
+        except UserError as error:
+            raise file.error(f"{where}{error}") from None
+        if (spec.protocol or spec.model) and not own:
+            raise file.error(f"{where}the exclusions leave no cell; exclude less.")
+        known = [cell.request for cell in cells]
+        cells += [cell for cell in own if cell.request not in known]
+    return tuple(cells)
 
 
 def resolve_protocol(file: SweepFile, text: str) -> str:
-    """Return the name of a protocol that ships with tactibench, or an absolute path."""
-    return text if text in protocol_files() else str(file.resolve(text))
+    """Return the name of a protocol, or the absolute path of its file."""
+    return str(file.resolve(text)) if text.endswith(".toml") else text
 
 
-def _combinations(file: SweepFile, host: PluginHost) -> Iterator[Mapping[str, str]]:
-    spec = file.spec
+def _combinations(spec: SweepSpec, host: PluginHost) -> Iterator[Mapping[str, str]]:
     for protocol, model in product(dict.fromkeys(spec.protocol), dict.fromkeys(spec.model)):
         encoders = _encoders(spec.encoder, host.models[read_choice(model).name], host)
         lists = (spec.regime or ("",), encoders, spec.sensor or ("",), spec.seed)
@@ -262,8 +280,9 @@ def _is_excluded(axes: Mapping[str, str], exclusions: Iterable[Exclusion]) -> bo
     )
 
 
-def _request(file: SweepFile, axes: Mapping[str, str], host: PluginHost) -> RunRequest:
-    spec = file.spec
+def _request(
+    file: SweepFile, spec: SweepSpec, axes: Mapping[str, str], host: PluginHost
+) -> RunRequest:
     model, encoder, sensor = (read_choice(axes[kind]) for kind in ("model", "encoder", "sensor"))
     common = read_parameters(spec.params)
     own = {"model": model, "encoder": encoder, "sensor": sensor}
@@ -294,13 +313,11 @@ def _request(file: SweepFile, axes: Mapping[str, str], host: PluginHost) -> RunR
     )
 
 
-def _check_names(file: SweepFile, host: PluginHost) -> None:
+def _check_names(file: SweepFile, spec: SweepSpec, host: PluginHost) -> None:
     """Refuse a name or a parameter that does not exist."""
-    spec = file.spec
     regimes: dict[str, None] = {}
     for text in spec.protocol:
-        known = text in protocol_files() or text.endswith(".toml")
-        loaded = load_protocol(resolve_protocol(file, text) if known else text)
+        loaded = load_protocol(resolve_protocol(file, text))
         regimes |= dict.fromkeys(loaded.spec.regimes)
     for catalogue, texts in (
         (host.models, spec.model),

@@ -75,6 +75,7 @@ def test_a_bristol_folder(cli, bristol, tmp_path):
         "fine": False,
         "stability": False,
         "surface": True,
+        "surface-all": True,
         "transfer": True,
     }
     assert "only labels are known" in found["served"]["exp1"]["reason"]

@@ -199,7 +199,7 @@ def test_every_metric_says_what_it_is():
         assert spec.better in {"lower", "higher", "none"}
         assert spec.formula
         assert spec.contacts or spec.plates
-    uncertainty = {"nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95"}
+    uncertainty = {"nll", "rms_z", *(f"ellipse_{n}" for n in (50, 90, 95)), "std_over_bound"}
     plates = {"tilt_mae_deg", "coverage", *PUBLISHED_NAMES}
     hard = {
         "ospa_mm",

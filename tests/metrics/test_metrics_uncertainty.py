@@ -1,5 +1,7 @@
 """Stated against real errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,7 +21,7 @@ from tactibench.metrics.uncertainty import (
     spacing,
 )
 
-NAMES = ["nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95"]
+NAMES = ["nll", "rms_z", "ellipse_50", "ellipse_90", "ellipse_95", "std_over_bound"]
 
 
 def honest(n, claim=1.0, seed=0):
@@ -43,7 +45,7 @@ def rows(trials):
 
 def test_an_honest_model():
     found = rows(honest(3000))
-    for name, expected in zip(NAMES[1:], (1, 0.5, 0.9, 0.95), strict=True):
+    for name, expected in zip(NAMES[1:5], (1, 0.5, 0.9, 0.95), strict=True):
         assert found[name].value == pytest.approx(expected, abs=0.02)
         assert found[name].n == 6000
 
@@ -53,6 +55,19 @@ def test_boasting_shows_and_costs():
     assert boasting["rms_z"].value == pytest.approx(2 * honestly["rms_z"].value)
     assert boasting["ellipse_90"].high < honestly["ellipse_90"].low
     assert boasting["nll"].low > honestly["nll"].high
+
+
+def test_sharpness_is_the_stated_std_over_the_bound_of_the_same_contact():
+    trials = honest(30, claim=3.0)
+    # The better scored prediction is of the second tip.
+    bounds = tuple(p.std[[1, 0]] / 2 for p in trials.predictions)
+    sharp = rows(replace(trials, bound=bounds))["std_over_bound"]
+    assert sharp.value == pytest.approx(2.0)
+    assert sharp.n == 60
+    unseen = tuple(np.full((2, 3), np.inf) if k % 2 else b for k, b in enumerate(bounds))
+    half = rows(replace(trials, bound=unseen))["std_over_bound"]
+    assert (half.value, half.n) == (pytest.approx(2.0), 30)
+    assert rows(trials)["std_over_bound"].value is None
 
 
 def test_log_loss_against_scipy():

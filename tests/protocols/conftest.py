@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, load_protocol, protocol_files, read_protocol
 
 Tables = dict[str, Any]
 
@@ -23,7 +23,7 @@ def toml(tables: Tables) -> str:
     plain, below = [], []
     for key, value in tables.items():
         if isinstance(value, dict):
-            below.append(f"[{key}]\n{toml(value)}")
+            below.append(f"[{key}]\n{inline(value)}")
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             below += [f"[[{key}]]\n{inline(one)}" for one in value]
         else:
@@ -64,6 +64,12 @@ def read_tables(tmp_path: Path) -> Callable[[Tables], LoadedProtocol]:
 @pytest.fixture
 def exp2() -> Tables:
     return tables_of("exp2")
+
+
+@pytest.fixture
+def apart() -> Tables:
+    """exp2 with tests that are scored apart."""
+    return tomllib.loads(load_protocol("exp2@2").path.read_text(encoding="utf-8"))
 
 
 @pytest.fixture

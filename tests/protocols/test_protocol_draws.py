@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.distance import pdist
 
 from tactibench import Scene, UserError
 from tactibench.geometry import true_contacts
@@ -15,7 +16,10 @@ from tactibench.protocols.draws import PATIENCE, SceneSet, draw_scenes, fits
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
 
-EXPERIMENTS = {name: load_protocol(name).spec for name in ("exp1", "exp2", "exp3")}
+EXPERIMENTS = {
+    name: load_protocol(name).spec
+    for name in ("exp1", "exp2", "exp3", "exp1@2", "exp2@2", "exp3@2")
+}
 DRAWS = {(name, draw.name) for name, spec in EXPERIMENTS.items() for draw in spec.draws}
 
 
@@ -34,11 +38,12 @@ def tips(scene: Scene) -> np.ndarray:
 @pytest.mark.parametrize(("name", "draw"), sorted(DRAWS))
 def test_every_tip_touches_inside_the_ranges(name: str, draw: str) -> None:
     spec, drawn = EXPERIMENTS[name], drawn_by(name, draw)
-    count = {"singles": 5000, "pairs": 1200, "catch": 120}.get(draw, 1000)
-    assert len(drawn.scenes) == count
+    counts = {"singles": 5000, "pairs": 1200, "catch": 120, "between": 220, "unseen-pairs": 288}
+    asked = spec.draw(draw)
+    assert len(drawn.scenes) == counts.get(draw, asked.count)
     for scene in drawn.scenes:
         truth = true_contacts(scene, spec.workspace.dome_radius_mm)
-        assert len(truth) == {"single": 1, "dual": 2, "triple": 3}[scene.indenter.name]
+        assert len(truth) == asked.tips
         assert np.abs(tips(scene)).max() <= 6.4 + 1e-9
         np.testing.assert_allclose(np.sort(truth.xy, 0), np.sort(tips(scene), 0), atol=1e-9)
         assert truth.depth.min() >= 0.5 - 1e-8
@@ -61,6 +66,30 @@ def test_triples_are_equilateral_with_heights_in_half_millimetres() -> None:
         assert sides == pytest.approx([8.0] * 3)
         heights |= {dz for _, _, dz in scene.indenter.offsets}
     assert heights == {0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0}
+
+
+@pytest.mark.parametrize(("name", "draw"), [("exp2@2", "uneven"), ("exp3@2", "five")])
+def test_scattered_tips_keep_their_distance_and_have_depths_of_their_own(
+    name: str, draw: str
+) -> None:
+    asked, drawn = EXPERIMENTS[name].draw(draw), drawn_by(name, draw)
+    depths, places = [], []
+    for scene in drawn.scenes:
+        truth = true_contacts(scene)
+        assert pdist(truth.xy).min() >= (asked.apart_mm or 0.0) - 1e-9
+        depths += truth.depth.tolist()
+        places += truth.xy.tolist()
+    assert uniform_p(depths, 0.5, 6.0) > 0.01
+    # Tips that must be far apart crowd at the border, but to no side of it.
+    assert np.abs(np.mean(places, axis=0)).max() < 4 * np.std(places) / math.sqrt(len(places))
+    assert len({scene.indenter for scene in drawn.scenes}) == len(drawn.scenes)
+
+
+def test_tips_that_hardly_fit_end_in_a_sentence() -> None:
+    spec = EXPERIMENTS["exp3@2"]
+    crowded = spec.draw("five").model_copy(update={"tip_count": 8, "apart_mm": 9.0})
+    with pytest.raises(UserError, match=r"draw 'five': 8 tips 9\.0 mm apart hardly fit"):
+        draw_scenes(spec.model_copy(update={"draws": (crowded,)}), "five")
 
 
 def uniform_p(values: list[float], low: float, high: float) -> float:

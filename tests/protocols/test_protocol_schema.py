@@ -156,6 +156,37 @@ def test_rules_between_keys(
 @pytest.mark.parametrize(
     ("where", "value", "said"),
     [
+        ("test.apart.0.sets", ["uneven", "singles"], "'singles' of [[test.apart]] is trained on"),
+        ("test.apart.0.sets", ["duals-train"], "is trained on or tested with the others"),
+        ("test.apart.0.sets", ["pairs"], "is trained on or tested with the others"),
+        ("test.apart.0.sets", ["evens"], "did you mean"),
+        ("test.apart.0.sets", ["unseen-pairs"], "sets of test.apart holds 'unseen-pairs' 2 times"),
+        ("test.apart.0.name", "unseen", "test.apart holds 'unseen' 2 times"),
+        ("test.apart.0.name", "held-out", "name"),
+        ("test.apart.0.metrics", [], "at least 1"),
+        ("test.apart.1.instances", [0], "greater than or equal to 1"),
+        ("draws.5.tip_count", 1, "greater than or equal to 2"),
+        ("draws.4.tip_count", 2, "belong to a scattered indenter"),
+    ],
+)
+def test_rules_of_tests_apart(
+    read_tables: Read, apart: dict[str, Any], where: str, value: Any, said: str
+) -> None:
+    put(apart, where, value)
+    assert said in sentence(read_tables, apart)
+
+
+def test_a_metric_of_a_test_apart_that_does_not_exist(
+    read_tables: Read, apart: dict[str, Any]
+) -> None:
+    apart["test"]["apart"][1]["metrics"] = ["mist"]
+    with pytest.raises(UserError, match=r"metrics of test\.apart 'unseen'.*did you mean 'missed'"):
+        check_metrics(read_tables(apart))
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "said"),
+    [
         ("recorded.test_frames_size", [360, 360], "belong together"),
         ("recorded.test_share", 1.5, "less than 1"),
         ("regimes.recorded", ["more"], "leave them empty"),

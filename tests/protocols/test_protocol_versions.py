@@ -11,6 +11,7 @@ from tactibench.errors import UserError
 from tactibench.protocols.loader import (
     archived_files,
     load_protocol,
+    next_files,
     protocol_files,
     protocol_versions,
     read_protocol,
@@ -45,10 +46,12 @@ def test_the_hash_of_this_version_is_listed(name: str) -> None:
 
 
 def test_every_entry_is_of_a_protocol_and_none_of_a_later_version() -> None:
-    now = {name: read_protocol(path).spec.version for name, path in protocol_files().items()}
+    last = {
+        name: max(one.spec.version for one in protocol_versions(name)) for name in protocol_files()
+    }
     for label in entries(CHANGELOG):
         name, _, version = label.partition("@")
-        assert int(version) <= now[name]
+        assert int(version) <= last[name]
 
 
 @pytest.mark.parametrize("label", archived_files())
@@ -60,6 +63,19 @@ def test_an_archived_version_is_the_one_that_was_listed(label: str) -> None:
     assert protocol.spec.version < present.spec.version
     assert version_of(protocol.spec.id, protocol.hash) == protocol
     assert protocol in protocol_versions(protocol.spec.id)
+
+
+@pytest.mark.parametrize("label", next_files())
+def test_a_next_version_is_loaded_by_its_label(label: str) -> None:
+    protocol = load_protocol(label)
+    assert (protocol.label, protocol.name) == (label, label)
+    assert not protocol.archived
+    assert not protocol.present
+    assert entries(CHANGELOG)[label][0] == protocol.hash
+    present = load_protocol(protocol.spec.id)
+    assert present.present
+    assert protocol.spec.version == present.spec.version + 1
+    assert version_of(protocol.spec.id, protocol.hash) == protocol
 
 
 def test_every_earlier_version_is_kept() -> None:

@@ -78,6 +78,12 @@ def host(tiny: Any) -> Any:
             SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "tiny", (offset,)),
             SensorSpec("other", "tiny_tactile.parts:TinySensor", "tiny"),
             SensorSpec(
+                "several",
+                "tiny_tactile.parts:TinySensor",
+                "one grey level more an instance",
+                (Parameter("instance", 0, "another of its make", low=0),),
+            ),
+            SensorSpec(
                 "known",
                 "tiny_tactile.parts:TinyReference",
                 "reference of tactip-127",

@@ -147,3 +147,49 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     ):
         with pytest.raises(UserError, match=says):
             read_sweep(tmp_path / name)
+
+
+def test_a_file_of_several_sweeps_asks_for_every_run_once(
+    cells: Callable[..., tuple[Cell, ...]],
+) -> None:
+    text = """
+        [[sweep]]
+        protocol = "exp1"
+        model = ["nearest", "mean"]
+
+        [[sweep]]
+        protocol = ["exp1", "exp1@2"]
+        model = "nearest"
+        seed = [0, 1]
+    """
+    asked = [
+        (c.request.protocol, c.request.model, c.request.seed)
+        for c in cells(text.replace("    ", ""))
+    ]
+    assert asked == [
+        ("exp1", "nearest", 0),
+        ("exp1", "mean", 0),
+        ("exp1", "nearest", 1),
+        ("exp1@2", "nearest", 0),
+        ("exp1@2", "nearest", 1),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[[sweep]]\nprotocol = "exp1"\n', "'model' is missing"),
+        (
+            '[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n'
+            '[[sweep]]\nprotocol = "exp1"\nmodel = "x"\n',
+            "sweep 2: ",
+        ),
+        ('[[sweep]]\nprotocol = "exp1"\nmodel = "mean"\n[more]\nseed = 1\n', "unknown key 'more'"),
+        ("sweep = []\n", "sweep"),
+    ],
+)
+def test_mistakes_in_one_of_several_sweeps(
+    cells: Callable[..., tuple[Cell, ...]], text: str, said: str
+) -> None:
+    with pytest.raises(UserError, match=said):
+        cells(text)

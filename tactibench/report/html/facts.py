@@ -92,6 +92,9 @@ def _questions(spec: Protocol) -> Iterator[tuple[str, str]]:
     for name, extra in spec.regimes.items():
         yield f"regime {name}", f"trained on {' and '.join([base, *extra])}"
     yield "tested on", " and ".join(spec.test.sets)
+    for apart in spec.test.apart:
+        on = f", on {len(apart.instances)} other sensors of the make" if apart.instances else ""
+        yield f"tested apart: {apart.name}", f"{' and '.join(apart.sets)}{on}"
     yield "gate", f"{spec.test.gate_mm:g} mm" if spec.answer == "contacts" else ""
     yield "intervals", f"{100 * spec.test.level:g} % over presses"
     yield "metrics", ", ".join(spec.metrics.names)

@@ -113,15 +113,15 @@ def gather(
         if one.protocol in wanted and (one.records or one.name in protocols)
     ]
     present = {one.name for one in boards}
-    earlier = [one for one in boards if one.protocol.archived and one.protocol.spec.id in present]
+    others = [one for one in boards if not one.protocol.present and one.protocol.spec.id in present]
     if not (protocols or archived):
-        boards = [one for one in boards if one not in earlier]
+        boards = [one for one in boards if one not in others]
     if not boards:
         raise UserError(
             f"there is no complete run to show, neither in {store} nor in {board}; run a protocol "
             "first, or name another store with --store."
         )
-    left_out = [one for one in earlier if one not in boards]
+    left_out = [one for one in others if one not in boards]
     return ReportData(tuple(boards), _origin_sentence(origin, store, runs, boards, left_out))
 
 
@@ -160,7 +160,7 @@ def _press_errors(
     protocol: LoadedProtocol, runs: Mapping[str, StoredRun]
 ) -> dict[str, PressErrors]:
     """Return the error that orders the board, press by press; equal arrays are read once."""
-    if board_spec(protocol.spec.id).ranking is None:
+    if board_spec(protocol.label).ranking is None:
         return {}
     known: dict[tuple[str, str], PressErrors] = {}
     errors = {}
@@ -186,12 +186,12 @@ def _origin_sentence(
     store: Path,
     runs: Sequence[StoredRun],
     boards: Sequence[ReportBoard],
-    earlier: Sequence[ReportBoard],
+    others: Sequence[ReportBoard],
 ) -> str:
     """Return what is shown, where it is from, and how much of the store is not shown."""
     stored = sum(len(board.runs) for board in boards)
     committed = sum(len(board.records) for board in boards) - stored
-    of_earlier = sum(len(board.runs) for board in earlier)
+    of_others = sum(len(board.runs) for board in others)
     shown = []
     if origin != RUNS:
         shown.append(plural(committed, "committed record"))
@@ -199,13 +199,13 @@ def _origin_sentence(
         shown.append(f"{plural(stored, 'run')} stored in {folder_label(store)}")
     newest = max((r.created[:10] for board in boards for r in board.records), default="")
     partial = sum(run.record.partial for run in runs)
-    other = len(runs) - partial - stored - of_earlier
+    other = len(runs) - partial - stored - of_others
     damaged = 0 if origin == BOARD else len(list(store.glob(f"[!.]*/{RECORD}"))) - len(runs)
     left = [plural(partial, "partial run")] if partial else []
     left += [plural(damaged, "run") + " that cannot be read"] if damaged else []
     if other:
         left.append(f"{plural(other, 'run')} of other protocols, or older ones of the same row")
-    for one in earlier:
+    for one in others:
         left.append(f"{plural(len(one.records), 'record')} of {one.name} (--protocol {one.name})")
     text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
     return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."

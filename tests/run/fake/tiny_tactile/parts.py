@@ -33,8 +33,8 @@ class TinySensor(Sensor):
 
     pressed: ClassVar[int] = 0
 
-    def __init__(self, context: SensorContext, offset: float = 0.0) -> None:
-        self.offset = offset
+    def __init__(self, context: SensorContext, offset: float = 0.0, instance: int = 0) -> None:
+        self.offset = offset + instance
         self.rng = np.random.default_rng(context.seed)
 
     def rest(self) -> Frame:

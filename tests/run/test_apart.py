@@ -1,0 +1,130 @@
+"""Tests that are scored apart: held-out geometries and other sensors of the make."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from few_presses import NUMBERS
+
+from tactibench.metrics.gospa import gospa
+from tactibench.protocols.loader import load_protocol
+from tactibench.records.answers import unpack_contacts
+from tactibench.records.store import StoredRun
+from tactibench.run.plan import RunPlan
+from tactibench.run.request import TestOptions
+from tactibench.run.score import rescore
+
+FEWER = NUMBERS | {
+    "count = 240": "count = 8",
+    "count = 400": "count = 16",
+    "per_distance = 20": "per_distance = 1",
+    "per_distance = 24": "per_distance = 2",
+}
+MAIN, BETWEEN, UNEVEN, UNSEEN = 2 * 12 + 4, 11, 8, 2 * 12
+"""Test frames of a run: pairs with catch trials, and those that are scored apart."""
+
+
+def few(name: str, folder: Path) -> Path:
+    """Write a version with tests apart, with few presses and an id of its own."""
+    text = load_protocol(f"{name}@2").path.read_text(encoding="utf-8")
+    text = text.replace(f'id = "{name}"', 'id = "few-apart"')
+    for long, short in FEWER.items():
+        text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
+    path = folder / "few-apart.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def exp2(tmp_path: Path) -> Path:
+    return few("exp2", tmp_path)
+
+
+def without_apart(protocol: Path) -> Path:
+    """Write the same protocol without the tests that are scored apart."""
+    text = protocol.read_text(encoding="utf-8").replace("few-apart", "few-plain")
+    text = re.sub(r"\[\[test\.apart\]\].*?(?=\n\[)", "", text, flags=re.DOTALL)
+    path = protocol.with_name("few-plain.toml")
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_tests_apart_change_nothing_of_the_main_one(
+    run: Callable[..., StoredRun], exp2: Path
+) -> None:
+    apart = run(str(exp2), sensor="several").record
+    plain = run(str(without_apart(exp2)), sensor="several").record
+    assert apart.identity.weights == plain.identity.weights
+    main = [m for m in apart.metrics if m.group.partition(":")[0] not in ("heldout", "unseen")]
+    assert [m.json_values() for m in main] == [m.json_values() for m in plain.metrics]
+    assert plain.data.test == MAIN
+    assert apart.data.test == MAIN + BETWEEN + UNEVEN + UNSEEN
+
+
+def test_their_frames_come_last_and_only_they_are_in_their_groups(
+    run: Callable[..., StoredRun], exp2: Path
+) -> None:
+    done = run(str(exp2), sensor="several")
+    truth, predicted = done.arrays("truth"), done.arrays("predictions")
+    groups = truth["group"].tolist()
+    assert groups[:MAIN] == [g for g in groups if ":" not in g]
+    parts = [("heldout:between", BETWEEN), ("heldout:uneven", UNEVEN)]
+    assert groups[MAIN : MAIN + BETWEEN + UNEVEN] == [g for g, n in parts for _ in range(n)]
+    pairs = list(zip(unpack_contacts(truth), unpack_contacts(predicted), strict=True))
+    values = np.array([gospa(true.xy, seen.xy, 3.0, 1) for true, seen in pairs])
+    for whole, count in (("heldout", BETWEEN + UNEVEN), ("unseen", UNSEEN)):
+        inside = np.array([group.startswith(f"{whole}:") for group in groups])
+        row = done.record.metric("gospa1_mm", whole)
+        assert row is not None
+        assert row.n == row.clusters == count == inside.sum()
+        assert row.value == pytest.approx(values[inside].mean(), abs=1e-12)
+    for group, _ in parts:
+        row = done.record.metric("gospa1_mm", group)
+        assert row is not None
+        assert row.value == pytest.approx(values[np.array(groups) == group].mean(), abs=1e-12)
+    assert rescore(done, load_protocol(str(exp2))).metrics == done.record.metrics
+
+
+def test_every_instance_presses_its_share(planned: Callable[..., RunPlan], exp2: Path) -> None:
+    plan = planned(str(exp2), sensor="several")
+    unseen = [one for one in plan.frames.test if one.groups[0].startswith("unseen:")]
+    assert [set(one.groups) for one in unseen] == [{f"unseen:instance-{k}"} for k in range(1, 9)]
+    assert all(len(one.scenes) == 3 for one in unseen)
+    # One grey level more an instance is 1/18 mm in x, y and depth of every tip, but for rounding.
+    for instance, one in enumerate(unseen, 1):
+        for frame in one.open(lambda _: None).frames:
+            values = frame.image[:2, :3].astype(float) - 128
+            pose = np.sort(values[:, 2])[-1]
+            assert abs(pose - instance - 18 * frame.pose.depth) <= 1.0
+
+
+def test_a_sensor_without_instances_leaves_them_out(
+    planned: Callable[..., RunPlan], exp2: Path
+) -> None:
+    groups = {g.partition(":")[0] for one in planned(str(exp2)).frames.test for g in one.groups}
+    assert {"heldout"} == groups & {"heldout", "unseen"}
+
+
+def test_another_instance_is_not_tested_on_instances(
+    planned: Callable[..., RunPlan], exp2: Path
+) -> None:
+    options = TestOptions(parameters={"instance": "3"})
+    plan = planned(str(exp2), sensor="several", test=options)
+    groups = {g.partition(":")[0] for one in plan.frames.test for g in one.groups}
+    assert {"heldout"} == groups & {"heldout", "unseen"}
+
+
+def test_a_test_of_few_presses_has_none(planned: Callable[..., RunPlan], exp2: Path) -> None:
+    plan = planned(str(exp2), sensor="several", limit=20)
+    assert not any(one.apart for one in plan.frames.test)
+    assert plan.frames.count("test") == 20
+
+
+def test_bounds_are_of_the_main_frames(run: Callable[..., StoredRun], tmp_path: Path) -> None:
+    truth = run(str(few("exp1", tmp_path)), sensor="several").arrays("truth")
+    assert len(truth["bound"]) == 20
+    assert len(truth["group"]) == 20 + 16
