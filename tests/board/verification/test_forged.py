@@ -6,6 +6,8 @@ from pathlib import Path
 
 import forged
 import pytest
+from forged_files import ARCHIVES, ARRAYS, TEXTS
+from forged_records import FORGERIES
 
 from tactibench import UserError
 from tactibench.board.truth import Source, trusted_host
@@ -26,7 +28,7 @@ def test_what_is_forged_was_right_before(base: str, trusted: Source) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("forgery", forged.FORGERIES, ids=lambda one: one.name)
+@pytest.mark.parametrize("forgery", FORGERIES, ids=lambda one: one.name)
 def test_forged_provenance_is_refused(
     forgery: forged.Forgery, trusted: Source, tmp_path: Path
 ) -> None:
@@ -49,23 +51,23 @@ def test_every_value_is_derived_or_the_submitters_word(
     assert {name for name in accepted if not name.startswith(forged.ON_WORD)} == set()
 
 
-@pytest.mark.parametrize("name", forged.TEXTS)
+@pytest.mark.parametrize("name", TEXTS)
 def test_forged_text_is_refused(name: str, trusted: Source, tmp_path: Path) -> None:
     with pytest.raises(UserError):
-        score_again(forged.forge_text(forged.TEXTS[name], tmp_path), trusted)
+        score_again(forged.forge_text(TEXTS[name], tmp_path), trusted)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", forged.ARRAYS)
+@pytest.mark.parametrize("name", ARRAYS)
 def test_forged_answers_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
     with pytest.raises(UserError):
-        score_again(forged.forge_arrays(forged.ARRAYS[name], tmp_path), trusted)
+        score_again(forged.forge_arrays(ARRAYS[name], tmp_path), trusted)
 
 
-@pytest.mark.parametrize("name", forged.ARCHIVES)
+@pytest.mark.parametrize("name", ARCHIVES)
 def test_forged_archives_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
     with pytest.raises(UserError):
-        score_again(forged.forge_archive(forged.ARCHIVES[name], tmp_path), trusted)
+        score_again(forged.forge_archive(ARCHIVES[name], tmp_path), trusted)
 
 
 def test_another_exception_is_a_verdict_on_that_file(
