@@ -24,7 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
 import forged
-from forged_files import ARCHIVES, ARRAYS, TEXTS
+from forged_files import ARCHIVES, ARRAYS, BYTES, TEXTS
 from forged_records import FORGERIES
 
 from tactibench.board.truth import Source, trusted_host
@@ -46,6 +46,8 @@ def attacks(*, keys: bool) -> Iterator[tuple[str, Callable[[Path], Path]]]:
         yield f"answers: {name}", lambda folder, arrays=arrays: forged.forge_arrays(arrays, folder)
     for name, write in ARCHIVES.items():
         yield f"archive: {name}", lambda folder, write=write: forged.forge_archive(write, folder)
+    for name, change in BYTES.items():
+        yield f"bytes: {name}", lambda folder, change=change: forged.forge_bytes(change, folder)
     for base in forged.BASES if keys else ():
         for one in forged.key_forgeries(base):
             if not one.name.startswith(forged.ON_WORD):

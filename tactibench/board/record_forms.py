@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from pydantic import BaseModel
 
 from tactibench.errors import UserError
+from tactibench.records.identity import canonical
 from tactibench.records.record import Record
 from tactibench.records.store import CHECKSUM, PARTS, with_checksum
 from tactibench.run.machine import fingerprint_hash
@@ -33,13 +34,26 @@ FORMS: Mapping[str, re.Pattern[str]] = {
     "identity.sensor": SHA256,
 }
 """Key -> the form in which tactibench writes it."""
+CREATED = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
+VERSION = re.compile(r"[A-Za-z0-9.+!_-]{1,60}|not installed")
+"""A version of a distribution: one of tactibench stands in the signature, between its signs."""
+DISTRIBUTION = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
+SHOWN = re.compile(r"[ !-;=?-_a-{}~]{1,160}")
+"""A text that pages and terminals show: ASCII, which has no look-alikes and no marks, and neither
+``<``, ``>``, ``|`` nor ```` ` ````."""
+PRIOR = re.compile(r"[a-z][a-z -]{0,59}")
+"""What a model knew of contacts that press together: it stands in the name of a row."""
+AHEAD = timedelta(days=1)
+"""The clock of a submitter may be fast, and a run is not made tomorrow."""
+MOST_PARTS = 64
+"""Graphics cards of a machine, and kinds of instructions of its processor."""
 LARGEST_SEED = 2**63 - 1
 SCENARIOS = ("single", "offline")
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
 SLACK = 1e-6
 """Relative; sums of another processor differ in the last digits."""
-MOST_NOTES = 64
-"""Notes of a training; the longest of those here has six."""
+MOST_NOTES = 4_000
+"""Characters of all notes of a training; the longest of those here have 127."""
 
 
 def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
@@ -130,11 +144,40 @@ def _refuse_forms(record: Record, where: str) -> None:
     for place, hashed in hashes:
         if not isinstance(hashed, str) or not SHA256.fullmatch(hashed):
             raise UserError(f"{where}: {place} is {short(hashed)}, which is no sha256.")
+    texts = [
+        (CREATED, "created", record.created),
+        *((VERSION, key, version) for key, version in _versions(record)),
+        *((SHOWN, key, text) for key, text in _shown(record)),
+    ]
+    for form, place, text in texts:
+        if not form.fullmatch(text):
+            raise UserError(f"{where}: {place} is {short(text)}, which tactibench does not write.")
     if set(identity.stored) != set(PARTS):
         raise UserError(
             f"{where}: identity.stored names {', '.join(sorted(identity.stored)) or 'nothing'}; "
             f"a run stores {', '.join(PARTS)}."
         )
+
+
+def _versions(record: Record) -> Iterator[tuple[str, str]]:
+    """Yield the versions of distributions, and their keys."""
+    for place, versions in (
+        ("environment", record.environment.versions),
+        ("identity", record.identity.versions),
+    ):
+        yield from ((f"{place}.versions.{name}", version) for name, version in versions.items())
+
+
+def _shown(record: Record) -> Iterator[tuple[str, str]]:
+    """Yield the texts of a record that pages show and nothing determines, and their keys."""
+    facts = record.environment
+    for name in ("cpu", "os", "python", "torch"):
+        yield f"environment.{name}", getattr(facts, name) or "none"
+    for name in ("gpu", "cpu_flags"):
+        yield from ((f"environment.{name}", text) for text in getattr(facts, name))
+    yield "training.device", record.training.device or "none"
+    for timed in (record.timed, *record.timed.raced):
+        yield "timed.configuration", timed.configuration or "none"
 
 
 def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
@@ -203,11 +246,12 @@ def _impossible(record: Record) -> Iterator[str]:
         yield f"limits.presses is {record.limits.presses}; a model learns from one press or more"
     try:
         created = datetime.fromisoformat(record.created)
-        plausible = created.tzinfo is not None and 2000 <= created.year < 2100
+        past = created <= datetime.now(UTC) + AHEAD
     except ValueError:
-        plausible = False
-    if not plausible:
-        yield f"created is {short(record.created)}; it is a time of this century with its zone"
+        past = False
+    if not past:
+        yield f"created is {short(record.created)}, which is no time of the past"
+    yield from _impossible_machine(record)
     yield from _impossible_times(record)
     yield from _impossible_training(record)
     for name, plugin in record.identity.plugins.items():
@@ -218,6 +262,30 @@ def _impossible(record: Record) -> Iterator[str]:
             yield f"identity.plugins.{name} holds something else than texts"
         elif not re.fullmatch(r"[0-9a-f]{16}", plugin["code"]):
             yield f"identity.plugins.{name}.code is no hash"
+        elif not VERSION.fullmatch(plugin["version"]):
+            yield f"identity.plugins.{name}.version is no version"
+        elif not DISTRIBUTION.fullmatch(plugin["distribution"]):
+            yield f"identity.plugins.{name}.distribution is no name of a distribution"
+        elif (theirs := plugin["distribution"]) != OURS and look_alike(theirs) == look_alike(OURS):
+            yield f"identity.plugins.{name}.distribution is {theirs!r}, which looks like {OURS!r}"
+
+
+def look_alike(name: str) -> str:
+    """Return one text for names that a reader, or a file system, takes for each other."""
+    folded = re.sub(r"[-_.]", "", name.casefold()).translate(str.maketrans("01i5", "olls"))
+    return folded.replace("rn", "m").replace("vv", "w")
+
+
+def _impossible_machine(record: Record) -> Iterator[str]:
+    facts = record.environment
+    if max(len(facts.gpu), len(facts.cpu_flags)) > MOST_PARTS:
+        yield f"environment.gpu or .cpu_flags has more than {MOST_PARTS} names"
+    for name in ("cores_physical", "cores_logical", "memory_gib"):
+        number = getattr(facts, name)
+        if number is not None and number < 0:
+            yield f"environment.{name} is {number}, less than nothing"
+    if facts.threads < 1:
+        yield f"environment.threads is {facts.threads}; a run has one or more"
 
 
 def _impossible_times(record: Record) -> Iterator[str]:
@@ -240,8 +308,6 @@ def _impossible_times(record: Record) -> Iterator[str]:
             yield f"the {what} takes no time"
         if row.mean_ms < row.p50_ms / 2 * (1 - SLACK):  # half of the calls take p50 or more
             yield f"the {what} has a mean below half of its median"
-    if record.environment.threads < 1:
-        yield f"environment.threads is {record.environment.threads}; a run has one or more"
     for timed in (record.timed, *record.timed.raced):
         numbers = (timed.p50_ms, timed.difference_mm, timed.frames, timed.frames_with_another_count)
         if timed.frames_with_another_count > timed.frames or timed.frames > record.data.test:
@@ -261,13 +327,14 @@ def _impossible_training(record: Record) -> Iterator[str]:
         number = getattr(training, name)
         if number is not None and number < 0:
             yield f"training.{name} is {number}, less than nothing"
-    if len(training.notes) > MOST_NOTES:
-        yield f"training.notes has {len(training.notes):,} notes; at most {MOST_NOTES} are kept"
+    if (length := len(canonical(training.notes))) > MOST_NOTES:
+        yield f"training.notes takes {length:,} characters; at most {MOST_NOTES:,} are kept"
     if "mixing" in training.notes:
         # What a board shows as mixing comes from the notes, where they have it.
         asked, used = parameters.get("mixing"), training.notes["mixing"]
         number = isinstance(asked, int | float) and isinstance(used, int | float)
         if not number or not asked or (asked > 0 and used != asked):  # type: ignore[operator]
             yield f"training.notes.mixing is {short(used)}, but the model has mixing {asked!r}"
-    if not isinstance(training.notes.get("prior", ""), str):
-        yield "training.notes.prior is no text"
+    prior = training.notes.get("prior", "none")
+    if not isinstance(prior, str) or not PRIOR.fullmatch(prior):
+        yield f"training.notes.prior is {short(prior)}; it is a few words"

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tactibench.board.neighbours import Neighbours, find_neighbours
 from tactibench.board.predictions import (
     Arrays,
     answers_file,
@@ -34,6 +35,7 @@ from tactibench.board.submissions import (
     refuse_names,
     refuse_partial,
 )
+from tactibench.board.time_limit import processor_time
 from tactibench.board.truth import Source, labelled_counts, test_set
 from tactibench.errors import UserError, describe_exception, did_you_mean
 from tactibench.protocols.board_spec import board_spec
@@ -56,6 +58,9 @@ LIMIT_TOLERANCE = 1e-3
 """Relative, of a limit that is searched in rendered frames of single precision."""
 NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
+MOST_S = 900.0
+"""Processor time for a file: thirty times what the slowest of the shipped protocols takes. It grows
+with the size of a frame, which a record may name."""
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
 
@@ -68,7 +73,8 @@ class Verdict:
     """The verdict on a submission that was not refused.
 
     again: metric rows computed anew and equal to the stated ones. stated: what is the submitter's
-    word, the names of metrics of heatmaps among them.
+    word, the names of metrics of heatmaps among them. neighbours: its place among the records
+    beside it.
     """
 
     path: Path
@@ -76,6 +82,7 @@ class Verdict:
     frames: int
     again: tuple[Metric, ...]
     stated: tuple[str, ...]
+    neighbours: Neighbours
 
     @property
     def subject(self) -> str:
@@ -98,16 +105,33 @@ class Verdict:
 
 
 def verify(
-    path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
+    path: Path,
+    source: Source,
+    *,
+    hidden: bool = False,
+    folder: Path | None = None,
+    limit_s: float = MOST_S,
 ) -> Verdict:
-    """Check and score one committed record. hidden: its test presses are from the hidden seed.
+    """Check and score one committed record. One file never ends the verification of others.
 
-    folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
-    Raises UserError with what is wrong, or with what is lacking to find out. Whatever else is
-    raised is a verdict on that file, too: one file must not end the verification of others.
+    Args:
+        path: of the record.
+        source: of the truth.
+        hidden: whether its test presses are from the hidden seed.
+        folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
+        limit_s: processor time that it may take.
+
+    Raises:
+        UserError: with what is wrong, or what is lacking to find out; whatever else is raised is a
+            verdict on that file, too.
     """
+    late = (
+        f"{path} was not verified within {limit_s:g} s of processor time; run it on a sensor with "
+        "smaller frames."
+    )
     try:
-        return score_again(path, source, hidden=hidden, folder=folder)
+        with processor_time(limit_s, late):
+            return score_again(path, source, hidden=hidden, folder=folder)
     except UserError:
         raise
     except Exception as error:
@@ -130,6 +154,7 @@ def score_again(
     refuse_forms(record, values, str(path))
     refuse_components(record, protocol, source.host, str(path))
     _refuse_other_seed(record, path, hidden)
+    neighbours = find_neighbours(record, path)
     place = answers_file(path)
     if not place.is_file():
         raise UserError(
@@ -167,7 +192,7 @@ def score_again(
     stated = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     kept = tuple(row for row in again if row.metric not in FROM_MAPS)
-    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated))
+    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated), neighbours)
 
 
 def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:

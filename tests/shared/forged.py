@@ -147,6 +147,14 @@ def forge_archive(write: Callable[[zipfile.ZipFile, dict[str, bytes]], None], fo
     return path
 
 
+def forge_bytes(change: Callable[[bytes], bytes], folder: Path) -> Path:
+    """Write a submission whose archive has other bytes."""
+    path = forge(Forgery("bytes", "plain", lambda _: None), folder)
+    place = answers_file(path)
+    place.write_bytes(change(place.read_bytes()))
+    return path
+
+
 ON_WORD = (
     "name",
     "created",

@@ -21,6 +21,13 @@ TEXTS: dict[str, Callable[[str], str]] = {
     "lone surrogate": lambda text: text.replace('"AMD', '"\\ud800AMD', 1),
     "control": lambda text: text.replace('"AMD', '"\\u001b[2JAMD', 1),
     "right to left": lambda text: text.replace('"AMD', '"\\u202eAMD', 1),
+    "byte order mark": lambda text: "\ufeff" + text,
+    "a key twice, once escaped": lambda text: text.replace(
+        '"partial"', '"\\u0070artial": true, "partial"', 1
+    ),
+    "a key twice inside": lambda text: text.replace('"cpu": ', '"cpu": "Cray", "cpu": ', 1),
+    "two values": lambda text: text + text,
+    "a NUL behind": lambda text: text + "\0",
     "many keys": lambda text: text.replace(
         '"notes": {', '"notes": {' + ",".join(f'"k{k}":{k}' for k in range(40_000)) + ", ", 1
     ),
@@ -33,6 +40,18 @@ def _set(name: str, change: Callable[[Any], Any]) -> Callable[[Arrays], Arrays]:
 
 def _filled(value: float) -> Callable[[Any], Any]:
     return lambda array: np.full_like(array, value)
+
+
+def _no_characters(texts: Any) -> Any:
+    """Texts with a number beyond the last character of Unicode."""
+    numbers = texts.view(np.uint32).copy()
+    numbers[0] = 0x110000
+    return numbers.view(texts.dtype)
+
+
+def _bools(array: Any) -> Any:
+    """Truth values whose bytes are neither 0 nor 1: their sum is anything."""
+    return np.full(len(array), 7, np.uint8).view(bool)
 
 
 ARRAYS: dict[str, Callable[[Arrays], Arrays]] = {
@@ -59,6 +78,8 @@ ARRAYS: dict[str, Callable[[Arrays], Arrays]] = {
     "ranked none": lambda arrays: {n: a for n, a in arrays.items() if not n.startswith("ranked")},
     "ranked more": lambda arrays: {**arrays, "ranked.more": np.zeros(3)},
     "ranked huge": _set("ranked.error", _filled(1e308)),
+    "ranked no characters": _set("ranked.press", _no_characters),
+    "a bool of another byte": lambda arrays: {**arrays, "given": _bools(arrays["count"])},
     "a path": lambda arrays: {**arrays, "../../evil": np.zeros(1)},
 }
 
@@ -93,6 +114,14 @@ def _twice(archive: zipfile.ZipFile, members: dict[str, bytes]) -> None:
         warnings.simplefilter("ignore")
         for name, body in [*members.items(), *members.items()]:
             archive.writestr(name, body)
+
+
+def _packed(method: int) -> Callable[[zipfile.ZipFile, dict[str, bytes]], None]:
+    def write(archive: zipfile.ZipFile, members: dict[str, bytes]) -> None:
+        for name, body in members.items():
+            archive.writestr(name, body, method)
+
+    return write
 
 
 ARCHIVES: dict[str, Callable[[zipfile.ZipFile, dict[str, bytes]], None]] = {
@@ -130,5 +159,63 @@ ARCHIVES: dict[str, Callable[[zipfile.ZipFile, dict[str, bytes]], None]] = {
         _array("{'descr': '<f8', 'fortran_order': False, 'shape': (True,)}\n", bytes(8)),
     ),
     "no array": _with("depth.npy", b"x"),
+    "capitals": _with(
+        "DEPTH.npy", _array("{'descr': '<f8', 'fortran_order': False, 'shape': (0,)}\n")
+    ),
+    "a folder": _with("depth.npy/", b""),
+    "a NUL in a name": _with("depth.npy\0.npy", b""),
+    "lzma": _packed(zipfile.ZIP_LZMA),
+    "bzip2": _packed(zipfile.ZIP_BZIP2),
     "a script": _with("run.py", b"print(1)"),
 }
+
+
+def _ahead(data: bytes) -> bytes:
+    return b"<!doctype html><script>alert(1)</script>" + data
+
+
+def _encrypted(data: bytes) -> bytes:
+    """Every member says that it is encrypted."""
+    local, central = b"PK\x03\x04", b"PK\x01\x02"
+    changed = bytearray(data)
+    for sign, place in ((local, 6), (central, 8)):
+        at = data.find(sign)
+        while at >= 0:
+            changed[at + place] |= 1
+            at = data.find(sign, at + 4)
+    return bytes(changed)
+
+
+def _another_size(count: int) -> Callable[[bytes], bytes]:
+    """The directory says another unpacked size of every member."""
+
+    def change(data: bytes) -> bytes:
+        changed = bytearray(data)
+        at = data.find(b"PK\x01\x02")
+        while at >= 0:
+            changed[at + 24 : at + 28] = count.to_bytes(4, "little")
+            at = data.find(b"PK\x01\x02", at + 4)
+        return bytes(changed)
+
+    return change
+
+
+def _comment(data: bytes) -> bytes:
+    """An archive with a comment as long as one may be."""
+    assert data[-2:] == b"\0\0"
+    return data[:-2] + (65535).to_bytes(2, "little") + b"c" * 65535
+
+
+BYTES: dict[str, Callable[[bytes], bytes]] = {
+    "a page ahead": _ahead,
+    "encrypted": _encrypted,
+    "no bytes": _another_size(0),
+    "fewer bytes": _another_size(200),
+    "more bytes": _another_size(2**20),
+    "4 GiB": _another_size(2**32 - 2),
+    "a comment": _comment,
+    "nothing": lambda _: b"",
+    "half": lambda data: data[: len(data) // 2],
+    "much behind": lambda data: data + bytes(100_000),
+}
+"""The bytes of an archive."""

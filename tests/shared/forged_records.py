@@ -6,6 +6,8 @@ from typing import Any
 
 from forged import SHA_OF_NOTHING, Change, Forgery, Values, both, drop, put
 
+from tactibench.run.machine import fingerprint_hash
+
 SHA = "ab" * 32
 
 
@@ -59,6 +61,47 @@ def _oracle(values: Values) -> None:
 
 def _doubled_speed(values: Values) -> None:
     values["speed"].append(dict(values["speed"][0]))
+
+
+def _stranger(name: str, **parameters: Any) -> Change:
+    """A model of somebody else, whose plugin is named as a run would name it."""
+
+    def change(values: Values) -> None:
+        settings = {"settings": list(parameters)} if parameters else {}
+        values["model"] = {"name": name, "parameters": parameters, **settings}
+        values["name"] = values["name"].replace("-mean-", f"-{name}-")
+        plugins = values["identity"]["plugins"]
+        del plugins["baselines"]
+        plugins["theirs"] = {"distribution": "theirs", "version": "1", "code": SHA[:16]}
+
+    return change
+
+
+def _on_machine(**facts: Any) -> Change:
+    """Another machine, with the fingerprint that its facts give."""
+
+    def change(values: Values) -> None:
+        values["environment"] |= facts
+        stated = {
+            name: value
+            for name, value in values["environment"].items()
+            if name not in ("fingerprint", "threads", "versions")
+        }
+        values["environment"]["fingerprint"] = fingerprint_hash(stated)
+        values["identity"]["machine"] = values["environment"]["fingerprint"]
+
+    return change
+
+
+def _version(text: str) -> Change:
+    """Another version of tactibench, which the signature shows."""
+
+    def change(values: Values) -> None:
+        values["environment"]["versions"]["tactibench"] = text
+        for plugin in values["identity"]["plugins"].values():
+            plugin["version"] = text
+
+    return change
 
 
 VALUES: dict[str, tuple[tuple[str, Any], ...]] = {
@@ -180,10 +223,24 @@ VALUES: dict[str, tuple[tuple[str, Any], ...]] = {
         ("data.of_tested_sensor", {"labelled_frames": [50, 50], "unlabelled_frames": 9}),
         ("data.failures", {"frames": 9, "causes": []}),
         ("data.leaked", 0),
+        # What pages and terminals show.
+        ("training.notes.prior", "Checked, by the authors"),
+        ("training.notes.prior", "p" * 4000),
+        ("training.device", "cpu " * 900),
+        ("training.device", "<b>cpu</b>"),
+        ("timed.configuration", "c" * 4000),
+        ("timed.configuration", "e\u0301\u0301\u0301\u0301"),
+        ("environment.versions.numpy", "2 " * 2000),
+        ("identity.versions", {"numpy": "x" * 200}),
+        ("training.notes.more", ["x" * 3000] * 300),
         # What it is called.
         ("protocol.title", "two-point discrimination, hard"),
         ("created", "first of all"),
         ("created", "9999-01-01T00:00:00+00:00"),
+        ("created", "2099-12-31T00:00:00+00:00"),
+        ("created", "2026-W47-1T00:00:00+00:00"),
+        ("created", "2026-11-22T02:43:44+23:59"),
+        ("created", "20261122T024344Z"),
         ("encoder", {"name": "hertz", "parameters": {}}),
         ("seed", "0"),
     ),
@@ -250,6 +307,44 @@ CHANGES = (
     Forgery(
         "encoder left out", "encoded", both(put("encoder", None), put("identity.encoder", None))
     ),
+    Forgery("another model by case", "plain", _stranger("Unet")),
+    Forgery("another model by a sign", "plain", _stranger("u-net")),
+    Forgery("another model by a digit", "plain", _stranger("superp0se")),
+    Forgery("a trivial model by case", "plain", _stranger("MEAN")),
+    Forgery(
+        "a model that reads like two rows", "plain", _stranger("mine", of="1 + hertz (single)")
+    ),
+    Forgery("a model with a long word", "plain", _stranger("mine", of="x" * 4000)),
+    Forgery("a model in another script", "plain", _stranger("mine", of="\u043dertz")),
+    Forgery("a model with signs of its signature", "plain", _stranger("mine", of="1)|seed:7")),
+    Forgery(
+        "a model of many parameters",
+        "plain",
+        _stranger("mine", **{f"p{k}": k for k in range(300)}),
+    ),
+    Forgery("a model of a long parameter", "plain", _stranger("mine", **{"p" * 150: 1})),
+    Forgery(
+        "plugins like ours",
+        "plain",
+        both(_stranger("mine"), put("identity.plugins.theirs.distribution", "Tactibench")),
+    ),
+    Forgery(
+        "plugins with a long distribution",
+        "plain",
+        both(_stranger("mine"), put("identity.plugins.theirs.distribution", "d" * 4000)),
+    ),
+    Forgery(
+        "plugins with a version that is none",
+        "plain",
+        both(_stranger("mine"), put("identity.plugins.theirs.version", "1 | verified")),
+    ),
+    Forgery("version with signs of its signature", "plain", _version("0.1.0|verified:yes")),
+    Forgery("cpu with marks on letters", "plain", _on_machine(cpu="A\u0336M\u0336D\u0336")),
+    Forgery("cpu that is long", "plain", _on_machine(cpu="AMD " * 900)),
+    Forgery("many gpus", "plain", _on_machine(gpu=["H100"] * 9000)),
+    Forgery("many flags", "plain", _on_machine(cpu_flags=["avx2"] * 9000)),
+    Forgery("memory below nothing", "plain", _on_machine(memory_gib=-4)),
+    Forgery("cores below nothing", "plain", _on_machine(cores_physical=-4)),
     Forgery("seed", "plain", both(put("seed", 10**30), put("identity.seed", 10**30))),
     Forgery("seed negative", "plain", both(put("seed", -1), put("identity.seed", -1))),
 )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import forged
 import pytest
-from forged_files import ARCHIVES, ARRAYS, TEXTS
+from forged_files import ARCHIVES, ARRAYS, BYTES, TEXTS
 from forged_records import FORGERIES
 
 from tactibench import UserError
@@ -68,6 +68,12 @@ def test_forged_answers_are_refused(name: str, trusted: Source, tmp_path: Path) 
 def test_forged_archives_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
     with pytest.raises(UserError):
         score_again(forged.forge_archive(ARCHIVES[name], tmp_path), trusted)
+
+
+@pytest.mark.parametrize("name", BYTES)
+def test_forged_bytes_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
+    with pytest.raises(UserError):
+        score_again(forged.forge_bytes(BYTES[name], tmp_path), trusted)
 
 
 def test_another_exception_is_a_verdict_on_that_file(
