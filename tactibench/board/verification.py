@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -35,9 +36,9 @@ from tactibench.board.submissions import (
     refuse_names,
     refuse_partial,
 )
-from tactibench.board.time_limit import processor_time
 from tactibench.board.truth import Source, labelled_counts, test_set
 from tactibench.errors import UserError, describe_exception, did_you_mean
+from tactibench.plugins.alarm import alarm
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import (
@@ -61,6 +62,8 @@ NEGLIGIBLE_MM = 1e-6
 MOST_S = 900.0
 """Processor time for a file: thirty times what the slowest of the shipped protocols takes. It grows
 with the size of a frame, which a record may name."""
+AGAIN_S = 0.2
+"""Processor time after which a file is stopped again, where the first time was lost."""
 FROM_MAPS = frozenset({"surface_rmse_mm"})
 """Metrics of heatmaps, which are not submitted."""
 
@@ -104,6 +107,10 @@ class Verdict:
         ]
 
 
+class _OutOfTimeError(BaseException):
+    """The time of a file is up. It is no Exception, which code in between might catch."""
+
+
 def verify(
     path: Path,
     source: Source,
@@ -125,13 +132,18 @@ def verify(
         UserError: with what is wrong, or what is lacking to find out; whatever else is raised is a
             verdict on that file, too.
     """
-    late = (
-        f"{path} was not verified within {limit_s:g} s of processor time; run it on a sensor with "
-        "smaller frames."
-    )
+
+    def stop(_frame: FrameType | None) -> None:
+        raise _OutOfTimeError
+
     try:
-        with processor_time(limit_s, late):
+        with alarm("processor", limit_s, stop, again_s=AGAIN_S):
             return score_again(path, source, hidden=hidden, folder=folder)
+    except _OutOfTimeError:
+        raise UserError(
+            f"{path} was not verified within {limit_s:g} s of processor time; run it on a sensor "
+            "with smaller frames."
+        ) from None
     except UserError:
         raise
     except Exception as error:

@@ -12,15 +12,15 @@ import pytest
 
 from tactibench import UserError
 from tactibench.board import verification
-from tactibench.board.time_limit import processor_time
+from tactibench.plugins.alarm import alarm
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "setitimer"), reason="the system has no timer of processor time"
 )
 
 
-def without_end() -> None:
-    """Compute on, whatever goes wrong in it."""
+def compute_without_end(*_: object, **__: object) -> None:
+    """Go on, whatever goes wrong in it."""
     while True:
         try:
             int("x")
@@ -28,52 +28,43 @@ def without_end() -> None:
             continue
 
 
+class Endless:
+    """What is raised while it goes away is lost."""
+
+    def __del__(self) -> None:
+        compute_without_end()
+
+
+def lose_the_first_alarm(*_: object, **__: object) -> None:
+    Endless()
+    compute_without_end()
+
+
+@pytest.mark.parametrize("work", [compute_without_end, lose_the_first_alarm])
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_the_file_is_refused_and_the_others_go_on(
-    submitted: Callable[..., Path], source: Any, monkeypatch: pytest.MonkeyPatch
+    submitted: Callable[..., Path], source: Any, monkeypatch: pytest.MonkeyPatch, work: Any
 ) -> None:
     path, honest = submitted(), verification.score_again
-    monkeypatch.setattr(verification, "score_again", lambda *_, **__: without_end())
+    monkeypatch.setattr(verification, "score_again", work)
     with pytest.raises(UserError, match=r"not verified within 0\.05 s of processor time"):
         verification.verify(path, source, limit_s=0.05)
     monkeypatch.setattr(verification, "score_again", honest)
     assert verification.verify(path, source).frames == 20
-
-
-def test_a_limit_that_is_lost_in_a_destructor_comes_again(
-    recwarn: pytest.WarningsRecorder, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Held:
-        def __del__(self) -> None:
-            without_end()
-
-    lost: list[Any] = []
-    monkeypatch.setattr("sys.unraisablehook", lost.append)
-
-    def drop_and_go_on() -> None:
-        Held()
-        without_end()
-
-    with pytest.raises(UserError, match="late"), processor_time(0.05, "late"):
-        drop_and_go_on()
-    assert len(lost) == 1
-
-
-def test_nothing_is_left_of_a_limit() -> None:
-    before = signal.getsignal(signal.SIGPROF)
-    with processor_time(900.0, "late"):
-        assert signal.getitimer(signal.ITIMER_PROF)[0] > 0
     assert signal.getitimer(signal.ITIMER_PROF) == (0.0, 0.0)
-    assert signal.getsignal(signal.SIGPROF) == before
 
 
-def test_another_thread_has_no_limit() -> None:
-    done: list[bool] = []
+def test_there_is_no_alarm_beside_another_and_in_another_thread() -> None:
+    def limited() -> None:
+        before = signal.getsignal(signal.SIGPROF)
+        with alarm("processor", 900.0, compute_without_end, again_s=1.0):
+            same.append(signal.getsignal(signal.SIGPROF) is before)
 
-    def work() -> None:
-        with processor_time(900.0, "late"):
-            done.append(signal.getitimer(signal.ITIMER_PROF)[0] == 0)
-
-    thread = threading.Thread(target=work)
+    same: list[bool] = []
+    thread = threading.Thread(target=limited)
     thread.start()
     thread.join()
-    assert done == [True]
+    with alarm("processor", 900.0, compute_without_end, again_s=1.0):
+        limited()
+    limited()
+    assert same == [True, True, False]
