@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from tactibench.board.derivation import Derived
-from tactibench.board.record_forms import OURS, SLACK, differs, look_alike, same, short
+from tactibench.board.record_forms import LABEL, OURS, SLACK, differs, look_alike, same, short
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
 from tactibench.plugins.specs import EncoderSpec, ModelSpec, Parameter, SensorSpec
@@ -22,8 +22,6 @@ from tactibench.run.request import DATA
 
 TEXT = re.compile(r"(?!.*\.\.)[A-Za-z0-9_. -]{0,80}")
 """A text that a parameter without choices may have: a name, which is no path."""
-LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
-"""The last two names of a folder, see ``folder_label``."""
 MOST_PARAMETERS = 64
 """Parameters of a model or encoder of others; the largest of those that ship has 43."""
 LONGEST_PARAMETER = 40
@@ -230,8 +228,6 @@ def refuse_underived(
             (f"sensor.recording.{name}", said[name], recording and recording[name])
             for name in ("sha256", "sensor")
         ]
-        if not LABEL.fullmatch(said["label"]):
-            raise UserError(f"{where}: sensor.recording.label is {short(said['label'])}.")
     for key, one, other in pairs:
         if not same(one, other):
             raise differs(where, key, one, other, because)

@@ -41,6 +41,8 @@ DISTRIBUTION = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 SHOWN = re.compile(r"[ !-;=?-_a-{}~]{1,160}")
 """A text that pages and terminals show: ASCII, which has no look-alikes and no marks, and neither
 ``<``, ``>``, ``|`` nor ```` ` ````."""
+LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
+"""The last two names of a folder, see ``folder_label``, or what a recording was made with."""
 PRIOR = re.compile(r"[a-z][a-z -]{0,59}")
 """What a model knew of contacts that press together: it stands in the name of a row."""
 AHEAD = timedelta(days=1)
@@ -148,6 +150,7 @@ def _refuse_forms(record: Record, where: str) -> None:
         (CREATED, "created", record.created),
         *((VERSION, key, version) for key, version in _versions(record)),
         *((SHOWN, key, text) for key, text in _shown(record)),
+        *((LABEL, key, text) for key, text in _labels(record)),
     ]
     for form, place, text in texts:
         if not form.fullmatch(text):
@@ -178,6 +181,14 @@ def _shown(record: Record) -> Iterator[tuple[str, str]]:
     yield "training.device", record.training.device or "none"
     for timed in (record.timed, *record.timed.raced):
         yield "timed.configuration", timed.configuration or "none"
+
+
+def _labels(record: Record) -> Iterator[tuple[str, str]]:
+    """Yield the names that somebody gave to a recording and its sensor, and their keys."""
+    recording = record.sensor.recording
+    if recording is not None:
+        yield "sensor.recording.label", recording.label
+        yield "sensor.recording.sensor", recording.sensor or "none"
 
 
 def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:

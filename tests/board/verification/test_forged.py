@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import forged
@@ -10,8 +11,10 @@ from forged_files import ARCHIVES, ARRAYS, BYTES, TEXTS
 from forged_records import FORGERIES
 
 from tactibench import UserError
+from tactibench.board.record_forms import refuse_forms
 from tactibench.board.truth import Source, trusted_host
 from tactibench.board.verification import score_again
+from tactibench.records.record import parse_record
 
 pytestmark = pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")
 
@@ -34,6 +37,21 @@ def test_forged_provenance_is_refused(
 ) -> None:
     with pytest.raises(UserError):
         score_again(forged.forge(forgery, tmp_path), trusted)
+
+
+@pytest.mark.parametrize("key", ["label", "sensor"])
+@pytest.mark.parametrize("said", ["<b>mine</b>", "a|b", "x" * 200])
+def test_names_of_a_recording_are_no_markup(key: str, said: str) -> None:
+    """Its pixels are not here, so that nothing else of it is looked at before."""
+    folder = forged.ROOT / "leaderboards" / "submissions" / "exp1"
+    path = next(folder.glob("exp1-kernel-single-s0-ed7421df.json"))
+    values = json.loads(path.read_text(encoding="utf-8"))
+    record = parse_record(values, "it")
+    refuse_forms(record, values, "it")
+    values["sensor"]["recording"][key] = said
+    values["identity"].pop("sealed", None)
+    with pytest.raises(UserError, match=rf"sensor\.recording\.{key} is"):
+        refuse_forms(parse_record(values, "it"), values, "it")
 
 
 @pytest.mark.long
