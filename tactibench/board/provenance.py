@@ -332,7 +332,7 @@ def refuse_failures(record: Record, derived: Mapping[str, Any] | None, where: st
 
 def on_word(derived: Derived) -> Sequence[str]:
     """Return what is the submitter's word in a record that was not refused."""
-    words = ["the model", "its training", "weights", "times", "hashes of frames"]
+    words = ["the model", "its training", "weights", "times", "frames and their hashes"]
     if not derived.trained:
         words.append("numbers of training frames")
     return words
