@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from forged import Arrays
+from forged import Arrays, forge_archive, forge_arrays, forge_bytes, forge_text
 
 TEXTS: dict[str, Callable[[str], str]] = {
     "a key twice": lambda text: text.replace('"partial"', '"partial": true, "partial"', 1),
@@ -219,3 +221,16 @@ BYTES: dict[str, Callable[[bytes], bytes]] = {
     "much behind": lambda data: data + bytes(100_000),
 }
 """The bytes of an archive."""
+
+
+FILES: dict[str, Callable[[Path], Path]] = {
+    f"{kind} {name}": partial(forge, change)
+    for kind, forge, changes in (
+        ("text:", forge_text, TEXTS),
+        ("answers:", forge_arrays, ARRAYS),
+        ("archive:", forge_archive, ARCHIVES),
+        ("bytes:", forge_bytes, BYTES),
+    )
+    for name, change in changes.items()
+}
+"""Name of a forgery -> writes it into a folder and returns the path of its record."""

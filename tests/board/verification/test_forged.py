@@ -7,7 +7,7 @@ from pathlib import Path
 
 import forged
 import pytest
-from forged_files import ARCHIVES, ARRAYS, BYTES, TEXTS
+from forged_files import FILES
 from forged_records import FORGERIES
 
 from tactibench import UserError
@@ -69,29 +69,16 @@ def test_every_value_is_derived_or_the_submitters_word(
     assert {name for name in accepted if not name.startswith(forged.ON_WORD)} == set()
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_forged_text_is_refused(name: str, trusted: Source, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] if name.startswith("answers:") else [])
+        for name in FILES
+    ],
+)
+def test_forged_files_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
     with pytest.raises(UserError):
-        score_again(forged.forge_text(TEXTS[name], tmp_path), trusted)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ARRAYS)
-def test_forged_answers_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
-    with pytest.raises(UserError):
-        score_again(forged.forge_arrays(ARRAYS[name], tmp_path), trusted)
-
-
-@pytest.mark.parametrize("name", ARCHIVES)
-def test_forged_archives_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
-    with pytest.raises(UserError):
-        score_again(forged.forge_archive(ARCHIVES[name], tmp_path), trusted)
-
-
-@pytest.mark.parametrize("name", BYTES)
-def test_forged_bytes_are_refused(name: str, trusted: Source, tmp_path: Path) -> None:
-    with pytest.raises(UserError):
-        score_again(forged.forge_bytes(BYTES[name], tmp_path), trusted)
+        score_again(FILES[name](tmp_path), trusted)
 
 
 def test_another_exception_is_a_verdict_on_that_file(
