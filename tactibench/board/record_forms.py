@@ -48,7 +48,10 @@ PRIOR = re.compile(r"[a-z][a-z -]{0,59}")
 AHEAD = timedelta(days=1)
 """The clock of a submitter may be fast, and a run is not made tomorrow."""
 MOST_PARTS = 64
-"""Graphics cards of a machine, and kinds of instructions of its processor."""
+"""Graphics cards of a machine, kinds of instructions of its processor, packages with a version, and
+configurations that were compared; the most here are 8."""
+MOST_TIMES = 512
+"""Rows of latency; the most here are 30."""
 LARGEST_SEED = 2**63 - 1
 SCENARIOS = ("single", "offline")
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
@@ -97,6 +100,7 @@ def refuse_forms(record: Record, values: Mapping[str, Any], where: str) -> None:
             f"{where} has the key {key!r}, which this tactibench does not write; submit the run "
             "with `tactibench board submit`, or update tactibench."
         )
+    _refuse_long(record, where)
     _refuse_forms(record, where)
     for key, stated, derived in _agreements(record):
         if not same(stated, derived):
@@ -128,6 +132,24 @@ def _unknown_keys(part: BaseModel, place: str = "") -> Iterator[str]:
         for inner in value if isinstance(value, list) else [value]:
             if isinstance(inner, BaseModel):
                 yield from _unknown_keys(inner, f"{place}{name}.")
+
+
+def _refuse_long(record: Record, where: str) -> None:
+    """Raise UserError for lists that no page has room for; before any of them are compared."""
+    facts = record.environment
+    several = (
+        ("speed", record.speed, MOST_TIMES),
+        ("environment.gpu", facts.gpu, MOST_PARTS),
+        ("environment.cpu_flags", facts.cpu_flags, MOST_PARTS),
+        ("environment.versions", facts.versions, MOST_PARTS),
+        ("identity.versions", record.identity.versions, MOST_PARTS),
+        ("timed.raced", record.timed.raced, MOST_PARTS),
+    )
+    for name, parts, most in several:
+        if len(parts) > most:
+            raise UserError(
+                f"{where}: {name} has {len(parts):,} entries; a record has at most {most}."
+            )
 
 
 def _refuse_forms(record: Record, where: str) -> None:
@@ -289,8 +311,6 @@ def look_alike(name: str) -> str:
 
 def _impossible_machine(record: Record) -> Iterator[str]:
     facts = record.environment
-    if max(len(facts.gpu), len(facts.cpu_flags)) > MOST_PARTS:
-        yield f"environment.gpu or .cpu_flags has more than {MOST_PARTS} names"
     for name in ("cores_physical", "cores_logical", "memory_gib"):
         number = getattr(facts, name)
         if number is not None and number < 0:

@@ -77,6 +77,19 @@ def _stranger(name: str, **parameters: Any) -> Change:
     return change
 
 
+def _many_times(values: Values) -> None:
+    """Latency of thousands of batches."""
+    (first,) = [row for row in values["speed"] if row["phase"] == "total"][:1]
+    values["speed"] += [
+        {**first, "batch": batch, "per_s": 1e3 * batch / first["mean_ms"]}
+        for batch in range(2000, 4000)
+    ]
+
+
+def _many_versions(values: Values) -> None:
+    values["environment"]["versions"] |= {f"package-{k}": "1" for k in range(9000)}
+
+
 def _on_machine(**facts: Any) -> Change:
     """Another machine, with the fingerprint that its facts give."""
 
@@ -343,6 +356,9 @@ CHANGES = (
     Forgery("cpu that is long", "plain", _on_machine(cpu="AMD " * 900)),
     Forgery("many gpus", "plain", _on_machine(gpu=["H100"] * 9000)),
     Forgery("many flags", "plain", _on_machine(cpu_flags=["avx2"] * 9000)),
+    Forgery("many versions", "plain", _many_versions),
+    Forgery("many times", "plain", _many_times),
+    Forgery("many configurations", "plain", put("timed.raced", [{"configuration": "x"}] * 9000)),
     Forgery("memory below nothing", "plain", _on_machine(memory_gib=-4)),
     Forgery("cores below nothing", "plain", _on_machine(cores_physical=-4)),
     Forgery("seed", "plain", both(put("seed", 10**30), put("identity.seed", 10**30))),
