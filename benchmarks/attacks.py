@@ -24,6 +24,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "shared"))
 
 import forged
+from forged_files import FILES
+from forged_records import FORGERIES
 
 from tactibench.board.shipped import trusted_host
 from tactibench.board.truth import Source
@@ -37,14 +39,9 @@ SLOW_S = 3.0
 
 def attacks(*, keys: bool) -> Iterator[tuple[str, Callable[[Path], Path]]]:
     """Yield name and maker of every forged submission."""
-    for one in forged.FORGERIES:
+    for one in FORGERIES:
         yield f"record: {one.name}", lambda folder, one=one: forged.forge(one, folder)
-    for name, text in forged.TEXTS.items():
-        yield f"text: {name}", lambda folder, text=text: forged.forge_text(text, folder)
-    for name, arrays in forged.ARRAYS.items():
-        yield f"answers: {name}", lambda folder, arrays=arrays: forged.forge_arrays(arrays, folder)
-    for name, write in forged.ARCHIVES.items():
-        yield f"archive: {name}", lambda folder, write=write: forged.forge_archive(write, folder)
+    yield from FILES.items()
     for base in forged.BASES if keys else ():
         for one in forged.key_forgeries(base):
             if not one.name.startswith(forged.ON_WORD):

@@ -61,8 +61,8 @@ class Kind:
 
 
 def kinds(folder: Path) -> Iterator[Kind]:
-    lab = Lab(folder / "lab")
-    request = RunRequest(str(lab.protocols / "exp1.toml"), "tiny")
+    lab = Lab(folder / "lab", "few-")
+    request = RunRequest(str(lab.protocols / "few-exp1.toml"), "tiny")
 
     def run(store: str) -> Any:
         plan = make_plan(request, tiny_host(), folder / "cache")

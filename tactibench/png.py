@@ -93,13 +93,15 @@ def decode_png(name: Path | str, data: bytes, kind: ImageKind) -> npt.NDArray[np
     """
     import cv2
 
-    if _has_header(data) and len(data) > 25:  # before any memory is taken for the pixels
-        actual = _kind(data)
-        if (actual.height, actual.width) != (kind.height, kind.width):
-            raise UserError(
-                f"{name} changed its size to {actual.height}x{actual.width} meanwhile, it was "
-                f"{kind.height}x{kind.width}; restore it."
-            )
+    # Before any memory is taken for the pixels; another format would be decoded uncounted.
+    if not _has_header(data) or len(data) <= 25:
+        raise UserError(f"{name} cannot be decoded as PNG; replace it or remove its row.")
+    actual = _kind(data)
+    if (actual.height, actual.width) != (kind.height, kind.width):
+        raise UserError(
+            f"{name} changed its size to {actual.height}x{actual.width} meanwhile, it was "
+            f"{kind.height}x{kind.width}; restore it."
+        )
     if kind.height * kind.width > MOST_PIXELS:
         raise UserError(
             f"{name} cannot be decoded: it claims {kind.height:,} x {kind.width:,} pixels, allowed "

@@ -70,13 +70,18 @@ def request_of(tmp_path: Path):
         command = ["git", "-C", str(repository), *who, *arguments]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
-    def made(*names: str) -> tuple[int, str]:
+    def made(*names: str, before: tuple[str, ...] = ()) -> tuple[int, str]:
         folder.mkdir(parents=True)
         (repository / "start").write_text("")
+        for name in before:  # those that are not named again are removed
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text("before")
         git("init", "-q")
         git("add", "-A")
         git("commit", "-qm", "base")
         base = git("rev-parse", "HEAD")
+        for name in before:
+            (folder / name).unlink()
         for name in names:
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,6 +127,22 @@ def test_other_files_are_refused(request_of, name: str) -> None:
     assert code == 1
     assert out.startswith("REFUSED leaderboards/submissions/")
     assert "asked" not in out
+
+
+def test_what_was_committed_before_is_said_to_be_changed_or_removed(request_of) -> None:
+    before = ("exp1/a.json", "exp1/a.npz", "exp1/b.npz")
+    code, out = request_of("exp1/a.json", "exp1/a.npz", "exp1/c.json", before=before)
+    place = "leaderboards/submissions/exp1"
+    assert (code, out.splitlines()) == (
+        0,
+        [
+            f"NOTE the request changes {place}/a.json, which was committed before.",
+            f"NOTE the request changes {place}/a.npz, which was committed before.",
+            f"NOTE the request removes {place}/b.npz, which was committed before.",
+            "asked: board verify exp1/a.json",
+            "asked: board verify exp1/c.json",
+        ],
+    )
 
 
 def test_no_submission_is_no_error(request_of) -> None:

@@ -40,17 +40,18 @@ def row_anchor(row: Row) -> str:
     return f"{words[:40].rstrip('-')}-{digest(row_key(row.first))[:8]}"
 
 
-def section_key(record: Record) -> list[Any]:
+def section_key(record: Record, *, frames: bool = True) -> list[Any]:
     """Return all that two records must share to stand in one table, as JSON values.
 
-    These are the question, the sensor and the test frames.
+    These are the question, the sensor and the test frames. frames: whether their hash is among
+    them; nobody can derive it without the frames.
     """
     test = record.test_sensor
     key = [
         record.protocol.id,
         record.protocol.hash,
         *training_sensor(record),
-        record.identity.data,
+        record.identity.data if frames else None,
     ]
     if test is None:
         return key

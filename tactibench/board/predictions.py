@@ -40,6 +40,10 @@ MOST_ARRAYS = 16
 """Arrays of a file: five of answers, three of failures, two to rank by."""
 LONGEST_TEXT = 200
 """Characters of a text in an array: a cause, or the name of a press."""
+DIRECTORY = 256
+"""Bytes that an archive's directory takes for an array, with room to spare; numpy's takes 127."""
+PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Others may ask for gigabytes before they unpack a byte."""
 ARRAY_NAME = re.compile(r"[a-z_.]{1,40}\.npy")
 
 
@@ -132,6 +136,9 @@ def _read_checked(path: Path, *wanted: str) -> Arrays:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             _refuse_members(members, path)
+            known = sum(member.compress_size + DIRECTORY for member in members)
+            if packed > known or min(member.header_offset for member in members):
+                raise UserError(f"{path} holds more than its arrays; submit the run again.")
             names = [member.filename.removesuffix(".npy") for member in members]
             return {
                 name: _read_array(archive, member, f"{path}: array {name!r}")
@@ -155,6 +162,8 @@ def _refuse_members(members: list[zipfile.ZipInfo], path: Path) -> None:
     names = [member.filename for member in members]
     if len(set(names)) < len(names) or not all(map(ARRAY_NAME.fullmatch, names)):
         raise UserError(f"{path} holds a member that is no array, or two of one name.")
+    if any(member.compress_type not in PACKINGS for member in members):
+        raise UserError(f"{path} is packed in another way than tactibench packs arrays.")
     _refuse_bytes(sum(member.file_size for member in members), path)
 
 
@@ -186,9 +195,14 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) ->
             )
         size = prod(shape) * dtype.itemsize
         _refuse_bytes(size, what)
+        header = stream.tell()
         data = stream.read(size + 1)
-    if len(data) != size:
-        raise UserError(f"{what} holds {len(data):,} bytes, but its shape asks for {size:,}.")
+    if len(data) != size or member.file_size != header + size:
+        raise UserError(f"{what} has another number of bytes than its shape asks for, {size:,}.")
+    if dtype.kind == "b" and np.frombuffer(data, np.uint8).max(initial=0) > 1:
+        raise UserError(f"{what} holds truth values that are neither 0 nor 1.")
+    if text:
+        np.frombuffer(data, dtype).tolist()  # raises for what is no character
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").copy()
 
 

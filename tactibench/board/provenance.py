@@ -7,11 +7,11 @@ the protocol, the options and the sensors determine is derived again and compare
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from tactibench.board.derivation import Derived
-from tactibench.board.record_forms import SLACK, differs, same, short
+from tactibench.board.record_forms import LABEL, SLACK, differs, look_alike, same, short
 from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
 from tactibench.plugins.host import PluginHost
@@ -23,8 +23,10 @@ from tactibench.run.request import DATA
 
 TEXT = re.compile(r"(?!.*\.\.)[A-Za-z0-9_. -]{0,80}")
 """A text that a parameter without choices may have: a name, which is no path."""
-LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
-"""The last two names of a folder, see ``folder_label``."""
+MOST_PARAMETERS = 64
+"""Parameters of a model or encoder of others; the largest of those that ship has 43."""
+LONGEST_PARAMETER = 40
+"""Characters of the name of a parameter of others: it stands in the name of a row."""
 FIT_SLACK = 1e-3
 """Relative, of numbers that were fitted to the pins of a recording."""
 
@@ -61,6 +63,8 @@ def refuse_components(
                     "verified."
                 )
             others += 1
+            _refuse_look_alike(component.name, catalogue.specs, f"{where}: {place}")
+            _refuse_strange(component, f"{where}: {place}")
             _refuse_settings(component, f"{where}: {place}")
             continue
         known.add(catalogue.origins[component.name].plugin)
@@ -154,6 +158,33 @@ def _refuse_parameters(
             )
 
 
+def _refuse_look_alike(name: str, shipped: Iterable[str], where: str) -> None:
+    """Raise UserError for a name of somebody's that a reader takes for one that ships."""
+    for other in shipped:
+        if look_alike(name) == look_alike(other):
+            raise UserError(
+                f"{where}.name is {name!r}, which looks like {other!r} of tactibench; give yours a "
+                "name that nobody takes for it."
+            )
+
+
+def _refuse_strange(component: Component, where: str) -> None:
+    """Raise UserError for parameters of others that would not read as parameters on a board."""
+    if len(component.parameters) > MOST_PARAMETERS:
+        raise UserError(
+            f"{where} has {len(component.parameters):,} parameters; at most {MOST_PARAMETERS} have "
+            "room on a board."
+        )
+    for name, value in component.parameters.items():
+        if len(name) > LONGEST_PARAMETER or not (
+            not isinstance(value, str) or TEXT.fullmatch(value)
+        ):
+            raise UserError(
+                f"{where}.{name[:60]} is {short(value)}; a name has at most {LONGEST_PARAMETER} "
+                "characters, and a text is up to 80 letters, digits, spaces, '.', '_' and '-'."
+            )
+
+
 def _refuse_file(parameter: Parameter, stated: Any, where: str) -> None:
     if parameter.built_in and stated not in parameter.built_in:
         raise UserError(
@@ -198,8 +229,6 @@ def refuse_underived(
             (f"sensor.recording.{name}", said[name], recording and recording[name])
             for name in ("sha256", "sensor")
         ]
-        if not LABEL.fullmatch(said["label"]):
-            raise UserError(f"{where}: sensor.recording.label is {short(said['label'])}.")
     for key, one, other in pairs:
         if not same(one, other):
             raise differs(where, key, one, other, because)
@@ -304,7 +333,7 @@ def refuse_failures(record: Record, derived: Mapping[str, Any] | None, where: st
 
 def on_word(derived: Derived) -> Sequence[str]:
     """Return what is the submitter's word in a record that was not refused."""
-    words = ["the model", "its training", "weights", "times", "hashes of frames"]
+    words = ["the model", "its training", "weights", "times", "frames and their hashes"]
     if not derived.trained:
         words.append("numbers of training frames")
     return words

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from pydantic import BaseModel
 
 from tactibench.board.shipped import OURS
 from tactibench.errors import UserError
+from tactibench.records.identity import canonical
 from tactibench.records.record import Record
 from tactibench.records.store import CHECKSUM, PARTS, with_checksum
 from tactibench.run.machine import fingerprint_hash
@@ -32,13 +33,31 @@ FORMS: Mapping[str, re.Pattern[str]] = {
     "identity.sensor": SHA256,
 }
 """Key -> the form in which tactibench writes it."""
+CREATED = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
+VERSION = re.compile(r"[A-Za-z0-9.+!_-]{1,60}|not installed")
+"""A version of a distribution: one of tactibench stands in the signature, between its signs."""
+DISTRIBUTION = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
+SHOWN = re.compile(r"[ !-;=?-_a-{}~]{1,160}")
+"""A text that pages and terminals show: ASCII, which has no look-alikes and no marks, and neither
+``<``, ``>``, ``|`` nor ```` ` ````."""
+LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
+"""The last two names of a folder, see ``folder_label``, or what a recording was made with."""
+PRIOR = re.compile(r"[A-Za-z][A-Za-z0-9 .-]{0,59}")
+"""What a model knew of contacts that press together: it stands in the name of a row."""
+AHEAD = timedelta(days=1)
+"""The clock of a submitter may be fast, and a run is not made tomorrow."""
+MOST_PARTS = 64
+"""Graphics cards of a machine, kinds of instructions of its processor, packages with a version, and
+configurations that were compared; the most here are 8."""
+MOST_TIMES = 512
+"""Rows of latency; the most here are 30."""
 LARGEST_SEED = 2**63 - 1
 SCENARIOS = ("single", "offline")
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
 SLACK = 1e-6
 """Relative; sums of another processor differ in the last digits."""
-MOST_NOTES = 64
-"""Notes of a training; the longest of those here has six."""
+MOST_NOTES = 4_000
+"""Characters of all notes of a training; the longest of those here have 127."""
 
 
 def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
@@ -80,6 +99,7 @@ def refuse_forms(record: Record, values: Mapping[str, Any], where: str) -> None:
             f"{where} has the key {key!r}, which this tactibench does not write; submit the run "
             "with `tactibench board submit`, or update tactibench."
         )
+    _refuse_long(record, where)
     _refuse_forms(record, where)
     for key, stated, derived in _agreements(record):
         if not same(stated, derived):
@@ -113,6 +133,24 @@ def _unknown_keys(part: BaseModel, place: str = "") -> Iterator[str]:
                 yield from _unknown_keys(inner, f"{place}{name}.")
 
 
+def _refuse_long(record: Record, where: str) -> None:
+    """Raise UserError for lists that no page has room for; before any of them are compared."""
+    facts = record.environment
+    several = (
+        ("speed", record.speed, MOST_TIMES),
+        ("environment.gpu", facts.gpu, MOST_PARTS),
+        ("environment.cpu_flags", facts.cpu_flags, MOST_PARTS),
+        ("environment.versions", facts.versions, MOST_PARTS),
+        ("identity.versions", record.identity.versions, MOST_PARTS),
+        ("timed.raced", record.timed.raced, MOST_PARTS),
+    )
+    for name, parts, most in several:
+        if len(parts) > most:
+            raise UserError(
+                f"{where}: {name} has {len(parts):,} entries; a record has at most {most}."
+            )
+
+
 def _refuse_forms(record: Record, where: str) -> None:
     identity = record.identity
     for key, form in FORMS.items():
@@ -129,11 +167,49 @@ def _refuse_forms(record: Record, where: str) -> None:
     for place, hashed in hashes:
         if not isinstance(hashed, str) or not SHA256.fullmatch(hashed):
             raise UserError(f"{where}: {place} is {short(hashed)}, which is no sha256.")
+    texts = [
+        (CREATED, "created", record.created),
+        *((VERSION, key, version) for key, version in _versions(record)),
+        *((SHOWN, key, text) for key, text in _shown(record)),
+        *((LABEL, key, text) for key, text in _labels(record)),
+    ]
+    for form, place, text in texts:
+        if not form.fullmatch(text):
+            raise UserError(f"{where}: {place} is {short(text)}, which tactibench does not write.")
     if set(identity.stored) != set(PARTS):
         raise UserError(
             f"{where}: identity.stored names {', '.join(sorted(identity.stored)) or 'nothing'}; "
             f"a run stores {', '.join(PARTS)}."
         )
+
+
+def _versions(record: Record) -> Iterator[tuple[str, str]]:
+    """Yield the versions of distributions, and their keys."""
+    for place, versions in (
+        ("environment", record.environment.versions),
+        ("identity", record.identity.versions),
+    ):
+        yield from ((f"{place}.versions.{name}", version) for name, version in versions.items())
+
+
+def _shown(record: Record) -> Iterator[tuple[str, str]]:
+    """Yield the texts of a record that pages show and nothing determines, and their keys."""
+    facts = record.environment
+    for name in ("cpu", "os", "python", "torch"):
+        yield f"environment.{name}", getattr(facts, name) or "none"
+    for name in ("gpu", "cpu_flags"):
+        yield from ((f"environment.{name}", text) for text in getattr(facts, name))
+    yield "training.device", record.training.device or "none"
+    for timed in (record.timed, *record.timed.raced):
+        yield "timed.configuration", timed.configuration or "none"
+
+
+def _labels(record: Record) -> Iterator[tuple[str, str]]:
+    """Yield the names that somebody gave to a recording and its sensor, and their keys."""
+    recording = record.sensor.recording
+    if recording is not None:
+        yield "sensor.recording.label", recording.label
+        yield "sensor.recording.sensor", recording.sensor or "none"
 
 
 def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
@@ -202,11 +278,12 @@ def _impossible(record: Record) -> Iterator[str]:
         yield f"limits.presses is {record.limits.presses}; a model learns from one press or more"
     try:
         created = datetime.fromisoformat(record.created)
-        plausible = created.tzinfo is not None and 2000 <= created.year < 2100
+        past = created <= datetime.now(UTC) + AHEAD
     except ValueError:
-        plausible = False
-    if not plausible:
-        yield f"created is {short(record.created)}; it is a time of this century with its zone"
+        past = False
+    if not past:
+        yield f"created is {short(record.created)}, which is no time of the past"
+    yield from _impossible_machine(record)
     yield from _impossible_times(record)
     yield from _impossible_training(record)
     for name, plugin in record.identity.plugins.items():
@@ -217,6 +294,28 @@ def _impossible(record: Record) -> Iterator[str]:
             yield f"identity.plugins.{name} holds something else than texts"
         elif not re.fullmatch(r"[0-9a-f]{16}", plugin["code"]):
             yield f"identity.plugins.{name}.code is no hash"
+        elif not VERSION.fullmatch(plugin["version"]):
+            yield f"identity.plugins.{name}.version is no version"
+        elif not DISTRIBUTION.fullmatch(plugin["distribution"]):
+            yield f"identity.plugins.{name}.distribution is no name of a distribution"
+        elif (theirs := plugin["distribution"]) != OURS and look_alike(theirs) == look_alike(OURS):
+            yield f"identity.plugins.{name}.distribution is {theirs!r}, which looks like {OURS!r}"
+
+
+def look_alike(name: str) -> str:
+    """Return one text for names that a reader, or a file system, takes for each other."""
+    folded = re.sub(r"[-_.]", "", name.casefold()).translate(str.maketrans("01i5", "olls"))
+    return folded.replace("rn", "m").replace("vv", "w")
+
+
+def _impossible_machine(record: Record) -> Iterator[str]:
+    facts = record.environment
+    for name in ("cores_physical", "cores_logical", "memory_gib"):
+        number = getattr(facts, name)
+        if number is not None and number < 0:
+            yield f"environment.{name} is {number}, less than nothing"
+    if facts.threads < 1:
+        yield f"environment.threads is {facts.threads}; a run has one or more"
 
 
 def _impossible_times(record: Record) -> Iterator[str]:
@@ -245,8 +344,6 @@ def _impossible_times(record: Record) -> Iterator[str]:
             yield f"the {what} has a mean below half of its median"
     if record.timed.interleaved is not None and record.timed.interleaved < 1:
         yield f"timed.interleaved is {record.timed.interleaved}; the model itself counts"
-    if record.environment.threads < 1:
-        yield f"environment.threads is {record.environment.threads}; a run has one or more"
     for timed in (record.timed, *record.timed.raced):
         numbers = (timed.p50_ms, timed.difference_mm, timed.frames, timed.frames_with_another_count)
         if timed.frames_with_another_count > timed.frames or timed.frames > record.data.test:
@@ -266,15 +363,16 @@ def _impossible_training(record: Record) -> Iterator[str]:
         number = getattr(training, name)
         if number is not None and number < 0:
             yield f"training.{name} is {number}, less than nothing"
-    if len(training.notes) > MOST_NOTES:
-        yield f"training.notes has {len(training.notes):,} notes; at most {MOST_NOTES} are kept"
+    if (length := len(canonical(training.notes))) > MOST_NOTES:
+        yield f"training.notes takes {length:,} characters; at most {MOST_NOTES:,} are kept"
     if "mixing" in training.notes:
         # What a board shows as mixing comes from the notes, where they have it.
         asked, used = parameters.get("mixing"), training.notes["mixing"]
         number = isinstance(asked, int | float) and isinstance(used, int | float)
         if not number or not asked or (asked > 0 and used != asked):  # type: ignore[operator]
             yield f"training.notes.mixing is {short(used)}, but the model has mixing {asked!r}"
-    if not isinstance(training.notes.get("prior", ""), str):
-        yield "training.notes.prior is no text"
+    prior = training.notes.get("prior", "none")
+    if not isinstance(prior, str) or not PRIOR.fullmatch(prior):
+        yield f"training.notes.prior is {short(prior)}; it is a few words"
     if training.prior == "none" and training.notes.get("mixing"):
         yield "training.prior is none, but training.notes.mixing says that frames were mixed"

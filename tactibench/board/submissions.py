@@ -224,8 +224,8 @@ def committed_protocols(board: Path) -> Iterator[str]:
 
 NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
 """The name of a run, a model, an encoder or a sensor: it is part of file names and pages."""
-LONGEST = 4000
-"""Characters of a text in a record."""
+LONGEST = 1000
+"""Characters of a text in a record; the longest of those here has 188."""
 LARGEST = 2**20
 """Bytes of a record; the longest of those here has 25 kB."""
 

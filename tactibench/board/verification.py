@@ -7,10 +7,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 
+from tactibench.board.neighbours import Neighbours, find_neighbours
 from tactibench.board.predictions import (
     Arrays,
     answers_file,
@@ -36,6 +38,7 @@ from tactibench.board.submissions import (
 )
 from tactibench.board.truth import Source, labelled_counts, test_set
 from tactibench.errors import UserError, describe_exception, did_you_mean
+from tactibench.plugins.alarm import alarm
 from tactibench.protocols.board_spec import board_spec
 from tactibench.protocols.hidden_seed import committed_seed
 from tactibench.protocols.loader import (
@@ -56,6 +59,11 @@ LIMIT_TOLERANCE = 1e-3
 """Relative, of a limit that is searched in rendered frames of single precision."""
 NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
+MOST_S = 900.0
+"""Processor time for a file: thirty times what the slowest of the shipped protocols takes. It grows
+with the size of a frame, which a record may name."""
+AGAIN_S = 0.2
+"""Processor time after which a file is stopped again, where the first time was lost."""
 EXCESS = "surface_excess_mm"
 FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", EXCESS})
 """Metrics of heatmaps, which are not submitted."""
@@ -69,7 +77,8 @@ class Verdict:
     """The verdict on a submission that was not refused.
 
     again: metric rows computed anew and equal to the stated ones. stated: what is the submitter's
-    word, the names of metrics of heatmaps among them.
+    word, the names of metrics of heatmaps among them. neighbours: its place among the records
+    beside it.
     """
 
     path: Path
@@ -77,6 +86,7 @@ class Verdict:
     frames: int
     again: tuple[Metric, ...]
     stated: tuple[str, ...]
+    neighbours: Neighbours
 
     @property
     def subject(self) -> str:
@@ -98,17 +108,43 @@ class Verdict:
         ]
 
 
-def verify(
-    path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
-) -> Verdict:
-    """Check and score one committed record. hidden: its test presses are from the hidden seed.
+class _OutOfTimeError(BaseException):
+    """The time of a file is up. It is no Exception, which code in between might catch."""
 
-    folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
-    Raises UserError with what is wrong, or with what is lacking to find out. Whatever else is
-    raised is a verdict on that file, too: one file must not end the verification of others.
+
+def verify(
+    path: Path,
+    source: Source,
+    *,
+    hidden: bool = False,
+    folder: Path | None = None,
+    limit_s: float = MOST_S,
+) -> Verdict:
+    """Check and score one committed record. One file never ends the verification of others.
+
+    Args:
+        path: of the record.
+        source: of the truth.
+        hidden: whether its test presses are from the hidden seed.
+        folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
+        limit_s: processor time that it may take.
+
+    Raises:
+        UserError: with what is wrong, or what is lacking to find out; whatever else is raised is a
+            verdict on that file, too.
     """
+
+    def stop(_frame: FrameType | None) -> None:
+        raise _OutOfTimeError
+
     try:
-        return score_again(path, source, hidden=hidden, folder=folder)
+        with alarm("processor", limit_s, stop, again_s=AGAIN_S):
+            return score_again(path, source, hidden=hidden, folder=folder)
+    except _OutOfTimeError:
+        raise UserError(
+            f"{path} was not verified within {limit_s:g} s of processor time; run it on a sensor "
+            "with smaller frames."
+        ) from None
     except UserError:
         raise
     except Exception as error:
@@ -131,6 +167,7 @@ def score_again(
     refuse_forms(record, values, str(path))
     refuse_components(record, protocol, source.host, str(path))
     _refuse_other_seed(record, path, hidden)
+    neighbours = find_neighbours(record, path)
     place = answers_file(path)
     if not place.is_file():
         raise UserError(
@@ -168,7 +205,7 @@ def score_again(
     stated = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
     kept = tuple(row for row in again if row.metric not in FROM_MAPS)
-    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated))
+    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated), neighbours)
 
 
 def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:

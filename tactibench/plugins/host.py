@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,6 +17,7 @@ import pluggy
 
 from tactibench.errors import PluginError, UserError, call_plugin, did_you_mean
 from tactibench.plugins import hookspecs
+from tactibench.plugins.alarm import alarm
 from tactibench.plugins.discovery import Origin, installed
 from tactibench.plugins.specs import CommandSpec, EncoderSpec, ModelSpec, SensorSpec
 
@@ -260,24 +260,16 @@ class HookTimeoutError(BaseException):
 def time_limit(seconds: float, what: str) -> Iterator[None]:
     """Raise HookTimeoutError inside the block when it takes longer.
 
-    A block that catches the exception and goes on ends the process with a sentence. There is no
-    limit on systems without SIGALRM, beside another alarm, and outside the main thread, where no
-    signal can be handled.
+    A block that catches the exception and goes on ends the process with a sentence. See ``alarm``
+    for where there is no limit.
 
     Args:
         seconds: How long it may take.
         what: Words for the block, of that sentence.
     """
-    usable = hasattr(signal, "setitimer") and (
-        threading.current_thread() is threading.main_thread()
-        and signal.getitimer(signal.ITIMER_REAL)[0] == 0
-    )
-    if not usable:
-        yield
-        return
     caught = False
 
-    def stop(_number: int, frame: FrameType | None) -> None:
+    def stop(frame: FrameType | None) -> None:
         nonlocal caught
         late = f"did not end within {seconds:g} s, stopped in {_place(frame)}"
         longer = f"set {VARIABLE} to wait longer"
@@ -288,13 +280,8 @@ def time_limit(seconds: float, what: str) -> Iterator[None]:
         caught = True
         raise HookTimeoutError(f"it {late}; {longer}")
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN_S)
-    try:
+    with alarm("wall", seconds, stop, again_s=AGAIN_S):
         yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def _limit() -> float:

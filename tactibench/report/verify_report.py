@@ -21,6 +21,7 @@ def print_verdict(console: Console, verdict: Verdict) -> None:
         f"  {record.protocol.id}@{record.protocol.version}: truth of "
         f"{verdict.frames:,} test frames made again, predictions "
         f"{record.identity.predictions_hash[:12]}, {len(verdict.again)} metric rows equal",
+        f"  it {verdict.neighbours.note}",
     )
     for number, line in enumerate(lines):
         console.print(Text(line, style="" if number else "bold"), soft_wrap=True)

@@ -89,7 +89,7 @@ def test_archives_that_zipfile_cannot_read_are_refused(tmp_path, damaged) -> Non
     path = tmp_path / "x.npz"
     np.savez_compressed(path, ranked=np.arange(200.0))
     path.write_bytes(damaged(path.read_bytes()))
-    with pytest.raises(UserError, match="is no archive of arrays"):
+    with pytest.raises(UserError, match=r"is no archive of arrays|packed in another way"):
         read_answers_file(path)
 
 

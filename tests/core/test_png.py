@@ -43,6 +43,14 @@ def test_every_cut_and_every_flip_of_a_bit_is_noticed(image: np.ndarray, data: s
         check_png("x.png", bytes(flipped))
 
 
+def test_another_format_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its pixels would not have been counted."""
+    data = cv2.imencode(".jpg", np.zeros((9, 7), np.uint8))[1].tobytes()
+    monkeypatch.setattr(cv2, "imdecode", None)
+    with pytest.raises(UserError, match="cannot be decoded as PNG"):
+        decode_png("x.png", data, ImageKind(9, 7, colour=False))
+
+
 def test_a_bomb_is_counted_before_it_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cv2, "imdecode", None)
     head = b"IHDR" + struct.pack(">IIBBBBB", 20_000, 20_000, 8, 0, 0, 0, 0)

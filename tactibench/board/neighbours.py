@@ -1,0 +1,92 @@
+"""The place of a submission among the committed records beside it.
+
+Nobody can derive the hash of test frames without making the frames, so a made-up hash opens a table
+of its own; and whoever names a model that ships joins its row. Both are said in the verdict, for
+the reviewer who merges it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tactibench.board.grouping import row_key, section_key
+from tactibench.board.submissions import read_untrusted
+from tactibench.errors import UserError
+from tactibench.records.identity import canonical
+from tactibench.records.record import Record, parse_record
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The committed records of one protocol beside a submission.
+
+    Attributes:
+        row: training seeds of the row that it joins; empty where it begins one.
+        table: how many records stand in its table.
+        other_frames: how many are of the same test on the same sensor, but state another hash of
+            the test frames.
+    """
+
+    row: tuple[int, ...]
+    table: int
+    other_frames: int
+
+    @property
+    def note(self) -> str:
+        """A sentence on the place of the submission."""
+        seeds = ", ".join(map(str, self.row))
+        row = f"joins the row with seed {seeds}" if self.row else "begins a row"
+        if self.table:
+            return f"{row}, in a table with {self.table:,} other records"
+        if not self.other_frames:
+            return f"{row}, in a new table"
+        return (
+            f"{row}, in a table of its own: {self.other_frames:,} records of this test state "
+            "another hash of its frames"
+        )
+
+
+def find_neighbours(record: Record, path: Path) -> Neighbours:
+    """Return the place of a submission among the records in its folder.
+
+    Raises:
+        UserError: for a file of the same row and seed, and for one whose name differs in capitals
+            alone, which a file system may take for the same.
+    """
+    for file in path.parent.glob("*.json"):
+        if file.stem != path.stem and file.stem.casefold() == path.stem.casefold():
+            raise UserError(
+                f"{path} and {file.name} differ in capitals alone, which some systems take for "
+                "one file; rename the model, or run it with another seed."
+            )
+    row, table, key = canonical(row_key(record)), canonical(section_key(record)), _test(record)
+    seeds: list[int] = []
+    same_table = same_test = 0
+    for other in _records_beside(path):
+        same_table += canonical(section_key(other)) == table
+        same_test += _test(other) == key
+        if canonical(row_key(other)) != row:
+            continue
+        seeds.append(other.seed)
+        if other.seed == record.seed:
+            raise UserError(
+                f"{path} is seed {record.seed} of a row that has it from {other.name}; remove that "
+                "record with it (`tactibench board submit` does), or take another seed."
+            )
+    return Neighbours(tuple(sorted(seeds)), same_table, same_test - same_table)
+
+
+def _records_beside(path: Path) -> Iterator[Record]:
+    """Yield the other records in a folder; one that cannot be read gets a verdict of its own."""
+    for other in sorted(path.parent.glob("*.json")):
+        if other.stem == path.stem:
+            continue
+        with suppress(UserError):
+            yield parse_record(read_untrusted(other), str(other))
+
+
+def _test(record: Record) -> str:
+    return canonical(section_key(record, frames=False))
