@@ -31,8 +31,9 @@ from tactibench.frames.source import (
 from tactibench.plugins.base import Sensor, SensorContext
 from tactibench.plugins.specs import SensorSpec
 from tactibench.protocols.draws import pressable
+from tactibench.protocols.families import RECORDED
 from tactibench.protocols.loader import LoadedProtocol
-from tactibench.protocols.schema import RECORDED, Protocol
+from tactibench.protocols.schema import Protocol
 from tactibench.protocols.split import split_recorded
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.identity import digest

@@ -22,7 +22,7 @@ from tactibench.frames.source import (
     spread,
 )
 from tactibench.protocols.draws import draw_plates, draw_shots
-from tactibench.protocols.schema import RECORDED
+from tactibench.protocols.families import RECORDED
 from tactibench.protocols.split import FIT, VALIDATION
 
 PLATES = "plates"

@@ -13,6 +13,8 @@ Names = Annotated[tuple[Name, ...], Field(strict=False)]
 Presses = Annotated[int, Field(ge=1, le=1_000_000)]
 Stream = Annotated[int, Field(ge=1, lt=1_000_000)]
 
+RECORDED = "recorded"
+"""Name of the one set of presses that a recorded folder holds."""
 FAMILIES = "families"
 """Name of the one set of presses that a protocol of hard cases tests."""
 

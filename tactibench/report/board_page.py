@@ -6,7 +6,6 @@ written by two writers.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,10 +16,7 @@ from tactibench.board.grouping import rows_of, section_key, whole
 from tactibench.board.ranking import Errors, ordered, ranks
 from tactibench.board.rows import (
     BELOW_BOUND,
-    TRIVIAL,
     Row,
-    command_options,
-    fitted_frames,
     trained_on,
 )
 from tactibench.board.sections import Section, sections_of
@@ -58,16 +54,19 @@ from tactibench.report.document import (
     Fold,
     Group,
     Heading,
-    Inline,
-    Paragraph,
-    Prose,
     prose,
     say_once,
 )
 from tactibench.report.hard_cases import hard_case_blocks
 from tactibench.report.numbers import plural
-from tactibench.report.simulator_error import first_line
-from tactibench.report.table import Text
+from tactibench.report.section_notes import (
+    count_scenes,
+    describe_test,
+    list_commits,
+    missing_trivial,
+    other_version,
+    simulator_error,
+)
 from tactibench.report.writers.markdown import markdown
 from tactibench.shipped import shipped_folder
 
@@ -309,10 +308,10 @@ def _page_section(
     name, first = protocol.name, section.record
     rows = ordered(name, section.rows)
     blocks: list[Block | None] = [
-        *_other_version(first, protocol),
-        *_test_frames(first, any(row.first.shots for row in rows)),
-        *_scene_counts(first),
-        *_simulator_error(rows),
+        *other_version(first, protocol),
+        *describe_test(first, any(row.first.shots for row in rows)),
+        *count_scenes(first),
+        *simulator_error(rows),
         *([prose(f"{BELOW}: {BELOW_BOUND}.")] if any(row.below_bound for row in rows) else []),
     ]
     ranked = ranks(name, rows, errors)
@@ -329,97 +328,10 @@ def _page_section(
     runs = [record for row in rows for record in row.records]
     signatures = tuple(record.signature for record in runs)
     summary = f"Signature{'s' if len(runs) > 1 else ''} of {plural(len(runs), 'run')}"
-    blocks += _missing_trivial(name, rows)
-    blocks.append(Group("Commits and signatures", (_commits(runs), Fold(summary, signatures))))
+    blocks += missing_trivial(name, rows)
+    blocks.append(Group("Commits and signatures", (list_commits(runs), Fold(summary, signatures))))
     kept = tuple(block for block in blocks if block is not None)
     return PageSection(section, tuple(rows), learning, kept)
-
-
-def _other_version(record: Record, protocol: LoadedProtocol) -> list[Block]:
-    made_with = record.protocol
-    if made_with.hash == protocol.hash:
-        return []
-    text = (
-        f"Made with version {made_with.version} of the protocol (`{made_with.hash[:8]}`), "
-        f"which is not the present one (`{protocol.hash[:8]}`)."
-    )
-    return [prose(text)]
-
-
-def _test_frames(record: Record, shots: bool) -> list[Block]:
-    """Return how many frames of how many presses, where the protocol's draws are not tested.
-
-    shots: whether some rows were shown labelled presses of the tested sensor.
-    """
-    tested = record.test_sensor
-    if tested is None:
-        return []
-    frames, presses = record.data.test, tested.presses
-    counted = f"{presses:,} presses"
-    if frames != presses:
-        counted = f"{frames:,} frames of {counted}"
-    if trained_on(record):  # what it was trained on stands in the title
-        fitted = _fitted_frames(record).strip()
-        return [prose(fitted)] if fitted else []
-    parts: list[Inline] = [
-        Prose(f"Trained on the sensor itself and tested on {counted}: "),
-        Text(command_options(record)[1:], "code"),
-        Prose("."),
-    ]
-    if shots:
-        parts.append(
-            Prose(" Rows with labelled presses were shown so many of it before (`--test shots=N`).")
-        )
-    return [Paragraph(tuple(parts))]
-
-
-def _fitted_frames(record: Record) -> str:
-    """Return what else was fitted to labelled frames of the tested sensor, as sentences."""
-    fitted = fitted_frames(record)
-    if fitted is None:
-        return ""
-    labels = "an unknown number" if fitted.labels is None else f"{fitted.labels:,}"
-    fits = [f"offset and pivot of the labels to {labels}"]
-    if fitted.simulator:
-        fits.insert(0, f"the simulated sensor to {fitted.simulator:,}, which test nothing")
-    text = " `labelled frames besides` counts those to which something else was fitted"
-    return f"{text}: {'; '.join(fits)}."
-
-
-def _scene_counts(record: Record) -> list[Block]:
-    """Return how the sensor made the test scenes, where it made them in more than one way."""
-    counts = record.sensor.scene_counts.get("test", {})
-    made = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
-    return [Paragraph((Prose("Test scenes: "), made, Prose(".")))] if made else []
-
-
-def _simulator_error(rows: Iterable[Row]) -> list[Block]:
-    """Return how far the frames may be from finite elements; nothing of older records."""
-    line = first_line(record for row in rows for record in row.records)
-    return [Paragraph((f"{line[0].upper()}{line[1:]}.",))] if line else []
-
-
-def _commits(runs: Sequence[Record]) -> Block:
-    """Return the commits that the runs were made with, and whether files had been changed."""
-    commits = Counter(record.identity.commit for record in runs)
-    parts: list[Inline] = [Prose("Runs by commit of tactibench: ")]
-    for k, (commit, count) in enumerate(sorted(commits.items())):
-        name, plus, _ = commit.partition("+")
-        changed = ", with uncommitted changes" if plus else ""
-        parts += [Prose("; " if k else ""), Text(name[:10], "code"), Prose(f"{changed} ({count})")]
-    return Paragraph((*parts, Prose(".")))
-
-
-def _missing_trivial(name: str, rows: Sequence[Row]) -> list[Block]:
-    """Return how to make the trivial rows that a board lacks."""
-    there = {row.first.model.name for row in rows}
-    absent = sorted(TRIVIAL - there)
-    if trained_on(rows[0].first) or not absent:  # the board does not know where recordings lie
-        return []
-    asked = "".join({command_options(row.first) for row in rows})
-    text = f"`tactibench run {name} --model {absent[0]}{asked}`"
-    text += "".join(f", and with `--model {model}`" for model in absent[1:])
-    return [prose(f"Trivial rows are missing: {text} on this sensor.")]
 
 
 def _all_metrics(rows: Sequence[Row]) -> BoardTable:

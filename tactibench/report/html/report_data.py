@@ -91,7 +91,8 @@ def gather(
     known = [version.name for version in versions]
     for name in protocols:
         if name not in known:
-            raise UserError(f"unknown protocol {name!r}; {did_you_mean(name, known)}")
+            near = did_you_mean(name, known if "@" in name else files)
+            raise UserError(f"unknown protocol {name!r}; {near}")
     runs = list(stored_runs(store)) if origin != BOARD else []
     complete = [run for run in runs if not run.record.partial]
     if origin == AUTO:
