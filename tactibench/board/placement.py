@@ -22,7 +22,6 @@ from tactibench.protocols.loader import version_of
 from tactibench.records.identity import canonical
 from tactibench.records.record import Record
 from tactibench.records.store import StoredRun
-from tactibench.run.score import trials_of
 
 BOUND = "rmse_over_bound"
 
@@ -82,7 +81,7 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
         return None
     errors = all_press_errors(board, others)
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
-    errors[own.name] = press_errors_of(protocol.spec, trials_of(protocol.spec, truth, predicted))
+    errors[own.name] = press_errors_of(protocol.spec, truth, predicted)
     rows = ordered(record.protocol.label, rows_of([*others, own]))
     ranked = ranks(record.protocol.label, rows, errors)
     place = next(k for k, row in enumerate(rows) if own in row.records)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,7 @@ LARGEST = 64 * 2**20
 LARGEST_PACKED = 8 * 2**20
 """Bytes of a file; the longest of those here has 550 kB."""
 MOST_ARRAYS = 16
-"""Arrays of a file: five of answers, three of failures, two to rank by."""
+"""Arrays of a file: five of answers, three of failures, two to rank by for each of three tests."""
 LONGEST_TEXT = 200
 """Characters of a text in an array: a cause, or the name of a press."""
 DIRECTORY = 256
@@ -49,10 +49,17 @@ ARRAY_NAME = re.compile(r"[a-z_.]{1,40}\.npy")
 
 @dataclass(frozen=True, eq=False)
 class PressErrors:
-    """The error that orders a board. press: (P,) names, sorted. error: (P,) mean of each press."""
+    """The error that orders a board.
+
+    Attributes:
+        press: (P,) names, sorted.
+        error: (P,) mean of each press.
+        apart: The same of the tests that are scored apart and have a ranking, by their names.
+    """
 
     press: npt.NDArray[Any]
     error: FloatArray
+    apart: Mapping[str, PressErrors] = field(default_factory=dict)
 
 
 def answers_file(record_file: Path) -> Path:
@@ -63,20 +70,35 @@ def answers_file(record_file: Path) -> Path:
 def ranked_errors(
     spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> Arrays:
-    """Return arrays of the error that orders the board; empty where none does."""
+    """Return arrays of the errors that order the board; empty where none does."""
     if board_spec(spec.label).ranking is None:
         return {}
-    errors = press_errors_of(spec, trials_of(spec, truth, predicted))
-    return {f"{RANKED}press": errors.press, f"{RANKED}error": errors.error}
+    errors = press_errors_of(spec, truth, predicted)
+    arrays = {"press": errors.press, "error": errors.error}
+    for name, own in errors.apart.items():
+        arrays |= {f"{name}.press": own.press, f"{name}.error": own.error}
+    return {f"{RANKED}{name}": array for name, array in arrays.items()}
 
 
-def press_errors_of(spec: Protocol, trials: Trials | PlateTrials) -> PressErrors:
-    """Return the error that orders the board of a protocol, which has one."""
-    by = board_spec(spec.label).ranking
-    if by is None:
+def press_errors_of(
+    spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
+) -> PressErrors:
+    """Return the errors that order the board of a protocol, which has a ranking."""
+    board = board_spec(spec.label)
+    if board.ranking is None:
         raise UserError(f"no error orders the board of {spec.id}, so it ranks nothing.")
-    group = by.group if spec.answer == "plate" else "all"  # elsewhere it is an axis, or all
-    error = press_means(by.metric, trials, (group,))[:, 0]
+    apart = {}
+    for test in spec.test.apart:
+        trials = trials_of(spec, truth, predicted, apart=test)
+        if len(trials) and (by := board.apart.get(test.name)):
+            apart[test.name] = _press_errors(by.metric, "all", trials)
+    group = board.ranking.group if spec.answer == "plate" else "all"  # elsewhere an axis, or all
+    trials = trials_of(spec, truth, predicted)
+    return replace(_press_errors(board.ranking.metric, group, trials), apart=apart)
+
+
+def _press_errors(metric: str, group: str, trials: Trials | PlateTrials) -> PressErrors:
+    error = press_means(metric, trials, (group,))[:, 0]
     known = np.isfinite(error)
     return PressErrors(np.unique(trials.press)[known], error[known])
 
@@ -104,10 +126,16 @@ def read_press_errors(path: Path) -> PressErrors | None:
     """
     if not path.is_file():
         return None
-    arrays = _read_checked(path, f"{RANKED}press", f"{RANKED}error")
-    if len(arrays) < 2:
-        return None
-    press, errors = arrays[f"{RANKED}press"], arrays[f"{RANKED}error"]
+    _, arrays = split_ranked(_read_checked(path, RANKED))
+    tests = {name.removeprefix(RANKED).rpartition(".")[0] for name in arrays}
+    read = {test: _read_test(arrays, f"{RANKED}{test}{'.' * bool(test)}", path) for test in tests}
+    main = read.pop("", None)
+    return None if main is None else replace(main, apart=read)
+
+
+def _read_test(arrays: Arrays, begin: str, path: Path) -> PressErrors:
+    """Return the errors of one test, whose arrays begin so. Raises UserError."""
+    press, errors = (arrays.get(f"{begin}{name}", np.empty(0)) for name in ("press", "error"))
     fitting = press.dtype.kind == "U" and errors.dtype.kind == "f" and errors.ndim == 1
     if not fitting or press.shape != errors.shape or not np.isfinite(errors).all():
         raise UserError(f"{path} does not hold one finite error a press; submit the run again.")
@@ -119,8 +147,8 @@ def read_press_errors(path: Path) -> PressErrors | None:
     return PressErrors(press, errors)
 
 
-def _read_checked(path: Path, *wanted: str) -> Arrays:
-    """Return the arrays of an archive, or those that are wanted; nothing is made unchecked.
+def _read_checked(path: Path, begin: str = "") -> Arrays:
+    """Return the arrays of an archive whose names begin so; nothing is made unchecked.
 
     The number of members, their sizes in the archive's directory, and every array's own header are
     looked at before memory is asked for.
@@ -143,7 +171,7 @@ def _read_checked(path: Path, *wanted: str) -> Arrays:
             return {
                 name: _read_array(archive, member, f"{path}: array {name!r}")
                 for name, member in zip(names, members, strict=True)
-                if not wanted or name in wanted
+                if name.startswith(begin)
             }
     except UserError:
         raise

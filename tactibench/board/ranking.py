@@ -62,13 +62,21 @@ def ranking_error(protocol: str) -> Ranking:
     return ranking
 
 
-def ordered(protocol: str, rows: Iterable[Row]) -> list[Row]:
-    """Return rows from the smallest error to the largest, then those without; trivial rows last."""
-    return sorted(rows, key=lambda row: (row.trivial, *_place(protocol, row), row.label))
+def ordered(protocol: str, rows: Iterable[Row], apart: str = "") -> list[Row]:
+    """Return rows from the smallest error to the largest, then those without; trivial rows last.
+
+    apart: name of the test that is scored apart whose error orders them; "": the main test.
+    """
+    ranking = _ranking(protocol, apart)
+    return sorted(rows, key=lambda row: (row.trivial, *_place(ranking, row), row.label))
 
 
-def _place(protocol: str, row: Row) -> tuple[bool, float]:
-    ranking = board_spec(protocol).ranking
+def _ranking(protocol: str, apart: str) -> Ranking | None:
+    spec = board_spec(protocol)
+    return spec.apart.get(apart) if apart else spec.ranking
+
+
+def _place(ranking: Ranking | None, row: Row) -> tuple[bool, float]:
     pooled = None if ranking is None else row.metric(ranking.metric, ranking.group)
     return (True, 0.0) if pooled is None else (False, pooled.value)
 
@@ -123,11 +131,16 @@ class Ranks:
         return " ".join(sentences)
 
 
-def ranks(protocol: str, rows: Sequence[Row], errors: Errors) -> Ranks | None:
-    """Return the ranks of the rows of one section; None for a protocol that no error orders."""
-    by = board_spec(protocol).ranking
+def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -> Ranks | None:
+    """Return the ranks of the rows of one section; None for a protocol that no error orders.
+
+    apart: name of the test that is scored apart whose error ranks them; "": the main test.
+    """
+    by = _ranking(protocol, apart)
     if by is None:
         return None
+    if apart:
+        errors = {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
     samples = [_sample(row, by, errors) for row in rows]
     order = sorted(
         (k for k, sample in enumerate(samples) if sample is not None and sample.enough),

@@ -63,7 +63,8 @@ class Block(_Frozen):
 
     columns: one with ``groups`` in the file stands for one a group, ``{group}`` in its head.
     below: metric -> a share that stands below its value in a column of one group. sorted: whether
-    the rows stand in the order of the first column, not in that of the board.
+    the rows stand in the order of the first column, not in that of the board. apart: name of the
+    test that is scored apart whose error orders and ranks the rows.
     """
 
     title: Text
@@ -71,6 +72,7 @@ class Block(_Frozen):
     note: str = ""
     optional: bool = False
     sorted: bool = False
+    apart: str = ""
     below: Mapping[str, str] = {}
 
     @field_validator("columns", mode="before")
@@ -128,11 +130,13 @@ class Unseen(_Frozen):
 class BoardSpec(_Frozen):
     """A protocol's board: its ranking, its tables, and the tables of one run.
 
+    apart: the errors that rank tests that are scored apart from the main one, by their names.
     unseen: beside speed against error. note: how to read a run's tables. common: names of tables
     that other protocols show, too.
     """
 
     ranking: Ranking | None = None
+    apart: Mapping[str, Ranking] = {}
     unseen: Unseen | None = None
     headline: Headline | None = None
     note: str = ""

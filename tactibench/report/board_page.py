@@ -316,7 +316,11 @@ def _page_section(
     ]
     ranked = ranks(name, rows, errors)
     for k, table in enumerate(spec.blocks or (_all_metrics(rows),)):
-        blocks.append(metric_table(table, rows, None if k else ranked))
+        if table.apart:
+            own = ordered(name, rows, table.apart)
+            blocks.append(metric_table(table, own, ranks(name, own, errors, table.apart)))
+        else:
+            blocks.append(metric_table(table, rows, None if k else ranked))
     blocks += hard_case_blocks(rows, protocol.spec.axes)
     learning: tuple[Curve, ...] = ()
     if spec.ranking is not None:

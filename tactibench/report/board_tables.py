@@ -102,7 +102,8 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     counted = f"{span(presses)} presses." if presses else ""
     note = " ".join(filter(None, (counted, "" if ranks is None else ranks.note)))
     made = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)
-    return made if ranks is None else replace(made, anchors=tuple(map(row_anchor, rows)))
+    linked = ranks is not None and not spec.apart  # a row has one place to link to
+    return made if not linked else replace(made, anchors=tuple(map(row_anchor, rows)))
 
 
 def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:

@@ -27,7 +27,6 @@ from tactibench.report.board_page import published_tables
 from tactibench.report.html import AUTO, BOARD, RUNS
 from tactibench.report.numbers import plural
 from tactibench.run.request import folder_label
-from tactibench.run.score import trials_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,9 +172,7 @@ def _press_errors(
         if key not in known:
             try:
                 truth, predicted = run.arrays("truth"), run.arrays("predictions")
-                known[key] = press_errors_of(
-                    protocol.spec, trials_of(protocol.spec, truth, predicted)
-                )
+                known[key] = press_errors_of(protocol.spec, truth, predicted)
             except (UserError, KeyError, ValueError):
                 continue  # a damaged run is ranked by its intervals
         errors[name] = known[key]
