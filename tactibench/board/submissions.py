@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +112,7 @@ def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressE
         errors = press_errors(board, record)
         if errors is not None:
             press = names.setdefault(errors.press.tobytes(), errors.press)
-            known[record.name] = PressErrors(press, errors.error)
+            known[record.name] = replace(errors, press=press)
     return known
 
 
