@@ -46,6 +46,11 @@ class TestFrames:
     groups: Sequence[str]
     clusters: Sequence[str]
 
+    @property
+    def main_frames(self) -> int:
+        """Return how many frames are not scored apart; they are the first."""
+        return sum(map(len, self.sets[: self.main]))
+
     @classmethod
     def open(cls, plan: RunPlan, reporter: Reporter) -> TestFrames:
         """Return the test frames of a plan, made where they are not in the cache."""
@@ -84,7 +89,7 @@ class Evaluation:
 
     def time(self, predictions: Predictions) -> Speed:
         """Return how long the model takes for a test frame, and what that costs in accuracy."""
-        count = sum(map(len, self.test.sets[: self.test.main]))
+        count = self.test.main_frames
         frames, truth = self.test.frames[:count], self.test.truth[:count]
         answers = predictions.answers(self.kind)[:count]
         quick = self.plan.request.quick
@@ -95,7 +100,8 @@ class Evaluation:
 
     def examples(self) -> Arrays:
         """Return a few frames that stay with the run, for its pictures."""
-        return example_arrays(self.test.frames, self.test.truth, self.model)
+        count = self.test.main_frames
+        return example_arrays(self.test.frames[:count], self.test.truth[:count], self.model)
 
     def record(self, predictions: Predictions) -> dict[str, Any]:  # noqa: ARG002
         """Return what the record says of this test beyond its metrics."""

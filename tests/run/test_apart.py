@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tactibench.metrics.gospa import gospa
 from tactibench.protocols.loader import load_protocol
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import StoredRun
+from tactibench.report.plots.run_pictures import RunArrays
 from tactibench.run.plan import RunPlan
 from tactibench.run.request import TestOptions
 from tactibench.run.score import rescore
@@ -128,3 +130,18 @@ def test_bounds_are_of_the_main_frames(run: Callable[..., StoredRun], tmp_path: 
     truth = run(str(few("exp1", tmp_path)), sensor="several").arrays("truth")
     assert len(truth["bound"]) == 20
     assert len(truth["group"]) == 20 + 16
+
+
+def test_examples_are_of_the_main_test(run: Callable[..., StoredRun], exp2: Path) -> None:
+    done = run(str(exp2), sensor="several")
+    assert done.arrays("examples")["index"].max() < MAIN
+
+
+def test_a_frame_that_is_scored_apart_has_no_true_surface() -> None:
+    maps = {"maps": np.ones((3, 4, 4)), "surface": np.ones((2, 4, 4))}
+    run = SimpleNamespace(arrays=lambda _: maps)
+    arrays = RunArrays(run, load_protocol("exp2@2").spec)  # type: ignore[arg-type]
+    assert arrays.map_of(1, "surface") is not None
+    assert arrays.map_of(2, "surface") is None
+    assert arrays.map_of(2) is not None
+    assert arrays.map_of(0, "floor") is None

@@ -71,8 +71,12 @@ class RunArrays:
         return self.spec.grid.grid()
 
     def map_of(self, row: int, name: str = "maps") -> FloatArray | None:
-        """Return the (H, W) heatmap 0..1 of a test frame, None for a model without maps."""
-        return self.maps[name][row].astype(np.float64) if name in self.maps else None
+        """Return the (H, W) heatmap 0..1 of a test frame, None for a model without maps.
+
+        Frames that are scored apart come last and have no true surface.
+        """
+        maps = self.maps.get(name, ())
+        return np.asarray(maps[row], dtype=np.float64) if row < len(maps) else None
 
     def example(self, row: int) -> FrameExample:
         """Return a stored test frame with its truth and prediction."""
