@@ -152,14 +152,12 @@ def test_a_run_times_the_chosen_way_and_tells_of_all(monkeypatch: pytest.MonkeyP
         ("offline", 32, 2),
         ("offline", 128, 2),
     ]
-    assert set(speed.raw) == {
-        "single_1_threads_ms",
-        "single_2_threads_ms",
-        "offline_1_frames_ms",
-        "offline_8_frames_ms",
-        "offline_32_frames_ms",
-        "offline_128_frames_ms",
-    }
+    timed = (
+        "single_1_threads",
+        "single_2_threads",
+        *(f"offline_{n}_frames" for n in (1, 8, 32, 128)),
+    )
+    assert set(speed.raw) == {f"{name}_{kind}" for name in timed for kind in ("ms", "cpu_ms")}
     assert speed.efficiency["parameters"] == 7
     assert speed.efficiency["flops_per_frame"] == 4
     json.dumps([speed.rows, speed.timed, speed.efficiency])
