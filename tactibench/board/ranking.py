@@ -86,9 +86,9 @@ SHARED = 0.95
 """Share of the presses of each row that must be common: a row with an error of few presses only
 could choose what it is compared on. Models here miss three presses in a thousand."""
 FEWEST_PRESSES = 20
-"""Of fewer, a variance is off by a third and more, and one press decides."""
+"""Presses for a rank: the variance of fewer is off by a third and more, and one press decides."""
 FEWEST_SEEDS = 3
-"""Of two, the standard deviation is off by three quarters."""
+"""Seeds for a rank: the standard deviation of two is off by three quarters."""
 EQUAL = 1e-12
 """Share of two numbers below which their difference is rounding."""
 SMALLEST_MM = 1e-9
@@ -142,13 +142,11 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
     if apart:
         errors = {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
     samples = [_sample(row, by, errors) for row in rows]
-    order = sorted(
-        (k for k, sample in enumerate(samples) if sample is not None and sample.enough),
-        key=lambda k: (_known(samples[k]).value, rows[k].label),
-    )
-    ranked = [_known(samples[k]) for k in order]
+    enough = [(k, sample) for k, sample in enumerate(samples) if sample and sample.enough]
+    enough.sort(key=lambda one: (one[1].value, rows[one[0]].label))
+    ranked = [sample for _, sample in enough]
     places = _group(*_compare(ranked))
-    by_row = {order[place]: rank for place, rank in places.items()}
+    by_row = {enough[place][0]: rank for place, rank in places.items()}
     return Ranks(
         tuple(by_row.get(k) for k in range(len(rows))),
         sum(sample.errors is not None for sample in ranked),
@@ -194,11 +192,6 @@ def _group(difference: FloatArray, of_presses: FloatArray, of_both: FloatArray) 
         return {k for k, p in pairs if p < 1 - LEVEL and distinct[k, first]}
 
     return grouped(range(len(difference)), worse)
-
-
-def _known(sample: _Sample | None) -> _Sample:
-    assert sample is not None  # noqa: S101 - only those are asked for
-    return sample
 
 
 def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:

@@ -43,7 +43,7 @@ SHOWN = re.compile(r"[ !-;=?-_a-{}~]{1,160}")
 LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
 """The last two names of a folder, see ``folder_label``, or what a recording was made with."""
 PRIOR = re.compile(r"[A-Za-z][A-Za-z0-9 .-]{0,59}")
-"""What a model knew of contacts that press together: it stands in the name of a row."""
+"""The prior knowledge of a model, which stands in the name of a row."""
 AHEAD = timedelta(days=1)
 """The clock of a submitter may be fast, and a run is not made tomorrow."""
 MOST_PARTS = 64

@@ -209,7 +209,7 @@ class Row:
 
     @property
     def prior(self) -> str:
-        """What the model knew of contacts that press together, with the frames that it mixed."""
+        """Prior knowledge of contacts that press together, and how many frames were mixed."""
         share = f", mixing {self.mixing:g}" if self.mixing else ""
         return prior_of(self.first) + share
 

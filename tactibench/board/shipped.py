@@ -1,4 +1,4 @@
-"""What ships with tactibench: the plugins that a board trusts, and what they declare."""
+"""The plugins that ship with tactibench, which a board trusts, and their declarations."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from tactibench.errors import UserError
 from tactibench.frames.source import spread
 from tactibench.plugins.base import Stage
 from tactibench.plugins.host import PluginHost
-from tactibench.protocols.loader import version_of
+from tactibench.protocols.loader import name_of, version_of
 from tactibench.records.answers import unpack_contacts, unpack_plates
 from tactibench.records.bound_spec import BoundSpec
 from tactibench.records.record import Record, SpeedRow, Timed
@@ -98,7 +98,7 @@ class Timekeeper:
         model = plan.components.build_model(plan.context())
         model.load(folder)
         test = self._test_frames(plan)
-        rows = spread(range(len(test.frames)), TIMED_FRAMES)
+        rows = spread(range(test.main_frames), TIMED_FRAMES)
         frames = [blinded(test.frames[row]) for row in rows]
         truth = [test.truth[row] for row in rows]
         scored = _scored(run, plan.spec.answer, rows)
@@ -131,7 +131,7 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
         bound["encoder"] = BoundSpec.of_record(host.encoders, record.encoder)
     options = () if test is None else tuple(test.options)
     return RunRequest(
-        record.protocol.id,
+        name_of(record.protocol.id, record.protocol.hash),
         record.model.name,
         regime=record.regime,
         sensor=record.sensor.name,

@@ -287,14 +287,14 @@ def time_board(
     from tactibench.cli.board_time import time_runs
     from tactibench.protocols.loader import load_protocol
 
-    name = load_protocol(protocol).spec.id
+    asked = load_protocol(protocol)
     runs = [
         run
-        for run in _complete_runs(store, names or (f"{name}-*",))
-        if run.record.protocol.id == name
+        for run in _complete_runs(store, names or (f"{asked.spec.id}-*",))
+        if run.record.protocol.hash == asked.hash
     ]
     if not runs:
-        raise UserError(f"{store} holds no complete run of {name} that is asked for.")
+        raise UserError(f"{store} holds no complete run of {asked.name} that is asked for.")
     timed = time_runs(
         runs, data=data, calls=calls, anyway=anyway, board=board_folder if commit else None
     )

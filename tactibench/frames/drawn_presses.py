@@ -34,6 +34,7 @@ from tactibench.protocols.draws import (
     draw_scenes,
     pressable,
 )
+from tactibench.protocols.families import subgroup
 from tactibench.protocols.schema import ApartTest, Protocol, Split
 from tactibench.protocols.split import FIT, TEST, VALIDATION, WHOLE, split_presses
 from tactibench.records.bound_spec import BoundSpec
@@ -264,13 +265,13 @@ class DrawnFrames(FrameSource):
         for name in apart.sets:
             scenes = self.testing.draw(name).scenes
             if not apart.instances:
-                group = f"{apart.name}:{name}"
-                yield self._set_apart(self.testing, name, range(len(scenes)), WHOLE, group)
+                group, rows = subgroup(apart.name, name), range(len(scenes))
+                yield self._set_apart(self.testing, name, rows, WHOLE, group)
             elif self.testing.component.values.get(INSTANCE) == NOMINAL:
                 for turn, instance in enumerate(apart.instances):
                     rows = range(turn, len(scenes), len(apart.instances))
                     frames = self.testing.on_instance(instance)
-                    group = f"{apart.name}:{INSTANCE}-{instance}"
+                    group = subgroup(apart.name, f"{INSTANCE}-{instance}")
                     yield self._set_apart(frames, name, rows, FIRST_INSTANCE + turn, group)
 
     def _set_apart(

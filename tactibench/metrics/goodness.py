@@ -23,7 +23,7 @@ from tactibench.contacts import FloatArray
 RESAMPLES = 999
 """Data sets drawn from the curve: p is a multiple of 0.001."""
 SEED = 75
-"""Of the random numbers of a p: equal answers have equal ones."""
+"""Seed of the random numbers of a fit: equal answers have equal ones, wherever they are scored."""
 TIE = 1e-6
 """Deviances nearer than this are equal: the same counts drawn again, and what a fit leaves."""
 FLATTEST, STEEPEST = 0.01, 50.0

@@ -22,8 +22,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -32,7 +32,7 @@ from scipy.stats import binom
 
 from tactibench.contacts import FloatArray
 from tactibench.metrics.crossing import interpolated_threshold
-from tactibench.metrics.goodness import Goodness, goodness_of_fit
+from tactibench.metrics.goodness import SEED, Goodness, goodness_of_fit
 from tactibench.metrics.groups import condition, members
 from tactibench.metrics.separation import resolved
 from tactibench.metrics.spec import MetricSpec, Rows
@@ -196,8 +196,7 @@ def checked_threshold(
         distance: (N,) mm.
         hits: (N,) 0 or 1.
         press: (N,) the clusters.
-        rng: of the bootstrap over presses. The p has random numbers of its own, so that it is the
-            same wherever the same answers are scored.
+        rng: of the bootstrap over presses; the p has random numbers of its own.
         level: of the interval.
         most_lapses: g_max.
     """
@@ -265,13 +264,12 @@ def _limits(profile: Profile, best: float, cut: float) -> tuple[float | None, fl
     return sides[0], sides[1]
 
 
-def threshold(trials: Trials, rng: np.random.Generator) -> Rows:
+def threshold(trials: Trials, _rng: np.random.Generator) -> Rows:
     """Fit over the trials whose group is a distance; the group's number is the distance."""
     if trials.psychometric == "logistic":
         yield "all", fit_threshold(*_answers(trials), level=trials.level)
     else:
-        _FITS[trials] = fit = _checked(trials, rng)
-        yield "all", fit.estimate
+        yield "all", _fit(trials).estimate
 
 
 def _answers(trials: Trials) -> tuple[FloatArray, FloatArray, Labels]:
@@ -285,13 +283,11 @@ def _answers(trials: Trials) -> tuple[FloatArray, FloatArray, Labels]:
     return distance, answers.values[use], trials.press[index]
 
 
-_FITS: WeakKeyDictionary[Trials, ThresholdFit] = WeakKeyDictionary()
-"""The fits of trials that are being scored: what says how well a curve fits follows its threshold.
-Only the threshold's own are kept, because its interval is from the random numbers of its metric."""
-
-
-def _checked(trials: Trials, rng: np.random.Generator) -> ThresholdFit:
+@lru_cache(maxsize=1)  # five metrics of one test are numbers of one fit, which takes seconds
+def _fit(trials: Trials) -> ThresholdFit:
+    """Return the checked fit; its random numbers are its own, so that equal answers give it."""
     most = 0.0 if trials.psychometric == "logistic" else MOST_LAPSES
+    rng = np.random.default_rng(SEED)
     return checked_threshold(*_answers(trials), rng=rng, level=trials.level, most_lapses=most)
 
 
@@ -300,8 +296,8 @@ def _number(
 ) -> Callable[[Trials, np.random.Generator], Rows]:
     """Rows of a number of the fit, without an interval."""
 
-    def rows(trials: Trials, rng: np.random.Generator) -> Rows:
-        fit = _FITS.get(trials) or _checked(trials, rng)
+    def rows(trials: Trials, _rng: np.random.Generator) -> Rows:
+        fit = _fit(trials)
         yield "all", Estimate(read(fit), None, None, fit.estimate.n, fit.estimate.clusters)
 
     return rows

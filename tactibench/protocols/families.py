@@ -68,18 +68,23 @@ UNTOUCHED = "untouched"
 """Begins the groups of frames in which nothing presses, each under a fault: "untouched:dim"."""
 
 
+def subgroup(whole: str, name: str) -> str:
+    """Return the group of a part of a family, or of a test that is scored apart."""
+    return f"{whole}:{name}"
+
+
 def untouched(family: str) -> str:
     """Return the group of frames in which nothing presses, under the fault of a family."""
-    return f"{UNTOUCHED}:{family}"
+    return subgroup(UNTOUCHED, family)
 
 
 def case(family: str, value: float) -> str:
     """Return the group of one case: "grazing:0.05"."""
-    return f"{family}:{value:g}"
+    return subgroup(family, f"{value:g}")
 
 
 def family_of(group: str) -> str:
-    """Return the family of a case's group."""
+    """Return the family of a case's group, or the test of a group that is scored apart."""
     return group.partition(":")[0]
 
 

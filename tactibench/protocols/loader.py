@@ -114,6 +114,12 @@ def version_of(name: str, content_hash: str) -> LoadedProtocol | None:
     return next((one for one in protocol_versions(name) if one.hash == content_hash), None)
 
 
+def name_of(name: str, content_hash: str) -> str:
+    """Return the name that loads that very version of a protocol; its id where it is not kept."""
+    version = version_of(name, content_hash)
+    return name if version is None else version.name
+
+
 def protocol_titles() -> dict[str, tuple[int, str]]:
     """Return name -> version and title, read without validating (for listings)."""
     titles = {}

@@ -85,9 +85,10 @@ nothing else is said.""")
 READING_COSTS = prose("""\
 Latency: one frame to contacts in mm, batch 1, one thread where nothing else is said. frames/s: the
 best batch. To float32: median distance of the timed configuration's answers from the float32 ones,
-which are scored. Times may be compared inside one machine only. \\*: still drifting when the
-warm-up ended. Operations: floating-point, of one frame. Memory: peak of the whole process while it
-was timed. Training: a run that found its weights in the cache shows the time that they took.""")
+which are scored. Times may be compared inside one machine only. \\*: not settled, because they
+still drifted after the warm-up, or because others computed meanwhile. Operations: floating-point,
+of one frame. Memory: peak of the whole process while it was timed. Training: a run that found its
+weights in the cache shows the time that they took.""")
 """How to read latency and cost."""
 GENERATED = "<!-- Made by `tactibench board` from submissions/ and published/; do not edit. -->"
 

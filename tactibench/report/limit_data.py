@@ -33,7 +33,7 @@ SPACING_MM = 7.0
 
 @dataclass(frozen=True)
 class LimitOptions:
-    """What is pressed where. Lengths in mm, yaw in degrees.
+    """The presses whose limits are asked. Lengths in mm, yaw in degrees.
 
     Attributes:
         sensor: Name of a simulated sensor.

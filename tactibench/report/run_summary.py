@@ -17,6 +17,7 @@ from tactibench.board.placement import Placement, times_bound
 from tactibench.board.ranking import FEWEST_PRESSES, FEWEST_SEEDS
 from tactibench.board.rows import measured_on
 from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.loader import name_of
 from tactibench.records.record import Record
 from tactibench.report.labels import named
 from tactibench.report.numbers import number, plural, significant
@@ -67,7 +68,7 @@ def print_summary(console: Console, record: Record, folder: Path, place: Placeme
         place: Its place on a board; None where it has none.
     """
     headline = headline_table(record)
-    console.print(Text(f"{record.protocol.id}  {record.protocol.title}", style="bold"))
+    console.print(Text(f"{_protocol(record)}  {record.protocol.title}", style="bold"))
     count = plural(record.data.test, "test frame")
     who = f"{run_label(record)}, {measured_on(record)}, seed {record.seed}: {count}"
     console.print(Text(who))
@@ -171,14 +172,19 @@ def _next(record: Record, place: Placement | None) -> str:
     if record.partial:
         return "the same command without --quick and --limit"
     if record.limits.presses is not None:
-        return f"`tactibench plot curve {record.protocol.id} --store runs`"
+        return f"`tactibench plot curve {_protocol(record)} --store runs`"
     if place is None:
         return f"`tactibench board add {record.name} --board FOLDER`"
     default = place.board is None or place.board == Path("leaderboards")
     board = "" if default else f" --board {place.board}"
     if place.committed:
-        return f"it is on the board, see `tactibench board show {record.protocol.id}{board}`"
+        return f"it is on the board, see `tactibench board show {_protocol(record)}{board}`"
     return f"`tactibench board add {record.name}{board}`"
+
+
+def _protocol(record: Record) -> str:
+    """Return the name that runs the version of the record."""
+    return name_of(record.protocol.id, record.protocol.hash)
 
 
 def _rest(record: Record, folder: Path) -> Text:

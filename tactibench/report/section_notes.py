@@ -1,4 +1,4 @@
-"""What a board says of a section beside its tables: how it was tested, on what, by which code."""
+"""Notes on a section of a board beside its tables: test frames, simulator, code and versions."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ Clock = Callable[[], float]
 
 
 class Clocks(NamedTuple):
-    """What times are read from: seconds of the wall and of the process, and the machine's load."""
+    """The clocks of a timing: seconds of the wall and of the process, and the machine's load."""
 
     wall: Clock = time.perf_counter
     processor: Clock = time.process_time
@@ -139,7 +139,7 @@ class LatencySample:
         cpu: dict[str, float] = {}
         if self.cpu_ms is not None:
             means = self.cpu_ms.mean(axis=0)
-            cpu = {**dict(zip(self.phases, map(float, means), strict=True))}
+            cpu = dict(zip(self.phases, map(float, means), strict=True))
             cpu["total"] = float(means.sum())
         rows = []
         for phase, times in {**columns, "total": whole}.items():

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tactibench.errors import UserError, describe_exception
+from tactibench.protocols.families import family_of, subgroup
 from tactibench.protocols.loader import LoadedProtocol, protocol_versions, version_of
 from tactibench.protocols.schema import ApartTest, Protocol
 from tactibench.records.answers import unpack_contacts, unpack_plates
@@ -67,7 +68,7 @@ def score_arrays(
 
 def _of_apart(test: ApartTest, row: Metric) -> Metric:
     """Return a metric of a test that is scored apart: of all its frames, or of a part of them."""
-    group = test.name if row.group in WHOLE else f"{test.name}:{row.group}"
+    group = test.name if row.group in WHOLE else subgroup(test.name, row.group)
     return row.model_copy(update={"group": group})
 
 
@@ -101,11 +102,13 @@ def trials_of(
     rows = _rows_of(protocol, truth, apart)
     true, answers = unpack_contacts(truth), unpack_contacts(predicted)
     groups = [str(truth["group"][row]) for row in rows]
+    if apart is not None:  # within the test its parts are the groups
+        groups = [group.removeprefix(subgroup(apart.name, "")) for group in groups]
     trials = Trials(
         tuple(true[row] for row in rows),
         tuple(answers[row] for row in rows),
         truth["press"][rows],
-        tuple(group if apart is None else group.partition(":")[2] for group in groups),
+        tuple(groups),
         max_depth=protocol.workspace.depth_max_mm,
         gate=protocol.test.gate_mm,
         level=protocol.test.level,
@@ -134,7 +137,7 @@ def _rows_of(protocol: Protocol, truth: Arrays, apart: ApartTest | None) -> npt.
     The groups of its frames begin with its name.
     """
     names = [one.name for one in protocol.test.apart]
-    test_of = np.array([str(group).partition(":")[0] for group in truth["group"]])
+    test_of = np.array([family_of(str(group)) for group in truth["group"]])
     return np.flatnonzero(~np.isin(test_of, names) if apart is None else test_of == apart.name)
 
 

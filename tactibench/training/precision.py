@@ -1,6 +1,7 @@
-"""What "auto" means for the arithmetic of a network on this machine. torch is asked of a card only.
+"""The arithmetic of a network that "auto" stands for on this machine.
 
-It is part of the identity of weights, which is known before torch is imported.
+It is part of the identity of weights, which is known before torch is imported; so torch is asked
+of a graphics card only.
 """
 
 from __future__ import annotations

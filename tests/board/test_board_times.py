@@ -86,9 +86,24 @@ def test_a_machine_that_computes_for_others_is_refused(
     assert "holds no complete run" in refused("board time few-exp1 --runs exp2-*")
 
 
-@pytest.mark.parametrize("noise", [Load(), Load(0.0, 0.1), Load(0.05, 0.05)])
-def test_a_quiet_or_an_unknown_machine_is_taken(noise: Load) -> None:
-    refuse_noise(noise)
+@pytest.mark.parametrize(
+    ("noise", "refusals"),
+    [
+        (Load(), 0),
+        (Load(0.0, 0.1), 0),
+        (Load(0.05, 0.05), 0),
+        (Load(0.05, 0.06), 1),
+        (Load(0.2, 0.0), 1),
+    ],
+)
+def test_a_quiet_or_an_unknown_machine_is_taken(noise: Load, refusals: int) -> None:
+    said: list[str] = []
+    try:
+        refuse_noise(noise)
+    except UserError as error:
+        said.append(str(error))
+    assert len(said) == refusals
+    assert all("the machine is not quiet" in text for text in said)
 
 
 def opened(tmp_path: Path) -> Timekeeper:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from collections.abc import Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -130,6 +132,15 @@ def test_a_mixture_keeps_the_right_specs(install: Any, only: Any) -> None:
     assert "gave NoneType where" in only(host.problems, "mixed").message
 
 
+@pytest.fixture
+def handled_interrupt() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt, also where the tests run in the background of a shell."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("handled_interrupt")
 @pytest.mark.parametrize(
     "where",
     ["raise KeyboardInterrupt", "@hookimpl\ndef tactibench_models(): raise KeyboardInterrupt"],

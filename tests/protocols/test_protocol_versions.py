@@ -11,6 +11,7 @@ from tactibench.errors import UserError
 from tactibench.protocols.loader import (
     archived_files,
     load_protocol,
+    name_of,
     next_files,
     protocol_files,
     protocol_versions,
@@ -76,6 +77,9 @@ def test_a_next_version_is_loaded_by_its_label(label: str) -> None:
     assert present.present
     assert protocol.spec.version == present.spec.version + 1
     assert version_of(protocol.spec.id, protocol.hash) == protocol
+    assert name_of(protocol.spec.id, protocol.hash) == label
+    assert name_of(protocol.spec.id, present.hash) == protocol.spec.id
+    assert name_of(protocol.spec.id, "0" * 64) == protocol.spec.id
 
 
 def test_every_earlier_version_is_kept() -> None:

@@ -16,7 +16,9 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.answers import unpack_contacts
 from tactibench.records.store import StoredRun
 from tactibench.report.plots.run_pictures import RunArrays
+from tactibench.run.evaluation import TestFrames
 from tactibench.run.plan import RunPlan
+from tactibench.run.reporter import NullReporter
 from tactibench.run.request import TestOptions
 from tactibench.run.score import rescore
 
@@ -130,6 +132,14 @@ def test_bounds_are_of_the_main_frames(run: Callable[..., StoredRun], tmp_path: 
     truth = run(str(few("exp1", tmp_path)), sensor="several").arrays("truth")
     assert len(truth["bound"]) == 20
     assert len(truth["group"]) == 20 + 16
+
+
+def test_the_main_frames_are_those_that_are_timed(
+    planned: Callable[..., RunPlan], exp2: Path
+) -> None:
+    test = TestFrames.open(planned(str(exp2), sensor="several"), NullReporter())
+    assert test.main_frames == MAIN
+    assert len(test.frames) == MAIN + BETWEEN + UNEVEN + UNSEEN
 
 
 def test_examples_are_of_the_main_test(run: Callable[..., StoredRun], exp2: Path) -> None:

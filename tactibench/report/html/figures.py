@@ -335,7 +335,8 @@ def _relief_panel(rows: Sequence[Row], board: ReportBoard) -> Panel:
         if len(options) == RELIEF_ROWS:
             break
         try:
-            counts = [len(contacts) for contacts in arrays.contacts]
+            seen = len(arrays.maps.get("surface", arrays.contacts))  # none where scored apart
+            counts = [len(contacts) for contacts in arrays.contacts[:seen]]
             frame = int(np.argmax(counts))
             heatmap, surface = arrays.map_of(frame), arrays.map_of(frame, "surface")
             if heatmap is None:
