@@ -165,8 +165,8 @@ def draw(path: Path, comparison: Comparison) -> None:
         axis.set_xlim(left - _MARGIN_PX, right + _MARGIN_PX)
         axis.set_ylim(bottom + _MARGIN_PX, top - _MARGIN_PX)
         axis.tick_params(labelsize=9)
-    axes[0].set_ylabel("row, px", fontsize=10)
-    axes[0].set_xlabel("column, px", fontsize=10)
+    figure.supylabel("row, px", fontsize=11)
+    figure.supxlabel("column, px", fontsize=11)
     figure.suptitle(
         "pin displacements of held-out plate presses: real (black) and simulated (orange)\n"
         f"median relative error {comparison.rows[0].relative:.3f} over {len(presses)} presses",
