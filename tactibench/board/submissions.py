@@ -132,9 +132,9 @@ def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> l
 
     Those of a version that is not kept stand with the present one, which says so.
     """
-    if not protocol.present:
+    if protocol.archived:
         return [record for record in records if record.protocol.hash == protocol.hash]
-    others = {one.hash for one in protocol_versions(protocol.spec.id) if not one.present}
+    others = {one.hash for one in protocol_versions(protocol.spec.id) if one.archived}
     return [record for record in records if record.protocol.hash not in others]
 
 

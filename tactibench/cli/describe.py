@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 def describe(name: str) -> None:
     """Show the details of a model, sensor, encoder or protocol called NAME."""
     from tactibench.plugins.host import PluginHost
-    from tactibench.protocols.loader import archived_files, next_files, protocol_files
+    from tactibench.protocols.loader import archived_files, protocol_files
 
     host = PluginHost()
-    files = protocol_files() | archived_files() | next_files()
+    files = protocol_files() | archived_files()
     known = [*files, *(spec.name for catalogue in host.catalogues for spec in catalogue)]
     shown = 0
     for catalogue in host.catalogues:

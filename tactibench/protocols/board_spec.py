@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.loader import archived_files, next_files, protocol_files
+from tactibench.protocols.loader import archived_files, protocol_files
 from tactibench.shipped import shipped_folder
 
 SUFFIX = ".board.toml"
@@ -153,13 +153,13 @@ class _Common(_Frozen):
 def board_spec(protocol: str) -> BoardSpec:
     """Return what the board of a protocol shows; nothing special where its file is not known.
 
-    protocol: its id or label. A version that is not the present one may have a board file of its
-    own; where it has none, it is shown as the present one.
+    protocol: its id or label. An archived version may have a board file of its own; where it has
+    none, it is shown as the present one.
 
     Raises:
         UserError: its file is no board file.
     """
-    path = (archived_files() | next_files()).get(protocol)
+    path = archived_files().get(protocol)
     if path is None or not path.with_suffix(SUFFIX).is_file():
         path = protocol_files().get(protocol.partition("@")[0])
     return BoardSpec() if path is None else read_board_spec(path)

@@ -22,9 +22,6 @@ VARIABLE = "TACTIBENCH_PROTOCOLS"
 ARCHIVE = "archive"
 """Folder, beside the present protocols, of earlier versions, each in a file called after its label:
 ``archive/exp1@1.toml``, with its list of test frames where it has one."""
-NEXT = "next"
-"""Folder of versions that are open for runs while the present ones are still shown on the boards:
-``next/exp1@2.toml``."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +48,9 @@ class LoadedProtocol:
         return self.path.stem == self.label and self.path.parent.name == ARCHIVE
 
     @property
-    def present(self) -> bool:
-        """True for the version that its id names, which is neither archived nor the next one."""
-        return self.path.stem != self.label
-
-    @property
     def name(self) -> str:
-        """Name that loads it: its id, or its label where it is not the present version."""
-        return self.spec.id if self.present else self.label
+        """Name that loads it: its id, or its label where it is archived."""
+        return self.label if self.archived else self.spec.id
 
 
 def shipped_files() -> dict[str, Path]:
@@ -82,31 +74,21 @@ def _files_in(folder: Path) -> dict[str, Path]:
 
 def archived_files() -> dict[str, Path]:
     """Return label ("exp1@1") -> file of every earlier version of the protocols that ship."""
-    return _labelled_files(ARCHIVE)
-
-
-def next_files() -> dict[str, Path]:
-    """Return label ("exp1@2") -> file of every next version of the protocols that ship."""
-    return _labelled_files(NEXT)
-
-
-def _labelled_files(folder: str) -> dict[str, Path]:
-    files = sorted((shipped_folder("protocols") / folder).glob("*@*.toml"))
+    files = sorted((shipped_folder("protocols") / ARCHIVE).glob("*@*.toml"))
     return {path.stem: path for path in files if "." not in path.stem}
 
 
 def protocol_versions(name: str) -> tuple[LoadedProtocol, ...]:
-    """Return the present version of a shipped protocol, then all others, the newest first.
+    """Return the present version of a shipped protocol, then the earlier ones, the newest first.
 
     name: its id. Empty for one that does not ship. Raises UserError as ``read_protocol``.
     """
     present = protocol_files().get(name)
     if present is None:
         return ()
-    labelled = archived_files() | next_files()
-    files = (file for label, file in labelled.items() if label.partition("@")[0] == name)
-    others = sorted(map(read_protocol, files), key=lambda one: -one.spec.version)
-    return (read_protocol(present), *others)
+    files = (file for label, file in archived_files().items() if label.partition("@")[0] == name)
+    earlier = sorted(map(read_protocol, files), key=lambda one: -one.spec.version)
+    return (read_protocol(present), *earlier)
 
 
 def version_of(name: str, content_hash: str) -> LoadedProtocol | None:

@@ -220,7 +220,7 @@ def _version_pages(board: Path, name: str) -> list[PageFile]:
     if not all_records and not (board / f"{name}.md").is_file():
         return []  # the board of a laboratory shows its own protocols, not all that ship
     of_versions = [(one, records_of_version(all_records, one)) for one in protocol_versions(name)]
-    shown = [(one, records) for one, records in of_versions if records or one.present]
+    shown = [(one, records) for one, records in of_versions if records or not one.archived]
     names = [protocol.name for protocol, _ in shown]
     pages = []
     for protocol, records in shown:
@@ -268,8 +268,6 @@ def board_page(
     title = f"{protocol.name}: {protocol.spec.title}"
     if protocol.archived:
         title += f" (archived: version {protocol.spec.version})"
-    elif not protocol.present:
-        title += f" (next: version {protocol.spec.version})"
     said: set[str] = set()
     sections = tuple(replace(one, blocks=say_once(one.blocks, said, set())) for one in sections)
     timed_on = machine_list(row for one in sections for row in one.rows)
@@ -278,14 +276,8 @@ def board_page(
 
 
 def _version_note(protocol: LoadedProtocol) -> list[Block]:
-    if protocol.present:
-        return []
     if not protocol.archived:
-        text = (
-            f"The next version of `{protocol.spec.id}`. It is open for runs (`tactibench run "
-            f"{protocol.name}`), and takes the place of the present one when its rows are complete."
-        )
-        return [prose(text)]
+        return []
     text = (
         f"An earlier version of `{protocol.spec.id}`. Its rows can still be verified, but are not "
         "comparable with those of another version; new runs belong on the present board."

@@ -23,7 +23,7 @@ from tactibench.protocols.loader import load_protocol
 from tactibench.records.answers import pack
 from tactibench.records.files import write_arrays
 
-SPEC = load_protocol("exp2@2").spec
+SPEC = load_protocol("exp2").spec
 GROUPS = (
     *("6.5",) * 3,
     "catch",
@@ -109,15 +109,15 @@ def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
             made.append(record)
     rows = rows_of(made)
     for apart, best in (("", "abc"), ("unseen", "cba")):
-        found = ordered("exp1@2", rows, apart)
+        found = ordered("exp1", rows, apart)
         assert "".join(row.first.model.name for row in found) == best
-        ranked = ranks("exp1@2", found, errors, apart)
+        ranked = ranks("exp1", found, errors, apart)
         assert ranked is not None
         assert ranked.by_row == (1, 2, 3)
     assert ranks("exp1", rows, errors, "unseen") is None
 
 
-@pytest.mark.parametrize("label", ["exp1@2", "exp2@2", "exp3@2"])
+@pytest.mark.parametrize("label", ["exp1", "exp2", "exp3"])
 def test_every_test_apart_has_a_ranking_and_a_table(label: str) -> None:
     tests, board = load_protocol(label).spec.test.apart, board_spec(label)
     assert {one.name for one in tests} == set(board.apart)

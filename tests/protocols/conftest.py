@@ -69,7 +69,7 @@ def exp2() -> Tables:
 @pytest.fixture
 def apart() -> Tables:
     """exp2 with tests that are scored apart."""
-    return tomllib.loads(load_protocol("exp2@2").path.read_text(encoding="utf-8"))
+    return tomllib.loads(load_protocol("exp2").path.read_text(encoding="utf-8"))
 
 
 @pytest.fixture

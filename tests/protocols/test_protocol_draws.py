@@ -16,10 +16,7 @@ from tactibench.protocols.draws import PATIENCE, SceneSet, draw_scenes, fits
 from tactibench.protocols.loader import load_protocol
 from tactibench.protocols.schema import Protocol
 
-EXPERIMENTS = {
-    name: load_protocol(name).spec
-    for name in ("exp1", "exp2", "exp3", "exp1@2", "exp2@2", "exp3@2")
-}
+EXPERIMENTS = {name: load_protocol(name).spec for name in ("exp1", "exp2", "exp3")}
 DRAWS = {(name, draw.name) for name, spec in EXPERIMENTS.items() for draw in spec.draws}
 
 
@@ -68,7 +65,7 @@ def test_triples_are_equilateral_with_heights_in_half_millimetres() -> None:
     assert heights == {0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0}
 
 
-@pytest.mark.parametrize(("name", "draw"), [("exp2@2", "uneven"), ("exp3@2", "five")])
+@pytest.mark.parametrize(("name", "draw"), [("exp2", "uneven"), ("exp3", "five")])
 def test_scattered_tips_keep_their_distance_and_have_depths_of_their_own(
     name: str, draw: str
 ) -> None:
@@ -86,7 +83,7 @@ def test_scattered_tips_keep_their_distance_and_have_depths_of_their_own(
 
 
 def test_tips_that_hardly_fit_end_in_a_sentence() -> None:
-    spec = EXPERIMENTS["exp3@2"]
+    spec = EXPERIMENTS["exp3"]
     crowded = spec.draw("five").model_copy(update={"tip_count": 8, "apart_mm": 9.0})
     with pytest.raises(UserError, match=r"draw 'five': 8 tips 9\.0 mm apart hardly fit"):
         draw_scenes(spec.model_copy(update={"draws": (crowded,)}), "five")

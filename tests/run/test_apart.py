@@ -150,7 +150,7 @@ def test_examples_are_of_the_main_test(run: Callable[..., StoredRun], exp2: Path
 def test_a_frame_that_is_scored_apart_has_no_true_surface() -> None:
     maps = {"maps": np.ones((3, 4, 4)), "surface": np.ones((2, 4, 4))}
     run = SimpleNamespace(arrays=lambda _: maps)
-    arrays = RunArrays(run, load_protocol("exp2@2").spec)  # type: ignore[arg-type]
+    arrays = RunArrays(run, load_protocol("exp2").spec)  # type: ignore[arg-type]
     assert arrays.map_of(1, "surface") is not None
     assert arrays.map_of(2, "surface") is None
     assert arrays.map_of(2) is not None

@@ -113,7 +113,7 @@ def gather(
         if one.protocol in wanted and (one.records or one.name in protocols)
     ]
     present = {one.name for one in boards}
-    others = [one for one in boards if not one.protocol.present and one.protocol.spec.id in present]
+    others = [one for one in boards if one.protocol.archived and one.protocol.spec.id in present]
     if not (protocols or archived):
         boards = [one for one in boards if one not in others]
     if not boards:
