@@ -22,6 +22,8 @@ from tactibench.shipped import shipped_folder
 SUFFIX = ".board.toml"
 COMMON = f"common{SUFFIX}"
 """Beside the protocols of tactibench: tables that several of them show."""
+OVERVIEW = f"overview{SUFFIX}"
+"""Beside the protocols of tactibench: the table over several boards."""
 
 Text = Annotated[str, Field(min_length=1)]
 Decimals = Annotated[int, Field(ge=0, le=9)]
@@ -145,6 +147,27 @@ class BoardSpec(_Frozen):
     run_tables: tuple[RunTable, ...] = ()
 
 
+class OverviewColumn(_Frozen):
+    """A metric of the overview. published_frames: of a real recording, on the published frames."""
+
+    name: Text
+    protocol: Text
+    metric: Text
+    group: Text = "all"
+    published_frames: bool = False
+    head: Text
+    decimals: Decimals
+
+
+class OverviewSpec(_Frozen):
+    """The table over several boards. protocol: whose rows are its lines. order: a column's name."""
+
+    protocol: Text
+    order: Text
+    note: Text
+    columns: Annotated[tuple[OverviewColumn, ...], Field(min_length=1)]
+
+
 class _Common(_Frozen):
     blocks: dict[str, Block]
 
@@ -183,6 +206,12 @@ def read_board_spec(protocol_file: Path) -> BoardSpec:
             )
     blocks = (*spec.blocks, *(shared[name] for name in spec.common))
     return spec.model_copy(update={"blocks": blocks})
+
+
+@cache
+def overview_spec() -> OverviewSpec:
+    """Return what the table over several boards shows."""
+    return _read(shipped_folder("protocols") / OVERVIEW, OverviewSpec)
 
 
 def _common_blocks() -> dict[str, Block]:

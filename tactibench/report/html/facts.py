@@ -7,14 +7,24 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from tactibench.board.cost import machine
 from tactibench.board.grouping import row_anchor
+from tactibench.board.overview import overview
 from tactibench.board.ranking import ranks
-from tactibench.protocols.board_spec import board_spec
+from tactibench.protocols.board_spec import board_spec, overview_spec
 from tactibench.protocols.schema import Draw, Protocol
 from tactibench.records.record import Record
 from tactibench.report.board_page import BoardPage
 from tactibench.report.html.figures import misses, row_latency
 from tactibench.report.html.report_data import ReportBoard
+from tactibench.report.overview_table import overview_table
 from tactibench.report.table import Cell, Column, Head, Number, Table, Text, metric_number, table
+
+
+def models(boards: Iterable[ReportBoard], link: Callable[[ReportBoard, str], str]) -> Table:
+    """Return a line for every model, with its errors on all boards of the present versions."""
+    present = {board.name: board for board in boards if not board.protocol.archived}
+    lines = overview({name: board.records for name, board in present.items()})
+    lead = present.get(overview_spec().protocol)
+    return overview_table(lines, link=lambda anchor: "" if lead is None else link(lead, anchor))
 
 
 def best_rows(
@@ -36,11 +46,11 @@ def best_rows(
     ]
     rows = [cells for board, page in boards for cells in _first_rows(board, page, link)]
     note = (
-        "Rows of rank 1: their order may be chance, that of presses and of seeds. Where none has a "
+        "Their order may be chance, that of presses and of seeds. Where none has a "
         "rank: the one with the smallest error. Trivial rows and tables of a single row are left "
         "out."
     )
-    return table(heads, rows, title="At a glance", note=note)
+    return table(heads, rows, title="Rows of rank 1", note=note)
 
 
 def _first_rows(

@@ -25,7 +25,7 @@ from tactibench.report.board_page import (
 )
 from tactibench.report.document import Block, Bullets, Group
 from tactibench.report.html.compact import compact, compact_blocks, named_briefly
-from tactibench.report.html.facts import best_rows, machines, plan, software
+from tactibench.report.html.facts import best_rows, machines, models, plan, software
 from tactibench.report.html.figures import WITHOUT_FRAMES, Panel, panels
 from tactibench.report.html.report_data import ReportBoard, ReportData
 from tactibench.report.table import Table
@@ -91,9 +91,9 @@ def report_page(data: ReportData, *, advance: Callable[[str], None] = lambda _: 
         advance(board.name)
         chapters.append(_chapter(board, page, said))
     advance("page")
-    best = best_rows(pages, lambda _, anchor: f"#{anchor}")
+    glance = _glance(pages, lambda _, anchor: f"#{anchor}")
     links = [("#glance", "At a glance"), *((f"#{c.key}", c.key) for c in chapters), *END_LINKS]
-    return _rendered(template, data, pages, chapters, links, best=best)
+    return _rendered(template, data, pages, chapters, links, glance=glance)
 
 
 def site_pages(
@@ -113,10 +113,10 @@ def site_pages(
     template = _template()
     pages = _board_pages(data)
     others = [(_file(board), board.name) for board, _ in pages]
-    best = best_rows(pages, lambda board, anchor: f"{_file(board)}#{anchor}")
+    glance = _glance(pages, lambda board, anchor: f"{_file(board)}#{anchor}")
     index = [(INDEX, "All boards"), *others, *END_LINKS]
     advance("page")
-    yield INDEX, _rendered(template, data, pages, [], index, best=best, here=INDEX)
+    yield INDEX, _rendered(template, data, pages, [], index, glance=glance, here=INDEX)
     for board, page in pages:
         advance(board.name)
         chapters = [_chapter(board, page, set())]
@@ -135,6 +135,14 @@ def _board_pages(data: ReportData) -> list[tuple[ReportBoard, BoardPage]]:
     ]
 
 
+def _glance(
+    pages: Sequence[tuple[ReportBoard, BoardPage]], link: Callable[[ReportBoard, str], str]
+) -> tuple[Table, ...]:
+    """Return the tables over all boards, without those that hold nothing."""
+    tables = (models([board for board, _ in pages], link), best_rows(pages, link))
+    return tuple(table for table in map(compact, tables) if table is not None)
+
+
 def _rendered(
     template: Any,
     data: ReportData,
@@ -142,7 +150,7 @@ def _rendered(
     chapters: Sequence[Chapter],
     links: Sequence[tuple[str, str]],
     *,
-    best: Table | None = None,
+    glance: Sequence[Table] | None = None,
     here: str = "",
 ) -> str:
     """Return a page.
@@ -153,7 +161,7 @@ def _rendered(
         pages: Whose plans, machines and software are listed.
         chapters: The boards that are shown.
         links: Address and name, of the chapters or of the other pages of a site.
-        best: Rows of rank 1; None on a page of one board.
+        glance: Tables over all boards; None on a page of one board.
         here: The page's own address in a site.
     """
     records = [record for board, _ in pages for record in board.records]
@@ -168,7 +176,7 @@ def _rendered(
         style=_asset("page.css"),
         script=script,
         policy=POLICY.format(f"sha256-{digest}"),
-        best=best,
+        glance=glance,
         reading=[READING, READING_COSTS],
         plans=[plan(board) for board, _ in pages],
         environment=[machines(records), software(records)],

@@ -1,0 +1,105 @@
+"""The overview: one line a model, with its errors on the boards of several protocols."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tactibench.board.grouping import rows_of, trained_for, training_sensor, whole
+from tactibench.board.hard_cases import family_errors
+from tactibench.board.rows import PooledMetric, Row
+from tactibench.protocols.board_spec import overview_spec
+from tactibench.protocols.loader import load_protocol
+from tactibench.records.identity import canonical
+from tactibench.records.record import Record
+
+HARD_CASES = "stability"
+INSTANCES = "individual"
+"""The family of other sensors of the make; the overview shows more of them in a column."""
+
+
+@dataclass(frozen=True)
+class WorstFamily:
+    """The family of hard cases with the largest error. error_mm: the mean over its cases."""
+
+    family: str
+    error_mm: float
+
+
+@dataclass(frozen=True)
+class OverviewLine:
+    """A model on several boards.
+
+    Attributes:
+        row: Of the protocol whose rows are the lines.
+        values: Of the columns, None where the model has no row or its row no value.
+        worst: Of the hard cases, None where the model was not tested on them.
+    """
+
+    row: Row
+    values: tuple[PooledMetric | None, ...]
+    worst: WorstFamily | None
+
+
+def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
+    """Return the lines of the overview, in its order; trivial models last.
+
+    Args:
+        records: Of the present version of each protocol, by its id.
+    """
+    spec = overview_spec()
+    boards = {name: rows_of(whole(trained_for(found))) for name, found in records.items()}
+    trained = {name: {_training(row): row for row in rows} for name, rows in boards.items()}
+    plates = {
+        name: {_plates(row): row for row in rows if row.first.data.published_frames}
+        for name, rows in boards.items()
+    }
+    lines = []
+    for row in boards.get(spec.protocol, ()):
+        if row.first.sensor.origin != "simulated":
+            continue
+        values = []
+        for column in spec.columns:
+            if column.published_frames:
+                found = plates.get(column.protocol, {}).get(_plates(row))
+            else:
+                found = trained.get(column.protocol, {}).get(_training(row))
+            values.append(None if found is None else found.metric(column.metric, column.group))
+        hard = trained.get(HARD_CASES, {}).get(_training(row))
+        lines.append(OverviewLine(row, tuple(values), None if hard is None else worst_family(hard)))
+    first = [column.name for column in spec.columns].index(spec.order)
+
+    def place(line: OverviewLine) -> tuple[bool, bool, float]:
+        value = line.values[first]
+        return line.row.trivial, value is None, 0.0 if value is None else value.value
+
+    return sorted(lines, key=place)
+
+
+def worst_family(row: Row) -> WorstFamily | None:
+    """Return the family of hard cases with the largest error of a row; None without errors."""
+    known = []
+    for family in family_errors(row, load_protocol(HARD_CASES).spec.axes):
+        errors = [case.error.value for case in family.cases if case.error and not case.easy]
+        # Families without an easy case, as that of untouched frames, are no harder than others.
+        if errors and family.axis.easy is not None and family.axis.family != INSTANCES:
+            known.append(WorstFamily(family.axis.family, statistics.fmean(errors)))
+    return max(known, key=lambda family: family.error_mm, default=None)
+
+
+def _model(row: Row) -> list[Any]:
+    """Return model and encoder, as JSON values."""
+    encoder = row.first.encoder
+    return [row.first.model.identity, None if encoder is None else encoder.identity]
+
+
+def _plates(row: Row) -> str:
+    """Return what a row shares with that of the same model on real plates."""
+    return canonical(_model(row))
+
+
+def _training(row: Row) -> str:
+    """Return what rows of one training share: sensor, model, encoder and regime."""
+    return canonical([*training_sensor(row.first), *_model(row), row.first.regime])
