@@ -45,12 +45,12 @@ def overview_table(
             metric_number(value, column.decimals, interval=interval)
             for value, column in zip(line.values, spec.columns, strict=True)
         )
-        name = Text(_name(line.row), link=link(row_anchor(line.row)))
+        name = Text(line_name(line.row), link=link(row_anchor(line.row)))
         rows.append([name, line.row.prior, *values, _worst(line), *_costs(line.row)])
     return table(heads, rows, title=TITLE, note=spec.note)
 
 
-def _name(row: Row) -> str:
+def line_name(row: Row) -> str:
     """Return the label, and what it was trained on where that is not the protocol's own sensor."""
     own, sensor = load_protocol(row.first.protocol.id).spec.defaults.sensor, row.first.sensor.text()
     return label_of(row.first) + ("" if sensor == own else f", trained on {sensor}")
