@@ -54,6 +54,7 @@ from tactibench.report.document import (
     Fold,
     Group,
     Heading,
+    fold_tables,
     prose,
     say_once,
 )
@@ -136,11 +137,17 @@ class BoardPage:
     versions: tuple[str, ...] = ()
 
     def markdown(self) -> str:
-        """Return the page as it stands under ``leaderboards/``."""
+        """Return the page as it stands under ``leaderboards/``.
+
+        Two screens: the first table of the first sensor, all others behind their titles.
+        """
         costs = [READING_COSTS] if self.timed_on else []
-        blocks: list[Block] = [READING, *costs, *self.intro]
-        for part in self.sections:
-            blocks += [Heading(2, part.title), *part.blocks]
+        blocks: list[Block] = [Group("How to read the tables", (READING, *costs)), *self.intro]
+        for k, part in enumerate(self.sections):
+            if k == 0:
+                blocks += [Heading(2, part.title), *fold_tables(part.blocks, 1)]
+            else:
+                blocks.append(Group(part.title, part.blocks))
         body = markdown([*blocks, *self.published, *self.timed_on])
         links = ", ".join(f"[{name}]({name}.md)" for name in self.versions)
         other = f"Other versions of this protocol: {links}.\n\n" if links else ""

@@ -171,18 +171,18 @@ def cost_blocks(rows: Sequence[Row]) -> list[Block]:
         [[*identity(row), *_cost_cells(row)] for row in parts],
         title="Cost",
     )
-    return [Group("Latency and cost", (latencies, costs), heading=0)]
+    return [Group("Latency and cost", (latencies, costs))]
 
 
 def machine_list(rows: Iterable[Row]) -> list[Block]:
-    """Return the machines behind the fingerprints of timed rows, with their heading."""
+    """Return the machines behind the fingerprints of timed rows."""
     records = (record for row in rows for record in row.records if record.speed)
     machines = {machine(record): record for record in records}
     named = tuple(
         (Text(name, "code"), Prose(": "), _machine(record))
         for name, record in sorted(machines.items())
     )
-    return [Heading(2, "Machines"), Bullets(named)] if named else []
+    return [Group("Machines", (Bullets(named),))] if named else []
 
 
 def _latency_cells(row: Row) -> Iterator[Cell]:

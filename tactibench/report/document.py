@@ -54,14 +54,10 @@ class Fold:
 
 @dataclass(frozen=True)
 class Group:
-    """Blocks that a page may fold away behind their title.
-
-    heading: level of the title on a page that does not fold; 0: the blocks have titles enough.
-    """
+    """Blocks that are folded away behind their title."""
 
     title: str
     blocks: tuple[Block, ...]
-    heading: int = 0
 
 
 Block = Heading | Paragraph | Bullets | Fold | Group | Table
@@ -70,6 +66,23 @@ Block = Heading | Paragraph | Bullets | Fold | Group | Table
 def prose(text: str) -> Paragraph:
     """Return a paragraph of this program's own words."""
     return Paragraph((Prose(text),))
+
+
+def fold_tables(blocks: Iterable[Block], shown: int) -> list[Block]:
+    """Return the blocks with every table after the first ones folded behind its title.
+
+    shown: how many tables stay as they are.
+    """
+    kept: list[Block] = []
+    for block in blocks:
+        if not isinstance(block, Table) or not block.title:
+            kept.append(block)
+        elif shown:
+            kept.append(block)
+            shown -= 1
+        else:
+            kept.append(Group(block.title, (replace(block, title=""),)))
+    return kept
 
 
 def say_once(blocks: Iterable[Block], said: set[str], noted: set[str]) -> tuple[Block, ...]:

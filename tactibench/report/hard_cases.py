@@ -45,7 +45,7 @@ def hard_case_blocks(rows: Sequence[Row], axes: Sequence[Axis]) -> list[Block]:
         _doubling_table(
             rows, families, faults, "Where the error doubles: the camera and its light"
         ),
-        Group("Error by case, mm", (prose(note), *cases), heading=3),
+        Group("Error by case, mm", (prose(note), *cases)),
     ]
 
 

@@ -23,7 +23,7 @@ from tactibench.report.board_page import (
     PageSection,
     board_page,
 )
-from tactibench.report.document import Block, Bullets, Group
+from tactibench.report.document import Block, Bullets, fold_tables
 from tactibench.report.html.compact import compact, compact_blocks, named_briefly
 from tactibench.report.html.facts import best_rows, machines, models, plan, software
 from tactibench.report.html.figures import WITHOUT_FRAMES, Panel, panels
@@ -221,20 +221,13 @@ def _section(
         key,
         section.title,
         html(blocks[:first]),
-        html(map(_folded, blocks[first:])),
+        html(fold_tables(blocks[first:], 0)),
         tuple(
             replace(panel, caption=_once(panel.caption, said))
             for panel in panels(section, board, [one.section for one in page.sections])
         ),
         _once(WITHOUT_FRAMES, said).format(board.name) if lacking else "",
     )
-
-
-def _folded(block: Block) -> Block:
-    """Return a table behind its title, so that a reader sees at once which tables there are."""
-    if isinstance(block, Table) and block.title:
-        return Group(block.title, (replace(block, title=""),))
-    return block
 
 
 def _anchor(name: str, number: int) -> str:

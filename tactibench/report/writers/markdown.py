@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Iterable
 
@@ -55,8 +56,8 @@ def _block(block: Block) -> str:
         summary = f"<details><summary>{block.summary}</summary>"
         return "\n".join([summary, "", "```text", *lines, "```", "", "</details>"])
     if isinstance(block, Group):
-        heading = [Heading(block.heading, block.title)] if block.heading else []
-        return markdown([*heading, *block.blocks])
+        summary = f"<details><summary>{html.escape(block.title, quote=False)}</summary>"
+        return "\n\n".join([summary, markdown(block.blocks), "</details>"])
     title = [f"### {escape(block.title)}"] if block.title else []
     note = [block.note] if block.note else []
     return "\n\n".join([*title, "\n".join(table_lines(block)), *note])
