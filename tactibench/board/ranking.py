@@ -40,7 +40,7 @@ from tactibench.contacts import FloatArray
 from tactibench.errors import UserError
 from tactibench.protocols.board_spec import Ranking, board_spec
 from tactibench.protocols.loader import protocol_files
-from tactibench.stats.crossed import adjust_pairs, crossed_p_values
+from tactibench.stats.crossed import adjust_pairs, crossed_interval, crossed_p_values
 from tactibench.stats.intervals import t_quantile
 from tactibench.stats.paired import grouped, holm
 
@@ -131,6 +131,58 @@ class Ranks:
         return " ".join(sentences)
 
 
+@dataclass(frozen=True)
+class RowDifference:
+    """The error of one row minus that of another, with its interval over presses and seeds.
+
+    presses: that both answered.
+    """
+
+    value: float
+    low: float
+    high: float
+    presses: int
+
+
+def row_difference(
+    protocol: str, first: Row, second: Row, errors: Errors, apart: str = ""
+) -> RowDifference | None:
+    """Return the difference of the error that orders a board, first minus second, press by press.
+
+    None where one of the rows has no errors of its presses, or too few seeds to know their spread.
+
+    Args:
+        protocol: Of both rows.
+        first: A row.
+        second: A row of the same section.
+        errors: Press by press, by the name of the record.
+        apart: Name of the test that is scored apart; "": the main test.
+    """
+    by = _ranking(protocol, apart)
+    if by is None:
+        return None
+    found = [_sample(row, by, _of_test(errors, apart)) for row in (first, second)]
+    samples = [one for one in found if one is not None and one.errors is not None and one.enough]
+    if len(samples) < 2:
+        return None
+    one, other = (_errors(sample) for sample in samples)
+    shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
+    if len(shared) < SHARED * max(len(one.press), len(other.press)):
+        return None
+    apart_by = one.error[i] - other.error[j]
+    presses = float(np.var(apart_by, ddof=1)) / len(shared), len(shared) - 1.0
+    seeds = [(sample.seed_variance, sample.seeds - 1.0) for sample in samples if sample.seeds]
+    low, high = crossed_interval(float(apart_by.mean()), presses, seeds, LEVEL)
+    return RowDifference(float(apart_by.mean()), low, high, len(shared))
+
+
+def _of_test(errors: Errors, apart: str) -> Errors:
+    """Return the errors of the test that is scored apart, or of the main one."""
+    if not apart:
+        return errors
+    return {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
+
+
 def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -> Ranks | None:
     """Return the ranks of the rows of one section; None for a protocol that no error orders.
 
@@ -139,9 +191,8 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
     by = _ranking(protocol, apart)
     if by is None:
         return None
-    if apart:
-        errors = {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
-    samples = [_sample(row, by, errors) for row in rows]
+    of_test = _of_test(errors, apart)
+    samples = [_sample(row, by, of_test) for row in rows]
     enough = [(k, sample) for k, sample in enumerate(samples) if sample and sample.enough]
     enough.sort(key=lambda one: (one[1].value, rows[one[0]].label))
     ranked = [sample for _, sample in enough]
