@@ -46,7 +46,8 @@ def freeze_what_is_imported() -> None:
 
 
 RANKED = {
-    "exp1": ("mae_mm", "mean"),
+    "exp1": ("gospa1_mm", "all"),
+    "exp1@1": ("mae_mm", "mean"),
     "exp2": ("distance_penalised_mm", "all"),
     "exp3": ("gospa1_mm", "all"),
     "surface": ("depth_mae_mm", "all"),
@@ -82,14 +83,14 @@ def fabricated(
     metrics: tuple[tuple[str, str, float | None], ...] = (),
     **more: Any,
 ) -> Record:
-    """A valid record. error: of the metric that orders the board; settings, sensor: parameters
+    """A valid record. protocol: its id, or the label of an archived version. error: of the metric that orders the board; settings, sensor: parameters
     that are not at their defaults."""
     from tactibench.protocols.loader import load_protocol
     from tactibench.records.record import Record
 
     loaded = load_protocol(protocol)
     label = [_labelled(model, settings), _labelled("tactip-127", sensor)]
-    name = f"{protocol}-{model}-{regime}-s{seed}-{hash_of([label, encoder, machine, more])}"
+    name = f"{loaded.spec.id}-{model}-{regime}-s{seed}-{hash_of([label, encoder, machine, more])}"
     rows = [
         metric(*RANKED[protocol], error),
         metric("missed", "all", 0.01),
@@ -101,7 +102,7 @@ def fabricated(
         "name": name,
         "created": f"2026-01-0{1 + seed}T00:00:00+00:00",
         "protocol": {
-            "id": protocol,
+            "id": loaded.spec.id,
             "version": loaded.spec.version,
             "hash": loaded.hash,
             "title": loaded.spec.title,
@@ -144,7 +145,7 @@ def fabricated(
         "timed": {},
         "training": {"epochs": 20, "seconds": 240.0, "presses": 3600, "history": [1], "notes": {}},
         "data": {"train": 3600, "validation": 400, "test": 1000},
-        "signature": f"protocol:{protocol}@1|model:{label[0]}|regime:{regime}|"
+        "signature": f"protocol:{loaded.label}|model:{label[0]}|regime:{regime}|"
         f"encoder:{encoder or 'none'}|sensor:{label[1]}|seed:{seed}|version:0",
     }
     return Record.model_validate({**record, **more})

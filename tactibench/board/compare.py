@@ -156,7 +156,8 @@ DISTANCE_METRICS = frozenset(
 def _rows(
     first: _PressMeans, second: _PressMeans, rng: np.random.Generator
 ) -> Iterator[MetricComparison]:
-    cells = list(first.means)
+    values = {cell: np.concatenate([first.means[cell], second.means[cell]]) for cell in first.means}
+    cells = [cell for cell, known in values.items() if np.isfinite(known).any()]
     a, b = (np.stack([one.means[cell] for cell in cells], axis=1) for one in (first, second))
     shared = np.isfinite(a) & np.isfinite(b)
     d = np.where(shared, a - b, 0.0)

@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.text import Text
 
 from tactibench.board.rows import NOT_STATED, measured_on, prior_of
+from tactibench.metrics.groups import condition
 from tactibench.protocols.board_spec import BoardSpec, RunTable, board_spec
-from tactibench.protocols.families import UNTOUCHED, Axis
+from tactibench.protocols.families import UNTOUCHED, Axis, family_of
 from tactibench.protocols.published import PublishedRow, PublishedTable, rows_for
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import HEADS, NAMES, is_share, named
@@ -80,6 +81,7 @@ def print_run(
     main = [
         _main_table(run_table, record, published, comparable[:OTHERS])
         for run_table in spec.run_tables
+        if run_table.compared or measured_rows(run_table, record)[1]
     ]
     for shown in main:
         console.print()
@@ -89,11 +91,12 @@ def print_run(
     if labels := labels_line(record):
         console.print(Text(labels))
     _print_notes(console, record, spec, published, len(comparable))
-    further = _further_metrics(record, spec.run_tables)
-    if further.rows:
-        console.print()
-        print_table(console, further)
-    if any(map(lacks_interval, (*main, further))):
+    further = [_further_metrics(record, spec, test) for test in ("", *spec.apart)]
+    for shown in further:
+        if shown.rows:
+            console.print()
+            print_table(console, shown)
+    if any(map(lacks_interval, (*main, *further))):
         console.print(Text(NO_INTERVAL_NOTE, style="dim"))
     print_speed(console, record, spec, published)
     console.print()
@@ -267,21 +270,33 @@ def _comparability(record: Record, published: Sequence[PublishedTable]) -> Itera
     return dict.fromkeys(reasons)
 
 
-def _further_metrics(record: Record, tables: Sequence[RunTable]) -> Table:
-    """Return every metric that no main table has shown, with its counts."""
-    metrics = [metric for metric in record.metrics if _is_further(metric, record, tables)]
-    grouped = any(metric.group != "all" for metric in metrics)
+def _further_metrics(record: Record, spec: BoardSpec, test: str) -> Table:
+    """Return every metric that no main table has shown, with its counts.
+
+    test: one that is scored apart, whose name its groups lose; "": the main one.
+    """
+    groups = {m.group: m.group for m in record.metrics if family_of(m.group) not in spec.apart}
+    if test:
+        own = {m.group for m in record.metrics if family_of(m.group) == test}
+        groups = {name: name.removeprefix(test).removeprefix(":") or "all" for name in own}
+    metrics = [
+        metric
+        for metric in record.metrics
+        if metric.group in groups and _is_further(metric, record, spec.run_tables)
+    ]
+    grouped = any(groups[metric.group] != "all" for metric in metrics)
     rows: list[list[Cell]] = []
     last = ""
     for metric in metrics:
         name = "" if metric.metric == last else named(metric.metric, metric.unit)
         value = metric_cell(metric, DECIMALS.get(metric.unit, 3))
-        group = (metric.group,) if grouped else ()
+        group = (groups[metric.group],) if grouped else ()
         rows.append([name, *group, value, f"{metric.n:,}", f"{metric.clusters:,}"])
         last = metric.metric
     group_head = ("of",) if grouped else ()
     counts = (Column("n"), Column("presses"))
-    heads: list[Head] = ["Also measured", *group_head, "value [95 % interval]", *counts]
+    title = f"Also measured, {test}" if test else "Also measured"
+    heads: list[Head] = [title, *group_head, "value [95 % interval]", *counts]
     return table(heads, rows)
 
 
@@ -290,7 +305,7 @@ def _is_further(metric: Metric, record: Record, tables: Sequence[RunTable]) -> b
     if any(metric.metric in t.metrics and metric.group in t.groups for t in tables):
         return False
     by_distance = any(metric.metric in t.metrics and not t.groups for t in tables)
-    if by_distance and metric.group != "all":
+    if by_distance and condition(metric.group) is not None:
         return False
     hard = any(other.metric == "error_ratio" for other in record.metrics)
     return not hard or (metric.group == "all" and metric.metric not in TOTALS)

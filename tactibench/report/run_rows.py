@@ -8,6 +8,7 @@ from dataclasses import replace
 from rich.console import Console
 from rich.text import Text
 
+from tactibench.metrics.groups import condition
 from tactibench.protocols.board_spec import RunTable
 from tactibench.records.record import Metric, Record
 from tactibench.report.labels import is_share
@@ -84,8 +85,12 @@ def _is_perfect(metric: Metric | None, value: Number) -> bool:
 
 
 def _distances(run_table: RunTable, metrics: Mapping[Key, Metric]) -> list[str]:
-    groups = {group for name, group in metrics if name in run_table.metrics and group != "all"}
-    return sorted(groups, key=float)
+    distances = {
+        group: distance
+        for name, group in metrics
+        if name in run_table.metrics and (distance := condition(group)) is not None
+    }
+    return sorted(distances, key=distances.__getitem__)
 
 
 def _decimals(

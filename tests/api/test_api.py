@@ -85,10 +85,10 @@ def test_frames_hold_what_the_records_hold(store: Path) -> None:
 
 def test_an_unknown_metric_is_named_with_the_close_one(store: Path) -> None:
     run = run_of(store, "cnn")
-    with pytest.raises(UserError, match="has no metric 'mae'; did you mean 'mae_mm'"):
-        run.value("mae", "mean")
-    with pytest.raises(UserError, match=r"has no mae_mm of 'all'; it has those of .*mean"):
-        run.value("mae_mm")
+    with pytest.raises(UserError, match="has no metric 'gospa'; did you mean 'gospa1_mm'"):
+        run.value("gospa")
+    with pytest.raises(UserError, match=r"has no gospa1_mm of 'mean'; it has those of .*all"):
+        run.value("gospa1_mm", "mean")
 
 
 def test_runs_are_compared_by_name_or_as_they_are(store: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_figure_has_its_numbers(store: Path, tmp_path: Path) -> None:
     board = tmp_path / "board"
     board.mkdir()
     made = api.plot("frontier", "exp1", board=board, store=store)
-    assert set(made.frame["metric"]) == {"p90_ms", "mae_mm"}
+    assert set(made.frame["metric"]) == {"p90_ms", "gospa1_mm"}
     assert all(isinstance(one, Table) for one in made.data.tables)
     assert made.save(tmp_path / "a.png").stat().st_size > 1000
     with pytest.raises(UserError, match=r"a.gif is no PNG file; call it .*a.png"):

@@ -100,8 +100,8 @@ def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
     made, errors = [], {}
     for name, (nominal, unseen) in values.items():
         for seed in range(3):
-            metrics = (("gospa1_mm", "all", nominal), ("gospa1_mm", "unseen", unseen))
-            record = fabricate(model=name, encoder=None, seed=seed, metrics=metrics)
+            metrics = (("gospa1_mm", "unseen", unseen),)
+            record = fabricate(model=name, encoder=None, seed=seed, error=nominal, metrics=metrics)
             record.identity.weights_hash = f"{name}{seed}"
             noise = rng.normal(0, 0.01, 200)
             own = PressErrors(presses, hard * unseen + noise)
@@ -114,7 +114,7 @@ def test_a_table_of_a_test_apart_has_its_own_order_and_ranks(fabricate) -> None:
         ranked = ranks("exp1", found, errors, apart)
         assert ranked is not None
         assert ranked.by_row == (1, 2, 3)
-    assert ranks("exp1", rows, errors, "unseen") is None
+    assert ranks("exp1@1", rows, errors, "unseen") is None
 
 
 @pytest.mark.parametrize("label", ["exp1", "exp2", "exp3"])

@@ -21,15 +21,24 @@ def stored(tmp_path, fabricate):
     return made
 
 
-def test_answers_keep_their_hash_and_the_errors_are_those_of_presses(tmp_path, stored) -> None:
-    run = stored()
+@pytest.mark.parametrize(
+    ("protocol", "expected"),
+    [
+        ("exp1", {0: 0.06, 1: 0.06, 2: 1.5, 3: 0.06, 4: 0.06}),  # 2 was missed: half the gate
+        ("exp1@1", dict.fromkeys((0, 1, 3, 4), 0.02)),  # a third of 0.06: y and depth are exact
+    ],
+)
+def test_answers_keep_their_hash_and_the_errors_are_those_of_presses(
+    tmp_path, stored, protocol, expected
+) -> None:
+    run = stored(protocol=protocol)
     path = add(run, tmp_path / "board").path
     arrays = read_answers_file(answers_file(path))
     answers = {name: a for name, a in arrays.items() if not name.startswith("ranked.")}
     assert arrays_hash(answers) == run.record.identity.predictions_hash
     found = press_errors(tmp_path / "board", run.record)
-    assert found.press.tolist() == [f"singles-{k}" for k in (0, 1, 3, 4)]  # 2 was not answered
-    assert found.error == pytest.approx([0.02] * 4)  # a third of 0.06: y and depth are exact
+    assert found.press.tolist() == [f"singles-{k}" for k in expected]
+    assert found.error == pytest.approx(list(expected.values()))
 
 
 def test_two_additions_write_the_same_bytes(tmp_path, stored) -> None:

@@ -30,7 +30,7 @@ def records(fabricate, errors, seeds=SEEDS, **more):
             record = fabricate(model=name, encoder=None, seed=seed, **more)
             record.identity.weights_hash = f"{name}{seed}"
             found = mean_interval(own, np.arange(len(own)))
-            row = next(m for m in record.metrics if m.metric == "mae_mm")
+            row = next(m for m in record.metrics if m.metric == "gospa1_mm")
             row.value, row.low, row.high, row.clusters = (
                 found.value,
                 found.low,
@@ -229,7 +229,7 @@ def test_a_row_without_presses_and_without_an_interval_has_no_rank(fabricate, er
     made = records(fabricate, errors)
     for record in made:
         if record.model.name == "b":
-            row = next(m for m in record.metrics if m.metric == "mae_mm")
+            row = next(m for m in record.metrics if m.metric == "gospa1_mm")
             row.low = row.high = None
     rows = rows_of(made)
     assert by_model(ranks("exp1", rows, {}), rows) == {"a": 1, "b": None, "c": 2}

@@ -60,7 +60,7 @@ def test_a_record_without_a_readable_signature_keeps_its_names(fabricate):
 def test_seeds_are_pooled_into_mean_interval_and_spread(fabricate, values):
     records = [fabricate(error=value, seed=k) for k, value in enumerate(values)]
     (row,) = rows_of(reversed(records))
-    pooled = row.metric("mae_mm", "mean")
+    pooled = row.metric("gospa1_mm", "all")
     assert row.seeds == tuple(range(len(values)))
     assert pooled.value == pytest.approx(np.mean(values))
     assert (pooled.low, pooled.high) == pytest.approx(
@@ -72,7 +72,7 @@ def test_seeds_are_pooled_into_mean_interval_and_spread(fabricate, values):
 
 def test_one_seed_without_a_value_makes_it_n_a(fabricate):
     (row,) = rows_of([fabricate(seed=0), fabricate(seed=1, error=None)])
-    assert row.metric("mae_mm", "mean") is None
+    assert row.metric("gospa1_mm", "all") is None
     assert row.metric("missed", "all") is not None
     assert row.metric("no such metric", "all") is None
 
@@ -80,7 +80,7 @@ def test_one_seed_without_a_value_makes_it_n_a(fabricate):
 def test_an_end_that_one_seed_does_not_know_is_open(fabricate):
     records = [fabricate(seed=0), fabricate(seed=1)]
     records[1].metrics[0].low = None
-    pooled = rows_of(records)[0].metric("mae_mm", "mean")
+    pooled = rows_of(records)[0].metric("gospa1_mm", "all")
     assert pooled.low is None
     assert pooled.high is not None
 
@@ -88,10 +88,10 @@ def test_an_end_that_one_seed_does_not_know_is_open(fabricate):
 def test_limits_stay_limits_and_opposite_ones_make_no_mean(fabricate):
     records = [fabricate(seed=k) for k in range(2)]
     records[0].metrics[0].censored = "<"
-    pooled = rows_of(records)[0].metric("mae_mm", "mean")
+    pooled = rows_of(records)[0].metric("gospa1_mm", "all")
     assert (pooled.censored, pooled.sd) == ("<", None)
     records[1].metrics[0].censored = ">"
-    assert rows_of(records)[0].metric("mae_mm", "mean") is None
+    assert rows_of(records)[0].metric("gospa1_mm", "all") is None
 
 
 @pytest.mark.parametrize(

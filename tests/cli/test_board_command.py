@@ -77,8 +77,8 @@ def test_the_same_figures_as_json(cli, stored_run):
     cli("board", "add", stored_run(error=0.05))
     cli("board", "export", "--json", "rows.json")
     rows = json.loads(Path("rows.json").read_text())
-    (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
-    assert (mae["value"], mae["unit"], mae["model"]) == (0.05, "mm", "unet")
+    (gospa,) = [row for row in rows if row["metric"] == "gospa1_mm"]
+    assert (gospa["value"], gospa["unit"], gospa["model"]) == (0.05, "mm", "unet")
 
 
 @pytest.mark.parametrize(
@@ -114,15 +114,16 @@ def test_the_same_figures_as_csv_and_latex(cli, stored_run):
     assert cli("board", "export", "--csv", "rows.csv", "--latex", "table.tex")[0] == 0
     with Path("rows.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    (mae,) = [row for row in rows if row["metric"] == "mae_mm"]
-    assert (mae["value"], mae["unit"], mae["model"], mae["rank"]) == ("0.0625", "mm", "a_b", "")
+    (gospa,) = [row for row in rows if row["metric"] == "gospa1_mm"]
+    shown = (gospa["value"], gospa["unit"], gospa["model"], gospa["rank"])
+    assert shown == ("0.0625", "mm", "a_b", "")
     text = Path("table.tex").read_text()
     assert (
         r"-- & a\_b & hertz & single & not stated & 3 & 0.0625 {\scriptsize [0.0563, 0.0688]} & "
         in text
     )
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 1
-    assert "% protocol:exp1@1|model:a_b" in text
+    assert "% protocol:exp1@2|model:a_b" in text
 
 
 def test_the_ranked_rows_are_shown(cli, refused, stored_run):

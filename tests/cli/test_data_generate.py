@@ -34,17 +34,17 @@ def test_a_protocol_becomes_a_data_set(cli: Any, tmp_path: Path, protocol: Path)
     command = ("data", "generate", protocol, *SMALL, "--count", "3", "--out", "set")
     code, out, err = cli(*command)
     assert (code, err) == (0, "")
-    assert out == "set: 18 samples of tactip-127 written\n"
+    assert out == "set: 27 samples of tactip-127 written\n"
     dataset = open_dataset(tmp_path / "set")
     assert dataset.header.status == "closed"
-    assert dataset.header.source["protocol"] == "short@1"
-    assert dataset.images(dataset.samples).shape == (18, 32, 32)
+    assert dataset.header.source["protocol"] == "short@2"
+    assert dataset.images(dataset.samples).shape == (27, 32, 32)
     assert set(dataset.splits) == {"short-single", "short-multiple"}
     kinds = {s.scene.indenter.name for s in dataset.samples if s.scene is not None}
-    assert kinds == {"single", "dual", "triple"}
+    assert kinds == {"single", "dual", "triple", "tips"}
     assert verify(tmp_path / "set") == []
     code, out, _ = cli(*command)
-    assert (code, out) == (0, "set: complete, 18 samples\n")
+    assert (code, out) == (0, "set: complete, 27 samples\n")
 
 
 def test_the_same_command_goes_on(cli: Any, tmp_path: Path) -> None:

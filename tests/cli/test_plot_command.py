@@ -40,8 +40,8 @@ def test_the_frontier_names_who_is_dominated_and_by_whom(cli, board):
     assert "Left out: 1 runs on other sensors." in out
     assert Path("f.png").read_bytes().startswith(PNG)
     rows = json.loads(Path("f.json").read_text())
-    assert {row["metric"] for row in rows} == {"p90_ms", "mae_mm"}
-    (beaten,) = [r for r in rows if r["dominated_by"] and r["metric"] == "mae_mm"]
+    assert {row["metric"] for row in rows} == {"p90_ms", "gospa1_mm"}
+    (beaten,) = [r for r in rows if r["dominated_by"] and r["metric"] == "gospa1_mm"]
     assert (beaten["group"], beaten["value"]) == ("unet, width=16 + hertz", 0.1)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tactibench.protocols.loader import LoadedProtocol, load_protocol, protocol_files, read_protocol
+from tactibench.protocols.loader import LoadedProtocol, protocol_files, read_protocol
 
 Tables = dict[str, Any]
 
@@ -64,12 +64,6 @@ def read_tables(tmp_path: Path) -> Callable[[Tables], LoadedProtocol]:
 @pytest.fixture
 def exp2() -> Tables:
     return tables_of("exp2")
-
-
-@pytest.fixture
-def apart() -> Tables:
-    """exp2 with tests that are scored apart."""
-    return tomllib.loads(load_protocol("exp2").path.read_text(encoding="utf-8"))
 
 
 @pytest.fixture

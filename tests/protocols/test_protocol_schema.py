@@ -81,7 +81,8 @@ def test_every_table_refuses_a_misspelt_key_with_the_right_one(
 
 def test_every_required_key_is_asked_for(read_tables: Read, exp2: dict[str, Any]) -> None:
     optional = {"draws", "split", "recorded", "count", "per_distance", "distances_mm", "side_mm"}
-    optional |= {"heights_mm", "catch", "tables"}
+    optional |= {"heights_mm", "catch", "tables", "tip_count", "apart_mm", "psychometric"}
+    optional |= {"apart", "instances"}
     for where in list(places(exp2)):
         if where[-1] in optional or (where[0] == "regimes" and len(where) > 1):
             continue
@@ -170,18 +171,18 @@ def test_rules_between_keys(
     ],
 )
 def test_rules_of_tests_apart(
-    read_tables: Read, apart: dict[str, Any], where: str, value: Any, said: str
+    read_tables: Read, exp2: dict[str, Any], where: str, value: Any, said: str
 ) -> None:
-    put(apart, where, value)
-    assert said in sentence(read_tables, apart)
+    put(exp2, where, value)
+    assert said in sentence(read_tables, exp2)
 
 
 def test_a_metric_of_a_test_apart_that_does_not_exist(
-    read_tables: Read, apart: dict[str, Any]
+    read_tables: Read, exp2: dict[str, Any]
 ) -> None:
-    apart["test"]["apart"][1]["metrics"] = ["mist"]
+    exp2["test"]["apart"][1]["metrics"] = ["mist"]
     with pytest.raises(UserError, match=r"metrics of test\.apart 'unseen'.*did you mean 'missed'"):
-        check_metrics(read_tables(apart))
+        check_metrics(read_tables(exp2))
 
 
 @pytest.mark.parametrize(

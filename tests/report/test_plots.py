@@ -319,16 +319,20 @@ def test_unseen_instances_of_another_protocol_stand_beside_a_frontier(fabricate:
         cases = tuple(("ospa_mm", f"individual:{k + 1}", error) for k, error in enumerate(errors))
         return fabricate("stability", settings={"width": width}, metrics=cases)
 
-    records = [fabricate(settings={"width": w}, error=w / 99, p90_ms=w) for w in (8, 16)]
+    settings = [{"width": w} for w in (8, 16)]
+    records = [
+        fabricate("exp1@1", settings=s, error=s["width"] / 99, p90_ms=s["width"]) for s in settings
+    ]
     (nominal,) = sections_of(records)
-    found = frontiers(nominal.rows, ERROR)
+    error = ranking_error("exp1@1")
+    found = frontiers(nominal.rows, error)
     errors = {8: [0.1, 0.2, 0.3, 0.4], 16: [1.0, 1.0, 1.0, 3.0]}
     (unseen,) = sections_of([pressed(w, e) for w, e in errors.items()])
-    (condition,) = off_nominal("exp1", nominal, [nominal], found, [unseen])
+    (condition,) = off_nominal("exp1@1", nominal, [nominal], found, [unseen])
     points = [(p.latency.value, p.error.value) for p in condition.frontiers[0].points]
     assert points == [(8, pytest.approx(0.25)), (16, pytest.approx(1.5))]
     assert [p.error.low for p in condition.frontiers[0].points] == pytest.approx([0.1, 1.0], 0.2)
-    left, right = frontier_figure(found, ERROR, off_nominal=[condition]).axes
+    left, right = frontier_figure(found, error, off_nominal=[condition]).axes
     assert "unseen instances" in right.get_title("left")
     assert "OSPA" in right.get_ylabel()
     assert left.get_xlim() == right.get_xlim()

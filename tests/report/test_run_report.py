@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tactibench.protocols.board_spec import board_spec
 from tactibench.records.record import AdaptedSensor
 from tactibench.report.run_report import labels_line, partial_line
 from tactibench.report.table import metric_number
@@ -62,13 +63,29 @@ def test_a_terminal_that_is_too_narrow_loses_no_number(
 def test_measured_and_published_rows_stand_under_their_origin(
     record: Any, render: Any, protocol: str
 ) -> None:
-    lines = render(record(protocol)).splitlines()
+    text = render(record(protocol))
+    lines = text.splitlines()
     origin = "real sensor recorded" if protocol == "surface" else "simulated sensor tactip-127"
     measured = [k for k, line in enumerate(lines) if line.startswith("measured here:")]
     papers = [k for k, line in enumerate(lines) if line.startswith("published: hardware TacTip")]
     assert all(origin in lines[k] for k in measured)
     assert len(papers) == 1
-    assert papers[0] > max(measured)
+    (compared,) = [part for part in text.split("\n\n") if "published: hardware TacTip" in part]
+    assert compared.rindex("measured here:") < compared.index("published: hardware TacTip")
+
+
+@pytest.mark.parametrize("protocol", ["exp1", "exp2", "exp3"])
+def test_tests_apart_have_a_table_where_they_were_pressed(
+    record: Any, render: Any, protocol: str
+) -> None:
+    """Not so in a quick run, and on a sensor that has no instances."""
+    title = board_spec(protocol).run_tables[-1].title
+    shown = record(protocol)
+    assert title in render(shown)
+    shown.metrics = [
+        m for m in shown.metrics if m.group.partition(":")[0] not in board_spec(protocol).apart
+    ]
+    assert title not in render(shown)
 
 
 def test_published_values_have_the_digits_of_the_paper(record: Any, render: Any) -> None:
@@ -133,7 +150,7 @@ def test_only_runs_of_the_same_question_stand_beside_and_partial_ones_are_marked
 ) -> None:
     shown = record("exp2")
     newer = record("exp2", name="newer")
-    newer.protocol.version = 2
+    newer.protocol.version += 1
     cut = record("exp2", name="cut", partial=True, limits={"quick": True, "limit": None})
     text = render(shown, 120, [shown, newer, cut, record("exp1", name="else")])
     assert re.findall(r"stored as (\S+)", text) == ["cut;"]

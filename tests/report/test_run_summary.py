@@ -73,16 +73,14 @@ def test_the_place_names_the_row_above(fabricate: Callable[..., Record]) -> None
     ranking, above = ranking_error("exp1"), Row((fabricate(model="cnn", error=0.0412),))
     made = fabricate(metrics=tuple(("rmse_over_bound", axis, value) for axis, value in RATIOS))
     line = place_line(made, Placement(ranking, 3, 9, above))
-    assert (
-        "rank 3 of 9 by MAE, mean of x, y and depth, above it cnn + hertz (single) 0.0412" in line
-    )
+    assert "rank 3 of 9 by GOSPA (p = 1), above it cnn + hertz (single) 0.0412" in line
     assert "RMSE 1.50 to 1,021 times the bound" in line
     assert line.endswith(f"next: `tactibench board add {made.name}`")
     lab = place_line(made, Placement(ranking, 3, 9, above, Path("lab")))
     assert lab.endswith(f"next: `tactibench board add {made.name} --board lab`")
     there = place_line(made, Placement(ranking, 3, 9, above, Path("lab"), committed=True))
     assert there.endswith("it is on the board, see `tactibench board show exp1 --board lab`")
-    assert "rank 1 of 9 by MAE, mean of x, y and depth, nothing above" in place_line(
+    assert "rank 1 of 9 by GOSPA (p = 1), nothing above" in place_line(
         made, Placement(ranking, 1, 9, None)
     )
     assert "no rank yet, which takes 3 seeds and 20 presses, above it cnn" in place_line(

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from few_presses import NUMBERS
 
 from tactibench.metrics.gospa import gospa
 from tactibench.protocols.loader import load_protocol
@@ -22,35 +21,18 @@ from tactibench.run.reporter import NullReporter
 from tactibench.run.request import TestOptions
 from tactibench.run.score import rescore
 
-FEWER = NUMBERS | {
-    "count = 240": "count = 8",
-    "count = 400": "count = 16",
-    "per_distance = 20": "per_distance = 1",
-    "per_distance = 24": "per_distance = 2",
-}
 MAIN, BETWEEN, UNEVEN, UNSEEN = 2 * 12 + 4, 11, 8, 2 * 12
 """Test frames of a run: pairs with catch trials, and those that are scored apart."""
 
 
-def few(name: str, folder: Path) -> Path:
-    """Write a version with tests apart, with few presses and an id of its own."""
-    text = load_protocol(f"{name}@2").path.read_text(encoding="utf-8")
-    text = text.replace(f'id = "{name}"', 'id = "few-apart"')
-    for long, short in FEWER.items():
-        text = re.sub(rf"^{long}\b", short, text, flags=re.MULTILINE)
-    path = folder / "few-apart.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
 @pytest.fixture
-def exp2(tmp_path: Path) -> Path:
-    return few("exp2", tmp_path)
+def exp2(mini: Callable[[str], str]) -> Path:
+    return Path(mini("exp2"))
 
 
 def without_apart(protocol: Path) -> Path:
     """Write the same protocol without the tests that are scored apart."""
-    text = protocol.read_text(encoding="utf-8").replace("few-apart", "few-plain")
+    text = protocol.read_text(encoding="utf-8").replace("few-exp2", "few-plain")
     text = re.sub(r"\[\[test\.apart\]\].*?(?=\n\[)", "", text, flags=re.DOTALL)
     path = protocol.with_name("few-plain.toml")
     path.write_text(text, encoding="utf-8")
@@ -128,8 +110,8 @@ def test_a_test_of_few_presses_has_none(planned: Callable[..., RunPlan], exp2: P
     assert plan.frames.count("test") == 20
 
 
-def test_bounds_are_of_the_main_frames(run: Callable[..., StoredRun], tmp_path: Path) -> None:
-    truth = run(str(few("exp1", tmp_path)), sensor="several").arrays("truth")
+def test_bounds_are_of_the_main_frames(run: Callable[..., StoredRun]) -> None:
+    truth = run("exp1", sensor="several").arrays("truth")
     assert len(truth["bound"]) == 20
     assert len(truth["group"]) == 20 + 16
 

@@ -14,6 +14,13 @@ NUMBERS = {
     "test = 1000": "test = 20",
     "validation = 400": "validation = 10",
     "per_distance = 100": "per_distance = 2",
+    # Tests apart: an instance needs a press at least.
+    "count = 400": "count = 16",
+    "count = 240": "count = 8",
+    "count = 200": "count = 4",
+    "count = 160": "count = 8",
+    "per_distance = 20": "per_distance = 1",
+    "per_distance = 24": "per_distance = 2",
 }
 
 
