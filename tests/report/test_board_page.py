@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from tactibench.report.board_page import board_page, page_files
 ROOT = Path(__file__).resolve().parents[2]
 MAIN = "Error, and off the nominal sensor"
 """Title of the first table of exp1."""
+TITLE = r"^(?:#{2,3} |<details><summary>)"
+"""What stands before the title of a table, shown or folded."""
 PUBLISHED = load_published(["tactiverse"], ROOT / "leaderboards" / "published")
 
 
@@ -27,9 +30,9 @@ def made(records, protocol="exp1"):
 
 
 def tables(text):
-    """Title of every subsection -> its table as a list of {head: cell}, by number where twice."""
+    """Title of every table -> its rows as a list of {head: cell}, by number where twice."""
     found = {}
-    for part in re.split(r"^#{2,3} ", text, flags=re.MULTILINE)[1:]:
+    for part in re.split(TITLE, text, flags=re.MULTILINE)[1:]:
         lines = [line for line in part.split("\n") if line.startswith("| ")]
         rows = [[cell.strip() for cell in line[1:-1].split(" | ")] for line in lines]
         if rows:
@@ -37,7 +40,8 @@ def tables(text):
                 f"{head} {k}" if rows[0].count(head) > 1 else head for k, head in enumerate(rows[0])
             ]
             assert all(len(row) == len(heads) for row in rows), part
-            found.setdefault(part.split("\n")[0], []).append(
+            title = html.unescape(part.split("\n")[0].removesuffix("</summary>"))
+            found.setdefault(title, []).append(
                 [dict(zip(heads, row, strict=True)) for row in rows[2:]]
             )
     return found
@@ -118,14 +122,18 @@ def test_misses_stand_beside_every_error(protocol):
 
 def test_sensors_have_sections_of_their_own_and_published_rows_too(fabricate):
     text = made([fabricate(), fabricate(sensor={"instance": 3}), fabricate(origin="real")])
-    heads = re.findall(r"^## (.*)$", text, flags=re.MULTILINE)
-    assert heads == [
-        "Simulated sensor tactip-127",
-        "Simulated sensor tactip-127, instance=3: a perturbed individual",
-        "Real sensor tactip-127",
-        "Published",
-        "Machines",
+    heads = [part.split("\n")[0] for part in re.split(TITLE, text, flags=re.MULTILINE)]
+    places = [
+        heads.index(head)
+        for head in (
+            "Simulated sensor tactip-127",
+            "Simulated sensor tactip-127, instance=3: a perturbed individual</summary>",
+            "Real sensor tactip-127</summary>",
+            "Published",
+            "Machines</summary>",
+        )
     ]
+    assert places == sorted(places)
     found = tables(text)
     assert [len(rows) for rows in found[MAIN]] == [1, 1, 1]
     assert [row["model"] for row in found["tactiverse"][0]] == ["CNN", "U-Net"]

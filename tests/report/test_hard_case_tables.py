@@ -83,14 +83,14 @@ def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
     text = board_page(PROTOCOL, [record(fabricate), record(fabricate, "mean", 10.0)], []).markdown()
     for axis in AXES:
         assert f"#### {axis.family}: " in text
-    part = text.split("### Where the error doubles: what is pressed")[1].split("###")[0]
+    part = text.split("Where the error doubles: what is pressed")[1].split("</details>")[0]
     heads = next(line for line in part.split("\n") if line.startswith("| model"))
     assert "grazing, mm" in heads
     assert "blur" not in heads
     (row,) = [line for line in part.split("\n") if line.startswith("| unet ")]
     assert r"\> 6.5" in row
     assert "<br><sub>0.45 – 0.55</sub>" in row  # grazing at 0.5 mm
-    faults = text.split("the camera and its light")[1].split("###")[0]
+    faults = text.split("the camera and its light")[1].split("</details>")[0]
     assert "shift, px" in faults
     assert "individual" not in faults  # its values have no order
     assert "Latency" not in text
