@@ -1,0 +1,241 @@
+#!/usr/bin/env python
+"""Write the tables of docs/replication.md: what the paper printed beside what the boards hold.
+
+python scripts/make_replication.py            # the tables of docs/replication.md
+python scripts/make_replication.py --check    # exit code 1 when they are not what the records give
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import click
+
+from tactibench.board.ranking import row_difference
+from tactibench.board.rows import Row
+from tactibench.board.sections import NOMINAL, sections_of
+from tactibench.board.submissions import (
+    all_press_errors,
+    read_submissions,
+    records_of_version,
+)
+from tactibench.protocols.loader import load_protocol
+from tactibench.protocols.published import PublishedRow, load_published, rows_for
+from tactibench.report.numbers import fixed, number
+from tactibench.report.table import Cell, Column, Head, Number, Table, metric_number, table
+from tactibench.report.writers.markdown import table_lines
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE, BOARD = ROOT / "docs" / "replication.md", ROOT / "leaderboards"
+MARKS = "<!-- {}: python scripts/make_replication.py -->", "<!-- end of {} -->"
+NOT_RUN = "not run"
+TOO_FEW = "fewer than three seeds"
+
+
+@dataclass(frozen=True)
+class System:
+    """One system of the comparison: a model, its regime, and whether it is trained as in the paper.
+
+    Attributes:
+        model: Its name here.
+        regime: Of the training.
+        recipe: Of the paper, with the decoder of the paper, or the default of this project.
+    """
+
+    model: str
+    regime: str = "single"
+    recipe: str = "paper"
+
+    @property
+    def name(self) -> str:
+        """In a table: "U-Net, multiple"."""
+        shown = {"unet": "U-Net", "cnn": "CNN"}[self.model]
+        return shown if self.regime == "single" else f"{shown}, {self.regime}"
+
+    def is_of(self, row: Row) -> bool:
+        """Return whether a row of a board is this system."""
+        record = row.first
+        changed, encoder = record.model.changed, record.encoder
+        if record.model.name != self.model or record.regime != self.regime:
+            return False
+        if self.recipe != "paper":
+            return not changed and (encoder is None or not encoder.changed)
+        published = encoder is None or encoder.parameters.get("decoder") == "maximum"
+        return changed == {"recipe": "paper"} and published
+
+
+class Board:
+    """The rows of one protocol on the simulated sensor, and their errors press by press."""
+
+    def __init__(self, protocol: str) -> None:
+        self.protocol = protocol
+        version = load_protocol(protocol)
+        records = records_of_version(read_submissions(BOARD, protocol), version)
+        nominal = [one for one in sections_of(records) if one.kind == NOMINAL]
+        self.rows = next((one.rows for one in nominal if one.origin == "simulated"), ())
+        self.published = [
+            row
+            for paper in load_published(version.spec.published.tables, BOARD / "published")
+            for row in rows_for(protocol, paper)
+        ]
+
+    @cached_property
+    def errors(self) -> Mapping[str, object]:
+        """Press by press, by the name of the record."""
+        records = [record for row in self.rows for record in row.records]
+        return all_press_errors(BOARD, records)
+
+    def row(self, system: System) -> Row | None:
+        """Return the row of a system, None where it was not run."""
+        return next((row for row in self.rows if system.is_of(row)), None)
+
+
+Metrics = tuple[tuple[str, str, str, int], ...]
+"""Metric, group, head and decimals of the columns of a table."""
+METRICS: dict[str, Metrics] = {
+    "exp1": (
+        *(("mae_mm", axis, f"MAE {axis}, mm", 4) for axis in ("x", "y", "z", "mean")),
+        ("rmse_mm", "mean", "RMSE, mm", 4),
+        ("missed", "all", "missed, %", 2),
+    ),
+    "exp2": (
+        ("distance_mae_mm", "all", "distance of pairs seen as two, mm", 3),
+        ("resolved", "all", "seen as two, %", 1),
+        ("distance_penalised_mm", "all", "penalised distance, mm", 3),
+        ("threshold_mm", "all", "threshold, mm", 2),
+    ),
+    "exp3": (
+        *(("position_mean_mm", group, f"position {group}, mm", 3) for group in ("dual", "triple")),
+        *(("depth_mae_mm", group, f"depth {group}, mm", 3) for group in ("dual", "triple")),
+        *(("missed", group, f"missed {group}, %", 1) for group in ("dual", "triple")),
+    ),
+}
+SYSTEMS = {
+    "exp1": (System("cnn"), System("unet")),
+    "exp2": (System("unet"), System("unet", "multiple")),
+    "exp3": (System("unet"), System("unet", "multiple")),
+}
+
+
+def results(board: Board) -> Table:
+    """Return what was printed beside what was found, a line a system and place."""
+    columns = METRICS[board.protocol]
+    heads: list[Head] = [
+        Column("system", right=False, who=True),
+        "where",
+        Column("n"),
+        *(Column(head) for *_, head, _ in columns),
+    ]
+    lines: list[list[Cell]] = []
+    for published in board.published:
+        values = (_printed(published, *column) for column in columns)
+        regime = "" if published.regime == "single" else f", {published.regime}"
+        count = Number(published.n, "{:,.0f}".format) if published.n else None
+        lines.append([f"{published.model}{regime}", "printed, real sensor", count, *values])
+    for recipe, where in (("paper", "here, the paper's recipe"), ("default", "here, default")):
+        for system in SYSTEMS[board.protocol]:
+            row = board.row(System(system.model, system.regime, recipe))
+            lines.append([system.name, where, *_found(row, columns)])
+    return table(heads, lines)
+
+
+def _printed(row: PublishedRow, metric: str, group: str, _: str, digits: int) -> Cell:
+    value = row.metrics.get(metric, {}).get(group)
+    return None if value is None else Number(value, fixed(digits))
+
+
+def _found(row: Row | None, columns: Metrics) -> Iterator[Cell]:
+    if row is None:
+        yield NOT_RUN
+        yield from (None for _ in columns)
+        return
+    yield f"{len(row.seeds)} seeds" if len(row.seeds) > 1 else "1 seed"
+    for metric, group, _, digits in columns:
+        yield metric_number(row.metric(metric, group), digits)
+
+
+CLAIMS = (
+    ("exp1: U-Net minus CNN", "exp1", System("unet"), System("cnn")),
+    ("exp2: multiple minus single", "exp2", System("unet", "multiple"), System("unet")),
+    ("exp3: multiple minus single", "exp3", System("unet", "multiple"), System("unet")),
+)
+"""What the paper compares: the second is what the first is said to beat, or to equal."""
+
+
+def differences(boards: Mapping[str, Board]) -> Table:
+    """Return the differences that the claims are about, press by press, with their intervals."""
+    heads: list[Head] = [
+        Column("difference", right=False, who=True),
+        "error",
+        Column("the paper's recipe"),
+        Column("default"),
+    ]
+    lines = []
+    for name, protocol, first, second in CLAIMS:
+        board = boards[protocol]
+        cells = (_difference(board, first, second, recipe) for recipe in ("paper", "default"))
+        lines.append([name, ERRORS[protocol], *cells])
+    return table(heads, lines)
+
+
+ERRORS = {"exp1": "GOSPA, mm", "exp2": "penalised distance, mm", "exp3": "GOSPA, mm"}
+"""The error that orders each board."""
+
+
+def _difference(board: Board, first: System, second: System, recipe: str) -> Cell:
+    rows = [board.row(System(one.model, one.regime, recipe)) for one in (first, second)]
+    one, other = rows
+    if one is None or other is None:
+        return NOT_RUN
+    found = row_difference(board.protocol, one, other, board.errors)  # type: ignore[arg-type]
+    if found is None:
+        return TOO_FEW
+    return Number(found.value, signed, (found.low, found.high))
+
+
+def signed(value: float) -> str:
+    """Return a number with its sign."""
+    text = number(value, 3)
+    return text if value < 0 else f"+{text}"
+
+
+def page_with(text: str, tables: Mapping[str, Table]) -> str:
+    """Return the page with every table between its marks. Raises ValueError without marks."""
+    for name, shown in tables.items():
+        begin, end = (mark.format(name) for mark in MARKS)
+        before, _, rest = text.partition(begin)
+        after = rest[rest.index(end) :]
+        lines = "\n".join(table_lines(shown))
+        text = f"{before}{begin}\n\n{lines}\n\n{after}"
+    return text
+
+
+def all_tables() -> dict[str, Table]:
+    """Return the tables of the page by their names."""
+    boards = {name: Board(name) for name in METRICS}
+    return {
+        **{name: results(board) for name, board in boards.items()},
+        "differences": differences(boards),
+    }
+
+
+@click.command()
+@click.option("--check", is_flag=True, help="Write nothing; exit 1 when a table is out of date.")
+@click.pass_context
+def main(ctx: click.Context, check: bool) -> None:
+    """Write the tables of docs/replication.md."""
+    say: Callable[[str], None] = click.echo
+    text = PAGE.read_text(encoding="utf-8")
+    wanted = page_with(text, all_tables())
+    if check:
+        say("the tables are what the records give" if wanted == text else "a table is out of date")
+        ctx.exit(wanted != text)
+    PAGE.write_text(wanted, encoding="utf-8")
+    say(f"wrote the tables of {PAGE.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()
