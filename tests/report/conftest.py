@@ -299,8 +299,8 @@ def made_record(fabricate: Callable[..., Record], protocol: str, **changes: Any)
             "rejected": 0 if real else 2417,
             "published_frames": real,
         },
-        "signature": f"tactibench 0.1.0|{load_protocol(protocol).label}#0123456789ab|unet#77aa|hertz|tactip-127|"
-        "seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
+        "signature": f"tactibench 0.1.0|{load_protocol(protocol).label}#0123456789ab|unet#77aa|"
+        "hertz|tactip-127|seed 0|data ab12|weights 0a1b2c3d|code 91bc205",
     }
     record = fabricate(
         protocol, regime="recorded" if real else "single", encoder=None if real else "hertz"
