@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from tactibench.board.cost import latency, machine
 from tactibench.board.rows import TRIVIAL, Row
 from tactibench.board.sections import gather_records, select_section
+from tactibench.protocols.loader import protocol_versions
 from tactibench.records.files import atomic
 from tactibench.report.plots.style import (
     GREY,
@@ -52,9 +53,11 @@ HEADS = (
 def board_rows(protocol: str, board: Path = ROOT / "leaderboards") -> list[Row]:
     """Rows of the sensor with most runs, trained and tested on it, parameters at their defaults.
 
+    They are of the newest version of the protocol that has records.
     Networks that read other maps, mix when asked to or add plainly have rows of their own there.
     """
-    section = select_section(gather_records(protocol, board, None), None, protocol)
+    of_versions = (gather_records(one.name, board, None) for one in protocol_versions(protocol))
+    section = select_section(next(filter(None, of_versions), []), None, protocol)
     return [row for row in section.rows if _model(row) not in TRIVIAL and _plain(row)]
 
 

@@ -83,8 +83,8 @@ def fabricated(
     metrics: tuple[tuple[str, str, float | None], ...] = (),
     **more: Any,
 ) -> Record:
-    """A valid record. protocol: its id, or the label of an archived version. error: of the metric that orders the board; settings, sensor: parameters
-    that are not at their defaults."""
+    """A valid record. protocol: its id, or the label of an archived version. error: of the metric
+    that orders the board; settings, sensor: parameters that are not at their defaults."""
     from tactibench.protocols.loader import load_protocol
     from tactibench.records.record import Record
 

@@ -53,6 +53,8 @@ def could_be_drawn(scene: Scene, draw: Draw, workspace: Workspace) -> bool:
         return bool(np.abs(tips - np.array(draw.offsets_mm)).max() < SAME_MM)
     pairs = np.triu_indices(count, 1)
     distances = np.linalg.norm(tips[:, None, :2] - tips[None, :, :2], axis=2)[pairs]
+    if draw.indenter == "scattered":
+        return bool((distances > (draw.apart_mm or 0.0) - SAME_MM).all())
     if draw.indenter == "dual":
         flat = abs(float(tips[0, 2] - tips[1, 2])) < SAME_MM
         return flat and _is_among(float(distances[0]), draw.distances_mm)

@@ -26,7 +26,7 @@ def tactibench_models():
 
 @hookimpl
 def tactibench_sensors():
-    return [SensorSpec("tiny", "tiny_tactile.parts:TinySensor", "twelve pixels")]
+    return [SensorSpec("tiny", "tiny_tactile.parts:TinySensor", "twenty pixels")]
 """
 MODULE = """
 import os, signal, sys, threading, time

@@ -68,10 +68,12 @@ def test_a_limit_is_spread_over_all_sets(
 
 
 def test_groups_are_the_true_distances(planned: Planned) -> None:
-    pairs, catch = planned("exp2").frames.test
+    pairs, catch, between, uneven = planned("exp2").frames.test
     assert set(pairs.groups) == {f"{6.5 + 0.5 * i:.1f}" for i in range(12)}
     assert set(catch.groups) == {"catch"}
-    assert {g for w in planned("exp3").frames.test for g in w.groups} == {"dual", "triple"}
+    assert {*between.groups, *uneven.groups} == {"heldout:between", "heldout:uneven"}
+    kinds = {"dual", "triple", "heldout:three", "heldout:four", "heldout:five"}
+    assert {g for w in planned("exp3").frames.test for g in w.groups} == kinds
     assert {g for w in planned("exp1").frames.test for g in w.groups} == {"all"}
 
 
@@ -145,8 +147,9 @@ def test_only_maps_of_the_surface_are_scored_as_one(run: Callable[..., StoredRun
     """Every model of these tests shows maps; of "profiles" the first is no surface."""
     for encoder, counted in (("hertz", True), ("profiles", False)):
         done = run("exp1", "tiny-heat", encoder=encoder)
-        rows = [row for row in done.record.metrics if row.metric == "surface_rmse_mm"]
-        assert any(row.value is not None for row in rows) == counted
+        for metric in ("surface_rmse_mm", "surface_floor_mm", "surface_excess_mm"):
+            rows = [row for row in done.record.metrics if row.metric == metric]
+            assert any(row.value is not None for row in rows) == counted
         assert ("surface" in done.arrays("maps")) == counted
 
 
@@ -174,14 +177,15 @@ def test_the_plan_says_what_will_be_done(planned: Planned, run: Callable[..., St
     text = "\n".join(plan_lines(planned("exp2"), stored=False))
     assert "generate 30 (singles) and 10 (singles, validation) frames on tactip-127" in text
     assert "train tiny on cpu" in text
-    assert "generate 24 (pairs) and 4 (catch) frames" in text
+    tested = "24 (pairs) and 4 (catch) and 11 (between) and 8 (uneven) frames"
+    assert f"generate {tested}" in text
     run("exp1")
     text = "\n".join(plan_lines(planned("exp2"), stored=False))
     assert "take the trained weights from the cache" in text
     assert "singles" not in text, "training frames are not needed any more"
     run("exp2")
     text = "\n".join(plan_lines(planned("exp2"), stored=False))
-    assert "take 24 (pairs) and 4 (catch) frames from the cache" in text
+    assert f"take {tested} from the cache" in text
     assert "generate" not in text
     assert "is in the store" in "\n".join(plan_lines(planned("exp2"), stored=True))
 

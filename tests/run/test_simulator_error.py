@@ -37,7 +37,10 @@ def knows_its_error(tiny: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_record_has_the_error_of_every_test_set(run: Run, planned: Any, tmp_path: Any) -> None:
     done = run("exp2")
     sets = planned("exp2").frames.test
-    assert [error.name for error in done.record.data.simulator] == ["pairs", "catch"]
+    assert [error.name for error in done.record.data.simulator] == [
+        *("pairs", "catch"),
+        *("between", "uneven"),
+    ]
     for error, frames in zip(done.record.data.simulator, sets, strict=True):
         depth = np.array([scene.pose.depth for scene in frames.scenes])
         known = 0.01 * depth[depth <= 5]
@@ -45,7 +48,7 @@ def test_the_record_has_the_error_of_every_test_set(run: Run, planned: Any, tmp_
         assert error.median_mm == pytest.approx(np.median(known), abs=1e-4)
         assert error.p95_mm == pytest.approx(np.quantile(known, 0.95), abs=1e-4)
         assert error.max_mm == pytest.approx(known.max(), abs=1e-4)
-        assert error.terms == {"pair": len(depth) if error.name == "pairs" else 0}
+        assert error.terms == {"pair": 0 if error.name == "catch" else len(depth)}
     again = open_run(tmp_path / "runs", done.record.name)
     assert again.record.data.simulator == done.record.data.simulator
 

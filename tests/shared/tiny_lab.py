@@ -1,7 +1,7 @@
 """Commands in a laboratory so small that each takes a fraction of a second, in forked processes.
 
 A fork has everything imported, so that hundreds of commands can be stopped and called again. Its
-protocols have few presses, its sensor has twelve pixels, its model one weight.
+protocols have few presses, its sensor has twenty pixels, its model one weight.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def tiny_host(*_: Any, **__: Any) -> Any:
 
     epochs = Parameter("epochs", 6, "passes", low=1)
     model = ModelSpec("tiny", "tiny_tactile.trained:TrainedModel", "linear", (epochs,))
-    sensor = SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "twelve pixels")
+    sensor = SensorSpec("tactip-127", "tiny_tactile.parts:TinySensor", "twenty pixels")
     kinds = {
         "model": catalogue("model", model),
         "sensor": catalogue("sensor", sensor),

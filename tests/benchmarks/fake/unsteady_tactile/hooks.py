@@ -16,6 +16,6 @@ def tactibench_models() -> list[ModelSpec]:
 @hookimpl
 def tactibench_sensors() -> list[SensorSpec]:
     return [
-        SensorSpec("still", "unsteady_tactile.parts:Still", "twelve pixels"),
+        SensorSpec("still", "unsteady_tactile.parts:Still", "twenty pixels"),
         SensorSpec("threaded", "unsteady_tactile.parts:Threaded", "looks at its threads"),
     ]

@@ -29,7 +29,7 @@ SCALE = 18.0  # grey levels a millimetre
 
 
 class TinySensor(Sensor):
-    """(3, 4) frames: how many tips touch, then x, y and depth of up to three."""
+    """(5, 4) frames: x, y and depth of up to five tips; the last column says how many touch."""
 
     pressed: ClassVar[int] = 0
 
@@ -38,11 +38,11 @@ class TinySensor(Sensor):
         self.rng = np.random.default_rng(context.seed)
 
     def rest(self) -> Frame:
-        return Frame(np.zeros((3, 4), np.uint8), 0.0, Pose())
+        return Frame(np.zeros((5, 4), np.uint8), 0.0, Pose())
 
     def press(self, scene: Scene) -> Frame:
         type(self).pressed += 1
-        image = np.zeros((3, 4), np.uint8)
+        image = np.zeros((5, 4), np.uint8)
         truth = true_contacts(scene)
         image[:, 3] = len(truth)
         values = np.column_stack([truth.xy, truth.depth])
@@ -158,13 +158,15 @@ class TinyModel(Model):
 
 
 class TinyEncoder(Encoder):
-    """Stands behind the encoders of the tests; the model reads frames and asks it nothing."""
+    """Draws nothing; the model reads frames and does not ask it."""
+
+    channels = 1
 
     def __init__(self, blur: float = 2.0) -> None:
         self.blur = blur
 
     def encode(self, contacts: Contacts, grid: Grid) -> np.ndarray:
-        raise NotImplementedError
+        return np.zeros((1, *grid.shape), np.float32)
 
     def decode(self, maps: np.ndarray, grid: Grid) -> Contacts:
         raise NotImplementedError

@@ -1,1 +1,1 @@
-"""A plugin for sweeps: a sensor of twelve pixels, and a model that can kill its process."""
+"""A plugin for sweeps: a sensor of twenty pixels, and a model that can kill its process."""

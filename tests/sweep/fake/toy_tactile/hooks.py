@@ -17,4 +17,4 @@ def tactibench_models() -> list[ModelSpec]:
 
 @hookimpl
 def tactibench_sensors() -> list[SensorSpec]:
-    return [SensorSpec("toy", "toy_tactile.parts:ToySensor", "twelve pixels")]
+    return [SensorSpec("toy", "toy_tactile.parts:ToySensor", "twenty pixels")]
