@@ -117,7 +117,7 @@ def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) 
 
 
 def elsewhere_frontiers(
-    nominal: Sequence[Frontier], rows: Iterable[Row], metric: str, groups: Sequence[str]
+    nominal: Sequence[Frontier], rows: Iterable[Row], error: Ranking
 ) -> list[Frontier]:
     """Return the same configurations with their errors on other test frames, in the same order.
 
@@ -126,8 +126,7 @@ def elsewhere_frontiers(
     Args:
         nominal: Where the configurations were timed.
         rows: Of the section with the other test frames.
-        metric: Of the error.
-        groups: Of the metric: the error is their mean, its range from the lowest to the highest.
+        error: On these.
     """
     by_label = {(row.regime, row.short): row for row in rows if not row.trivial}
     moved = []
@@ -135,10 +134,9 @@ def elsewhere_frontiers(
         points = []
         for point in frontier.points:
             row = by_label.get((frontier.regime, point.label))
-            errors = [] if row is None else [_error(row, metric, group) for group in groups]
-            known = [one for one in errors if one is not None]
-            if row is not None and len(known) == len(groups):
-                points.append(Point(row, point.latency, _mean(known)))
+            value = None if row is None else _error(row, error.metric, error.group)
+            if row is not None and value is not None:
+                points.append(Point(row, point.latency, value))
         dominated = {point.label: by for point in points if (by := _dominators(point, points))}
         best = tuple(line(points))
         moved.append(replace(frontier, points=tuple(points), best=best, dominated=dominated))
@@ -178,12 +176,6 @@ def _latency(row: Row) -> Range | None:
         return None
     value = statistics.fmean(times)
     return Range(value, min(*times, value * (1 - SETTLED)), max(*times, value * (1 + SETTLED)))
-
-
-def _mean(ranges: Sequence[Range]) -> Range:
-    """Return the mean of the values in the envelope of the ranges."""
-    low, high = min(one.low for one in ranges), max(one.high for one in ranges)
-    return Range(statistics.fmean(one.value for one in ranges), low, high)
 
 
 def _error(row: Row, metric: str, group: str) -> Range | None:

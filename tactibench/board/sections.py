@@ -6,12 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactibench.board.grouping import rows_of, section_key, trained_for, whole
+from tactibench.board.grouping import rows_of, section_key, trained_for
 from tactibench.board.rows import Row, trained_on
 from tactibench.board.submissions import records_of, slot
 from tactibench.errors import UserError, did_you_mean
-from tactibench.protocols.board_spec import board_spec
-from tactibench.protocols.loader import load_protocol, protocol_versions
+from tactibench.protocols.loader import load_protocol
 from tactibench.records.identity import canonical, digest
 from tactibench.records.record import Record, SensorId
 from tactibench.records.store import stored_runs
@@ -138,20 +137,6 @@ def select_section(records: Iterable[Record], sensor: str | None, protocol: str)
             f"no run of {protocol} is on a sensor {sensor!r}; {did_you_mean(sensor, names)}"
         )
     return max(fitting, key=_runs)
-
-
-def unseen_sections(protocol: str, board: Path, runs: Path | None) -> list[Section]:
-    """Return where a board says that sensors were pressed which no training saw.
-
-    These are the nominal sections of all versions of that protocol, the newest first; () where the
-    board names none. Raises UserError.
-    """
-    unseen = board_spec(protocol).unseen
-    if unseen is None:
-        return []
-    versions = protocol_versions(unseen.protocol)
-    records = [whole(all_records(version.name, board, runs)) for version in versions]
-    return [one for of_one in records for one in sections_of(of_one) if one.kind == NOMINAL]
 
 
 def left_out(records: Sequence[Record], section: Section) -> int:

@@ -117,29 +117,15 @@ class Headline(_Frozen):
     decimals: Decimals
 
 
-class Unseen(_Frozen):
-    """An error on instances of the sensor that no training saw, from another protocol's records.
-
-    groups: of the metric, one an instance. name: on the axis.
-    """
-
-    protocol: Text
-    metric: Text
-    groups: Annotated[tuple[Text, ...], Field(min_length=1)]
-    name: Text
-
-
 class BoardSpec(_Frozen):
     """A protocol's board: its ranking, its tables, and the tables of one run.
 
     apart: the errors that rank tests that are scored apart from the main one, by their names.
-    unseen: beside speed against error. note: how to read a run's tables. common: names of tables
-    that other protocols show, too.
+    note: how to read a run's tables. common: names of tables that other protocols show, too.
     """
 
     ranking: Ranking | None = None
     apart: Mapping[str, Ranking] = {}
-    unseen: Unseen | None = None
     headline: Headline | None = None
     note: str = ""
     blocks: tuple[Block, ...] = ()

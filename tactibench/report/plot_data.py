@@ -21,7 +21,6 @@ from tactibench.board.sections import (
     left_out,
     sections_of,
     select_section,
-    unseen_sections,
 )
 from tactibench.errors import UserError, did_you_mean
 from tactibench.protocols.loader import load_protocol
@@ -96,8 +95,7 @@ def frontier_data(
         from tactibench.report.plots.frontier import frontier_figure, off_nominal
 
         everywhere = sections_of(whole(all_records(protocol, board, runs)))
-        unseen = unseen_sections(protocol, board, runs)
-        other = off_nominal(protocol, section, everywhere, regimes, unseen)
+        other = off_nominal(protocol, section, everywhere, regimes)
         return frontier_figure(regimes, error, off_nominal=other, measured_on=subject)
 
     return PlotData(

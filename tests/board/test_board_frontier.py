@@ -175,7 +175,7 @@ def test_off_nominal_points_have_the_nominal_times_and_their_own_errors(fabricat
         fabricate(settings={"width": 16}, error=0.9, p90_ms=99.0, sensor={"instance": 1}),
         fabricate(model="mean", encoder=None, error=0.1, sensor={"instance": 1}),
     ]
-    (moved,) = elsewhere_frontiers([one(nominal)], rows_of(elsewhere), ERROR.metric, [ERROR.group])
+    (moved,) = elsewhere_frontiers([one(nominal)], rows_of(elsewhere), ERROR)
     points = {p.label: (p.latency.value, p.error.value) for p in moved.points}
     assert points == {"unet, width=8 + hertz": (2.0, 0.3), "unet, width=16 + hertz": (3.0, 0.9)}
     assert [point.label for point in moved.best] == ["unet, width=8 + hertz"]

@@ -314,30 +314,28 @@ def test_off_nominal_panels_stand_beside_the_nominal_ones(fabricate: Any) -> Non
     assert off_nominal("exp1", nominal, [nominal], found) == []
 
 
-def test_unseen_instances_of_another_protocol_stand_beside_a_frontier(fabricate: Any) -> None:
-    def pressed(width: int, errors: list[float]) -> Record:
-        cases = tuple(("ospa_mm", f"individual:{k + 1}", error) for k, error in enumerate(errors))
-        return fabricate("stability", settings={"width": width}, metrics=cases)
-
-    settings = [{"width": w} for w in (8, 16)]
+def test_sensors_that_no_training_saw_stand_beside_a_frontier(fabricate: Any) -> None:
     records = [
-        fabricate("exp1@1", settings=s, error=s["width"] / 99, p90_ms=s["width"]) for s in settings
+        fabricate(
+            settings={"width": w},
+            error=w / 99,
+            p90_ms=w,
+            metrics=(("gospa1_mm", "unseen", unseen),),
+        )
+        for w, unseen in ((8, 0.3), (16, 0.2))
     ]
-    (nominal,) = sections_of(records)
-    error = ranking_error("exp1@1")
-    found = frontiers(nominal.rows, error)
-    errors = {8: [0.1, 0.2, 0.3, 0.4], 16: [1.0, 1.0, 1.0, 3.0]}
-    (unseen,) = sections_of([pressed(w, e) for w, e in errors.items()])
-    (condition,) = off_nominal("exp1@1", nominal, [nominal], found, [unseen])
+    nominal, other = sections_of(
+        [*records, *(fabricate(settings={"width": w}, sensor={"instance": 1}) for w in (8, 16))]
+    )
+    found = frontiers(nominal.rows, ERROR)
+    (condition,) = off_nominal("exp1", nominal, [nominal, other], found)
     points = [(p.latency.value, p.error.value) for p in condition.frontiers[0].points]
-    assert points == [(8, pytest.approx(0.25)), (16, pytest.approx(1.5))]
-    assert [p.error.low for p in condition.frontiers[0].points] == pytest.approx([0.1, 1.0], 0.2)
-    left, right = frontier_figure(found, error, off_nominal=[condition]).axes
-    assert "unseen instances" in right.get_title("left")
-    assert "OSPA" in right.get_ylabel()
+    assert points == [(8, 0.3), (16, 0.2)]
+    left, right = frontier_figure(found, ERROR, off_nominal=[condition]).axes
+    assert "8 sensors that no training saw" in right.get_title("left")
+    assert "unseen" in right.get_ylabel()
     assert left.get_xlim() == right.get_xlim()
     assert left.get_ylim() != right.get_ylim()  # another error has an axis of its own
-    assert off_nominal("exp2", nominal, [nominal], found, [unseen]) == []
 
 
 def test_a_learning_curve_has_its_values_and_bars(fabricate: Any) -> None:

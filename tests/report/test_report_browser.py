@@ -95,7 +95,7 @@ def test_every_picture_is_shown_without_a_word_or_a_request(tab):
 def test_a_head_sorts_by_click_and_by_key_numbers_as_numbers(tab):
     table = tab.page.locator("#exp1-0 .tables table.board").first
     heads = [head.inner_text() for head in table.locator("th").all()]
-    number = next(k for k, head in enumerate(heads) if head.startswith("MAE"))
+    number = next(k for k, head in enumerate(heads) if head.startswith("GOSPA"))
     before = tab.column(table, number)
     button = table.locator("th").nth(number).locator("button")
     button.click()
@@ -113,7 +113,7 @@ def test_rows_without_a_number_stay_last(browser, files):
     tab = Tab(browser, files / "plain.html")
     table = tab.page.locator("#exp1-0 .tables table.board").first
     heads = [head.inner_text() for head in table.locator("th").all()]
-    number = next(k for k, head in enumerate(heads) if head.startswith("MAE"))
+    number = next(k for k, head in enumerate(heads) if head.startswith("GOSPA"))
     gap = table.locator("tbody tr").first.locator("td").nth(number)
     gap.evaluate("cell => { cell.textContent = 'n/a'; delete cell.dataset.v; }")
     for _ in range(2):
@@ -176,8 +176,8 @@ def test_rows_are_cards_on_a_phone_and_every_cell_has_its_head(browser, files):
     cells = box.locator("tbody tr").first.locator("td")
     heads = [cell.get_attribute("data-head") for cell in cells.all()]
     assert "model" in heads
-    assert any(head.startswith("MAE") for head in heads)
-    number = next(k for k, head in enumerate(heads) if head.startswith("MAE"))
+    assert any(head.startswith("GOSPA") for head in heads)
+    number = next(k for k, head in enumerate(heads) if head.startswith("GOSPA"))
     before = tab.column(box, number)
     box.locator(".sortby select").select_option(str(number))
     assert tab.column(box, number) == sorted(before, key=float)

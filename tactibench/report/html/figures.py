@@ -147,7 +147,7 @@ def _frontier_panel(here: Section, board: ReportBoard, sections: Sequence[Sectio
             words = machine_words(regimes[0].points[0].row.first)
             untimed = ", ".join(label for regime in regimes for label in regime.untimed)
             note = f"Without a time or an error: {untimed}." if untimed else ""
-            other = off_nominal(board.name, here, sections, regimes, board.unseen)
+            other = off_nominal(board.name, here, sections, regimes)
             drawn = [_less_crowded(regime) for regime in regimes]
             figure = frontier_figure(drawn, error, off_nominal=other, title="")
             beaten = any(regime.dominated for regime in regimes)

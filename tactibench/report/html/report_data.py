@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactibench.board.grouping import whole
 from tactibench.board.predictions import PressErrors, press_errors_of
 from tactibench.board.ranking import Errors
-from tactibench.board.sections import NOMINAL, Section, sections_of
 from tactibench.board.submissions import (
     all_press_errors,
     check_folder,
@@ -39,7 +37,6 @@ class ReportBoard:
         published: Tables of papers.
         errors: Press by press, by the name of the record.
         runs: Stored runs, by the name of the record.
-        unseen: Where other instances of the sensor were pressed, by another protocol.
     """
 
     protocol: LoadedProtocol
@@ -47,7 +44,6 @@ class ReportBoard:
     published: tuple[PublishedTable, ...]
     errors: Errors
     runs: Mapping[str, StoredRun] = field(default_factory=dict)
-    unseen: tuple[Section, ...] = ()
 
     @property
     def name(self) -> str:
@@ -101,17 +97,8 @@ def gather(
     if origin != RUNS:
         check_folder(board)
     wanted = [one for one in versions if not protocols or one.name in protocols]
-    pressed = {spec.unseen.protocol for one in wanted if (spec := board_spec(one.name)).unseen}
-    read = [
-        _board(version, complete, board, origin)
-        for version in versions
-        if version in wanted or version.spec.id in pressed
-    ]
-    boards = [
-        replace(one, unseen=tuple(_unseen(one, read)))
-        for one in read
-        if one.protocol in wanted and (one.records or one.name in protocols)
-    ]
+    read = [_board(version, complete, board, origin) for version in wanted]
+    boards = [one for one in read if one.records or one.name in protocols]
     present = {one.name for one in boards}
     others = [one for one in boards if one.protocol.archived and one.protocol.spec.id in present]
     if not (protocols or archived):
@@ -145,15 +132,6 @@ def _board(
     shown = sorted([*committed, *own], key=lambda record: record.name)
     tables = tuple(published_tables(protocol, board))
     return ReportBoard(protocol, tuple(shown), tables, errors, by_name)
-
-
-def _unseen(board: ReportBoard, read: Iterable[ReportBoard]) -> Iterator[Section]:
-    """Yield the nominal sections of the protocol that presses other instances of the sensor."""
-    unseen = board_spec(board.name).unseen
-    for other in read:
-        if unseen is not None and other.protocol.spec.id == unseen.protocol:
-            sections = sections_of(whole(other.records))
-            yield from (section for section in sections if section.kind == NOMINAL)
 
 
 def _press_errors(

@@ -15,6 +15,7 @@ from tactibench.board.frontier import Frontier, Point, Range, elsewhere_frontier
 from tactibench.board.sections import KINDS, Section
 from tactibench.board.sections import NOMINAL as NOMINAL_KIND
 from tactibench.protocols.board_spec import Ranking, board_spec
+from tactibench.protocols.loader import load_protocol
 from tactibench.report.plots.style import (
     GREY,
     Look,
@@ -66,11 +67,7 @@ class Condition:
 
 
 def off_nominal(
-    protocol: str,
-    here: Section,
-    sections: Sequence[Section],
-    nominal: Sequence[Frontier],
-    unseen: Sequence[Section] = (),
+    protocol: str, here: Section, sections: Sequence[Section], nominal: Sequence[Frontier]
 ) -> list[Condition]:
     """Return how the same configurations did where the sensor was not the nominal one.
 
@@ -79,33 +76,29 @@ def off_nominal(
         here: The section of the frontiers.
         sections: All of the board.
         nominal: Frontiers of its rows.
-        unseen: Sections of the protocol that presses other instances, the newest version first.
 
     Returns:
-        The section of the same sensor with most of the configurations, and the first of those
-        other instances; none has less than two configurations, and there is none where the
-        frontiers themselves are not of the nominal sensor.
+        The other instances that the protocol presses; without rows of these, the section of the
+        same sensor with most of the configurations. A single point shows no order and is left out,
+        and there is none where the frontiers themselves are not of the nominal sensor.
     """
     spec = board_spec(protocol)
     if here.kind != NOMINAL_KIND or spec.ranking is None:
         return []
-    error, more = spec.ranking, spec.unseen
-    moved = []
+    unseen, moved = [], []
+    for test in load_protocol(protocol).spec.test.apart:
+        if test.instances and (error := spec.apart.get(test.name)):
+            found = elsewhere_frontiers(nominal, here.rows, error)
+            words = f"off-nominal: {len(test.instances)} sensors that no training saw"
+            unseen.append(Condition(words, tuple(found), f"{error.name}, {error.unit}"))
     for section in sections:
         if section.kind != NOMINAL_KIND and section.sensor.name == here.sensor.name:
-            test = section.record.test_sensor
-            words = KINDS[section.kind] if test is None else test.description
-            found = elsewhere_frontiers(nominal, section.rows, error.metric, [error.group])
+            test_sensor = section.record.test_sensor
+            words = KINDS[section.kind] if test_sensor is None else test_sensor.description
+            found = elsewhere_frontiers(nominal, section.rows, spec.ranking)
             moved.append(Condition(f"off-nominal: {words}", tuple(found)))
-    instances = []
-    for section in unseen:
-        if more is not None and section.sensor.name == here.sensor.name:
-            found = elsewhere_frontiers(nominal, section.rows, more.metric, more.groups)
-            words = f"{len(more.groups)} unseen instances, best to worst"
-            instances.append(Condition(f"off-nominal: {words}", tuple(found), more.name))
     moved.sort(key=lambda one: -one.count)
-    newest = [one for one in instances if one.count > 1]  # a single point shows no order
-    return [one for one in moved[:1] if one.count > 1] + newest[:1]
+    return [one for one in (*unseen, *moved) if one.count > 1][:1]
 
 
 def frontier_figure(
