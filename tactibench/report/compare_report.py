@@ -27,6 +27,10 @@ MISSES = (
 """Metric, word, scale, decimals, unit of what is never left out beside an error."""
 
 
+SIGNIFICANT = 0.05
+"""p below which a run is called better."""
+
+
 def print_comparisons(
     console: Console, runs: Sequence[StoredRun], comparisons: Sequence[Comparison]
 ) -> None:
@@ -113,10 +117,12 @@ def _format(row: MetricComparison) -> tuple[float, Format]:
 
 
 def _better(row: MetricComparison, first: str, second: str) -> str:
-    """Return which run is better, where the interval does not hold 0."""
+    """Return which run is better, where neither interval nor permutation leaves it to chance."""
     difference, better = row.difference, find_metric(row.metric).better
     low, high = difference.low, difference.high
     if better == "none" or low is None or high is None or low <= 0 <= high:
+        return ""
+    if row.p is None or row.p >= SIGNIFICANT:  # of few presses the t interval alone says too much
         return ""
     return first if (high < 0) == (better == "lower") else second
 
@@ -139,9 +145,9 @@ def _notes(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> Iter
         "they may differ from the figures of a run alone."
     )
     yield (
-        "Interval: paired t over presses. better: the interval does not hold 0. p: two-sided "
-        f"sign-flip permutation test of whole presses; p Holm: adjusted for all {count} of this "
-        "output."
+        "Interval: paired t over presses. better: the interval does not hold 0, and p < "
+        f"{SIGNIFICANT:g}. p: two-sided sign-flip permutation test of whole presses; p Holm: "
+        f"adjusted for all {count} of this output."
     )
     if any(any(row.alone) for row in rows):
         yield (
