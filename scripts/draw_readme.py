@@ -72,7 +72,9 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
             axes.plot([nominal.value], [place], "o", color=colour, markersize=10, zorder=3)
         hollow = {"color": colour, "markerfacecolor": "white", "markeredgewidth": 1.6}
         axes.plot(others, [place] * len(others), "D", markersize=6, zorder=2, **hollow)
-    axes.set_yticks(range(len(shown)), [line_name(line.row) for line in reversed(shown)])
+    axes.set_yticks(
+        range(len(shown)), [line_name(line.row, regime=False) for line in reversed(shown)]
+    )
     axes.set_xscale("log")
     ticks = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -94,7 +96,7 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
 def page_with(text: str, lines: Sequence[OverviewLine]) -> str:
     """Return the page with the table between its marks. Raises ValueError without marks."""
     begin, end = text.index(BEGIN) + len(BEGIN), text.index(END)
-    rows = "\n".join(table_lines(overview_table(lines, interval=False)))
+    rows = "\n".join(table_lines(overview_table(lines, interval=False, regime=False)))
     return f"{text[:begin]}\n\n{rows}\n\n{text[end:]}"
 
 

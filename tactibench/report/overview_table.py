@@ -21,6 +21,7 @@ def overview_table(
     lines: Iterable[OverviewLine],
     *,
     interval: bool = True,
+    regime: bool = True,
     link: Callable[[str], str] = lambda _: "",
 ) -> Table:
     """Return the overview as a table.
@@ -28,6 +29,7 @@ def overview_table(
     Args:
         lines: In their order.
         interval: Whether intervals stand below the values.
+        regime: Whether a name says in which regime the model was trained.
         link: Makes the link to a row of the first protocol out of its anchor.
     """
     spec = overview_spec()
@@ -45,15 +47,16 @@ def overview_table(
             metric_number(value, column.decimals, interval=interval)
             for value, column in zip(line.values, spec.columns, strict=True)
         )
-        name = Text(line_name(line.row), link=link(row_anchor(line.row)))
+        name = Text(line_name(line.row, regime=regime), link=link(row_anchor(line.row)))
         rows.append([name, line.row.prior, *values, _worst(line), *_costs(line.row)])
     return table(heads, rows, title=TITLE, note=spec.note)
 
 
-def line_name(row: Row) -> str:
+def line_name(row: Row, *, regime: bool = True) -> str:
     """Return the label, and what it was trained on where that is not the protocol's own sensor."""
     own, sensor = load_protocol(row.first.protocol.id).spec.defaults.sensor, row.first.sensor.text()
-    return label_of(row.first) + ("" if sensor == own else f", trained on {sensor}")
+    label = label_of(row.first) if regime else label_of(row.first).replace(f" ({row.regime})", "")
+    return label + ("" if sensor == own else f", trained on {sensor}")
 
 
 def _worst(line: OverviewLine) -> Cell:
