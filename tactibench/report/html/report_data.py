@@ -181,8 +181,10 @@ def _origin_sentence(
     left += [plural(damaged, "run") + " that cannot be read"] if damaged else []
     if other:
         left.append(f"{plural(other, 'run')} of other protocols, or older ones of the same row")
-    for one in others:
-        left.append(f"{plural(len(one.records), 'record')} of {one.name} (--protocol {one.name})")
+    if others:
+        count = plural(sum(len(one.records) for one in others), "record")
+        names = ", ".join(one.name for one in others)
+        left.append(f"{count} of earlier versions (--protocol {names})")
     text = f"Made from {' and '.join(shown)}" + (f", the newest of {newest}" if newest else "")
     return f"{text}. Left out: {' and '.join(left)}." if left else f"{text}."
 
