@@ -1,6 +1,6 @@
 """How far the labels of plate presses are off: mean absolute errors, mm and deg.
 
-    python benchmarks/label_scatter.py ../shared/data/tac-vgnn/{331,127}/model_surface2d
+    python -P benchmarks/label_scatter.py path/to/331/model_surface2d path/to/127/model_surface2d
 
 Test presses of ``surface`` are left out, and in every folder those of the published list. Labels
 are held against the pins by a kernel regression in which no press takes part in its own prediction.
