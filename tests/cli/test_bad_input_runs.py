@@ -97,4 +97,4 @@ def test_damaged_arrays(refused: Any, stored: Path, part: str) -> None:
 def test_a_protocol_that_has_changed_since(refused: Any, stored: Path) -> None:
     record = json.loads((stored / "record.json").read_text(encoding="utf-8"))
     rewrite(stored, protocol={**record["protocol"], "hash": "0" * 64})
-    assert "exp1@1" in refused("score", stored.name)
+    assert "exp1@2" in refused("score", stored.name)
