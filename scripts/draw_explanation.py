@@ -110,7 +110,7 @@ def misses_picture(path: Path, rows: Sequence[Row]) -> None:
 
 def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
     """p90 of every seed of a configuration, where all were timed with the same arithmetic."""
-    drawn = [row for row in rows if len(row.over(_p90)) > 1 and len(_timed_as(row)) == 1]
+    drawn = timed_alike(rows)
     made = new_figure(8.0, 0.42 * len(drawn) + 1.6)
     axes = made.subplots()
     look = looks(rows)
@@ -137,6 +137,11 @@ def same_machine_picture(path: Path, rows: Sequence[Row]) -> None:
         "the same arithmetic every time; x: slowest over fastest",
     )
     save_png(made, path)
+
+
+def timed_alike(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows with several seeds that computed in one arithmetic on one machine."""
+    return [row for row in rows if len(row.over(_p90)) > 1 and len(_timed_as(row)) == 1]
 
 
 def _timed_as(row: Row) -> set[tuple[str, str]]:

@@ -75,7 +75,10 @@ def test_hidden_mistakes(refused, stored_run, monkeypatch):
     assert "1234" not in sentence
     monkeypatch.setenv(VARIABLE, SECRET)
     assert "takes recorded presses, which no seed draws" in refused("board", "hidden", "surface")
-    assert "no hash of a hidden seed was published for protocol 'exp1'" in refused(
+    assert "no hash of a hidden seed was published for protocol 'fine'" in refused(
+        "run", "fine", "--model", "mean", "--hidden-seed"
+    )
+    assert "is not the one whose hash was published for exp1@2" in refused(
         "run", "exp1", "--model", "mean", "--hidden-seed"
     )
     assert "leave one of --hidden-seed and --test reference out" in refused(

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 from documented import blocks, missing
 
+from tactibench.board.cost import machine
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "explanation.md"
 
@@ -42,9 +44,10 @@ def test_the_pictures_are_drawn(drawing: Any, tmp_path: Path) -> None:
 
 
 def test_only_seeds_that_computed_alike_on_one_machine_are_drawn_together(drawing: Any) -> None:
-    drawn = [row for row in drawing.board_rows("exp2") if len(row.records) > 1]
+    drawn = drawing.timed_alike(drawing.board_rows("exp2"))
     assert drawn
-    assert all(len(drawing._timed_as(row)) == 1 for row in drawn)
+    for row in drawn:
+        assert len({(record.timed.configuration, machine(record)) for record in row.records}) == 1
 
 
 @pytest.mark.slow

@@ -20,9 +20,9 @@ TEXTS: dict[str, Callable[[str], str]] = {
     ),
     "huge number": lambda text: text.replace('"rejected": ', '"rejected": 9' + "0" * 4000, 1),
     "huge exponent": lambda text: text.replace('"seconds": ', '"seconds": 1e308, "x": ', 1),
-    "lone surrogate": lambda text: text.replace('"AMD', '"\\ud800AMD', 1),
-    "control": lambda text: text.replace('"AMD', '"\\u001b[2JAMD', 1),
-    "right to left": lambda text: text.replace('"AMD', '"\\u202eAMD', 1),
+    "lone surrogate": lambda text: text.replace('"cpu": "', '"cpu": "\\ud800', 1),
+    "control": lambda text: text.replace('"cpu": "', '"cpu": "\\u001b[2J', 1),
+    "right to left": lambda text: text.replace('"cpu": "', '"cpu": "\\u202e', 1),
     "byte order mark": lambda text: "\ufeff" + text,
     "a key twice, once escaped": lambda text: text.replace(
         '"partial"', '"\\u0070artial": true, "partial"', 1
