@@ -86,7 +86,8 @@ BOARDS = Path(__file__).parents[2] / "leaderboards"
 @pytest.mark.long
 def test_hard_cases_are_a_heat_map_with_curves_behind_it(cli):
     pictures = ("--out", "heat.png", "--errors", "curves.png")
-    code, out, err = cli("plot", "stability", "--board", BOARDS, *pictures)
+    rows = ("--rows", "superpose (single)", "--rows", "vgnn (single)")
+    code, out, err = cli("plot", "stability", "--board", BOARDS, *rows, *pictures)
     assert (code, err) == (0, "")
     assert "picture: heat.png" in out
     assert "picture: curves.png" in out
