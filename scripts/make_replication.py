@@ -7,14 +7,14 @@ python scripts/make_replication.py --check    # exit code 1 when they are not wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import click
 
-from tactibench.board.ranking import row_difference
+from tactibench.board.ranking import Errors, ranking_error, row_difference
 from tactibench.board.rows import Row
 from tactibench.board.sections import NOMINAL, sections_of
 from tactibench.board.submissions import (
@@ -83,7 +83,7 @@ class Board:
         ]
 
     @cached_property
-    def errors(self) -> Mapping[str, object]:
+    def errors(self) -> Errors:
         """Press by press, by the name of the record."""
         records = [record for row in self.rows for record in row.records]
         return all_press_errors(BOARD, records)
@@ -137,7 +137,7 @@ def results(board: Board) -> Table:
         lines.append([f"{published.model}{regime}", "printed, real sensor", count, *values])
     for recipe, where in (("paper", "here, the paper's recipe"), ("default", "here, default")):
         for system in SYSTEMS[board.protocol]:
-            row = board.row(System(system.model, system.regime, recipe))
+            row = board.row(replace(system, recipe=recipe))
             lines.append([system.name, where, *_found(row, columns)])
     return table(heads, lines)
 
@@ -177,20 +177,16 @@ def differences(boards: Mapping[str, Board]) -> Table:
     for name, protocol, first, second in CLAIMS:
         board = boards[protocol]
         cells = (_difference(board, first, second, recipe) for recipe in ("paper", "default"))
-        lines.append([name, ERRORS[protocol], *cells])
+        error = ranking_error(protocol)
+        lines.append([name, f"{error.name}, {error.unit}", *cells])
     return table(heads, lines)
 
 
-ERRORS = {"exp1": "GOSPA, mm", "exp2": "penalised distance, mm", "exp3": "GOSPA, mm"}
-"""The error that orders each board."""
-
-
 def _difference(board: Board, first: System, second: System, recipe: str) -> Cell:
-    rows = [board.row(System(one.model, one.regime, recipe)) for one in (first, second)]
-    one, other = rows
+    one, other = (board.row(replace(system, recipe=recipe)) for system in (first, second))
     if one is None or other is None:
         return NOT_RUN
-    found = row_difference(board.protocol, one, other, board.errors)  # type: ignore[arg-type]
+    found = row_difference(board.protocol, one, other, board.errors)
     if found is None:
         return TOO_FEW
     return Number(found.value, signed, (found.low, found.high))
@@ -227,14 +223,14 @@ def all_tables() -> dict[str, Table]:
 @click.pass_context
 def main(ctx: click.Context, check: bool) -> None:
     """Write the tables of docs/replication.md."""
-    say: Callable[[str], None] = click.echo
     text = PAGE.read_text(encoding="utf-8")
     wanted = page_with(text, all_tables())
     if check:
-        say("the tables are what the records give" if wanted == text else "a table is out of date")
-        ctx.exit(wanted != text)
+        same = wanted == text
+        click.echo("the tables are what the records give" if same else "a table is out of date")
+        ctx.exit(not same)
     PAGE.write_text(wanted, encoding="utf-8")
-    say(f"wrote the tables of {PAGE.relative_to(ROOT)}")
+    click.echo(f"wrote the tables of {PAGE.relative_to(ROOT)}")
 
 
 if __name__ == "__main__":

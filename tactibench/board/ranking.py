@@ -133,9 +133,9 @@ class Ranks:
 
 @dataclass(frozen=True)
 class RowDifference:
-    """The error of one row minus that of another, with its interval over presses and seeds.
+    """The error of one row minus that of another, with its 95 % interval over presses and seeds.
 
-    presses: that both answered.
+    Values are in the unit of the error that orders the board. presses: that both answered.
     """
 
     value: float
@@ -144,9 +144,7 @@ class RowDifference:
     presses: int
 
 
-def row_difference(
-    protocol: str, first: Row, second: Row, errors: Errors, apart: str = ""
-) -> RowDifference | None:
+def row_difference(protocol: str, first: Row, second: Row, errors: Errors) -> RowDifference | None:
     """Return the difference of the error that orders a board, first minus second, press by press.
 
     None where one of the rows has no errors of its presses, or too few seeds to know their spread.
@@ -156,12 +154,11 @@ def row_difference(
         first: A row.
         second: A row of the same section.
         errors: Press by press, by the name of the record.
-        apart: Name of the test that is scored apart; "": the main test.
     """
-    by = _ranking(protocol, apart)
+    by = _ranking(protocol, "")
     if by is None:
         return None
-    found = [_sample(row, by, _of_test(errors, apart)) for row in (first, second)]
+    found = [_sample(row, by, errors) for row in (first, second)]
     samples = [one for one in found if one is not None and one.errors is not None and one.enough]
     if len(samples) < 2:
         return None
@@ -169,18 +166,12 @@ def row_difference(
     shared, i, j = np.intersect1d(one.press, other.press, return_indices=True)
     if len(shared) < SHARED * max(len(one.press), len(other.press)):
         return None
-    apart_by = one.error[i] - other.error[j]
-    presses = float(np.var(apart_by, ddof=1)) / len(shared), len(shared) - 1.0
+    difference = one.error[i] - other.error[j]
+    mean = float(difference.mean())
+    presses = float(np.var(difference, ddof=1)) / len(shared), len(shared) - 1.0
     seeds = [(sample.seed_variance, sample.seeds - 1.0) for sample in samples if sample.seeds]
-    low, high = crossed_interval(float(apart_by.mean()), presses, seeds, LEVEL)
-    return RowDifference(float(apart_by.mean()), low, high, len(shared))
-
-
-def _of_test(errors: Errors, apart: str) -> Errors:
-    """Return the errors of the test that is scored apart, or of the main one."""
-    if not apart:
-        return errors
-    return {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
+    low, high = crossed_interval(mean, presses, seeds, LEVEL)
+    return RowDifference(mean, low, high, len(shared))
 
 
 def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -> Ranks | None:
@@ -191,8 +182,9 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
     by = _ranking(protocol, apart)
     if by is None:
         return None
-    of_test = _of_test(errors, apart)
-    samples = [_sample(row, by, of_test) for row in rows]
+    if apart:
+        errors = {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
+    samples = [_sample(row, by, errors) for row in rows]
     enough = [(k, sample) for k, sample in enumerate(samples) if sample and sample.enough]
     enough.sort(key=lambda one: (one[1].value, rows[one[0]].label))
     ranked = [sample for _, sample in enough]

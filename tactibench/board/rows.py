@@ -70,17 +70,18 @@ def model_text(record: Record) -> str:
     return text
 
 
-def label_of(record: Record, *, shots: bool = True) -> str:
+def label_of(record: Record, *, shots: bool = True, regime: bool = True) -> str:
     """Return model, encoder where there is one, mixing and regime, in one line.
 
     shots: whether it says how many labelled presses of the tested sensor the model was shown.
+    regime: whether it says in which regime the model was trained.
     """
     text = model_text(record) if shots else record.model.text(without=MIXING)
     if record.encoder is not None:
         text += f" + {record.encoder.text()}"
     if share := mixing_of(record):
         text += f", mixing {share:g}"
-    return f"{text} ({record.regime})"
+    return f"{text} ({record.regime})" if regime else text
 
 
 def trained_on(record: Record) -> str:
@@ -184,7 +185,7 @@ class Row:
     @property
     def short(self) -> str:
         """The label without the regime."""
-        return self.label.replace(f" ({self.regime})", "")
+        return label_of(self.first, regime=False) + self.mark
 
     @property
     def model(self) -> str:

@@ -54,7 +54,10 @@ class Submission:
 
 
 def compact(record: Record) -> Record:
-    """Return the record as it is committed."""
+    """Return the record as it is committed.
+
+    How a training was resumed concerns the machine that trained, and may name a folder of it.
+    """
     values = record.json_values()
     identity = values["identity"]
     identity.pop(CHECKSUM, None)
@@ -62,6 +65,7 @@ def compact(record: Record) -> Record:
         if isinstance(identity.get(name), dict):
             identity[name] = digest(identity[name])
     values["training"].pop("history", None)
+    values["training"].get("notes", {}).pop("checkpoint", None)
     return Record.model_validate(values)
 
 

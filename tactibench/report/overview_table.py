@@ -55,8 +55,7 @@ def overview_table(
 def line_name(row: Row, *, regime: bool = True) -> str:
     """Return the label, and what it was trained on where that is not the protocol's own sensor."""
     own, sensor = load_protocol(row.first.protocol.id).spec.defaults.sensor, row.first.sensor.text()
-    label = label_of(row.first) if regime else label_of(row.first).replace(f" ({row.regime})", "")
-    return label + ("" if sensor == own else f", trained on {sensor}")
+    return label_of(row.first, regime=regime) + ("" if sensor == own else f", trained on {sensor}")
 
 
 def _worst(line: OverviewLine) -> Cell:

@@ -79,9 +79,9 @@ def load_checkpoint(
     except FileNotFoundError:
         return TrainingState(), None
     except DamagedFileError as error:
-        return TrainingState(), f"the checkpoint in {directory} was ignored: {error}"
+        return TrainingState(), f"the checkpoint was ignored: {error}"
     if header.pop("schema", None) != _SCHEMA or header.pop("identity", None) != identity:
-        return TrainingState(), f"the checkpoint in {directory} was ignored: it is of another run"
+        return TrainingState(), "the checkpoint was ignored: it is of another run"
     groups: dict[str, dict[str, torch.Tensor]] = {
         group: {} for group in ("network", "mean", "best", "optimiser")
     }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,8 @@ from tactibench.board.submissions import (
     slot,
     text_of,
 )
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -40,6 +44,18 @@ def test_a_committed_record_is_valid_and_small(tmp_path, stored):
     assert "history" not in record.training
     assert isinstance(record.identity.sensor, str)
     assert record.metrics == run.record.metrics
+
+
+def test_how_a_training_was_resumed_stays_on_its_machine(fabricate):
+    record = fabricate()
+    record.training.notes = {"checkpoint": "the checkpoint in /home/me was ignored", "mixing": 0.5}
+    assert compact(record).training.notes == {"mixing": 0.5}
+
+
+def test_no_committed_record_names_a_folder_of_a_machine():
+    folder = re.compile(r"(?<![\w.<])/\w+/\w")
+    for path in (ROOT / "leaderboards" / FOLDER).glob("*/*.json"):
+        assert not folder.search(path.read_text(encoding="utf-8")), path.name
 
 
 def test_compacting_twice_changes_nothing(fabricate):

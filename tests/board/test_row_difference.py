@@ -88,4 +88,3 @@ def test_there_is_none_with_too_few_seeds_or_other_presses(fabricate):
     values = drawn(3)
     values["b"] = values["b"][:, :150]
     assert row_difference("exp1", *rows_with(fabricate, values)) is None
-    assert row_difference("exp1", *rows_with(fabricate, drawn(3)), apart="unseen") is None
