@@ -51,6 +51,7 @@ from tactibench.report.board_tables import (
 )
 from tactibench.report.document import (
     Block,
+    Bullets,
     Fold,
     Group,
     Heading,
@@ -148,7 +149,11 @@ class BoardPage:
                 blocks += [Heading(2, part.title), *fold_tables(part.blocks, 1)]
             else:
                 blocks.append(Group(part.title, part.blocks))
-        body = markdown([*blocks, *self.published, *self.timed_on])
+        blocks += (
+            Group("Notes on the printed figures", (block,)) if isinstance(block, Bullets) else block
+            for block in self.published
+        )
+        body = markdown([*blocks, *self.timed_on])
         links = ", ".join(f"[{name}]({name}.md)" for name in self.versions)
         other = f"Other versions of this protocol: {links}.\n\n" if links else ""
         return f"# {self.title}\n\n{GENERATED}\n\n{other}{body}\n"

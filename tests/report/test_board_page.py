@@ -20,7 +20,7 @@ from tactibench.report.board_page import board_page, page_files
 ROOT = Path(__file__).resolve().parents[2]
 MAIN = "Error, and off the nominal sensor"
 """Title of the first table of exp1."""
-TITLE = r"^(?:#{2,3} |<details><summary>)"
+TITLE = r"^(?:#{2,3} |<details[^>]*><summary>)"
 """What stands before the title of a table, shown or folded."""
 PUBLISHED = load_published(["tactiverse"], ROOT / "leaderboards" / "published")
 

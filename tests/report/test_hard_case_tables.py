@@ -88,7 +88,7 @@ def test_a_page_has_a_row_a_model_and_a_table_a_family(fabricate: Any) -> None:
     assert "grazing, mm" in heads
     assert "blur" not in heads
     (row,) = [line for line in part.split("\n") if line.startswith("| unet ")]
-    assert r"\> 6.5" in row
+    assert "&gt; 6.5" in row
     assert "<br><sub>0.45 – 0.55</sub>" in row  # grazing at 0.5 mm
     faults = text.split("the camera and its light")[1].split("</details>")[0]
     assert "shift, px" in faults

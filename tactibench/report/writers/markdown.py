@@ -18,12 +18,17 @@ from tactibench.report.document import (
 )
 from tactibench.report.table import MISSING, Cell, Number, Table, Text
 
-_MARKUP = re.compile(r"([\\`*_{}\[\]<>#|~&])")
+_MARKUP = re.compile(r"([\\`*_{}\[\]#|~])")
+
+
+FOLD = '<details markdown="1">'
+"""The attribute has the site's Markdown read what is inside; GitHub reads it anyway."""
 
 
 def escape(text: str) -> str:
     """Return text that is shown as it is: one line, every character of markup escaped."""
-    return _MARKUP.sub(r"\\\1", " ".join(text.split()))
+    # Not every Markdown takes a backslash before < and &; all take the names of HTML.
+    return _MARKUP.sub(r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
 def code(text: str) -> str:
@@ -53,10 +58,10 @@ def _block(block: Block) -> str:
         return "\n".join(f"- {_line(item)}" for item in block.items)
     if isinstance(block, Fold):
         lines = (line.replace("```", "") for line in block.lines)
-        summary = f"<details><summary>{block.summary}</summary>"
+        summary = f"{FOLD}<summary>{block.summary}</summary>"
         return "\n".join([summary, "", "```text", *lines, "```", "", "</details>"])
     if isinstance(block, Group):
-        summary = f"<details><summary>{html.escape(block.title, quote=False)}</summary>"
+        summary = f"{FOLD}<summary>{html.escape(block.title, quote=False)}</summary>"
         return "\n\n".join([summary, markdown(block.blocks), "</details>"])
     title = [f"### {escape(block.title)}"] if block.title else []
     note = [block.note] if block.note else []
