@@ -294,8 +294,8 @@ def run(
 
 def load_run(name: str | Path, store: str | Path = STORE) -> Run:
     """Return a stored run by its name, its folder or its record file. Raises UserError."""
-    found = open_run(Path(store), str(name))
-    return Run(found.folder, found.record)
+    stored = open_run(Path(store), str(name))
+    return Run(stored.folder, stored.record)
 
 
 def load_runs(store: str | Path = STORE, *, protocol: str | None = None) -> pd.DataFrame:
@@ -435,7 +435,7 @@ def compare(
 
     if len(runs) < 2:
         raise UserError("one run alone cannot be compared; name two or more.")
-    opened = tuple(one if isinstance(one, Run) else load_run(one, store) for one in runs)
+    opened = tuple(item if isinstance(item, Run) else load_run(item, store) for item in runs)
     return Comparisons(opened, tuple(compare_runs(opened, distances=distances)))
 
 

@@ -45,7 +45,7 @@ def pack(truth: Sequence[Answer], answer: str) -> Arrays:
 
 
 def _all_of(kind: type[Kind], truth: Sequence[Answer]) -> list[Kind]:
-    fitting = [one for one in truth if isinstance(one, kind)]
+    fitting = [label for label in truth if isinstance(label, kind)]
     if len(fitting) != len(truth):
         raise TypeError(f"{len(truth) - len(fitting)} labels are no {kind.__name__}")
     return fitting

@@ -116,10 +116,10 @@ def perturb(
         return optics, pin_length_mm
     if ranges != FIRST_RANGES:
         return tolerances.apply_optics(optics, pin_length_mm, _shares(instance))
-    drawn = stream(instance, "optics").uniform(-1.0, 1.0, len(fields(spread)))
+    draws = stream(instance, "optics").uniform(-1.0, 1.0, len(fields(spread)))
     steps = {
         field.name: float(share) * getattr(spread, field.name)
-        for field, share in zip(fields(spread), drawn, strict=True)
+        for field, share in zip(fields(spread), draws, strict=True)
     }
     length = max(pin_length_mm + steps.pop("pin_length_mm"), 0.1 * pin_length_mm)
     values = {}

@@ -138,15 +138,15 @@ class Detector:
         if still.cost < _SUSPECT * self._cost(trial, still.weight):
             return still
         for _ in range(_MOTION_ROUNDS):
-            found = tried._search(image, moved, sure)
-            motion = tried._motion(found.solution)
+            first = tried._search(image, moved, sure)
+            motion = tried._motion(first.solution)
             places = tried.pins.rest + moved.reshape(2, -1).T
             moved = (motion.back(places) - tried.pins.rest).T.reshape(-1)
             tried = replace(tried, pins=tried.pins.moved(motion))
         # Without the motion more contacts may have been taken for it: each must be worth its gain.
-        more = len(still.share) - len(found.share)
+        more = len(still.share) - len(first.share)
         worth = _MOTION_GAIN if more <= 0 else 1.0
-        return found if found.cost * worth < still.cost * self.gain**more else still
+        return first if first.cost * worth < still.cost * self.gain**more else still
 
     def _search(self, image: Image, moved: Array, sure: Flags) -> Found:
         """The contacts of one frame that moves no further than ``motions`` say.

@@ -298,8 +298,8 @@ class Superpose(Model):
         found: list[Found | None] = [None] * len(frames)
         # Sensor by sensor, because the fields of few stay in memory.
         for row in sorted(range(len(frames)), key=lambda row: frames[row].sensor):
-            one = frames[row]
-            found[row] = self._detector(one.sensor).find(one.image, one.moved, one.sure)
+            frame = frames[row]
+            found[row] = self._detector(frame.sensor).find(frame.image, frame.moved, frame.sure)
         return [each for each in found if each is not None]
 
     def _contacts(self, frames: Sequence[Found]) -> list[Contacts]:

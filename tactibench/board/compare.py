@@ -157,19 +157,19 @@ def _rows(
     first: _PressMeans, second: _PressMeans, rng: np.random.Generator
 ) -> Iterator[MetricComparison]:
     values = {cell: np.concatenate([first.means[cell], second.means[cell]]) for cell in first.means}
-    cells = [cell for cell, known in values.items() if np.isfinite(known).any()]
-    a, b = (np.stack([one.means[cell] for cell in cells], axis=1) for one in (first, second))
+    cells = [cell for cell, column in values.items() if np.isfinite(column).any()]
+    a, b = (np.stack([side.means[cell] for cell in cells], axis=1) for side in (first, second))
     shared = np.isfinite(a) & np.isfinite(b)
     d = np.where(shared, a - b, 0.0)
     for k, (cell, p) in enumerate(zip(cells, sign_flip_ps(d, rng=rng), strict=True)):
         both = shared[:, k]
         count = int(both.sum())
-        known = mean_interval(d[both, k], np.arange(count), level=first.level)
+        interval = mean_interval(d[both, k], np.arange(count), level=first.level)
         yield MetricComparison(
             *cell,
             float(a[both, k].mean()) if count else None,
             float(b[both, k].mean()) if count else None,
-            known,
+            interval,
             (int((np.isfinite(a[:, k]) & ~both).sum()), int((np.isfinite(b[:, k]) & ~both).sum())),
             None if cell[0] in MISSES else _misses(first, second, cell[1]),
             p if count > 1 else None,
@@ -178,7 +178,7 @@ def _rows(
 
 def _misses(first: _PressMeans, second: _PressMeans, group: str) -> tuple[float, float] | None:
     """Return those of the group, or of all where a record has none for it (a distance)."""
-    a, b = (one.misses.get(group, one.misses.get("all")) for one in (first, second))
+    a, b = (side.misses.get(group, side.misses.get("all")) for side in (first, second))
     return None if a is None or b is None else (a, b)
 
 
@@ -187,12 +187,13 @@ def _adjust_for_all(comparisons: Sequence[Comparison]) -> list[Comparison]:
     adjusted = iter(holm([row.p for pair in comparisons for row in pair.rows if row.p is not None]))
     return [
         replace(
-            one,
+            comparison,
             rows=tuple(
-                row if row.p is None else replace(row, p_holm=next(adjusted)) for row in one.rows
+                row if row.p is None else replace(row, p_holm=next(adjusted))
+                for row in comparison.rows
             ),
         )
-        for one in comparisons
+        for comparison in comparisons
     ]
 
 
@@ -219,9 +220,12 @@ def left_out(runs: Sequence[StoredRun]) -> list[str]:
 def rows_of(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
     """Return tidy rows: ``value`` is first minus second."""
     rows = []
-    for one in comparisons:
-        who = {"first": runs[one.first].record.name, "second": runs[one.second].record.name}
-        for row in one.rows:
+    for comparison in comparisons:
+        who = {
+            "first": runs[comparison.first].record.name,
+            "second": runs[comparison.second].record.name,
+        }
+        for row in comparison.rows:
             spec, d = find_metric(row.metric), row.difference
             rows.append(
                 {

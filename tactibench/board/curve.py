@@ -77,12 +77,12 @@ def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) ->
     """
     records = [record for record in records if record.sensor.name == sensor and _as_made(record)]
     shown = [(record, instance) for record in records if (instance := _unseen_instance(record))]
-    known = {instance for _, instance in shown}
+    unseen = {instance for _, instance in shown}
     own = [
         (record, instance)
         for record in records
         if record.test_sensor is None
-        and (instance := record.sensor.parameters.get(INSTANCE, 0)) in known
+        and (instance := record.sensor.parameters.get(INSTANCE, 0)) in unseen
     ]
     points: dict[tuple[str, str], dict[int, dict[Value, list[Record]]]] = {}
     for record, instance in (*shown, *own):
@@ -98,13 +98,13 @@ def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) ->
             (f"{label_of(record, shots=False)}, {how}", record.model.name), {}
         )
         curve.setdefault(presses, {}).setdefault(instance, []).append(record)
-    found = []
+    curves = []
     for (label, model), steps in sorted(points.items()):
         # Means over fewer instances than the others' would compare instances, not presses.
         whole = [n for n in sorted(steps) if len(steps[n]) == max(map(len, steps.values()))]
         if len(whole) > 1:
-            found.append(Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in whole)))
-    return found
+            curves.append(Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in whole)))
+    return curves
 
 
 def _as_made(record: Record) -> bool:

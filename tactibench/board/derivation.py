@@ -68,7 +68,7 @@ def read_facts(frames: FrameSource) -> Facts:
     if isinstance(frames, TransferFrames) and frames.simulated is None:
         # The recording that trained is not here: --data names the one that was tested.
         sets = frames.test_frames()
-        tests = {"test": sum(len(one.scenes) for one in sets), "published_frames": False}
+        tests = {"test": sum(len(presses.scenes) for presses in sets), "published_frames": False}
         return Facts(tests, len(sets), None, None, 0, target=target)
     plan = frames.plan()
     counts: dict[str, Any] = {
@@ -91,7 +91,8 @@ def read_facts(frames: FrameSource) -> Facts:
     released: tuple[Mapping[str, Any], ...] = ()
     if frames.published:
         released = tuple(
-            one.identity for one in find_published(request.protocol, request.data, None)
+            prediction.identity
+            for prediction in find_published(request.protocol, request.data, None)
         )
     describe = plan.sensor_identity["describe"]
     return Facts(counts, len(plan.test), describe, space, plan.calibrated, released, target)

@@ -50,7 +50,7 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
         records: Of the present version of each protocol, by its id.
     """
     spec = overview_spec()
-    boards = {name: rows_of(whole(trained_for(found))) for name, found in records.items()}
+    boards = {name: rows_of(whole(trained_for(of_board))) for name, of_board in records.items()}
     trained = {name: {_training(row): row for row in rows} for name, rows in boards.items()}
     plates = {
         name: {_plates(row): row for row in rows if row.first.data.published_frames}
@@ -63,10 +63,10 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
         values = []
         for column in spec.columns:
             if column.published_frames:
-                found = plates.get(column.protocol, {}).get(_plates(row))
+                other = plates.get(column.protocol, {}).get(_plates(row))
             else:
-                found = trained.get(column.protocol, {}).get(_training(row))
-            values.append(None if found is None else found.metric(column.metric, column.group))
+                other = trained.get(column.protocol, {}).get(_training(row))
+            values.append(None if other is None else other.metric(column.metric, column.group))
         hard = trained.get(HARD_CASES, {}).get(_training(row))
         lines.append(OverviewLine(row, tuple(values), None if hard is None else worst_family(hard)))
     first = [column.name for column in spec.columns].index(spec.order)
@@ -80,13 +80,13 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
 
 def worst_family(row: Row) -> WorstFamily | None:
     """Return the family of hard cases with the largest error of a row; None without errors."""
-    known = []
+    families = []
     for family in family_errors(row, load_protocol(HARD_CASES).spec.axes):
         errors = [case.error.value for case in family.cases if case.error and not case.easy]
         # Families without an easy case, as that of untouched frames, are no harder than others.
         if errors and family.axis.easy is not None and family.axis.family != INSTANCES:
-            known.append(WorstFamily(family.axis.family, statistics.fmean(errors)))
-    return max(known, key=lambda family: family.error_mm, default=None)
+            families.append(WorstFamily(family.axis.family, statistics.fmean(errors)))
+    return max(families, key=lambda family: family.error_mm, default=None)
 
 
 def _model(row: Row) -> list[Any]:

@@ -289,12 +289,12 @@ def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatA
     variance, counts = facing**2, np.minimum(presses[:, None], presses)
     for rows, columns, i, j in _shared_presses(samples):
         here, there = np.ix_(rows, columns), np.ix_(columns, rows)
-        one = np.array([_errors(samples[k]).error[i] for k in rows])
+        errors = np.array([_errors(samples[k]).error[i] for k in rows])
         other = np.array([_errors(samples[k]).error[j] for k in columns])
-        apart, spread = _ratios(one, other)
+        apart, spread = _ratios(errors, other)
         difference[here], difference[there] = apart, -apart.T
         variance[here], variance[there] = spread, spread.T
-        counts[here], counts[there] = one.shape[1], one.shape[1]
+        counts[here], counts[there] = errors.shape[1], errors.shape[1]
     of_presses, of_both = crossed_p_values(
         difference,
         variance,

@@ -111,13 +111,13 @@ def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressE
     """Read the errors of all records that have predictions, by name. Raises UserError."""
     # Records of one test set name the same presses: they are kept once.
     names: dict[bytes, npt.NDArray[Any]] = {}
-    known = {}
+    by_name = {}
     for record in records:
         errors = press_errors(board, record)
         if errors is not None:
             press = names.setdefault(errors.press.tobytes(), errors.press)
-            known[record.name] = replace(errors, press=press)
-    return known
+            by_name[record.name] = replace(errors, press=press)
+    return by_name
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:
@@ -138,7 +138,7 @@ def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> l
     """
     if protocol.archived:
         return [record for record in records if record.protocol.hash == protocol.hash]
-    others = {one.hash for one in protocol_versions(protocol.spec.id) if one.archived}
+    others = {version.hash for version in protocol_versions(protocol.spec.id) if version.archived}
     return [record for record in records if record.protocol.hash not in others]
 
 
@@ -277,14 +277,14 @@ def _refuse_extremes(value: Any, where: str) -> None:
                 f"{where} holds more than {MOST_VALUES:,} values, or lists more than {DEEPEST} "
                 "deep; a committed record holds no arrays and no history."
             )
-        if any(isinstance(one, int | float) and abs(one) > LARGEST_NUMBER for one in level):
+        if any(isinstance(item, int | float) and abs(item) > LARGEST_NUMBER for item in level):
             raise UserError(f"{where} holds a number beyond {LARGEST_NUMBER:g}.")
         several = [
-            one.values() if isinstance(one, dict) else one
-            for one in level
-            if isinstance(one, dict | list)
+            item.values() if isinstance(item, dict) else item
+            for item in level
+            if isinstance(item, dict | list)
         ]
-        level = [inner for one in several for inner in one]
+        level = [inner for item in several for inner in item]
 
 
 def refuse_names(record: Record, where: str) -> None:

@@ -170,9 +170,9 @@ def time_models(
     """
     moment = datetime.now(UTC).isoformat(timespec="seconds")
     together = {"interleaved": len(models), "at": moment}
-    speeds = {one.run.record.name: Speed(timed={**one.timed, **together}) for one in models}
-    stages = {one.run.record.name: one.stages for one in models}
-    frames = {one.run.record.name: one.frames for one in models}
+    speeds = {model.run.record.name: Speed(timed={**model.timed, **together}) for model in models}
+    stages = {model.run.record.name: model.stages for model in models}
+    frames = {model.run.record.name: model.frames for model in models}
     count, threads = len(models), sorted({1, all_threads()})
     with reporter.task("time", ROUNDS * (len(threads) + len(batches))) as advance:
 

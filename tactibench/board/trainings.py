@@ -77,7 +77,7 @@ def training_key(record: Record, protocol: Protocol) -> list[Any]:
     protocol and change what is learned. A model that draws nothing has one training for all seeds.
     """
     transfers = protocol.transfer is not None
-    drawn = transfers or record.model.name not in deterministic_models()
+    draws = transfers or record.model.name not in deterministic_models()
     return [
         record.model.identity,
         record.regime,
@@ -89,7 +89,7 @@ def training_key(record: Record, protocol: Protocol) -> list[Any]:
         record.data.train,
         record.limits.presses,
         [protocol.answer, transfers],
-        record.seed if drawn else "any",
+        record.seed if draws else "any",
     ]
 
 

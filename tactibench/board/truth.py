@@ -174,7 +174,7 @@ def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:
     A setting such as the tier changes frames and not what is pressed. So the truth of a version can
     be made again when the setting that it names went.
     """
-    families = [one.model_copy(update={"sensor": {}}) for one in protocol.spec.families]
+    families = [family.model_copy(update={"sensor": {}}) for family in protocol.spec.families]
     spec = protocol.spec.model_copy(update={"families": tuple(families)})
     return replace(protocol, spec=spec)
 
@@ -305,7 +305,7 @@ def _limits(frames: DrawnFrames) -> Arrays:
     """Return the two-point limits of the test presses, nothing where the sensor knows none."""
     limits = []
     with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
-        for frame_set in (one for one in frames.test_frames() if not one.apart):
+        for frame_set in (candidate for candidate in frames.test_frames() if not candidate.apart):
             limit = sampled_limits(sensor, frame_set.scenes)
             if limit is None:
                 return {}

@@ -95,8 +95,8 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
     from tactibench.report.board_page import page_files
 
     check_folder(board_folder)
-    made = page_files(board_folder)
-    stale = [page for page in made if not page.current]
+    pages = page_files(board_folder)
+    stale = [page for page in pages if not page.current]
     for page in stale:
         echo(
             f"{page.path} is not what the committed records give; "
@@ -104,13 +104,13 @@ def check_pages(ctx: click.Context, board_folder: Path = Path("leaderboards")) -
             err=True,
         )
     trainings = compare_trainings(
-        (record, page.protocol) for page in made for record in page.submissions
+        (record, page.protocol) for page in pages for record in page.submissions
     )
     for sentence in trainings.contradictions:
         echo(sentence, err=True)
     if stale or trainings.contradictions:
         ctx.exit(1)
-    echo(f"{len(made)} pages are what the committed records give")
+    echo(f"{len(pages)} pages are what the committed records give")
     echo(trainings.note)
 
 

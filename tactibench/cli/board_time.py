@@ -52,7 +52,7 @@ def time_runs(
     if not models:
         raise UserError("no run is left to be timed; the lines above say why.")
     speeds = time_models(models, terminal, calls=calls)
-    timed = [store_times(one.run, speeds[one.run.record.name]) for one in models]
+    timed = [store_times(model.run, speeds[model.run.record.name]) for model in models]
     print_times(terminal.out, [run.record for run in timed])
     if board is not None:
         written = [path for run in timed if (path := commit_times(run, board)) is not None]

@@ -86,7 +86,9 @@ def _show_protocol(name: str) -> None:
     spec = protocol.spec
     echo(f"protocol {protocol.label}: {spec.title}")
     echo(f"  hash      {protocol.hash}")
-    versions = [one.label for one in protocol_versions(spec.id) if one.hash != protocol.hash]
+    versions = [
+        version.label for version in protocol_versions(spec.id) if version.hash != protocol.hash
+    ]
     if versions:
         echo(f"  versions  {', '.join(versions)}")
     echo(f"  asks for  {spec.answer}")

@@ -77,10 +77,10 @@ def frontier(
     """
     from tactibench import api
 
-    made = api.plot(
+    result = api.plot(
         "frontier", protocol, board=board_folder, store=runs, sensor=sensor, machine=machine
     )
-    _show(made, out, json_file)
+    _show(result, out, json_file)
 
 
 @plot.command(short_help="error against the presses that a model learned from")
@@ -117,10 +117,10 @@ def curve(
     """
     from tactibench import api
 
-    made = api.plot(
+    result = api.plot(
         "curve", protocol, board=board_folder, store=runs, sensor=sensor, new_sensor=new_sensor
     )
-    _show(made, out, json_file)
+    _show(result, out, json_file)
 
 
 @plot.command(short_help="where errors double on hard cases")
@@ -151,9 +151,11 @@ def stability(
     """
     from tactibench import api
 
-    made = api.plot("stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows)
-    detail = None if errors is None else made.detail  # refused before anything is printed
-    terminal = _show(made, out, json_file)
+    result = api.plot(
+        "stability", protocol, board=board_folder, store=runs, sensor=sensor, rows=rows
+    )
+    detail = None if errors is None else result.detail  # refused before anything is printed
+    terminal = _show(result, out, json_file)
     from tactibench.report.plots.style import save_png
 
     if errors is not None and detail is not None:
@@ -204,10 +206,10 @@ def _show(made: api.Plot, out: Path | None, json_file: Path | None) -> Terminal:
     if shown.title:
         terminal.out.print(Text(shown.title, style="bold"))
     terminal.out.print(Text(shown.subject, style="cyan"), soft_wrap=True)
-    for one in shown.tables:
+    for table in shown.tables:
         if shown.title:
             terminal.say("")
-        print_table(terminal.out, one)
+        print_table(terminal.out, table)
     if shown.remarks:
         terminal.say("")
     for remark in shown.remarks:

@@ -189,10 +189,10 @@ def _is_numeric(table: Table, name: str) -> bool:
 def _columns_of(role: str, names: Sequence[str]) -> list[str]:
     """Return the columns with the surest word of a role, in the order of their numbers."""
     for word in _WORDS[role]:
-        found = [n for n in names if any(re.fullmatch(word, w) for w in _words(n))]
-        found = [n for n in found if not (_OTHER | _PIXELS & {*_words(n)[1:]}) & {*_words(n)}]
-        if found:
-            return sorted(found, key=lambda n: ([int(w) for w in _words(n) if w.isdigit()]))
+        columns = [n for n in names if any(re.fullmatch(word, w) for w in _words(n))]
+        columns = [n for n in columns if not (_OTHER | _PIXELS & {*_words(n)[1:]}) & {*_words(n)}]
+        if columns:
+            return sorted(columns, key=lambda n: ([int(w) for w in _words(n) if w.isdigit()]))
     return []
 
 
@@ -257,9 +257,9 @@ def _find_labels(folder: Path, known: Mapping[str, str]) -> Table:
     names = [known["table"]] if "table" in known else [p.name for p in folder.glob("*.csv")]
     others = sorted(name for name in names if name != known["channels"])
     if len(others) != 1 or not (folder / others[0]).is_file():
-        found = ", ".join(others) or "no other CSV file"
+        files = ", ".join(others) or "no other CSV file"
         raise UserError(
-            f"{folder} holds {found} beside the channels {known['channels']}; name the table of "
+            f"{folder} holds {files} beside the channels {known['channels']}; name the table of "
             "labels with --param table=FILE."
         )
     return read_table(folder / others[0], read_file(folder / others[0]))

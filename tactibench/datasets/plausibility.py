@@ -122,15 +122,18 @@ def _check_plates(
         f"a positive tilt moves the contact towards {fit.lean_deg:.0f} deg of the frame (0: right, "
         "90: down)",
     )
-    found = fit.contradiction()
+    contradiction = fit.contradiction()
     doubts = []
-    if not found and abs((fit.lean_deg - 90.0 + 180.0) % 360.0 - 180.0) > AGAINST_DEG:
+    if not contradiction and abs((fit.lean_deg - 90.0 + 180.0) % 360.0 - 180.0) > AGAINST_DEG:
         doubts.append(
             "a positive tilt moves the contact up the frame, where other recordings have it move "
             "down: the tilt counts the other way (write -COLUMN), or the camera is turned"
         )
     return LabelReport(
-        pivot.presses + pivot.left_out, facts, (found,) if found else (), tuple(doubts)
+        pivot.presses + pivot.left_out,
+        facts,
+        (contradiction,) if contradiction else (),
+        tuple(doubts),
     )
 
 

@@ -52,8 +52,10 @@ def spacing_limit(sensor: Sensor, scene: Scene, nuisances: Sequence[str] = ()) -
 
     def excess(spacing: float) -> float:
         """Return log(d' / 3.0), which is nearly linear in the logarithm of the spacing."""
-        found = sensor.deviance(Scene(Indenter.dual(spacing, radius), scene.pose), nuisances)
-        return math.nan if found is None else math.log(max(math.sqrt(found), _LEAST) / D_PRIME)
+        deviance = sensor.deviance(Scene(Indenter.dual(spacing, radius), scene.pose), nuisances)
+        return (
+            math.nan if deviance is None else math.log(max(math.sqrt(deviance), _LEAST) / D_PRIME)
+        )
 
     low = high = _FIRST_MM
     reached = excess(high)

@@ -264,14 +264,14 @@ def _match(rest: Array, layout: Array) -> tuple[Similarity, npt.NDArray[np.intp]
     spread = [np.sqrt(np.square(xy - xy.mean(axis=0)).sum(axis=1).mean()) for xy in (layout, rest)]
     stretch = float(np.log(spread[1] / spread[0]))
     starts = (Similarity.of(shift, turn, stretch, middle) for turn in np.radians(_TURNS_DEG))
-    found = max((_settle(rest, layout, start) for start in starts), key=lambda each: each[2].sum())
-    common = np.count_nonzero(found[2])
+    best = max((_settle(rest, layout, start) for start in starts), key=lambda each: each[2].sum())
+    common = np.count_nonzero(best[2])
     if common < max(_FEWEST * len(layout), 3):
         raise UserError(
             f"the rest frame shows {len(rest)} pins, of which {common} lie where the {len(layout)} "
             "of the training sensor are; test on a sensor of the same make, or train on this one."
         )
-    return found
+    return best
 
 
 def _settle(

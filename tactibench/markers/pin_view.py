@@ -126,12 +126,12 @@ def is_raw(image: Images) -> bool:
 
     level = gray(image)
     noise = _noise(level)
-    found = [len(_find_spots(_over_ground(level, d), d, noise)[0]) for d in _DIAMETERS_PX]
-    best = int(np.argmax(found))
-    if found[best] < _LEAST_PINS:
+    counts = [len(_find_spots(_over_ground(level, d), d, noise)[0]) for d in _DIAMETERS_PX]
+    best = int(np.argmax(counts))
+    if counts[best] < _LEAST_PINS:
         return False
     plain = len(_find_spots(level.astype(np.float32), _DIAMETERS_PX[best], noise)[0])
-    return plain < _PLAIN * found[best]
+    return plain < _PLAIN * counts[best]
 
 
 def find_pin_view(image: Images) -> PinView:
@@ -144,9 +144,9 @@ def find_pin_view(image: Images) -> PinView:
 
     level = gray(image)
     noise = _noise(level)
-    found = [_find_spots(_over_ground(level, d), d, noise) for d in _DIAMETERS_PX]
-    best = max(range(len(found)), key=lambda k: len(found[k][0]))
-    diameter, (xy, peak) = _DIAMETERS_PX[best], found[best]
+    spots = [_find_spots(_over_ground(level, d), d, noise) for d in _DIAMETERS_PX]
+    best = max(range(len(spots)), key=lambda k: len(spots[k][0]))
+    diameter, (xy, peak) = _DIAMETERS_PX[best], spots[best]
     if len(xy) < _LEAST_PINS:
         raise UserError(
             f"a picture of {level.shape[0]}x{level.shape[1]} px shows {len(xy)} spots of one size; "

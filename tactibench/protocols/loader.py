@@ -93,7 +93,9 @@ def protocol_versions(name: str) -> tuple[LoadedProtocol, ...]:
 
 def version_of(name: str, content_hash: str) -> LoadedProtocol | None:
     """Return the version of a shipped protocol with that hash; None where it is not kept."""
-    return next((one for one in protocol_versions(name) if one.hash == content_hash), None)
+    return next(
+        (version for version in protocol_versions(name) if version.hash == content_hash), None
+    )
 
 
 def name_of(name: str, content_hash: str) -> str:
@@ -122,7 +124,7 @@ def load_protocol(name: str) -> LoadedProtocol:
         return read_protocol(shipped[name])
     if name in files:
         return _read_own(files[name])
-    versions = {one.label: one for one in protocol_versions(name.partition("@")[0])}
+    versions = {version.label: version for version in protocol_versions(name.partition("@")[0])}
     if name in versions:
         return versions[name]
     if versions and "@" in name:

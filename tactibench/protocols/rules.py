@@ -43,8 +43,8 @@ def _about_apart(spec: Protocol) -> Iterator[str]:
     if spec.test.apart and (spec.split is None or spec.families):
         yield "[[test.apart]] belongs to a protocol that draws its test presses"
         return
-    yield from _repeated("test.apart", (one.name for one in spec.test.apart))
-    apart = [name for one in spec.test.apart for name in one.sets]
+    yield from _repeated("test.apart", (apart_set.name for apart_set in spec.test.apart))
+    apart = [name for apart_set in spec.test.apart for name in apart_set.sets]
     yield from _repeated("sets of test.apart", apart)
     names = [draw.name for draw in spec.draws]
     trained = [name for draws in spec.regimes.values() for name in draws]

@@ -253,7 +253,12 @@ class Protocol(Strict):
     @property
     def tested_draws(self) -> tuple[str, ...]:
         """The draws that are tested on the sensor itself, those that are scored apart last."""
-        apart = (name for one in self.test.apart if not one.instances for name in one.sets)
+        apart = (
+            name
+            for apart_set in self.test.apart
+            if not apart_set.instances
+            for name in apart_set.sets
+        )
         return (*self.test.sets, *apart)
 
     def family(self, name: str) -> Family:

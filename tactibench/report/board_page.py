@@ -231,14 +231,20 @@ def _version_pages(board: Path, name: str) -> list[PageFile]:
     all_records = read_submissions(board, name)
     if not all_records and not (board / f"{name}.md").is_file():
         return []  # the board of a laboratory shows its own protocols, not all that ship
-    of_versions = [(one, records_of_version(all_records, one)) for one in protocol_versions(name)]
-    shown = [(one, records) for one, records in of_versions if records or not one.archived]
+    of_versions = [
+        (version, records_of_version(all_records, version)) for version in protocol_versions(name)
+    ]
+    shown = [
+        (version, records) for version, records in of_versions if records or not version.archived
+    ]
     names = [protocol.name for protocol, _ in shown]
     pages = []
     for protocol, records in shown:
         tables, errors = published_tables(protocol, board), all_press_errors(board, records)
         page = board_page(protocol, records, tables, errors)
-        page = replace(page, versions=tuple(one for one in names if one != protocol.name))
+        page = replace(
+            page, versions=tuple(version for version in names if version != protocol.name)
+        )
         path = board / f"{protocol.name}.md"
         pages.append(PageFile(path, page.markdown(), protocol, tuple(records)))
     return pages

@@ -98,7 +98,7 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
             [rank if rank is None else Number(rank, fixed(0)), *cells]
             for rank, cells in zip(ranks.by_row, body, strict=True)
         ]
-    presses = [count for one in pooled if one is not None for count in one.clusters]
+    presses = [count for value in pooled if value is not None for count in value.clusters]
     counted = f"{span(presses)} presses." if presses else ""
     note = " ".join(filter(None, (counted, "" if ranks is None else ranks.note)))
     made = replace(table(heads, body, title=spec.title, note=note), guide=spec.note)

@@ -86,7 +86,7 @@ def print_summary(console: Console, record: Record, folder: Path, place: Placeme
 def headline_table(record: Record) -> Table:
     """Return the first main table that stands for the whole test, or the protocol's headline."""
     spec = board_spec(record.protocol.label)
-    run_table = next((one for one in spec.run_tables if one.groups), None)
+    run_table = next((columns for columns in spec.run_tables if columns.groups), None)
     if run_table is not None:
         names = ["", *(named(name, _unit(record, name)) for name in run_table.metrics)]
         rows = (row[: len(names)] for row in measured_rows(run_table, record)[0])

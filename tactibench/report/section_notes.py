@@ -68,8 +68,8 @@ def _fitted_frames(record: Record) -> str:
 def count_scenes(record: Record) -> list[Block]:
     """Return how the sensor made the test scenes, where it made them in more than one way."""
     counts = record.sensor.scene_counts.get("test", {})
-    made = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
-    return [Paragraph((Prose("Test scenes: "), made, Prose(".")))] if made else []
+    counted = ", ".join(f"{count:,} {way}" for way, count in sorted(counts.items()))
+    return [Paragraph((Prose("Test scenes: "), counted, Prose(".")))] if counted else []
 
 
 def simulator_error(rows: Iterable[Row]) -> list[Block]:

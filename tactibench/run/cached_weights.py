@@ -71,7 +71,7 @@ def weights_folder(cache: Path, content_hash: str) -> Path | None:
     for weights in cached_weights(cache):
         if weights.hash == content_hash:
             files = read_checked_json(weights.folder / MANIFEST)["files"]
-            found = {name: file_hash(weights.folder / name) for name in files}
-            if weights_hash(found) == content_hash:
+            hashes = {name: file_hash(weights.folder / name) for name in files}
+            if weights_hash(hashes) == content_hash:
                 return weights.folder
     return None

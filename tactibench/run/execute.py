@@ -141,7 +141,7 @@ def _add_simulated_truth(
                 from tactibench.metrics.surface import surface_floor
 
                 depth = plan.spec.workspace.depth_max_mm
-                contacts = [one for one in test.truth if isinstance(one, Contacts)]
+                contacts = [answer for answer in test.truth if isinstance(answer, Contacts)]
                 main = contacts[: len(surfaces)]
                 maps["floor"] = surface_floor(encoder, main, surfaces, grid, depth)
         known = (

@@ -136,7 +136,7 @@ def _rows_of(protocol: Protocol, truth: Arrays, apart: ApartTest | None) -> npt.
 
     The groups of its frames begin with its name.
     """
-    names = [one.name for one in protocol.test.apart]
+    names = [apart_set.name for apart_set in protocol.test.apart]
     test_of = np.array([family_of(str(group)) for group in truth["group"]])
     return np.flatnonzero(~np.isin(test_of, names) if apart is None else test_of == apart.name)
 

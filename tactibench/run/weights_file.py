@@ -189,10 +189,10 @@ def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
     """
     if not path.is_file():
         raise UserError(f"{path} is not there; name a file of `tactibench weights export`.")
-    found = file_hash(path)
-    if sha256 is not None and sha256.lower() != found:
+    actual = file_hash(path)
+    if sha256 is not None and sha256.lower() != actual:
         raise UserError(
-            f"{path} has the sha256 {found}, not {sha256[:80]}; it is another file or was changed "
+            f"{path} has the sha256 {actual}, not {sha256[:80]}; it is another file or was changed "
             "on its way: get it again."
         )
     with _opened(path) as archive:
@@ -225,7 +225,7 @@ def read_weights(path: Path, *, sha256: str | None = None) -> WeightsFile:
             card = _text(archive, entries, CARD)
         except ValueError as error:
             raise _damaged(path, f"{CARD} cannot be read ({error})") from None
-    return WeightsFile(path, found, description, card)
+    return WeightsFile(path, actual, description, card)
 
 
 def open_weights(

@@ -158,12 +158,12 @@ def _first_guess(contacts: Array, left: Array, sensors: Numbers, count: int, way
 def _regress(parts: Array, values: Array, sensors: Numbers, count: int) -> Array:
     """(S, V) z of every sensor; parts: (N, 1 + V, Q) the fields at its presses, of amplitude 1."""
     scaled = np.concatenate([parts[:, :1], _AMPLITUDE * parts[:, 1:]], axis=1)
-    found = []
+    fields = []
     for sensor in range(count):
         own = sensors == sensor
         normal, pull = _evidence(scaled[own], values[own])
-        found.append(np.linalg.solve(normal + np.eye(len(normal)), pull))
-    return np.array(found)
+        fields.append(np.linalg.solve(normal + np.eye(len(normal)), pull))
+    return np.array(fields)
 
 
 def _evidence(parts: Array, values: Array) -> tuple[Array, Array]:

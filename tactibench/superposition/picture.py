@@ -153,7 +153,7 @@ def _nearest(pins: Array) -> Array:
     """(N, P) px from every pin to the nearest other one."""
     from scipy.spatial import cKDTree
 
-    return np.stack([cKDTree(one).query(one, k=2)[0][:, 1] for one in pins])
+    return np.stack([cKDTree(places).query(places, k=2)[0][:, 1] for places in pins])
 
 
 def _by_distance(distance: Array, value: Array, bins: int) -> Array:

@@ -83,9 +83,9 @@ def round_trip(subject: EncoderSubject) -> None:
         require(maps.shape == wanted, f"maps of shape {maps.shape}, expected {wanted}")
         low, high = float(maps.min()), float(maps.max())
         require(not subject.is_heat or (low >= 0 and high <= 1), f"maps from {low:g} to {high:g}")
-        found = encoder.decode(maps, subject.grid)
-        require(len(found) == 1, f"{_label(truth)} was read as {len(found)} contacts")
-        worst = max(_largest_errors(found, truth))
+        decoded = encoder.decode(maps, subject.grid)
+        require(len(decoded) == 1, f"{_label(truth)} was read as {len(decoded)} contacts")
+        worst = max(_largest_errors(decoded, truth))
         require(
             worst <= encoder.tolerance,
             f"{_label(truth)} came back off by {worst:.3g} mm, tolerance {encoder.tolerance:g}",
@@ -141,9 +141,9 @@ def refine(subject: EncoderSubject) -> None:
     """On clean maps positions are read fifty times more finely than cells alone would allow."""
     rng = np.random.default_rng(3)
     lists = [_random_contact(rng) for _ in range(200)]
-    found = subject.decode(subject.encode(lists))
-    require(all(map(len, found)), "a contact was not read")
-    away = [f.xy[0] - t.xy[0] for f, t in zip(found, lists, strict=True)]
+    decoded = subject.decode(subject.encode(lists))
+    require(all(map(len, decoded)), "a contact was not read")
+    away = [f.xy[0] - t.xy[0] for f, t in zip(decoded, lists, strict=True)]
     rms, cells = float(np.sqrt(np.mean(np.square(away)))), subject.grid.pitch / np.sqrt(12)
     require(rms < 0.02 * cells, f"rms error {rms:.3g} mm; that of cells is {cells:.3g} mm")
 
@@ -155,7 +155,7 @@ def noise(subject: EncoderSubject) -> None:
     lists = [_random_contact(rng, shallowest=2.0) for _ in range(200)]
     maps = subject.encode(lists)
     maps = maps + NOISE * rng.standard_normal(maps.shape, dtype=np.float32)
-    found = [one.top(1) for one in subject.decode(maps)]
+    found = [contacts.top(1) for contacts in subject.decode(maps)]
     depth = [_largest_errors(f, t)[1] for f, t in zip(found, lists, strict=True)]
     away = np.array([f.xy[0] - t.xy[0] for f, t in zip(found, lists, strict=True)])
     rms = float(np.sqrt(np.mean(np.square(away)))) / subject.grid.pitch
@@ -174,8 +174,8 @@ def close_pair(subject: EncoderSubject) -> None:
         require(np.isfinite(distance), "separation is not finite, but several contacts are shown")
         lists = [_random_pair(rng, distance, [SHALLOW, DEEP]) for _ in range(100)]
         lists += [_random_pair(rng, distance, rng.uniform(SHALLOW, DEEP, 2)) for _ in range(150)]
-        found = subject.decode(subject.encode(lists))
-        for one, truth in zip(found, lists, strict=True):
+        decoded = subject.decode(subject.encode(lists))
+        for one, truth in zip(decoded, lists, strict=True):
             require(len(one) == 2, f"{_label(truth)} were read as {len(one)} contacts")
             position, depth = _largest_errors(one, truth)
             require(position <= allowed, f"{_label(truth)} came back off by {position:.3g} mm")
@@ -196,15 +196,15 @@ def pure(subject: EncoderSubject) -> None:
     together = subject.decode(maps)
     require(np.array_equal(maps, before), "decode_batch changed the maps")
     alone = maps.copy()
-    for one in alone:
-        subject.encoder.decode(one, subject.grid)
+    for single in alone:
+        subject.encoder.decode(single, subject.grid)
     require(np.array_equal(alone, before), "decode changed the maps")
     maps.setflags(write=False)
     with must_work("reading maps that may not be written to"):
-        found = [subject.encoder.decode(one, subject.grid) for one in maps]
+        found = [subject.encoder.decode(single, subject.grid) for single in maps]
         subject.decode(maps)
-    for one, other in zip(found, together, strict=True):
-        _alike(one, other, 1e-9, "alone and in a batch")
+    for single, other in zip(found, together, strict=True):
+        _alike(single, other, 1e-9, "alone and in a batch")
 
 
 def dtype(subject: EncoderSubject) -> None:
@@ -234,9 +234,11 @@ def scores(subject: EncoderSubject) -> None:
     require(all(a > b for a, b in pairwise(best)), f"of heat 1, 0.8 and 0.5 scores are {best}")
     noisy = np.random.default_rng(8).random((20, *maps.shape))
     low, high = grid.xy(0, 0) - 2.5, grid.xy(grid.shape[0] - 1, grid.shape[1] - 1) + 2.5
-    for found in subject.decode(noisy):
-        require(len(found) <= subject.most_contacts, f"{len(found)} contacts were read from noise")
-        inside = ((found.xy >= low) & (found.xy <= high)).all()
+    for decoded in subject.decode(noisy):
+        require(
+            len(decoded) <= subject.most_contacts, f"{len(decoded)} contacts were read from noise"
+        )
+        inside = ((decoded.xy >= low) & (decoded.xy <= high)).all()
         require(inside, "a contact was read more than 2.5 mm outside the grid")
 
 
@@ -261,12 +263,12 @@ def shape(subject: EncoderSubject) -> None:
         (1, channels, rows, columns),
     ):
         try:
-            found = subject.encoder.decode(np.zeros(wrong, np.float32), subject.grid)
+            decoded = subject.encoder.decode(np.zeros(wrong, np.float32), subject.grid)
         except (ValueError, UserError):
             continue
         except Exception as error:
             raise Failed(f"maps of shape {wrong} raised {describe_exception(error)}") from error
-        raise Failed(f"maps of shape {wrong} were read as {len(found)} contacts")
+        raise Failed(f"maps of shape {wrong} were read as {len(decoded)} contacts")
 
 
 def depth_range(subject: EncoderSubject) -> None:
@@ -335,9 +337,9 @@ def _random_pair(rng: np.random.Generator, distance: float, depth: object) -> Co
 
 def _read_back(encoder: Encoder, truth: Contacts, grid: Grid) -> tuple[float, float]:
     """Return the errors of position and depth after encoding and decoding, mm."""
-    found = encoder.decode(encoder.encode(truth, grid), grid)
-    require(len(found) == len(truth), f"{_label(truth)} was read as {len(found)} contacts")
-    return _largest_errors(found, truth)
+    decoded = encoder.decode(encoder.encode(truth, grid), grid)
+    require(len(decoded) == len(truth), f"{_label(truth)} was read as {len(decoded)} contacts")
+    return _largest_errors(decoded, truth)
 
 
 def _largest_errors(found: Contacts, truth: Contacts) -> tuple[float, float]:

@@ -79,7 +79,7 @@ def finds_contacts(subject: ModelSubject) -> None:
     """After training, some frames are answered with a contact, so that answers can be compared."""
     if subject.answer_kind != "contacts":
         raise NotApplicable("plate poses are asked for")
-    count = sum(isinstance(one, Contacts) and len(one) > 0 for one in subject.answers)
+    count = sum(isinstance(answer, Contacts) and len(answer) > 0 for answer in subject.answers)
     require(
         count,
         f"no contact in {len(subject.answers)} answers after training with "

@@ -233,10 +233,10 @@ def surface(subject: SensorSubject) -> None:
     """A known surface is (H, W) of the grid, finite, and deepest within 2 mm of the contact."""
     subject.skip_unless_any_scene()
     grid = subject.protocol.grid.grid()
-    known = subject.unopened.surface(_tip(3.0, -2.0, 2.0), grid)
-    if known is None:
+    surface = subject.unopened.surface(_tip(3.0, -2.0, 2.0), grid)
+    if surface is None:
         raise NotApplicable("it knows no surface")
-    depths = np.asarray(known)
+    depths = np.asarray(surface)
     require(depths.shape == grid.shape, f"shape {depths.shape}, expected {grid.shape}")
     require(np.isfinite(depths).all(), "it is not finite")
     row, column = np.unravel_index(int(depths.argmax()), depths.shape)
@@ -251,10 +251,10 @@ def bound(subject: SensorSubject) -> None:
     subject.skip_unless_any_scene()
     radius = subject.protocol.workspace.dome_radius_mm
     for scene in (_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0))):
-        known = subject.unopened.bound(scene)
-        if known is None:
+        bound = subject.unopened.bound(scene)
+        if bound is None:
             raise NotApplicable("it knows no bound")
-        deviations = np.asarray(known)
+        deviations = np.asarray(bound)
         expected = (len(true_contacts(scene, radius)), 3)
         require(deviations.shape == expected, f"shape {deviations.shape}, expected {expected}")
         require((deviations > 0).all(), f"{deviations.tolist()} mm; a bound is positive")
@@ -280,10 +280,10 @@ def forces(subject: SensorSubject) -> None:
     subject.skip_unless_any_scene()
     radius = subject.protocol.workspace.dome_radius_mm
     for scene in (_tip(1.0, 2.0, 2.0), Scene(Indenter.dual(8.0), Pose(depth=3.0)), _tip(0, 0, 0)):
-        known = subject.unopened.forces(scene)
-        if known is None:
+        forces = subject.unopened.forces(scene)
+        if forces is None:
             raise NotApplicable("it knows no forces")
-        values, expected = np.asarray(known), len(true_contacts(scene, radius))
+        values, expected = np.asarray(forces), len(true_contacts(scene, radius))
         require(values.shape == (expected,), f"shape {values.shape}, expected ({expected},)")
         require((np.isfinite(values) & (values >= 0)).all(), f"forces {values.tolist()}")
 

@@ -302,7 +302,7 @@ class EncoderSubject:
 
     def encode(self, contacts: Sequence[Contacts]) -> npt.NDArray[np.float32]:
         """Return (N, C, H, W) maps, encoded one by one."""
-        return np.stack([self.encoder.encode(one, self.grid) for one in contacts])
+        return np.stack([self.encoder.encode(item, self.grid) for item in contacts])
 
     def decode(self, maps: npt.NDArray[Any]) -> list[Contacts]:
         """Return the contacts of (N, C, H, W) maps."""

@@ -93,7 +93,10 @@ def _term_table(tiers: Sequence[TierErrors], axis: str) -> Table:
         for term in TERMS:
             inside = [tier.errors_of(term, axis, low, high) for _, low, high in bands]
             if any(inside):
-                cells = [f"{_pair(one, 'base', 3)} ({len(one)})" if one else "" for one in inside]
+                cells = [
+                    f"{_pair(errors, 'base', 3)} ({len(errors)})" if errors else ""
+                    for errors in inside
+                ]
                 table.add_row(label, term, *cells)
                 label = ""
     return table
@@ -110,8 +113,8 @@ def _table(left: Sequence[str], right: Sequence[str]) -> Table:
 def _print(console: Console, table: Table) -> None:
     """Print at the natural width: a narrow terminal breaks lines, nothing is cut."""
     natural = Measurement.get(console, console.options.update_width(_UNLIMITED), table).maximum
-    drawn = console.render(table, console.options.update_width(natural))
-    console.print(Segments(drawn), crop=False, end="")
+    segments = console.render(table, console.options.update_width(natural))
+    console.print(Segments(segments), crop=False, end="")
 
 
 def _cells(tier: TierErrors, group: str, deepest: float) -> tuple[str, str]:

@@ -76,9 +76,9 @@ class DragTables:
     def tip(self, radius: float) -> TipDrag:
         """Return the tables of a tip whose radius the press has tables for, inf for a plate."""
         shares = np.array(SHARES)
-        found = np.flatnonzero(self.radii == radius)
-        if len(found):
-            k = int(found[0])
+        rows = np.flatnonzero(self.radii == radius)
+        if len(rows):
+            k = int(rows[0])
             return self._fine(float(self.ends[k]), shares, self.field[k], self.compliance[k])
         spheres = np.flatnonzero(np.isfinite(self.radii)).tolist()
         at_share = [self._at_shares(k, deepest(float(self.radii[k]))) for k in spheres]

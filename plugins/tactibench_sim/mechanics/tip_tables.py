@@ -104,9 +104,9 @@ class TipTables:
 
 def between(radii: Array, values: Array, radius: float) -> Array:
     """Return values (K, ...) at one radius, by a cubic spline in log R; a node is met exactly."""
-    found = np.flatnonzero(radii == radius)
-    if len(found):
-        return np.asarray(values[found[0]], dtype=np.float64)
+    rows = np.flatnonzero(radii == radius)
+    if len(rows):
+        return np.asarray(values[rows[0]], dtype=np.float64)
     spline = CubicSpline(np.log(radii), values, axis=0)
     return np.asarray(spline(math.log(radius)), dtype=np.float64)
 

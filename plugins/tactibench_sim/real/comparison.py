@@ -262,12 +262,12 @@ def spread_of(
 
     sqrt((g - 1) / g sum (x_i - mean)^2) over g parts (Efron and Stein, Ann. Statist. 9, 1981).
     """
-    found = [
+    fits = [
         asdict(fit(presses.take(np.flatnonzero(part != k)), rig, x, steps=_AGAIN)[0])
         for k in np.unique(part)
     ]
-    scale = math.sqrt(max(len(found) - 1, 0))
-    return {name: scale * float(np.std([one[name] for one in found])) for name in asdict(x)}
+    scale = math.sqrt(max(len(fits) - 1, 0))
+    return {name: scale * float(np.std([values[name] for values in fits])) for name in asdict(x)}
 
 
 def errors_of(presses: Presses, rig: Rig, x: Unknowns, *, state_known: bool = False) -> Errors:

@@ -113,7 +113,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
     labels = content.labels or read_labels(content, names, options)
     presses = read_presses(table, options) or labels.presses
     kind, sha256 = check_frames(content.data, paths, rest)
-    found = Recording(
+    recording = Recording(
         format=content.format,
         generation=content.generation,
         folder=content.folder,
@@ -140,7 +140,7 @@ def read_recording(content: FolderContent, options: ImportOptions) -> Recording:
         dome_radius_mm=labels.dome_radius_mm,
         notes=_notes(content, len(names) - len(rows), paths, rest),
     )
-    return prepare_frames(found, options.light)
+    return prepare_frames(recording, options.light)
 
 
 def read_labels(

@@ -61,7 +61,7 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
     )
     labels = read_labels(content, frames, options)
     presses = read_presses(table, options) or labels.presses
-    kept = values[partners]
+    partner_values = values[partners]
     return Recording(
         format=content.format,
         generation=content.generation,
@@ -83,8 +83,8 @@ def read_vectors(folder: Path, options: ImportOptions) -> Recording:
             if name not in labels.columns
         },
         dome_radius_mm=labels.dome_radius_mm,
-        notes=_notes(table, len(table) - len(rows), kept, names),
-        values=kept,
+        notes=_notes(table, len(table) - len(rows), partner_values, names),
+        values=partner_values,
         signal_names=names,
     )
 

@@ -194,7 +194,7 @@ def _less_crowded(regime: Frontier) -> Frontier:
 
 def _distance_panels(rows: Sequence[Row], board: ReportBoard, where: str) -> Iterator[Panel]:
     series = [fitted_series(row) for row in rows]
-    series = [one for one in series if len(one.resolved) > 1]
+    series = [line for line in series if len(line.resolved) > 1]
     if not series:
         return
     yield Panel(

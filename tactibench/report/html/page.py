@@ -120,8 +120,8 @@ def site_pages(
     for board, page in pages:
         advance(board.name)
         chapters = [_chapter(board, page, set())]
-        links, one = [(INDEX, "All boards"), *others, *END_LINKS], [(board, page)]
-        yield _file(board), _rendered(template, data, one, chapters, links, here=_file(board))
+        links, boards = [(INDEX, "All boards"), *others, *END_LINKS], [(board, page)]
+        yield _file(board), _rendered(template, data, boards, chapters, links, here=_file(board))
 
 
 def _file(board: ReportBoard) -> str:

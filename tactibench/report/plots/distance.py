@@ -110,13 +110,13 @@ def distance_figure(
     """
     figure = new_figure(8.0, 6.0)
     errors, shares = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
-    for one, look, shift in dodged(series):
-        label = short_label(one.label)
-        label += "" if len(one.error) else ": no pair resolved"
-        show_line(errors, one.error, shift, look, label, hollow=one.few)
-        show_line(shares, one.resolved * [1, 100, 100, 100], shift, look)
+    for line, look, shift in dodged(series):
+        label = short_label(line.label)
+        label += "" if len(line.error) else ": no pair resolved"
+        show_line(errors, line.error, shift, look, label, hollow=line.few)
+        show_line(shares, line.resolved * [1, 100, 100, 100], shift, look)
     means = published_means(published)
-    log_errors(errors, [one.error for one in series], [value for _, value in means])
+    log_errors(errors, [line.error for line in series], [value for _, value in means])
     _show_published(errors, means)
     errors.set_ylabel("error of the distance, mm\n(mean over resolved pairs)")
     share_axis(shares)
@@ -167,18 +167,18 @@ def threshold_figure(series: Sequence[Series], *, measured_on: str = "") -> Figu
     """
     figure = new_figure(8.0, 7.2)
     errors, shares = figure.subplots(2, 1, sharex=True)
-    for one, look, shift in dodged(series):
-        show_line(errors, one.penalised, shift, look, short_label(one.label))
-        points = one.resolved * [1, 100, 100, 100]
-        if one.fit is None:
+    for line, look, shift in dodged(series):
+        show_line(errors, line.penalised, shift, look, short_label(line.label))
+        points = line.resolved * [1, 100, 100, 100]
+        if line.fit is None:
             show_line(shares, points, shift, look)
         else:
             show_line(shares, points, shift, Look(look.color, look.marker, "none"))
-            shares.plot(one.fit[0], 100 * one.fit[1], color=look.color, linestyle=look.line)
-        if one.threshold is not None and not one.threshold.censored:
-            shares.plot(one.threshold.value, 75, markersize=11, **look.points)
+            shares.plot(line.fit[0], 100 * line.fit[1], color=look.color, linestyle=look.line)
+        if line.threshold is not None and not line.threshold.censored:
+            shares.plot(line.threshold.value, 75, markersize=11, **look.points)
     shares.axhline(75, color=GREY, linestyle=(0, (5, 3)), linewidth=1.2, zorder=1)
-    log_errors(errors, [one.penalised for one in series])
+    log_errors(errors, [line.penalised for line in series])
     errors.set_ylabel("penalised error\nof the distance, mm")
     share_axis(shares)
     finish(figure, (errors, shares), THRESHOLD_TITLE, series, measured_on)

@@ -88,15 +88,15 @@ def off_nominal(
     unseen, moved = [], []
     for test in load_protocol(protocol).spec.test.apart:
         if test.instances and (error := spec.apart.get(test.name)):
-            found = elsewhere_frontiers(nominal, here.rows, error)
+            frontiers = elsewhere_frontiers(nominal, here.rows, error)
             words = f"off-nominal: {len(test.instances)} sensors that no training saw"
-            unseen.append(Condition(words, tuple(found), f"{error.name}, {error.unit}"))
+            unseen.append(Condition(words, tuple(frontiers), f"{error.name}, {error.unit}"))
     for section in sections:
         if section.kind != NOMINAL_KIND and section.sensor.name == here.sensor.name:
             test_sensor = section.record.test_sensor
             words = KINDS[section.kind] if test_sensor is None else test_sensor.description
-            found = elsewhere_frontiers(nominal, section.rows, spec.ranking)
-            moved.append(Condition(f"off-nominal: {words}", tuple(found)))
+            frontiers = elsewhere_frontiers(nominal, section.rows, spec.ranking)
+            moved.append(Condition(f"off-nominal: {words}", tuple(frontiers)))
     moved.sort(key=lambda one: -one.count)
     return [one for one in (*unseen, *moved) if one.count > 1][:1]
 
