@@ -94,6 +94,25 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
     return sorted(rows, key=lambda row: (row.first.shots, row.label, row.presses or 0))
 
 
+def row_on_own_test(row: Row, records: Iterable[Record]) -> Row | None:
+    """Return what the weights of a row gave on the protocol's own test, None where one is missing.
+
+    Args:
+        row: Of models that were tested on something else: hidden presses, finite elements, another
+            sensor.
+        records: All of the same version of the protocol.
+    """
+    weights = [_weights(record) for record in row.records]
+    own = [record for record in trained_for(records) if _weights(record) in weights]
+    return Row(tuple(own)) if len(own) == len(row.records) else None
+
+
+def _weights(record: Record) -> list[Any]:
+    # The hash alone tells neither decoders of one map apart, nor sensors with equal labels.
+    encoder = None if record.encoder is None else record.encoder.identity
+    return [*training_sensor(record), encoder, record.regime, record.identity.weights_hash]
+
+
 def _mark(record: Record, labels: Mapping[tuple[str, int | None], int]) -> str:
     return f" #{digest(row_key(record))[:4]}" if labels[_shown(record)] > 1 else ""
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tactibench.board.curve import Curve, curves
-from tactibench.board.grouping import rows_of, section_key, whole
+from tactibench.board.grouping import row_on_own_test, rows_of, section_key, whole
 from tactibench.board.ranking import Errors, ordered, ranks
 from tactibench.board.rows import (
     BELOW_BOUND,
@@ -47,6 +47,7 @@ from tactibench.report.board_tables import (
     curve_table,
     machine_list,
     metric_table,
+    own_test_table,
     published_blocks,
 )
 from tactibench.report.document import (
@@ -269,15 +270,17 @@ def board_page(
     on_section: dict[str, list[Record]] = {}
     for record in records:
         on_section.setdefault(canonical(section_key(record)), []).append(record)
+    whole_records = whole(records)
     sections = tuple(
         _page_section(
             spec,
             section,
             protocol,
             on_section[canonical(section_key(section.record))],
+            whole_records,
             errors,
         )
-        for section in sections_of(whole(records))
+        for section in sections_of(whole_records)
     )
     intro = [*_version_note(protocol), *_order(spec)]
     if not sections:
@@ -314,8 +317,13 @@ def _page_section(
     section: Section,
     protocol: LoadedProtocol,
     records: Iterable[Record],
+    whole_records: Sequence[Record],
     errors: Errors,
 ) -> PageSection:
+    """Return a section of a board.
+
+    records: of the section. whole_records: of all sections, that learned from all presses.
+    """
     name, first = protocol.name, section.record
     rows = ordered(name, section.rows)
     blocks: list[Block | None] = [
@@ -332,6 +340,9 @@ def _page_section(
             blocks.append(metric_table(table, own, ranks(name, own, errors, table.apart)))
         else:
             blocks.append(metric_table(table, rows, None if k else ranked))
+    if first.test_sensor is not None and spec.ranking is not None:
+        own_test = [row_on_own_test(row, whole_records) for row in rows]
+        blocks.append(own_test_table(rows, own_test, spec.ranking))
     blocks += hard_case_blocks(rows, protocol.spec.axes)
     learning: tuple[Curve, ...] = ()
     if spec.ranking is not None:

@@ -106,6 +106,32 @@ def metric_table(spec: BoardTable, rows: Sequence[Row], ranks: Ranks | None = No
     return made if not linked else replace(made, anchors=tuple(map(row_anchor, rows)))
 
 
+def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Ranking) -> Table | None:
+    """Return the error of rows beside that of the same weights on the protocol's own test.
+
+    Args:
+        rows: Tested on something else.
+        own: The same weights on the protocol's own test, row by row; None where they were not.
+        error: That ranks the board.
+    """
+    if not any(own):
+        return None
+    cells = [
+        None if row is None else row.metric(error.metric, error.group)
+        for pair in zip(rows, own, strict=True)
+        for row in pair
+    ]
+    numbers = [metric_number(cell, error.decimals) for cell in cells]
+    body = [
+        [*identity(row), *pair]
+        for row, pair in zip(rows, zip(numbers[::2], numbers[1::2], strict=True), strict=True)
+    ]
+    head = f"{error.name}, {error.unit}"
+    heads = [*IDENTITY, Column(f"here: {head}"), Column(f"the protocol's own test: {head}")]
+    note = "The same weights on both; each interval is over the presses of its own test."
+    return table(heads, body, title="Beside the protocol's own test", note=note)
+
+
 def _first_value(row: Row, column: MetricColumn) -> tuple[bool, float]:
     pooled = row.metric(column.metric, column.group)
     return (True, 0.0) if pooled is None else (False, pooled.value)

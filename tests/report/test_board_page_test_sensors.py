@@ -96,6 +96,29 @@ def test_the_page_says_how_many_frames_and_how_to_add_trivial_rows(records):
     assert board_page(load_protocol("exp1"), records[::-1], []).markdown() == text
 
 
+def test_they_stand_beside_the_same_weights_on_the_protocols_own_test(fabricate, tested):
+    records = [
+        *(tested(OTHER, error=0.4, seed=seed) for seed in (0, 1)),
+        *(fabricate(error=error, seed=seed) for seed, error in ((0, 0.1), (1, 0.3), (2, 0.9))),
+        *(fabricate(error=0.7, seed=seed, sensor={"instance": 1}) for seed in (0, 1)),
+    ]
+    part = board_page(load_protocol("exp1"), records, []).markdown()
+    (line,) = (
+        line
+        for line in part.partition("### Beside the protocol's own test")[2]
+        .partition("The same weights")[0]
+        .splitlines()
+        if line.startswith("| unet")
+    )
+    assert "| 2 | 0.4000" in line  # of the two seeds that were tested elsewhere, 0.1 and 0.3
+    assert "| 0.2000" in line
+
+
+def test_other_weights_are_not_set_beside_them(fabricate, tested):
+    records = [tested(OTHER, seed=3), fabricate(seed=0), fabricate(seed=3, regime="multiple")]
+    assert "Beside the" not in board_page(load_protocol("exp1"), records, []).markdown()
+
+
 def test_curves_and_frontiers_leave_them_out(records, tmp_path):
     folder = tmp_path / FOLDER / "exp1"
     folder.mkdir(parents=True)
