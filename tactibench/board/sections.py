@@ -74,18 +74,28 @@ class Section:
             text += f", tested on {test.description}"
         if why := KINDS[self.kind]:
             text += f": {why}"
+        if self.record.data.published_frames:
+            text += ", published test frames"
         return text + (f" (test frames {self.mark})" if self.mark else "")
 
 
 def sections_of(records: Iterable[Record]) -> list[Section]:
-    """Return records by version, sensor and test frames; simulated, then real, nominal first."""
+    """Return records by version, sensor and test frames.
+
+    Simulated ones come first, then nominal ones, then those on published test frames.
+    """
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(section_key(record)), []).append(record)
     made = [Section(tuple(rows_of(group))) for group in groups.values()]
     titles = [section.title for section in made]
     named = [Section(s.rows, _mark(s)) if titles.count(s.title) > 1 else s for s in made]
-    return sorted(named, key=lambda s: (s.origin != "simulated", s.kind, s.title))
+    return sorted(named, key=_order)
+
+
+def _order(section: Section) -> tuple[bool, int, bool, str]:
+    unpublished = not section.record.data.published_frames
+    return section.origin != "simulated", section.kind, unpublished, section.title
 
 
 def _mark(section: Section) -> str:
