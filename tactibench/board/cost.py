@@ -45,3 +45,13 @@ def latency(
 def machine(record: Record) -> str:
     """Return the fingerprint of the hardware that a record was timed on."""
     return record.environment.fingerprint
+
+
+def settled(row: Row) -> bool:
+    """Return whether the times of a row, one frame a call on one thread, are settled."""
+    return all(
+        speed.settled
+        for record in row.records
+        for speed in record.speed
+        if (speed.scenario, speed.threads) == ("single", 1)
+    )

@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from tactibench.board.cost import by_machine, frames_per_second, latency, machine
+from tactibench.board.cost import by_machine, frames_per_second, latency, machine, settled
 from tactibench.board.curve import Curve, Step, counts
 from tactibench.board.grouping import row_anchor
 from tactibench.board.ranking import Ranks
@@ -213,7 +213,7 @@ def machine_list(rows: Iterable[Row]) -> list[Block]:
 
 def _latency_cells(row: Row) -> Iterator[Cell]:
     times = row.over(lambda record: latency(record, threads=1))
-    mark = "" if _settled(row) else "*"
+    mark = "" if settled(row) else "*"
     yield Number(statistics.fmean(times), significant, mark=mark) if times else None
     yield _deviation(times, lambda value: significant(value, 2))
     yield _mean(row, lambda r: latency(r, threads=1, statistic="p50_ms"), significant)
@@ -247,15 +247,6 @@ def _deviation(values: Sequence[float], write: Format) -> Number | None:
 
 def _each_once(row: Row, words: Callable[[Record], str | None]) -> str:
     return "; ".join(sorted({words(record) or "n/a" for record in row.records}))
-
-
-def _settled(row: Row) -> bool:
-    return all(
-        speed.settled
-        for record in row.records
-        for speed in record.speed
-        if (speed.scenario, speed.threads) == ("single", 1)
-    )
 
 
 def _machine(record: Record) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterable
 
-from tactibench.board.cost import latency
+from tactibench.board.cost import latency, settled
 from tactibench.board.grouping import row_anchor
 from tactibench.board.overview import OverviewLine
 from tactibench.board.rows import Row, label_of
@@ -67,7 +67,8 @@ def _worst(line: OverviewLine) -> Cell:
 def _costs(row: Row) -> tuple[Cell, Cell]:
     times = row.over(lambda record: latency(record, threads=1))
     training = row.over(lambda record: record.training.seconds)
+    mark = "" if settled(row) else "*"
     return (
-        Number(statistics.fmean(times), significant) if times else None,
+        Number(statistics.fmean(times), significant, mark=mark) if times else None,
         Number(statistics.fmean(training), duration) if training else None,
     )
