@@ -13,10 +13,11 @@ from pathlib import Path
 import click
 
 from tactibench.board.overview import OverviewLine, overview
+from tactibench.board.rows import model_text
 from tactibench.board.submissions import read_submissions, records_of_version
 from tactibench.protocols.board_spec import overview_spec
 from tactibench.protocols.loader import load_protocol, shipped_files
-from tactibench.report.overview_table import line_name, overview_table
+from tactibench.report.overview_table import overview_table
 from tactibench.report.writers.markdown import table_lines
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,8 +65,8 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
     axes = figure.subplots()
     for place, line in enumerate(reversed(shown)):
         nominal = line.values[names.index("nominal")]
-        found = [line.row.metric("gospa1_mm", group) for group in groups]
-        others = [one.value for one in found if one is not None]
+        metrics = [line.row.metric("gospa1_mm", group) for group in groups]
+        others = [metric.value for metric in metrics if metric is not None]
         colour = model_look(line.row.first.model.name).color
         if nominal is not None:
             ends = [nominal.value, max(others)]
@@ -73,9 +74,7 @@ def draw(lines: Sequence[OverviewLine], path: Path) -> None:
             axes.plot([nominal.value], [place], "o", color=colour, markersize=10, zorder=3)
         hollow = {"color": colour, "markerfacecolor": "white", "markeredgewidth": 1.6}
         axes.plot(others, [place] * len(others), "D", markersize=6, zorder=2, **hollow)
-    axes.set_yticks(
-        range(len(shown)), [line_name(line.row, regime=False) for line in reversed(shown)]
-    )
+    axes.set_yticks(range(len(shown)), [model_text(line.row.first) for line in reversed(shown)])
     axes.set_xscale("log")
     ticks = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])

@@ -12,6 +12,8 @@ from fuzzed import TARGETS, attempt, inputs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+pytestmark = pytest.mark.long
+
 FEW, MANY, LIMIT_S = 40, 20_000, 600.0
 SLOWEST_S, MOST_BYTES = 2.0, 2**30
 TAKEN = Path("/proc/self/statm")

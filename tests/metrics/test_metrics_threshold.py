@@ -191,6 +191,7 @@ def test_all_resolved_and_none_are_censored_and_fit(share, value, censored):
     assert fit.goodness.p > 0.9
 
 
+@pytest.mark.long  # thousands of bootstrap fits
 @pytest.mark.parametrize("shares", [(0.9, 0.9, 0.3) * 4, tuple(np.linspace(0.6, 0.2, 12))])
 def test_no_curve_gives_the_crossing_and_says_so(shares):
     distance, hits = exactly(np.array(shares), 100)
