@@ -72,7 +72,7 @@ def scores(protocol: str, model: Callable[[Answers], Answers]) -> Iterator[list[
         yield score_arrays(spec, arrays, pack_contacts(model(list(truth))), {})
 
 
-@pytest.mark.parametrize("protocol", ["exp1", "exp2"])
+@pytest.mark.parametrize("protocol", ["exp1", pytest.param("exp2", marks=pytest.mark.long)])
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
 def test_no_invariant_is_broken(
     protocol: str, model: Callable[[Answers], Answers], fabricate: Callable[..., Record]
