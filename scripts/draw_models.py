@@ -66,14 +66,17 @@ class Curve:
 
 
 def newest_rows(folder: Path = SUBMISSIONS) -> dict[str, Record]:
-    """Return model -> its newest record of the newest version, trained on single presses."""
+    """Return model -> its newest record of the newest version, trained on single presses.
+
+    Only records of the protocol's own test: other presses are no panel beside them.
+    """
     rows: dict[str, Record] = {}
     for path in sorted(folder.glob("*.json")):
         record = Record.model_validate_json(path.read_text(encoding="utf-8"))
-        if record.regime != "single" or record.model.changed:
+        if record.regime != "single" or record.model.changed or record.test_sensor is not None:
             continue
-        known = rows.get(record.model.name)
-        if known is None or _age(known) < _age(record):
+        newest = rows.get(record.model.name)
+        if newest is None or _age(newest) < _age(record):
             rows[record.model.name] = record
     return rows
 

@@ -138,15 +138,15 @@ class Detector:
         if still.cost < _SUSPECT * self._cost(trial, still.weight):
             return still
         for _ in range(_MOTION_ROUNDS):
-            first = tried._search(image, moved, sure)
-            motion = tried._motion(first.solution)
+            with_motion = tried._search(image, moved, sure)
+            motion = tried._motion(with_motion.solution)
             places = tried.pins.rest + moved.reshape(2, -1).T
             moved = (motion.back(places) - tried.pins.rest).T.reshape(-1)
             tried = replace(tried, pins=tried.pins.moved(motion))
         # Without the motion more contacts may have been taken for it: each must be worth its gain.
-        more = len(still.share) - len(first.share)
+        more = len(still.share) - len(with_motion.share)
         worth = _MOTION_GAIN if more <= 0 else 1.0
-        return first if first.cost * worth < still.cost * self.gain**more else still
+        return with_motion if with_motion.cost * worth < still.cost * self.gain**more else still
 
     def _search(self, image: Image, moved: Array, sure: Flags) -> Found:
         """The contacts of one frame that moves no further than ``motions`` say.

@@ -63,10 +63,10 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
         values = []
         for column in spec.columns:
             if column.published_frames:
-                other = plates.get(column.protocol, {}).get(_plates(row))
+                match = plates.get(column.protocol, {}).get(_plates(row))
             else:
-                other = trained.get(column.protocol, {}).get(_training(row))
-            values.append(None if other is None else other.metric(column.metric, column.group))
+                match = trained.get(column.protocol, {}).get(_training(row))
+            values.append(None if match is None else match.metric(column.metric, column.group))
         hard = trained.get(HARD_CASES, {}).get(_training(row))
         lines.append(OverviewLine(row, tuple(values), None if hard is None else worst_family(hard)))
     first = [column.name for column in spec.columns].index(spec.order)

@@ -142,8 +142,8 @@ def _handler(files: Files, posts: Mapping[str, Post]) -> type[BaseHTTPRequestHan
             try:
                 if not _is_local(self.headers.get_all("Host") or []):
                     raise _RefusedError(HTTPStatus.FORBIDDEN, "this page is for this machine alone")
-                session = make()
-                if session is None:
+                content = make()
+                if content is None:
                     raise _RefusedError(HTTPStatus.NOT_FOUND, "there is nothing at this address")
             except _RefusedError as refused:
                 self.close_connection = True  # its body was not read
@@ -151,7 +151,7 @@ def _handler(files: Files, posts: Mapping[str, Post]) -> type[BaseHTTPRequestHan
             except UserError as error:
                 self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", str(error).encode())
             else:
-                self._send(HTTPStatus.OK, *session)
+                self._send(HTTPStatus.OK, *content)
 
         def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
             self.send_response(status)

@@ -116,15 +116,14 @@ def own_test_table(rows: Sequence[Row], own: Sequence[Row | None], error: Rankin
     """
     if not any(own):
         return None
-    cells = [
-        None if row is None else row.metric(error.metric, error.group)
-        for pair in zip(rows, own, strict=True)
-        for row in pair
-    ]
-    numbers = [metric_number(cell, error.decimals) for cell in cells]
+
+    def written(row: Row | None) -> Cell:
+        pooled = None if row is None else row.metric(error.metric, error.group)
+        return metric_number(pooled, error.decimals)
+
     body = [
-        [*identity(row), *pair]
-        for row, pair in zip(rows, zip(numbers[::2], numbers[1::2], strict=True), strict=True)
+        [*identity(here), written(here), written(there)]
+        for here, there in zip(rows, own, strict=True)
     ]
     head = f"{error.name}, {error.unit}"
     heads = [*IDENTITY, Column(f"here: {head}"), Column(f"the protocol's own test: {head}")]
