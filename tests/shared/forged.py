@@ -22,11 +22,11 @@ from tactibench.records.record import Record, make_signature
 
 ROOT = Path(__file__).parents[2]
 BASES = {
-    "plain": "exp2-mean-single-*",
+    "plain": "exp2-mean-single-s0-*",
     "encoded": "exp2-unet-single-s0-*",
     "instance": "exp2-superpose-single-on-instance-1-*",
     "reference": "exp2-unet-single-on-reference-*",
-    "failing": "stability-superpose-single-*",
+    "failing": "stability-superpose-single-s0-*",
     "few": "exp1-superpose-single-n250-*",
 }
 """What a forgery begins with -> a committed submission."""
