@@ -14,7 +14,12 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def pack_contacts(answers: Sequence[Contacts]) -> Arrays:
-    """Count (N,), xy (M, 2), depth (M,), score (M,), std (M, 3) with NaN where none was given."""
+    """Return the contacts of N frames as flat arrays of M rows, one row per contact.
+
+    Returns:
+        count (N,), xy (M, 2), depth (M,), score (M,) and std (M, 3), which is NaN where none was
+        given.
+    """
     unknown = [np.full((len(a), 3), np.nan) if a.std is None else a.std for a in answers]
     return {
         "count": np.array([len(a) for a in answers], dtype=np.int64),
@@ -26,22 +31,24 @@ def pack_contacts(answers: Sequence[Contacts]) -> Arrays:
 
 
 def unpack_contacts(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Contacts, ...]:
-    """The inverse of ``pack_contacts``."""
+    """Return the contacts of every frame from the arrays of ``pack_contacts``."""
     ends = np.cumsum(arrays["count"])
     out = []
     for start, end in zip(ends - arrays["count"], ends, strict=True):
         part = slice(int(start), int(end))
         std = arrays["std"][part]
-        known = None if np.isnan(std).any() or not len(std) else std
+        given_std = None if np.isnan(std).any() or not len(std) else std
         xy, depth, score = (arrays[name][part] for name in ("xy", "depth", "score"))
-        out.append(Contacts(xy, depth, score, known))
+        out.append(Contacts(xy, depth, score, given_std))
     return tuple(out)
 
 
 def pack_plates(answers: Sequence[PlatePose | None]) -> Arrays:
-    """Return given (N,) bool, depth and tilt (N,), std (N, 2); zero where no answer was given.
+    """Return the plate poses of N frames as flat arrays.
 
-    std is NaN where none was given.
+    Returns:
+        given (N,) bool, plate_depth (N,), plate_tilt (N,) and plate_std (N, 2). Depth and tilt are
+        zero where no answer was given, std is NaN where none was given.
     """
     stds = [a.std if a and a.std else (np.nan, np.nan) for a in answers]
     return {
@@ -53,17 +60,25 @@ def pack_plates(answers: Sequence[PlatePose | None]) -> Arrays:
 
 
 def unpack_plates(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[PlatePose | None, ...]:
-    """The inverse of ``pack_plates``."""
+    """Return the plate pose of every frame from the arrays of ``pack_plates``."""
     columns = ("given", "plate_depth", "plate_tilt", "plate_std")
     out: list[PlatePose | None] = []
     for given, depth, tilt, std in zip(*(arrays[name] for name in columns), strict=True):
-        known = None if np.isnan(std).any() else (float(std[0]), float(std[1]))
-        out.append(PlatePose(float(depth), float(tilt), known) if given else None)
+        given_std = None if np.isnan(std).any() else (float(std[0]), float(std[1]))
+        out.append(PlatePose(float(depth), float(tilt), given_std) if given else None)
     return tuple(out)
 
 
 def pack(answers: Sequence[Answer | None], kind: str) -> Arrays:
-    """Pack answers of one kind, "contacts" or "plate". Raises TypeError for any other."""
+    """Return answers of one kind as flat arrays.
+
+    Args:
+        answers: One answer a frame; None: no plate pose was given.
+        kind: "contacts" or "plate".
+
+    Raises:
+        TypeError: An answer is not of this kind.
+    """
     if kind == "plate":
         plates = [a for a in answers if a is None or isinstance(a, PlatePose)]
         _all(plates, answers, "PlatePose")

@@ -21,7 +21,13 @@ SpecT = TypeVar("SpecT", ModelSpec, SensorSpec, EncoderSpec)
 
 @dataclass(frozen=True)
 class BoundSpec(Generic[SpecT]):
-    """A model, sensor or encoder with the values of its parameters and the plugin it is from."""
+    """A model, sensor or encoder with the values of its parameters and the plugin it is from.
+
+    Attributes:
+        spec: Spec of the model, sensor or encoder.
+        values: Value of every parameter.
+        origin: Plugin that the spec is from.
+    """
 
     spec: SpecT
     values: Mapping[str, Value]
@@ -32,14 +38,19 @@ class BoundSpec(Generic[SpecT]):
         """Return the spec of a catalogue with some parameters given as texts.
 
         Raises:
-            UserError: for an unknown name or parameter, or a value that is not allowed.
+            UserError: The name or a parameter is unknown, or a value is not allowed.
         """
         spec = catalogue[name]
         return cls(spec, spec.settings(given), catalogue.origins[name])
 
     @classmethod
     def of_record(cls, catalogue: Catalogue[SpecT], component: Component) -> Any:
-        """Return the spec that a record names, as it was set. Raises UserError."""
+        """Return the spec that a record names, with the settings of that record.
+
+        Raises:
+            UserError: The catalogue does not hold the name, or a parameter or value of the record
+                is not allowed.
+        """
         spec = catalogue[component.name]
         values = spec.settings_of_record(component.parameters)
         return cls(spec, values, catalogue.origins[spec.name])
@@ -67,11 +78,19 @@ class BoundSpec(Generic[SpecT]):
         return self.spec.target.partition(":")[0].partition(".")[0]
 
     def build(self, *context: Any) -> Any:
-        """Import the class behind the spec and make an instance. Raises UserError."""
+        """Import the class behind the spec and make an instance.
+
+        Raises:
+            UserError: The class cannot be used.
+        """
         return self.spec.load()(*context, **self.values)
 
     def code(self) -> str:
-        """Return a hash of the source of the package. Raises UserError where there is none."""
+        """Return a hash of the source of the package.
+
+        Raises:
+            UserError: The package of the spec cannot be imported.
+        """
         inside = self.spec.target.partition(":")[0].split(".")[1:2]
         without = frozenset() if inside == [REFERENCE_FRAMES] else frozenset({REFERENCE_FRAMES})
         try:

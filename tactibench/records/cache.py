@@ -1,4 +1,4 @@
-"""The folder of all that can be made again."""
+"""The cache: a folder of files that can be made again."""
 
 from __future__ import annotations
 

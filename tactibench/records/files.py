@@ -1,4 +1,4 @@
-"""Writing so that nobody ever reads half a file, and locks so that no two write one."""
+"""Files that are written whole or not at all, and locks so that no two processes write one."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from tactibench.records.identity import digest
 
 @contextmanager
 def atomic(path: Path) -> Iterator[IO[bytes]]:
-    """Open a temporary neighbour of ``path`` for writing; it takes the name when all went well.
+    """Open a temporary file beside ``path`` for writing; it takes the name when all went well.
 
-    What is no plain file, such as ``/dev/stdout`` or a pipe, is written to and stays what it is.
+    A ``path`` that is no plain file, such as ``/dev/stdout`` or a pipe, is written to directly and
+    stays what it is.
     """
     if path.exists() and not path.is_file():
         with path.open("wb") as stream:
@@ -45,17 +46,23 @@ def atomic(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write readable JSON. NaN is refused: it has no meaning in JSON."""
+    """Write readable JSON.
+
+    Raises:
+        ValueError: A number is NaN or infinite, which has no meaning in JSON.
+    """
     text = json.dumps(value, indent=1, sort_keys=False, allow_nan=False, ensure_ascii=False)
     with atomic(path) as stream:
         stream.write(text.encode() + b"\n")
 
 
 def parse_json(text: str) -> Any:
-    """Return the value of a JSON text, every number finite: ``write_json`` writes no other.
+    """Return the value of a JSON text whose numbers are all finite, as ``write_json`` writes them.
 
-    Raises ValueError, for NaN and 1e999 too and for a key that stands twice (whoever reads the text
-    would see one value, and a program another), and RecursionError for lists without an end.
+    Raises:
+        ValueError: The text is no JSON, holds a number that is not finite (NaN, or 1e999, which is
+            too large), or holds a key twice: a reader would see one value, and a program another.
+        RecursionError: Lists or objects are too deep inside each other.
     """
     # Only such a number can be too large; elsewhere the parser's own conversion is faster.
     check = _finite if HUGE.search(text) else None
@@ -64,7 +71,7 @@ def parse_json(text: str) -> Any:
 
 CHECKSUM = "checksum"
 HUGE = re.compile(r"[eE]\+?0*[1-9]\d\d|\d{290}")
-"""Exponents of three digits, or as many digits."""
+"""Numbers that may be too large for a float: an exponent of three digits, or 290 digits."""
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -84,7 +91,11 @@ def _finite(word: str) -> float:
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON. Raises UserError when the file is missing or damaged."""
+    """Read JSON.
+
+    Raises:
+        UserError: The file is missing or damaged.
+    """
     try:
         return parse_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -99,10 +110,10 @@ def write_checked_json(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def read_checked_json(path: Path) -> dict[str, Any]:
-    """Return the object of ``write_checked_json``; an older file without a checksum is taken.
+    """Return the object of ``write_checked_json``; an older file without a checksum is accepted.
 
     Raises:
-        UserError: the file is missing, damaged, or not what was written.
+        UserError: The file is missing or damaged, or its values are not those that were written.
     """
     values = read_json(path)
     if not isinstance(values, dict):
@@ -120,7 +131,11 @@ def write_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """Read named arrays. Raises UserError when the file is missing or damaged."""
+    """Read named arrays.
+
+    Raises:
+        UserError: The file is missing or damaged.
+    """
     try:
         # np.load leaves a file that is no archive open.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
@@ -128,14 +143,21 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
     except FileNotFoundError:
         raise UserError(f"{path} does not exist.") from None
     except Exception as error:  # noqa: BLE001 - zip, zlib, header and value errors alike
-        what = f"{path} is damaged ({type(error).__name__})"
-        raise UserError(f"{what}; delete it and run again.") from None
+        problem = f"{path} is damaged ({type(error).__name__})"
+        raise UserError(f"{problem}; delete it and run again.") from None
 
 
 def write_checked_arrays(
     path: Path, arrays: Mapping[str, npt.NDArray[Any]], identity: str = "", *, compress: bool = True
 ) -> None:
-    """Write named arrays with a checksum over them and ``identity``, what they were made from."""
+    """Write named arrays with a checksum over them and their identity.
+
+    Args:
+        path: File to write.
+        arrays: Arrays by name.
+        identity: Text that names what the arrays were made from.
+        compress: Whether the file is compressed.
+    """
     checksum = np.array(f"{identity} {arrays_hash(arrays)}")
     write = np.savez_compressed if compress else np.savez
     with atomic(path) as stream:
@@ -145,7 +167,12 @@ def write_checked_arrays(
 def read_checked_arrays(path: Path, identity: str = "") -> dict[str, npt.NDArray[Any]] | None:
     """Return the arrays of ``write_checked_arrays``.
 
-    None where the file is missing, damaged, or was made from something else.
+    Args:
+        path: File to read.
+        identity: Text that names what the arrays must have been made from.
+
+    Returns:
+        None where the file is missing, damaged, or was made from something else.
     """
     try:
         arrays = read_arrays(path)

@@ -14,7 +14,11 @@ from typing import Any
 
 
 def canonical(value: Any) -> str:
-    """Return one text for equal JSON values. Raises ValueError on NaN."""
+    """Return one text for equal JSON values.
+
+    Raises:
+        ValueError: A number is NaN or infinite.
+    """
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
@@ -32,8 +36,14 @@ def combined(parts: Iterable[str]) -> str:
 def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
     """Return sha256 over the source and data files of an import package or module.
 
-    A version number says what an author remembered to change; this says what changed. without:
-    folders directly inside the package that are left out. Raises ModuleNotFoundError.
+    A version number says what an author remembered to change; this says what changed.
+
+    Args:
+        package: Import name of the package or module.
+        without: Folders directly inside the package that are left out.
+
+    Raises:
+        ModuleNotFoundError: The package is not installed.
     """
     files = [(name, path) for name, path in _files(package) if Path(name).parts[0] not in without]
     lines = [f"{name} {hashlib.sha256(p.read_bytes()).hexdigest()}" for name, p in sorted(files)]
@@ -43,14 +53,15 @@ def code_hash(package: str, without: frozenset[str] = frozenset()) -> str:
 def code_mentions(package: str, names: Iterable[str]) -> bool:
     """Return whether any Python file of an import package or module holds one of the names.
 
-    Raises ModuleNotFoundError.
+    Raises:
+        ModuleNotFoundError: The package is not installed.
     """
     sources = [path.read_bytes() for _, path in _files(package) if path.suffix == ".py"]
     return any(name.encode() in source for source in sources for name in names)
 
 
 def _files(package: str) -> list[tuple[str, Path]]:
-    """Files of a package, by their path inside it."""
+    """Return the files of a package, with their paths inside it."""
     spec = find_spec(package)
     if spec is None:
         raise ModuleNotFoundError(package)
@@ -61,7 +72,7 @@ def _files(package: str) -> list[tuple[str, Path]]:
 
 
 def _code(root: Path) -> list[Path]:
-    """Every file but byte code and hidden ones (an editor's or a system's)."""
+    """Return all files but byte code and hidden files (of an editor or the system)."""
     files = []
     for path in root.rglob("*"):
         inside = path.relative_to(root).parts
@@ -77,7 +88,7 @@ def installed_versions(*distributions: str) -> dict[str, str]:
     return {name: _version(name) for name in distributions}
 
 
-@lru_cache(maxsize=64)  # a process goes on with what it has imported; 4 ms to read
+@lru_cache(maxsize=64)  # reading takes 4 ms, and a process keeps the version that it imported
 def _version(name: str) -> str:
     try:
         return version(name)
@@ -86,7 +97,12 @@ def _version(name: str) -> str:
 
 
 def code_commit(folder: Path) -> str:
-    """Commit of the checkout the code runs from, ``+dirty`` with changes, or "installed"."""
+    """Return the commit of the checkout that the code runs from.
+
+    Returns:
+        The hash of the commit, with ``+dirty`` where files were changed; "installed" where the code
+        does not run from a checkout.
+    """
     try:
         where = ["git", "-C", str(folder)]
         tracked = [*where, "ls-files", "--error-unmatch", "pyproject.toml"]

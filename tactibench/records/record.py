@@ -32,7 +32,7 @@ Value = bool | int | float | str
 
 
 class _Strict(BaseModel):
-    """A part of a record whose keys are all known."""
+    """A part of a record that has no other keys than the declared ones."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -42,12 +42,12 @@ class _Strict(BaseModel):
 
 
 class _Open(BaseModel):
-    """A part of a record to which a version may add keys; those that are read are declared."""
+    """A part of a record to which later versions may add keys; keys that are read are declared."""
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)
 
     def __bool__(self) -> bool:
-        """Return whether the record says anything here."""
+        """Return whether the record holds any key of this part."""
         return bool(self.model_fields_set)
 
     def json_values(self) -> dict[str, Any]:
@@ -56,10 +56,21 @@ class _Open(BaseModel):
 
 
 class Metric(_Strict):
-    """A metric of one group. value: None for n/a. n: values averaged. clusters: presses.
+    """A metric of one group.
 
-    censored: the value is only a limit. method: how it was estimated where that is not the metric's
-    usual way; "interpolated": between measured shares, because no curve fits them.
+    Attributes:
+        metric: Name of the metric.
+        group: Name of the group.
+        value: None for n/a.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        n: Number of values averaged.
+        clusters: Number of presses.
+        unit: Unit of the value.
+        better: Which values are better.
+        censored: "<" or ">" where the value is only a limit.
+        method: How the value was estimated where that is not the metric's usual way;
+            "interpolated": between measured shares, because no curve fits them.
     """
 
     metric: str
@@ -78,9 +89,21 @@ class Metric(_Strict):
 class SpeedRow(_Strict):
     """Latency of one phase, ms a call.
 
-    settled: whether times neither drifted nor were disturbed. cpu_ms: mean processor time of the
-    process. stolen, foreign: shares of the processors that other machines and other processes took
-    meanwhile; load: load average of the minute before. None where that was not measured.
+    Attributes:
+        scenario: "single" (one frame a call) or "offline" (batches).
+        threads: Number of threads.
+        batch: Frames a call.
+        phase: Name of the phase, or "total".
+        p50_ms: Median.
+        p90_ms: 90 % quantile.
+        p99_ms: 99 % quantile.
+        mean_ms: Mean.
+        per_s: Frames per second, from the mean.
+        settled: Whether the times neither drifted nor were disturbed.
+        cpu_ms: Mean processor time of the process, ms; None: not measured.
+        stolen: Share of the processors that other machines took meanwhile; None: not measured.
+        foreign: Share of the processors that other processes took meanwhile; None: not measured.
+        load: Load average of the minute before; None: not measured.
     """
 
     scenario: str
@@ -109,15 +132,18 @@ class ProtocolId(_Strict):
 
     @property
     def label(self) -> str:
-        """Name with version, as "exp1@1"."""
+        """Name with the version, such as "exp1@1"."""
         return f"{self.id}@{self.version}"
 
 
 class Component(_Strict):
     """A model, encoder or sensor with the values of its parameters.
 
-    settings: names of the parameters that are not at their defaults. A record keeps them, because
-    the defaults of a later version may be others.
+    Attributes:
+        name: Name of the spec.
+        parameters: Value of every parameter.
+        settings: Names of the parameters that are not at their defaults. A record keeps them,
+            because a later version may have other defaults.
     """
 
     name: str
@@ -134,7 +160,7 @@ class Component(_Strict):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """Name and all parameters, without what the defaults were."""
+        """Name and all parameters, without ``settings``, which depend on a version's defaults."""
         return {"name": self.name, "parameters": self.parameters}
 
     @property
@@ -144,7 +170,11 @@ class Component(_Strict):
         return f"{self.name}({pairs})" if pairs else self.name
 
     def text(self, *, without: str = "") -> str:
-        """Return the same for a reader, as "unet, width=32". without: a parameter left out."""
+        """Return name and changed parameters for a reader, such as "unet, width=32".
+
+        Args:
+            without: Name of a parameter that is left out.
+        """
         changed = (f"{name}={value}" for name, value in self.changed.items() if name != without)
         return ", ".join([self.place, *changed])
 
@@ -157,10 +187,13 @@ class Component(_Strict):
 class TestSensor(Component):
     """The sensor that pressed the test scenes, where it was not the sensor of the training.
 
-    options: as given with ``--test``; none where the model was trained on several sensor instances
-    and is tested on the nominal one. description: in words, "finite-element scenes". presses: how
-    many the test frames are of. trained_on: in words, where the model was trained on another
-    sensor: "real recording 331/model_surface2d".
+    Attributes:
+        options: Options as given with ``--test``; empty where the model was trained on several
+            sensor instances and is tested on the nominal one.
+        description: Description in words, such as "finite-element scenes".
+        presses: Number of presses that the test frames show.
+        trained_on: Description of the training sensor where the model was trained on another
+            sensor, such as "real recording 331/model_surface2d".
     """
 
     __test__ = False  # not a test case, whatever its name
@@ -172,7 +205,13 @@ class TestSensor(Component):
 
 
 class RecordingId(_Strict):
-    """A recording that a sensor read. label: name of its folder. sensor: what it was made with."""
+    """A recording that a sensor read.
+
+    Attributes:
+        label: Name of its folder.
+        sha256: Hash of the recording.
+        sensor: Sensor that it was made with; "" where the data set does not say.
+    """
 
     label: str
     sha256: str
@@ -180,7 +219,14 @@ class RecordingId(_Strict):
 
 
 class PressedRange(_Strict):
-    """The range that was pressed in place of the protocol's. dome_radius_mm: None where flat."""
+    """The range that was pressed in place of the protocol's range.
+
+    Attributes:
+        half_width_mm: Largest x and y, either way.
+        depth_min_mm: Smallest depth of a tip.
+        depth_max_mm: Largest depth of a tip.
+        dome_radius_mm: Radius of the touched surface; None where it is flat.
+    """
 
     half_width_mm: float
     depth_min_mm: float
@@ -188,7 +234,7 @@ class PressedRange(_Strict):
     dome_radius_mm: float | None
 
     def text(self) -> str:
-        """Return "own range: x and y within 15 mm, 0.5 to 4.5 mm deep, flat"."""
+        """Return a text such as "own range: x and y within 15 mm, 0.5 to 4.5 mm deep, flat"."""
         radius = math.inf if self.dome_radius_mm is None else self.dome_radius_mm
         return f"own range: {Workspace(**{**dict(self), 'dome_radius_mm': radius})}"
 
@@ -196,7 +242,13 @@ class PressedRange(_Strict):
 class SensorId(Component):
     """The sensor of the training.
 
-    scene_counts: in older records, by role, how many scenes the sensor made in which way.
+    Attributes:
+        origin: "simulated" or "real".
+        scene_counts: Number of scenes that the sensor made in each way, by role; in older records
+            only.
+        test_sensor: Sensor that pressed the test scenes; None where it was this sensor.
+        recording: Recording that the sensor read; None where it read none.
+        range: Range that was pressed in place of the protocol's; None where it was the protocol's.
     """
 
     origin: Literal["simulated", "real"]
@@ -207,7 +259,7 @@ class SensorId(Component):
 
     @property
     def place(self) -> str:
-        """Name, with the recording: "recorded (eFlesh, folder eflesh, sha256 1a2b3c4d)"."""
+        """Name with the recording, such as "recorded (eFlesh, folder eflesh, sha256 1a2b3c4d)"."""
         if self.recording is None:
             return self.name
         facts = (
@@ -218,13 +270,23 @@ class SensorId(Component):
         return f"{self.name} ({', '.join(filter(None, facts))})"
 
     def text(self, *, without: str = "") -> str:
-        """Return the same for a reader, with the recording and a range of its own."""
+        """Return name and changed parameters for a reader, with the recording and its own range.
+
+        Args:
+            without: Name of a parameter that is left out.
+        """
         text = super().text(without=without)
         return text if self.range is None else f"{text}, {self.range.text()}"
 
 
 class Limits(_Open):
-    """The options that cut a run short. presses: how many a model was allowed to learn from."""
+    """The options that cut a run short.
+
+    Attributes:
+        quick: Whether ``--quick`` was given.
+        limit: Value of ``--limit``; None: not given.
+        presses: Number of presses that a model was allowed to learn from; None: all.
+    """
 
     quick: bool = False
     limit: int | None = None
@@ -232,9 +294,11 @@ class Limits(_Open):
 
 
 class Identity(_Open):
-    """Hashes of what was made, beside all that it was made from. stored: of every array file.
+    """Hashes of all results of a run, beside everything that they were made from.
 
-    checksum: digest of the record without this key, where the record was stored with one.
+    Attributes:
+        stored: Hash of every array file, by name.
+        checksum: Digest of the record without this key; None where an older record has none.
     """
 
     protocol: str | None = None
@@ -293,8 +357,11 @@ class Configuration(_Open):
 class Timed(Configuration):
     """The configuration that was timed, and those that it was chosen from.
 
-    interleaved: models that were timed in turns, this one among them; None where it was timed by
-    itself, after its training. at: when, where that was not in the run.
+    Attributes:
+        raced: Configurations that it was chosen from.
+        interleaved: Number of models that were timed in turns, this one included; None where the
+            model was timed by itself, after its training.
+        at: Time of the timing, where that was not in the run.
     """
 
     raced: list[Configuration] = []
@@ -312,7 +379,12 @@ class Efficiency(_Open):
 
 
 class Training(_Open):
-    """A training. seconds: in this run, or when the weights were made. prior: see ``FitReport``."""
+    """A training.
+
+    Attributes:
+        seconds: Time of the training in this run, or when the weights were made.
+        prior: Prior knowledge of the model, see ``FitReport``.
+    """
 
     epochs: int | None = None
     seconds: float | None = None
@@ -325,9 +397,11 @@ class Training(_Open):
 
 
 class AdaptedSensor(_Open):
-    """All of the tested sensor that a model saw before its test. described: its recording.
+    """Everything of the tested sensor that a model saw before its test.
 
-    rest_image: whether the frames brought an image of it at rest.
+    Attributes:
+        rest_image: Whether the frames brought an image of the sensor at rest.
+        described: Description of its recording.
     """
 
     rest_image: bool = False
@@ -339,7 +413,13 @@ class AdaptedSensor(_Open):
 
 
 class Cause(_Open):
-    """A reason to fail. first: the group of the first frame."""
+    """A cause of failures.
+
+    Attributes:
+        cause: Text of the cause.
+        frames: Number of frames.
+        first: Group of the first frame.
+    """
 
     cause: str
     frames: int
@@ -356,8 +436,14 @@ class Failures(_Open):
 class SimulatorError(_Open):
     """Bounds on how far a marker is from finite elements in the scenes of a simulated test set, mm.
 
-    unknown: scenes whose error nobody measured; median_mm, p95_mm and max_mm are over the others.
-    terms: of the simulated field -> number of scenes that need it.
+    Attributes:
+        name: Name of the test set.
+        scenes: Number of scenes.
+        unknown: Number of scenes whose error nobody measured.
+        median_mm: Median over the other scenes.
+        p95_mm: 95 % quantile over the other scenes.
+        max_mm: Largest over the other scenes.
+        terms: Term of the simulated field -> number of scenes that need it.
     """
 
     name: str
@@ -372,8 +458,16 @@ class SimulatorError(_Open):
 class FrameCounts(_Open):
     """Numbers of frames, and how exact they are.
 
-    rejected: by geometry, when presses were drawn. simulator: by test set, of simulated frames;
-    older records do not have it.
+    Attributes:
+        train: Number of training presses.
+        validation: Number of validation presses.
+        test: Number of test presses.
+        rejected: Number of candidates that geometry rejected when presses were drawn.
+        published_frames: Whether the test frames are those of a published data set.
+        simulator: Error of the simulator by test set, for simulated frames; older records do not
+            have it.
+        of_tested_sensor: What a model saw of the tested sensor; None where it saw nothing.
+        failures: Frames on which the model failed.
     """
 
     train: int = 0
@@ -387,7 +481,7 @@ class FrameCounts(_Open):
 
 
 class _MetricIndex:
-    """The rows of a list of metrics by metric and group; the first of two counts."""
+    """The rows of a list of metrics by metric and group; of two equal ones the first counts."""
 
     def __init__(self) -> None:
         self.rows: list[Metric] | None = None
@@ -421,7 +515,7 @@ class Record(_Strict):
 
     @model_validator(mode="after")
     def _read_old_settings(self) -> Record:
-        """Records made before ``settings`` were a field name them in their signature alone."""
+        """Read the settings from the signature of records older than the field ``settings``."""
         following = {"model": "regime", "encoder": "sensor", "sensor": "seed"}
         for kind, after in following.items():
             component = getattr(self, kind)
@@ -434,9 +528,9 @@ class Record(_Strict):
 
     @property
     def shots(self) -> int:
-        """The labelled presses of the tested sensor that were shown before every answer.
+        """Number of labelled presses of the tested sensor that were shown before every answer.
 
-        0 where there were none, or where groups of answers say their own numbers.
+        0 where there were none, or where groups of answers state their own numbers.
         """
         seen = self.data.of_tested_sensor
         counts = [] if seen is None else seen.labelled_frames or []
@@ -444,13 +538,13 @@ class Record(_Strict):
 
     @property
     def test_sensor(self) -> TestSensor | None:
-        """The sensor that pressed the test scenes, where it was not the sensor itself."""
+        """The sensor that pressed the test scenes, where it was not the sensor of the training."""
         return self.sensor.test_sensor
 
     def metric(self, metric: str, group: str) -> Metric | None:
         """Return the row of a metric and group, None where there is none."""
         rows, index = self.metrics, self.metric_index
-        # A list may have been exchanged, or have grown, since it was looked at.
+        # The list may have been replaced, or have grown, since the last look-up.
         if index.rows is not rows or index.count != len(rows):
             index.rows, index.count, index.by_name = rows, len(rows), {}
             for row in rows:
@@ -459,11 +553,11 @@ class Record(_Strict):
 
     @cached_property
     def metric_index(self) -> _MetricIndex:
-        """The rows of ``metrics`` by name: boards look up a hundred of three thousand."""
+        """The rows of ``metrics`` by name: a board looks up about a hundred of three thousand."""
         return _MetricIndex()
 
     def value(self, metric: str, group: str) -> float | None:
-        """Return a metric's value, None when it is n/a or not there."""
+        """Return the value of a metric and group; None where it is n/a or the row is missing."""
         row = self.metric(metric, group)
         return None if row is None else row.value
 
@@ -490,14 +584,14 @@ def make_signature(record: Record) -> str:
 
 
 def parse_record(values: Any, where: str) -> Record:
-    """Validate a record.
+    """Return the validated record of a JSON object.
 
     Args:
-        values: the JSON object of a record file.
-        where: names the record in messages.
+        values: JSON object of a record file.
+        where: Name of the record in messages.
 
     Raises:
-        UserError: another schema, a wrong key or a broken invariant.
+        UserError: The schema is another one, a key is wrong, or an invariant is broken.
     """
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
         stated = values.get("schema") if isinstance(values, dict) else type(values).__name__
@@ -518,7 +612,7 @@ def parse_record(values: Any, where: str) -> Record:
 
 
 def _broken_invariants(record: Record) -> Iterator[str]:
-    """Yield sentences about what cannot be true of correct measurements."""
+    """Yield a sentence for every invariant of correct measurements that the record breaks."""
     if record.identity.stored.get("predictions") != record.identity.predictions_hash:
         yield "the stored predictions are not those of its identity"
     for axis in ("x", "y", "z", "mean"):
@@ -544,5 +638,5 @@ def _inside(value: float, low: float | None, high: float | None) -> bool:
 
 
 def _rounding(value: float) -> float:
-    """Return what rounding may change: of a model that answers 10^9 mm, more than of others."""
+    """Return how far rounding may change a value, which grows with the value, such as 10^9 mm."""
     return ROUNDING * max(1.0, abs(value))

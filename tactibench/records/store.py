@@ -1,7 +1,7 @@
 """The run store: one folder per run, complete or absent.
 
-The answers of a run are stored before they are scored, under a hidden name beside its place. So
-nothing that was computed is lost where the score fails.
+The answers of a run are stored before they are scored, in a hidden folder beside the run's own. So
+no computed answer is lost where scoring fails.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from tactibench.records.record import Record, parse_record
 
 RECORD = "record.json"
 CHECKSUM = "sealed"
-"""Key of a record's identity: the digest of everything else in the record. It says that nothing
-changed by accident; who changes a record on purpose writes another, and is found out by
-``tactibench verify``."""
+"""Key of a record's identity: the digest of everything else in the record. It shows changes made by
+accident. Somebody who changes a record on purpose can write a new digest; ``tactibench verify``
+detects that."""
 BEFORE = ".before"
-"""Ends the name of a run that is being replaced, until the new one has its place."""
+"""Suffix of the folder of a run that is being replaced, until the new run has its place."""
 ANSWERS = ".answers"
-"""Ends the hidden name of a run whose answers are stored and that is not scored yet."""
+"""Suffix of the hidden folder of a run whose answers are stored and not scored yet."""
 PARTS = ("truth", "predictions", "maps", "times", "examples")
 """Arrays beside a record: truth and predictions of every frame, heatmaps, raw call times, and a few
 test frames for pictures."""
@@ -45,13 +45,22 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run on disk."""
+    """A run on disk.
+
+    Attributes:
+        folder: Folder of the run.
+        record: Contents of its ``record.json``.
+    """
 
     folder: Path
     record: Record
 
     def arrays(self, part: str) -> Arrays:
-        """One of PARTS, verified. Raises UserError when it is missing, damaged or changed."""
+        """Return the arrays of one of PARTS, verified against the record.
+
+        Raises:
+            UserError: The file is missing, damaged, or not what the record was made from.
+        """
         path = self.folder / f"{part}.npz"
         arrays = read_arrays(path)
         if arrays_hash(arrays) != self.record.identity.stored.get(part):
@@ -60,10 +69,12 @@ class StoredRun:
 
 
 def write_run(store: Path, record: Record, parts: Mapping[str, Arrays]) -> StoredRun:
-    """Store a run whole: nothing is visible under its name before everything is written.
+    """Store a run as a whole: its name appears in the store once everything is written.
 
-    A run that has the name already is replaced. Raises UserError when the record breaks an
-    invariant.
+    A run of the same name is replaced.
+
+    Raises:
+        UserError: The record breaks an invariant.
     """
     answers = write_answers(store, record, parts)
     return complete_run(answers, answers.record)
@@ -74,8 +85,8 @@ def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> S
 
     Args:
         store: Folder of the run store.
-        record: Of the run; it may lack the metrics.
-        parts: The arrays, by the names of PARTS.
+        record: Record of the run; it may lack the metrics.
+        parts: Arrays, by the names of PARTS.
 
     Raises:
         UserError: The record breaks an invariant; nothing is written.
@@ -102,22 +113,23 @@ def write_answers(store: Path, record: Record, parts: Mapping[str, Arrays]) -> S
 
 
 def held_name(store: Path, name: str) -> AbstractContextManager[None]:
-    """Hold the name of a run: two processes that make one run write and score in turn."""
+    """Return a lock on the name of a run: two processes that make one run take turns."""
     return locked(_beside(store / name, ".lock"))
 
 
 def unscored_run(store: Path, name: str) -> StoredRun | None:
-    """Return the answers of the run of this name that wait for their score; None without any."""
+    """Return the stored answers of a run that is not scored yet; None where there are none."""
     return _readable(_beside(store / name, ANSWERS))
 
 
 def complete_run(answers: StoredRun, record: Record) -> StoredRun:
-    """Give stored answers the record of their run, and the run its name.
+    """Give stored answers the final record of their run, and show the run under its name.
 
-    A run that has the name already is replaced.
+    A run of the same name is replaced.
 
     Raises:
-        UserError: The record breaks an invariant; the answers stay where they are.
+        UserError: The record breaks an invariant, and the answers stay where they are; or another
+            process stored the run meanwhile, and the answers are gone.
     """
     values = with_checksum(record.json_values())
     record = parse_record(values, f"the record of {record.name}")
@@ -141,27 +153,31 @@ def complete_run(answers: StoredRun, record: Record) -> StoredRun:
 
 
 def open_run(store: Path, name: str) -> StoredRun:
-    """Open a run by its name in the store, its folder, or its record file. Raises UserError."""
+    """Open a run by its name in the store, its folder, or its record file.
+
+    Raises:
+        UserError: There is no such run, its record cannot be read or is invalid, or it was changed.
+    """
     _repair(store)
     given = Path(name)
     folder = given.parent if given.name == RECORD else given
     if not (folder / RECORD).is_file():
         folder = store / name
     if not (folder / RECORD).is_file():
-        known = [run.folder.name for run in stored_runs(store)]
-        near = did_you_mean(name, known) if known else "it holds no run yet."
+        names = [run.folder.name for run in stored_runs(store)]
+        near = did_you_mean(name, names) if names else "it holds no run yet."
         raise UserError(f"there is no run {name!r} in {store}; {near}")
     return _opened(folder)
 
 
 def readable_run(store: Path, name: str) -> StoredRun | None:
-    """The run of this name; None where there is none, or none that can be read."""
+    """Return the run of this name; None where there is none or it cannot be read."""
     _repair(store)
     return _readable(store / name)
 
 
 def run_names(store: Path) -> list[str]:
-    """Names of the runs in a store, sorted, whether they can be read or not."""
+    """Return the names of all runs in a store, sorted, whether they can be read or not."""
     if not store.is_dir():
         return []
     _repair(store)
@@ -170,7 +186,7 @@ def run_names(store: Path) -> list[str]:
 
 
 def stored_runs(store: Path) -> Iterator[StoredRun]:
-    """Readable runs of a store, sorted by name; unreadable ones are left out."""
+    """Yield the readable runs of a store, sorted by name; unreadable ones are left out."""
     for name in run_names(store):
         run = _readable(store / name)
         if run is not None:
@@ -200,7 +216,10 @@ def with_checksum(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def refuse_changed(values: dict[str, Any], where: str) -> None:
-    """Raise UserError for a record that is not what was written. Older ones have no checksum."""
+    """Raise UserError where a record is not what was written.
+
+    Older records have no checksum and are accepted.
+    """
     stated = values["identity"].get(CHECKSUM)
     if stated not in (None, with_checksum(values)["identity"][CHECKSUM]):
         raise UserError(
@@ -214,7 +233,7 @@ def _beside(folder: Path, suffix: str) -> Path:
 
 
 def _repair(store: Path) -> None:
-    """Put back the runs whose replacement was stopped; a store that cannot be written stays."""
+    """Put back runs whose replacement was interrupted; a store that is read-only stays as it is."""
     for before in store.glob(f".*{BEFORE}"):
         folder = store / before.name.removeprefix(".").removesuffix(BEFORE)
         with suppress(OSError), locked(_beside(folder, ".lock")):
@@ -222,7 +241,7 @@ def _repair(store: Path) -> None:
 
 
 def _put_back(before: Path, folder: Path) -> None:
-    """The run as it was before a replacement that did not take its place, or nothing beside it."""
+    """Put the earlier run back where its replacement did not take place, else remove it."""
     if before.is_dir() and not folder.exists():
         before.rename(folder)
     shutil.rmtree(before, ignore_errors=True)
