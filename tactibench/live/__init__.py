@@ -1,4 +1,4 @@
-"""A model that answers frames while somebody looks on: a page of this machine shows both."""
+"""A model that answers frames live, on a web page of this machine that shows frames and answers."""
 
 import lazy_loader
 

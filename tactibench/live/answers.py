@@ -1,4 +1,4 @@
-"""One frame asked of a model, and the answer in words."""
+"""The answer of a model to one frame, and its description in words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ Maps = npt.NDArray[np.float32]
 def ask(model: Model, frame: Frame) -> tuple[Answer | None, Maps | None]:
     """Return a model's answer to one frame, and the (C, H, W) maps behind it, if it has any.
 
-    As a run asks: maps once where the model can show them, then what they say.
+    It is computed as in a run: a model that has maps makes them once, and the answer is read from
+    them.
     """
     maps: Any = model.maps([frame])
     if maps is None:

@@ -16,18 +16,25 @@ from tactibench.live.server import JSON, LocalServer, Post
 from tactibench.live.views import FrameView, pack
 
 PATIENCE_S = 1.0
-"""A page that waits for the next frame is answered after so long, and asks again."""
+"""Time after which a page that waits for the next frame is answered without one; it asks again."""
 KINDS = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
 GREY = "#595959"
 
 
 class _Page(LocalServer):
-    """The page with settings of its own.
-
-    settings: JSON values that page.js reads.
-    """
+    """The page with its own settings."""
 
     def __init__(self, settings: Mapping[str, Any], posts: Mapping[str, Post], port: int) -> None:
+        """Take the port.
+
+        Args:
+            settings: JSON values that page.js reads.
+            posts: Answers to POSTs, by path.
+            port: Port to take; 0: any that is free.
+
+        Raises:
+            UserError: The port is taken.
+        """
         content = {
             f"/{name}": (f"{kind}; charset=utf-8", _asset(name)) for name, kind in KINDS.items()
         }
@@ -58,10 +65,10 @@ class PressPage(_Page):
             models: Label and colour of every model.
             sensor: Name of the sensor.
             half_mm: Half the side of the maps.
-            learned_mm: x and y, either way, in which the models learned.
+            learned_mm: Largest x and y, either way, at which the models learned.
             dome_mm: Radius of the dome; 0: the sensor is flat.
             instances: Whether the sensor has other instances.
-            port: 0: any that is free.
+            port: Port to take; 0: any that is free.
 
         Raises:
             UserError: The port is taken.
@@ -95,15 +102,15 @@ class _Next(BaseModel):
 
 
 class WatchPage(_Page):
-    """A page that shows the newest frame of a camera, and what a model says to it."""
+    """A page that shows the newest frame of a camera, and the answer of a model to it."""
 
     def __init__(self, label: str, half_mm: float, port: int = 0) -> None:
         """Take the port.
 
         Args:
-            label: Of the model.
+            label: Label of the model.
             half_mm: Half the side of the maps.
-            port: 0: any that is free.
+            port: Port to take; 0: any that is free.
 
         Raises:
             UserError: The port is taken.
@@ -124,7 +131,7 @@ class WatchPage(_Page):
         super().__exit__()
 
     def show(self, view: FrameView) -> None:
-        """Send a frame to everybody who looks."""
+        """Send a frame to every open page."""
         with self._news:
             self._number += 1
             self._message = view.message(self._number)

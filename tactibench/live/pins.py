@@ -23,7 +23,7 @@ class PinLines:
         """Find the pins in the (H, W) uint8 frame of the untouched sensor."""
         self._tracker: Tracker | None
         try:
-            # Centroids take a twentieth of a millisecond; nobody sees a tenth of a pixel.
+            # Centroids take 0.05 ms, and nobody sees an error of a tenth of a pixel on the page.
             self._tracker = Tracker(rest, refine="centroid")
         except UserError:
             self._tracker = None

@@ -1,4 +1,4 @@
-"""Presses of a simulated sensor by hand, and what models say to them."""
+"""Presses of a simulated sensor by hand, and the answers of models to them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from tactibench.plugins.base import Encoder, Model, Sensor
 from tactibench.protocols.mistakes import first_mistake
 
 MOST_TIPS = 5
-"""As many fingers as a hand has."""
+"""Most tips of a press: as many as a hand has fingers."""
 BESIDE_MM = 20.0
-"""x and y that a request may name; the page asks for less."""
+"""Largest x and y, either way, that a request may name; the page asks for less."""
 DEPTH_MM = (0.1, 4.0)
-"""The simulator's tables end at 4 mm."""
+"""Range of the depth; the simulator's tables end at 4 mm."""
 RADIUS_MM = (2.0, 8.0)
 LIGHT = (0.3, 1.7)
-"""Factor on every grey level: from a third of the light to where tips are cut off at white."""
+"""Range of the factor on every grey level: from a third of the light to tips saturated at white."""
 SHIFT_PX = (-4.0, 4.0)
 """Range of the image's shift. Pins of a frame of 128 px lie about 9 px apart."""
 LAST_INSTANCE = 20
@@ -46,10 +46,10 @@ class PressRequest(BaseModel):
 
     Attributes:
         tips: (x, y) of every tip, mm.
-        depth: Of every tip past its own first touch, mm.
-        radius: Of every tip, mm.
+        depth: Depth of every tip past its own first touch, mm.
+        radius: Radius of every tip, mm.
         light: Factor on every grey level of the frame.
-        shift: Of the frame's image to the right, px.
+        shift: Shift of the frame's image to the right, px.
         instance: Number of the sensor instance; 0: the nominal one.
     """
 
@@ -67,7 +67,11 @@ class PressRequest(BaseModel):
 
     @classmethod
     def read(cls, body: bytes) -> PressRequest:
-        """Return the request of a JSON text. Raises UserError with its first mistake."""
+        """Return the request of a JSON text.
+
+        Raises:
+            UserError: The text is no valid request; the message names its first mistake.
+        """
         try:
             return cls.model_validate_json(body)
         except ValidationError as error:
@@ -79,9 +83,10 @@ class Subject:
     """A model on the page.
 
     Attributes:
-        label: Name that it goes by.
-        model: Trained.
-        encoder: Draws a map of its contacts; None: it has maps of its own, or none are shown.
+        label: Name of the model on the page.
+        model: Trained model.
+        encoder: Encoder that draws a map of the model's contacts; None: the model has its own maps,
+            or none are shown.
     """
 
     label: str
@@ -89,7 +94,11 @@ class Subject:
     encoder: Encoder | None = None
 
     def answer(self, frame: Frame, grid: Grid) -> AnswerView:
-        """Return its answer to a frame. Raises UserError where the model fails."""
+        """Return the model's answer to a frame.
+
+        Raises:
+            UserError: The model fails.
+        """
         began = time.perf_counter()
         try:
             prediction, maps = call_plugin(lambda: ask(self.model, frame))
@@ -109,7 +118,7 @@ class _OpenSensor:
 
 
 class PressSession:
-    """A sensor under somebody's fingers.
+    """A simulated sensor that is pressed by hand.
 
     It answers from several threads, one press at a time.
     """
@@ -129,7 +138,7 @@ class PressSession:
             make_sensor: Makes a sensor instance by its number.
             subjects: One or more models.
             grid: Cells of maps and skin.
-            dome_radius_mm: Of the sensor.
+            dome_radius_mm: Radius of the sensor's dome.
             gate_mm: Distance in the plane from which a contact is missed.
 
         Raises:
@@ -140,10 +149,16 @@ class PressSession:
         self._lock = threading.Lock()
         self._number = 0
         self._sensor = lru_cache(OPEN_SENSORS)(self._open)
-        self.press(PressRequest(tips=[[0.0, 0.0]], depth=1.0, radius=3.0))  # compiles and loads
+        # The first press compiles and loads, so that no press of the page waits for that.
+        self.press(PressRequest(tips=[[0.0, 0.0]], depth=1.0, radius=3.0))
 
     def press(self, request: PressRequest) -> bytes:
-        """Return what the page shows of a press. Raises UserError where it cannot be made."""
+        """Return what the page shows of a press.
+
+        Raises:
+            UserError: The tips are too far from the middle, the sensor refuses the press, or a
+                model fails.
+        """
         with self._lock:
             view = self._view(request)
             self._number += 1

@@ -1,8 +1,8 @@
 """A small web server for one person on this machine.
 
 It listens on loopback alone. A request must name this machine as its host, so that no other site
-can reach it by a name of its own (DNS rebinding), and a POST must come from the page itself. What
-a request may hold is bounded before it is read.
+can reach it by a name of its own (DNS rebinding). A POST must come from the page itself. The size
+of a request is bounded before it is read.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from tactibench.errors import UserError
 
 HOST = "127.0.0.1"
 NAMES = frozenset({HOST, "localhost"})
-"""Names of this machine in a Host header. Any port goes with them: a tunnel may have another."""
+"""Names of this machine in a Host header. Any port is accepted: a tunnel may have another one."""
 MOST_BYTES = 4096
-"""Size of the body of a POST: five tips and five sliders take a tenth of it."""
+"""Largest body of a POST: five tips and five sliders take a tenth of it."""
 MOST_CONNECTIONS = 16
-"""At a time. A browser opens six."""
+"""Most connections at a time. A browser opens six."""
 IDLE_S = 60.0
-"""A connection that says nothing for so long is closed; the browser opens another."""
+"""Time after which a silent connection is closed; the browser opens another."""
 JSON = "application/json"
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -38,7 +38,7 @@ HEADERS = {
 Files = Mapping[str, tuple[str, bytes]]
 """Path -> content type and content."""
 Post = Callable[[bytes], bytes]
-"""Body of a request -> body of the answer. Raises UserError for a body that is not understood."""
+"""Body of a request -> body of the answer. It raises UserError for a body that is not valid."""
 
 
 class _Server(ThreadingHTTPServer):
@@ -61,11 +61,11 @@ class _Server(ThreadingHTTPServer):
             self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: the reader went away."""
+        """Report nothing: the reader closed the connection."""
 
 
 class LocalServer:
-    """Files and answers to POSTs, from entry to exit.
+    """Files and answers to POSTs, served from entry to exit.
 
     Attributes:
         url: Address of the page.
@@ -75,9 +75,9 @@ class LocalServer:
         """Take the port.
 
         Args:
-            files: What a GET returns.
-            posts: What a POST returns, by path. They are called in several threads.
-            port: 0: any that is free.
+            files: Answers to GETs, by path.
+            posts: Answers to POSTs, by path. They are called in several threads.
+            port: Port to take; 0: any that is free.
 
         Raises:
             UserError: The port is taken.
@@ -165,7 +165,7 @@ def _handler(files: Files, posts: Mapping[str, Post]) -> type[BaseHTTPRequestHan
             self.wfile.write(body)
 
         def log_message(self, *_: Any) -> None:
-            """Nobody reads them."""
+            """Write no log: nobody would read it."""
 
     return Handler
 

@@ -21,7 +21,7 @@ from tactibench.live.pins import Line
 from tactibench.metrics.matching import match
 
 LENGTH = struct.Struct("<I")
-"""Bytes of the head, in front of it."""
+"""Number of bytes of the head, which stands before the head."""
 BYTES, FLOATS = np.dtype("u1"), np.dtype("<f4")
 
 
@@ -32,7 +32,7 @@ class AnswerView:
     Attributes:
         prediction: Contacts or a plate pose; None: nothing could be read.
         ms: Time from the frame to the prediction.
-        maps: (C, H, W) in 0..1, the first of which is shown; None: there is none.
+        maps: (C, H, W) in 0..1, the first of which is shown; None: the model has none.
         drawn: Whether ``maps`` were drawn from the contacts, because the model has none.
     """
 
@@ -42,13 +42,13 @@ class AnswerView:
     drawn: bool = False
 
     def head(self, truth: Contacts | None, gate_mm: float) -> dict[str, Any]:
-        """Return the JSON values of the answer; its error, where the truth is known."""
-        said = self.prediction if isinstance(self.prediction, Contacts) else Contacts.none()
-        error = None if truth is None else contact_errors(truth, said, gate_mm)
+        """Return the answer as JSON values, with its error where the truth is known."""
+        contacts = self.prediction if isinstance(self.prediction, Contacts) else Contacts.none()
+        error = None if truth is None else contact_errors(truth, contacts, gate_mm)
         return {
             "ms": round(self.ms, 3),
             "words": describe_prediction(self.prediction),
-            "contacts": _rows(said),
+            "contacts": _rows(contacts),
             "error": error,
             "drawn": self.drawn,
         }
@@ -61,7 +61,7 @@ class FrameView:
     Attributes:
         image: (H, W) uint8.
         pins: Lines of its pins, px.
-        answers: One a model.
+        answers: One answer a model.
         truth: True contacts, where they are known.
         gate_mm: Distance in the plane from which a contact is missed.
         skin: (H, W) mm by which the skin is pressed in, on the grid of the maps.
@@ -97,7 +97,7 @@ def pack(head: Mapping[str, Any], pictures: Mapping[str, npt.NDArray[Any]]) -> b
 
     Args:
         head: JSON values.
-        pictures: (H, W) of uint8 or float32, by name.
+        pictures: (H, W) arrays of uint8 or float32, by name.
     """
     places, start = {}, 0
     for name, picture in pictures.items():
@@ -110,11 +110,17 @@ def pack(head: Mapping[str, Any], pictures: Mapping[str, npt.NDArray[Any]]) -> b
 
 
 def contact_errors(truth: Contacts, said: Contacts, gate_mm: float) -> dict[str, Any]:
-    """Return how far the contacts of one frame are off.
+    """Return the errors of the contacts of one frame.
+
+    Args:
+        truth: True contacts.
+        said: Predicted contacts.
+        gate_mm: Distance in the plane from which a contact is missed.
 
     Returns:
-        mm: Mean distance in the plane of matched contacts, depth_mm: their mean error of depth;
-        both None without a match. missed and false: contacts without a partner within the gate.
+        "mm" is the mean distance in the plane of matched contacts, "depth_mm" their mean error of
+        depth; both are None without a match. "missed" and "false" count the contacts without a
+        partner within the gate.
     """
     rows, columns, distance = match(truth.xy, said.xy, gate_mm)
     depth = np.abs(truth.depth[rows] - said.depth[columns])
@@ -127,6 +133,6 @@ def contact_errors(truth: Contacts, said: Contacts, gate_mm: float) -> dict[str,
 
 
 def _rows(contacts: Contacts) -> list[list[float]]:
-    """(x, y, depth, score) of every contact."""
+    """Return (x, y, depth, score) of every contact."""
     columns = np.column_stack([contacts.xy, contacts.depth, contacts.score])
     return [[round(value, 4) for value in row] for row in columns.tolist()]

@@ -19,7 +19,7 @@ from tactibench.plugins.host import PluginHost
 
 LONGEST_NAME = 40
 SUFFIX = ".template"
-"""A template is no Python file: nothing imports, checks or formats it."""
+"""Ending of templates. They are no Python files: nothing imports, checks or formats them."""
 COMMON, PACKAGE = "common", "package"
 """Folder of the templates of every kind, and placeholder for the package's folder."""
 
@@ -63,7 +63,11 @@ class Names:
 
 
 def check_name(kind: str, name: str, host: PluginHost) -> Names:
-    """Return the names of a new plugin. Raises UserError for a name that is wrong or taken."""
+    """Return the names of a new plugin.
+
+    Raises:
+        UserError: The name is not allowed, or it is taken.
+    """
     mistake = _mistake(name)
     if mistake:
         raise UserError(
@@ -79,10 +83,13 @@ def check_name(kind: str, name: str, host: PluginHost) -> Names:
 def write_package(names: Names, parent: Path, template: str = "") -> Path:
     """Write all files of the package, or none, into a new folder of ``parent`` and return it.
 
-    ``template`` names a folder of templates that replace those of the kind.
+    Args:
+        names: Names of the plugin.
+        parent: Folder that shall hold the new one.
+        template: Folder of templates that replace those of the kind; "": those of the kind.
 
     Raises:
-        UserError: Where that folder, or something of its name, is there already.
+        UserError: The new folder is there already, or ``parent`` is no folder.
     """
     folder = parent / names.distribution
     if folder.exists() or folder.is_symlink():
@@ -109,7 +116,7 @@ def write_package(names: Names, parent: Path, template: str = "") -> Path:
 
 
 def render_templates(names: Names, template: str = "") -> dict[str, str]:
-    """Return path inside the folder -> text, of every file of a new plugin."""
+    """Return the text of every file of a new plugin, by its path inside the folder."""
     contents: dict[str, str] = {}
     templates = files("tactibench.scaffold") / "templates"
     for folder in dict.fromkeys((COMMON, names.kind, template or names.kind)):  # the last one wins
@@ -122,7 +129,7 @@ def render_templates(names: Names, template: str = "") -> dict[str, str]:
 
 
 def _read_templates(folder: Traversable, parent: str = "") -> Iterator[tuple[str, str]]:
-    """Yield path, without its suffix, and text of every template under a folder."""
+    """Yield the path (without the suffix) and the text of every template under a folder."""
     for entry in folder.iterdir():
         if entry.is_dir():
             yield from _read_templates(entry, f"{parent}{entry.name}/")
@@ -131,7 +138,7 @@ def _read_templates(folder: Traversable, parent: str = "") -> Iterator[tuple[str
 
 
 def _mistake(name: str) -> str:
-    """Return the reason why no plugin could have that name, or ""."""
+    """Return the reason why no plugin can have this name, or ""."""
     if any(mark in name for mark in "/\\:"):
         return "it is a path; say where to write it with --out"
     if keyword.iskeyword(name):
@@ -150,7 +157,7 @@ def _mistake(name: str) -> str:
 
 
 def _owner(names: Names, host: PluginHost) -> str:
-    """Return words for the owner of the name, or ""."""
+    """Return a description of what has the name already, or ""."""
     catalogue = host.catalogue(names.kind)
     for spec in catalogue:
         if spec.name.lower() == names.name:
