@@ -1,8 +1,8 @@
-"""Stored runs against each other, press by press.
+"""Stored runs compared with each other, press by press.
 
-Of every metric that is a mean over presses: its mean over the presses of which both runs have a
-value, the paired difference with its t interval, and the two-sided sign-flip permutation p,
-adjusted by Holm's method over all that are shown together.
+For every metric that is a mean over presses a comparison holds its mean over the presses for which
+both runs have a value, the paired difference with its t interval, and the p value of a two-sided
+sign-flip permutation test, adjusted by Holm's method over all that are shown together.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tactibench.stats.paired import holm, sign_flip_ps
 COMPARISON_STREAM = 1_000_001
 """Spawn key of the data seed behind the permutations."""
 MISSES = ("missed", "coverage")
-"""The share that stands beside every error: of contacts missed, or of frames answered."""
+"""Shares that stand beside every error: of contacts missed, or of plate frames answered."""
 
 Cell = tuple[str, str]
 """(metric, group)"""
@@ -40,12 +40,19 @@ Cell = tuple[str, str]
 
 @dataclass(frozen=True)
 class MetricComparison:
-    """One metric of one group. first, second: means over the presses that both have.
+    """One metric of one group in two runs.
 
-    difference: first minus second, its n the presses of either, its clusters the shared ones.
-    p, p_holm: None for a single press. alone: presses of which only the first, only the second run
-    has a value. misses: ``missed`` of both, as recorded (``coverage`` for plates), None where the
-    metric is one.
+    Attributes:
+        metric: Name of the metric.
+        group: Name of the group.
+        first: Mean of the first run over the presses that both have; None: they share none.
+        second: The same of the second run.
+        difference: First minus second; its n and clusters are the number of shared presses.
+        alone: Number of presses for which only the first, and only the second run has a value.
+        misses: ``missed`` of both runs as recorded (``coverage`` for plates); None where the metric
+            itself is one of these, or a record lacks it.
+        p: p value; None for fewer than two presses.
+        p_holm: p value adjusted by Holm's method; None as ``p``.
     """
 
     metric: str
@@ -61,7 +68,13 @@ class MetricComparison:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two runs. first, second: their places among those that were named."""
+    """The comparison of two runs.
+
+    Attributes:
+        first: Place of the first run in the list of runs.
+        second: Place of the second run.
+        rows: One row a metric and group.
+    """
 
     first: int
     second: int
@@ -70,9 +83,12 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class _PressMeans:
-    """means: of every press, (P,) by metric and group; nan where a press has no value.
+    """The metrics of one run, press by press.
 
-    misses: one of MISSES by group, as recorded.
+    Attributes:
+        means: Mean of every press, (P,), by metric and group; nan where a press has no value.
+        misses: The metric of MISSES that the record holds, by group.
+        level: Level of the intervals.
     """
 
     means: Mapping[Cell, FloatArray]
@@ -83,7 +99,13 @@ class _PressMeans:
 def compare_runs(runs: Sequence[StoredRun], *, distances: bool = False) -> list[Comparison]:
     """Compare every run with every later one.
 
-    Raises UserError for runs that did not answer the same frames of the same protocol.
+    Args:
+        runs: Runs of the same protocol on the same test frames.
+        distances: Whether metrics of two contacts are compared for every true distance.
+
+    Raises:
+        UserError: The runs did not answer the same frames of the same protocol, or a run is named
+            twice.
     """
     refuse_unlike(runs)
     protocol = protocol_of(runs[0])
@@ -138,7 +160,7 @@ def _measure(run: StoredRun, distances: bool) -> _PressMeans:
 def _groups(trials: Trials | PlateTrials, metric: str, distances: bool) -> tuple[str, ...]:
     if isinstance(trials, PlateTrials):
         return tuple(dict.fromkeys(trials.group)) or ("all",)
-    if trials.axes:  # hard cases: of each the error alone, so that p is adjusted for no more
+    if trials.axes:  # hard cases: only the error of each, so that p is adjusted for fewer tests
         cases = [axis.groups for axis in trials.axes] if metric == ERROR else []
         present = set(trials.group)
         return (*(group for groups in cases for group in groups if group in present), "all")
@@ -162,22 +184,28 @@ def _rows(
     shared = np.isfinite(a) & np.isfinite(b)
     d = np.where(shared, a - b, 0.0)
     for k, (cell, p) in enumerate(zip(cells, sign_flip_ps(d, rng=rng), strict=True)):
-        both = shared[:, k]
-        count = int(both.sum())
-        interval = mean_interval(d[both, k], np.arange(count), level=first.level)
+        paired = shared[:, k]
+        count = int(paired.sum())
+        interval = mean_interval(d[paired, k], np.arange(count), level=first.level)
         yield MetricComparison(
             *cell,
-            float(a[both, k].mean()) if count else None,
-            float(b[both, k].mean()) if count else None,
+            float(a[paired, k].mean()) if count else None,
+            float(b[paired, k].mean()) if count else None,
             interval,
-            (int((np.isfinite(a[:, k]) & ~both).sum()), int((np.isfinite(b[:, k]) & ~both).sum())),
+            (
+                int((np.isfinite(a[:, k]) & ~paired).sum()),
+                int((np.isfinite(b[:, k]) & ~paired).sum()),
+            ),
             None if cell[0] in MISSES else _misses(first, second, cell[1]),
             p if count > 1 else None,
         )
 
 
 def _misses(first: _PressMeans, second: _PressMeans, group: str) -> tuple[float, float] | None:
-    """Return those of the group, or of all where a record has none for it (a distance)."""
+    """Return ``missed`` or ``coverage`` of a group in both runs; None where a run has none.
+
+    A record has none for single distances; there the value of all presses stands.
+    """
     a, b = (side.misses.get(group, side.misses.get("all")) for side in (first, second))
     return None if a is None or b is None else (a, b)
 
@@ -198,7 +226,7 @@ def _adjust_for_all(comparisons: Sequence[Comparison]) -> list[Comparison]:
 
 
 def names_of(runs: Sequence[StoredRun]) -> list[str]:
-    """Return names of runs: model and regime, with the seed or the run's name where equal."""
+    """Return a name for each run: model and regime, with the seed or the run's name where equal."""
     labels = [label_of(run.record) for run in runs]
     if len(set(labels)) < len(labels):
         labels = [
@@ -218,7 +246,7 @@ def left_out(runs: Sequence[StoredRun]) -> list[str]:
 
 
 def rows_of(runs: Sequence[StoredRun], comparisons: Sequence[Comparison]) -> list[dict[str, Any]]:
-    """Return tidy rows: ``value`` is first minus second."""
+    """Return the comparisons as tidy rows, whose ``value`` is first minus second."""
     rows = []
     for comparison in comparisons:
         who = {

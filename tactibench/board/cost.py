@@ -9,7 +9,7 @@ from tactibench.records.record import Record
 
 
 def by_machine(row: Row) -> list[Row]:
-    """Return the row once for every machine that its seeds were timed on."""
+    """Return the row divided by machine: one row for every machine that its seeds were timed on."""
     groups: dict[str, list[Record]] = {}
     for record in row.records:
         groups.setdefault(machine(record), []).append(record)
@@ -30,7 +30,10 @@ def latency(
 ) -> float | None:
     """Return the milliseconds from one frame to its contacts; None where a run was not timed so.
 
-    threads: None for as many as the machine has.
+    Args:
+        record: Record of the run.
+        threads: Number of threads; None: the largest number that was timed.
+        statistic: Quantile of the times.
     """
     totals = [
         row

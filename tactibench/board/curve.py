@@ -1,7 +1,7 @@
 """Learning curves: the error of one configuration against the presses that it learned from.
 
-On a new sensor they are labelled presses of it: a model that was trained on others adapts to them,
-or one is trained on them alone.
+For a new sensor these are labelled presses of it: a model that was trained on other sensors adapts
+to them, or a model is trained on them alone.
 """
 
 from __future__ import annotations
@@ -16,14 +16,17 @@ from tactibench.protocols.board_spec import Ranking
 from tactibench.records.record import Record, Value
 
 INSTANCES = "instances"
-"""Parameters of a sensor: which one of its make it is, and of how many the training presses are."""
+"""Parameter of a sensor: number of instances of its make that the training presses are from."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A point of a curve. presses: that the model learned from, without those that stop it.
+    """A point of a curve.
 
-    seeds: training seeds; on a new sensor, runs on its instances.
+    Attributes:
+        presses: Number of presses that the model learned from, without the validation presses.
+        error: Error that orders the board; None where it has no value.
+        seeds: Number of training seeds; for a new sensor, number of runs on its instances.
     """
 
     presses: int
@@ -33,7 +36,13 @@ class Step:
 
 @dataclass(frozen=True)
 class Curve:
-    """One configuration, the fewest presses first."""
+    """One configuration, the fewest presses first.
+
+    Attributes:
+        label: Label of the configuration.
+        model: Name of the model.
+        steps: Points of the curve.
+    """
 
     label: str
     model: str
@@ -41,17 +50,19 @@ class Curve:
 
 
 def curves(rows: Iterable[Row], error: Ranking) -> list[Curve]:
-    """Return curves of at least two steps, by label.
+    """Return the curves of at least two steps, sorted by label.
 
-    rows: of one sensor, with and without ``presses``.
+    Args:
+        rows: Rows of one sensor, with and without ``presses``.
+        error: Error that is drawn.
     """
     by_label: dict[str, list[Row]] = {}
     for row in rows:
         by_label.setdefault(row.label, []).append(row)
     return [
-        Curve(label, several[0].first.model.name, _steps(several, error))
-        for label, several in sorted(by_label.items())
-        if len(several) > 1
+        Curve(label, same_label[0].first.model.name, _steps(same_label, error))
+        for label, same_label in sorted(by_label.items())
+        if len(same_label) > 1
     ]
 
 
@@ -64,28 +75,29 @@ def _steps(rows: Iterable[Row], error: Ranking) -> tuple[Step, ...]:
 
 
 def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) -> list[Curve]:
-    """Return curves of at least two steps over instances of a sensor, by label.
+    """Return the curves of at least two steps over the instances of a sensor, sorted by label.
 
-    A point is the mean over these instances; its ends are the least and the largest. One of fewer
-    instances than the others of its curve is left out. Presses are labelled ones of the instance:
-    those that a model trained on others was shown, or those that a model was trained on alone.
+    A point is the mean over these instances; its ends are the smallest and the largest. A point
+    over fewer instances than the others of its curve is left out. Presses are labelled presses of
+    the instance: those that a model trained on others was shown, or those that a model was trained
+    on alone.
 
     Args:
-        records: with and without a tested sensor of their own.
-        error: what is drawn.
-        sensor: name of the sensor; runs with other settings of it are left out.
+        records: Records with and without a test sensor.
+        error: Error that is drawn.
+        sensor: Name of the sensor; runs with other settings of it are left out.
     """
     records = [record for record in records if record.sensor.name == sensor and _as_made(record)]
     shown = [(record, instance) for record in records if (instance := _unseen_instance(record))]
     unseen = {instance for _, instance in shown}
-    own = [
+    trained_on_it = [
         (record, instance)
         for record in records
         if record.test_sensor is None
         and (instance := record.sensor.parameters.get(INSTANCE, 0)) in unseen
     ]
     points: dict[tuple[str, str], dict[int, dict[Value, list[Record]]]] = {}
-    for record, instance in (*shown, *own):
+    for record, instance in (*shown, *trained_on_it):
         if record.test_sensor is None:
             how, presses = "this sensor alone", record.data.train
         else:
@@ -101,22 +113,24 @@ def new_sensor_curves(records: Iterable[Record], error: Ranking, sensor: str) ->
     curves = []
     for (label, model), steps in sorted(points.items()):
         # Means over fewer instances than the others' would compare instances, not presses.
-        whole = [n for n in sorted(steps) if len(steps[n]) == max(map(len, steps.values()))]
-        if len(whole) > 1:
-            curves.append(Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in whole)))
+        complete = [n for n in sorted(steps) if len(steps[n]) == max(map(len, steps.values()))]
+        if len(complete) > 1:
+            curves.append(
+                Curve(label, model, tuple(_mean_step(n, steps[n], error) for n in complete))
+            )
     return curves
 
 
 def _as_made(record: Record) -> bool:
-    """Return whether nothing but the instance of the sensors was set."""
-    which, own = {INSTANCE, INSTANCES}, record.sensor.parameters
-    tested = own if record.test_sensor is None else record.test_sensor.parameters
-    others = {name for name in {*own, *tested} if own.get(name) != tested.get(name)}
-    return {*record.sensor.changed, *others} <= which
+    """Return whether no other parameter of the sensors than their instances was changed."""
+    allowed, trained = {INSTANCE, INSTANCES}, record.sensor.parameters
+    tested = trained if record.test_sensor is None else record.test_sensor.parameters
+    others = {name for name in {*trained, *tested} if trained.get(name) != tested.get(name)}
+    return {*record.sensor.changed, *others} <= allowed
 
 
 def _unseen_instance(record: Record) -> Value:
-    """Return the number of the instance that a model was tested on and not trained on; 0: none."""
+    """Return the number of the instance that a model was tested on but not trained on; 0: none."""
     test = record.test_sensor
     if test is None or test.name != record.sensor.name:
         return 0
@@ -125,7 +139,7 @@ def _unseen_instance(record: Record) -> Value:
 
 
 def _mean_step(presses: int, by_instance: dict[Value, list[Record]], error: Ranking) -> Step:
-    """Pool the runs of one point: seeds of an instance first, then instances."""
+    """Return one point of a curve, pooled over the seeds of an instance, then over instances."""
     rows = [
         [row for record in runs if (row := record.metric(error.metric, error.group)) is not None]
         for runs in by_instance.values()
@@ -151,5 +165,5 @@ def _mean_step(presses: int, by_instance: dict[Value, list[Record]], error: Rank
 
 
 def counts(curves: Sequence[Curve]) -> list[int]:
-    """Return all numbers of presses, ascending."""
+    """Return all numbers of presses of the curves, ascending."""
     return sorted({step.presses for curve in curves for step in curve.steps})

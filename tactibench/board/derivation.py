@@ -20,18 +20,18 @@ from tactibench.run.test_sensor import target_record
 
 @dataclass(frozen=True)
 class Derived:
-    """All that a protocol, the options and the sensors of a record determine, as a record says it.
+    """Everything that protocol, options and sensors of a record determine, in the keys of a record.
 
     Attributes:
-        sensor: keys of ``sensor`` but its parameters. "tested" is there, where another sensor was
+        sensor: Keys of ``sensor`` but its parameters. "tested" is there where another sensor was
             tested.
-        tested_values: today's parameters of the tested sensor; None where it is the training one.
-        data: keys of ``data``.
-        sets: sets of test frames.
-        hidden: the hash of the hidden seed.
-        released: published predictions that the run may have been compared with.
-        trained: whether the training frames are known here.
-        shots: whether labelled frames were shown.
+        tested_values: Today's parameters of the tested sensor; None where it is the training one.
+        data: Keys of ``data``.
+        sets: Number of sets of test frames.
+        hidden: Hash of the hidden seed.
+        released: Published predictions that the run may have been compared with.
+        trained: Whether the training frames are known here.
+        shots: Whether labelled frames were shown.
     """
 
     sensor: Mapping[str, Any]
@@ -48,8 +48,15 @@ class Derived:
 class Facts:
     """The facts of a plan that a record states, without its scenes.
 
-    describe: what the training sensor says of itself; None where its recording is not here.
-    target: what the recording that was tested says of itself; empty for drawn presses.
+    Attributes:
+        data: Keys of ``data`` in a record.
+        sets: Number of sets of test frames.
+        describe: Description that the training sensor gives of itself; None where its recording is
+            not here.
+        range: Range that was pressed in place of the protocol's; None: the protocol's.
+        calibrated: Number of frames left out, because the training sensor was fitted to them.
+        released: Published predictions that the run may have been compared with.
+        target: Description of the recording that was tested; empty for drawn presses.
     """
 
     data: dict[str, Any]
@@ -62,7 +69,11 @@ class Facts:
 
 
 def read_facts(frames: FrameSource) -> Facts:
-    """Return the facts of a source of frames. Raises UserError where it cannot plan them."""
+    """Return the facts of a source of frames.
+
+    Raises:
+        UserError: The source cannot plan its frames.
+    """
     request, tested = frames.request, frames.request.tested.spec
     target = frames.target.identity["describe"] if isinstance(frames, TransferFrames) else {}
     if isinstance(frames, TransferFrames) and frames.simulated is None:
@@ -106,7 +117,16 @@ def derive(
     truth: Arrays,
     hidden: HiddenSeed | None,
 ) -> Derived:
-    """Return what the record must say of all this."""
+    """Return the facts that a record must state.
+
+    Args:
+        record: The record that is checked.
+        options: Options of its test.
+        request: Frames that it was made from.
+        facts: Facts of the plan of these frames.
+        truth: Packed truth of the test frames.
+        hidden: Hidden seed of the test presses; None: the protocol's seed.
+    """
     origin, describe = request.sensor.spec.origin, facts.describe or {}
     if describe.get("origin") == "simulated":
         origin = "simulated"
@@ -154,7 +174,7 @@ def derive(
 
 
 def _as_labelled(stated: Sequence[str], tested: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options and description with the folder as the submitter called it."""
+    """Return options and description with the name that the submitter gave to the folder."""
     ours = next(text for text in tested["asked"] if text.startswith(f"{DATA}="))
     theirs = next(text for text in stated if text.startswith(f"{DATA}="))
     asked = [theirs if text == ours else text for text in tested["asked"]]

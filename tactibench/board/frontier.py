@@ -1,10 +1,10 @@
-"""Speed against error: who is on the frontier, and who is dominated by whom.
+"""Speed against error: the models on the frontier, and the models that dominate others.
 
 A point is dominated only when another is better on both axes by more than the intervals. Both axes
 take the envelope of the seeds: from the lowest end of their intervals to the highest. A p90 has no
 interval of its own; it is taken to be uncertain by the 2 % to which a warm-up settles. Each regime
-has a frontier of its own: a model that saw fewer kinds of presses answered another question.
-Trivial rows are on none.
+has its own frontier: a model that saw fewer kinds of presses answered another question. Trivial
+rows are on none.
 """
 
 from __future__ import annotations
@@ -19,26 +19,32 @@ from tactibench.board.rows import Row
 from tactibench.protocols.board_spec import Ranking
 
 SETTLED = 0.02
-"""Two blocks of calls that differ by less end a warm-up; times closer than that are not told
-apart."""
+"""Relative. A warm-up ends when two blocks of calls differ by less; so times that differ by less
+cannot be told apart."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """A value with the ends of what it could be."""
+    """A value with the ends of the range in which it may lie."""
 
     value: float
     low: float
     high: float
 
     def below(self, other: Range) -> bool:
-        """Return whether it is smaller by more than both ranges."""
+        """Return whether this range lies below the other one."""
         return self.high < other.low
 
 
 @dataclass(frozen=True)
 class Point:
-    """A row of a board. latency: ms, p90 of one frame on one thread. error: the one that ranks."""
+    """A row of a board, as a point.
+
+    Attributes:
+        row: Row of the board.
+        latency: p90 of one frame on one thread, ms.
+        error: Error that ranks the rows.
+    """
 
     row: Row
     latency: Range
@@ -46,18 +52,23 @@ class Point:
 
     @property
     def label(self) -> str:
-        """Without the regime, which is that of the frontier."""
+        """The label of the row without its regime, which is that of the frontier."""
         return self.row.short
 
 
 @dataclass(frozen=True)
 class Frontier:
-    """Points of one regime, by latency.
+    """Points of one regime, sorted by latency.
 
-    best: of the central values, those that no other beats on both, by latency: the line.
-    dominated: label -> labels of those that dominate it, the fastest first. machine: of all
-    points. elsewhere: runs that were timed on another machine. untimed: rows without an error or a
-    time.
+    Attributes:
+        regime: Training regime.
+        points: All points.
+        best: Points whose central values no other point beats on both axes, sorted by latency: the
+            line.
+        dominated: Label -> labels of the points that dominate it, the fastest first.
+        machine: Machine on which all points were timed.
+        elsewhere: Number of runs that were timed on another machine.
+        untimed: Labels of rows without an error or a time.
     """
 
     regime: str
@@ -69,7 +80,7 @@ class Frontier:
     untimed: tuple[str, ...]
 
     def verdict(self, point: Point) -> str:
-        """Return "frontier", "dominated by X", or neither, which the intervals leave open."""
+        """Return "frontier", "dominated by X", or "not dominated", which intervals leave open."""
         by = self.dominated.get(point.label, ())
         if by:
             more = f" and {len(by) - 1} more" if len(by) > 1 else ""
@@ -78,9 +89,12 @@ class Frontier:
 
 
 def frontiers(rows: Iterable[Row], error: Ranking, wanted: str | None = None) -> list[Frontier]:
-    """Return the frontier of every regime among rows timed on one machine.
+    """Return the frontier of every regime among the rows that were timed on one machine.
 
-    wanted: the machine; None: that of most runs.
+    Args:
+        rows: Rows of one section.
+        error: Error that ranks the rows.
+        wanted: Fingerprint of the machine; None: the machine of most runs.
     """
     candidates = [row for row in rows if not row.trivial]
     timed_on = wanted or busiest(candidates)
@@ -94,15 +108,15 @@ def frontiers(rows: Iterable[Row], error: Ranking, wanted: str | None = None) ->
 def _of_regime(regime: str, rows: Sequence[Row], error: Ranking, timed_on: str) -> Frontier:
     points, untimed, elsewhere = [], [], 0
     for row in rows:
-        here = _timed_on(row, timed_on)
-        elsewhere += len(row.records) - len(here.records)
-        if not here.records:
+        timed = _timed_on(row, timed_on)
+        elsewhere += len(row.records) - len(timed.records)
+        if not timed.records:
             continue
-        times, errors = _latency(here), _error(here, error.metric, error.group)
+        times, errors = _latency(timed), _error(timed, error.metric, error.group)
         if times is None or errors is None:
             untimed.append(row.short)
         else:
-            points.append(Point(here, times, errors))
+            points.append(Point(timed, times, errors))
     points.sort(key=lambda point: (point.latency.value, point.error.value, point.label))
     dominated = {point.label: by for point in points if (by := _dominators(point, points))}
     return Frontier(
@@ -124,9 +138,9 @@ def elsewhere_frontiers(
     The times are those of the nominal frontiers: the same weights cost the same elsewhere.
 
     Args:
-        nominal: Where the configurations were timed.
-        rows: Of the section with the other test frames.
-        error: On these.
+        nominal: Frontiers of the section where the configurations were timed.
+        rows: Rows of the section with the other test frames.
+        error: Error on these frames.
     """
     by_label = {(row.regime, row.short): row for row in rows if not row.trivial}
     moved = []
@@ -144,13 +158,13 @@ def elsewhere_frontiers(
 
 
 def busiest(rows: Iterable[Row]) -> str:
-    """Return the machine of most runs, the first by name of several; "" without runs."""
+    """Return the machine of most runs, of equal ones the first by name; "" without runs."""
     counts = Counter(machine(record) for row in rows for record in row.records)
     return min(counts, key=lambda name: (-counts[name], name), default="")
 
 
 def line(points: Sequence[Point]) -> list[Point]:
-    """Return the points that no other beats on both central values, by latency."""
+    """Return the points that no other beats on both central values, sorted by latency."""
     best: list[Point] = []
     for point in sorted(points, key=lambda p: (p.latency.value, p.error.value)):
         if not best or point.error.value < best[-1].error.value:
@@ -179,14 +193,17 @@ def _latency(row: Row) -> Range | None:
 
 
 def _error(row: Row, metric: str, group: str) -> Range | None:
-    """Return the mean over seeds in the envelope of their intervals, None where one is n/a."""
+    """Return the mean over seeds in the envelope of their intervals; None where a seed is n/a."""
     pooled = row.metric(metric, group)
     if pooled is None or pooled.censored:
         return None
     single = [Row((record,)).metric(metric, group) for record in row.records]
     ends = [
-        (one.value if one.low is None else one.low, one.value if one.high is None else one.high)
-        for one in single
-        if one is not None
+        (
+            of_seed.value if of_seed.low is None else of_seed.low,
+            of_seed.value if of_seed.high is None else of_seed.high,
+        )
+        for of_seed in single
+        if of_seed is not None
     ]
     return Range(pooled.value, min(low for low, _ in ends), max(high for _, high in ends))

@@ -12,7 +12,7 @@ from tactibench.records.identity import canonical, digest
 from tactibench.records.record import Record, Value
 
 RETIRED = frozenset({"tolerance", "allow_fem"})
-"""Parameters of simulated sensors in older records, which changed none of their frames."""
+"""Parameters of simulated sensors that only older records have; they changed no frame."""
 ADDED: Mapping[str, Value] = {
     "instances": 0,
     "ranges": 1,
@@ -23,11 +23,11 @@ ADDED: Mapping[str, Value] = {
     "pivot_side_mm": 0.0,
     "trust_labels": False,
 }
-"""Parameters that older records lack, and the values with which the frames are the older ones."""
+"""Parameters that older records lack, and the values that give the same frames as before."""
 
 
 def row_key(record: Record) -> list[Any]:
-    """Return all that two records must share to be seeds of one row, as JSON values."""
+    """Return everything that two records must share to be seeds of one row, as JSON values."""
     encoder = None if record.encoder is None else record.encoder.identity
     model = record.model.identity
     key = [section_key(record), model, encoder, record.regime, record.limits.presses]
@@ -41,10 +41,14 @@ def row_anchor(row: Row) -> str:
 
 
 def section_key(record: Record, *, frames: bool = True) -> list[Any]:
-    """Return all that two records must share to stand in one table, as JSON values.
+    """Return everything that two records must share to stand in one table, as JSON values.
 
-    These are the question, the sensor and the test frames. frames: whether their hash is among
-    them; nobody can derive it without the frames.
+    These are the question, the sensor and the test frames.
+
+    Args:
+        record: Record of a run.
+        frames: Whether the key holds the hash of the test frames, which nobody can derive without
+            these frames.
     """
     test = record.test_sensor
     key = [
@@ -60,7 +64,7 @@ def section_key(record: Record, *, frames: bool = True) -> list[Any]:
 
 
 def training_sensor(record: Record) -> list[Any]:
-    """Return all that two records must share to be trained on one sensor, as JSON values."""
+    """Return everything that two records must share to be trained on one sensor, as JSON values."""
     sensor = record.sensor
     return [sensor.origin, sensor.name, _lasting(sensor.parameters)]
 
@@ -74,12 +78,12 @@ def _lasting(parameters: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def trained_for(records: Iterable[Record]) -> list[Record]:
-    """Return those that were tested on the sensor that they were trained for."""
+    """Return the records that were tested on the sensor that they were trained for."""
     return [record for record in records if record.test_sensor is None]
 
 
 def whole(records: Iterable[Record]) -> list[Record]:
-    """Return those that learned from all presses; the others belong to a learning curve alone."""
+    """Return the records that learned from all presses; the others belong to learning curves."""
     return [record for record in records if record.limits.presses is None]
 
 
@@ -95,20 +99,20 @@ def rows_of(records: Iterable[Record]) -> list[Row]:
 
 
 def row_on_own_test(row: Row, records: Iterable[Record]) -> Row | None:
-    """Return what the weights of a row gave on the protocol's own test, None where one is missing.
+    """Return the row of the same weights on the protocol's own test; None where a seed lacks it.
 
     Args:
-        row: Of models that were tested on something else: hidden presses, finite elements, another
-            sensor.
-        records: All of the same version of the protocol.
+        row: Row of models that were tested on something else: hidden presses, finite elements,
+            another sensor.
+        records: All records of the same version of the protocol.
     """
     weights = [_weights(record) for record in row.records]
-    own = [record for record in trained_for(records) if _weights(record) in weights]
-    return Row(tuple(own)) if len(own) == len(row.records) else None
+    on_own_test = [record for record in trained_for(records) if _weights(record) in weights]
+    return Row(tuple(on_own_test)) if len(on_own_test) == len(row.records) else None
 
 
 def _weights(record: Record) -> list[Any]:
-    # The hash alone tells neither decoders of one map apart, nor sensors with equal labels.
+    # The hash alone cannot tell apart decoders of one map, nor sensors with equal labels.
     encoder = None if record.encoder is None else record.encoder.identity
     return [*training_sensor(record), encoder, record.regime, record.identity.weights_hash]
 

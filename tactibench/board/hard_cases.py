@@ -1,4 +1,4 @@
-"""Hard cases on a board: where every model's error doubles, and its error case by case."""
+"""Hard cases on a board: the case where a model's error doubles, and its error case by case."""
 
 from __future__ import annotations
 
@@ -14,7 +14,16 @@ DECIMALS = 3
 
 @dataclass(frozen=True)
 class Case:
-    """One case of one row. easy: whether it is the reference of its family."""
+    """One case of one row.
+
+    Attributes:
+        value: Value of the family's axis.
+        easy: Whether it is the reference of its family.
+        error: OSPA, mm.
+        missed: Share of contacts missed.
+        spurious: Spurious contacts.
+        ratio: Error over that of the reference.
+    """
 
     value: float
     easy: bool
@@ -26,7 +35,13 @@ class Case:
 
 @dataclass(frozen=True)
 class FamilyErrors:
-    """A family as one row of a board did on it, the easy case first, where there is one."""
+    """The errors of one row of a board on a family of hard cases.
+
+    Attributes:
+        axis: Axis of the family.
+        cases: Cases of the family, the easy one first where there is one.
+        doubles: Value at which the error doubles.
+    """
 
     axis: Axis
     cases: tuple[Case, ...]
@@ -35,12 +50,12 @@ class FamilyErrors:
     @property
     def worst(self) -> PooledMetric | None:
         """The largest ratio."""
-        known = [case.ratio for case in self.cases if case.ratio is not None]
-        return max(known, key=lambda ratio: ratio.value, default=None)
+        ratios = [case.ratio for case in self.cases if case.ratio is not None]
+        return max(ratios, key=lambda ratio: ratio.value, default=None)
 
 
 def family_errors(row: Row, axes: Iterable[Axis]) -> list[FamilyErrors]:
-    """Return all families of a row, in the order of the protocol."""
+    """Return the errors of a row on all families, in the order of the protocol."""
     return [_family_errors(row, axis) for axis in axes]
 
 

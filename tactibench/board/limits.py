@@ -1,4 +1,4 @@
-"""Limits of a sensor over a workspace: how well a contact can be located, and two told from one."""
+"""Limits of a sensor over a workspace: of locating a contact, and of telling two tips from one."""
 
 from __future__ import annotations
 
@@ -17,14 +17,23 @@ from tactibench.plugins.base import Sensor
 AXES = ("x", "y", "depth")
 SEPARATION = "separation"
 FARTHEST_MM = 100.0
-"""A standard deviation beyond this is none: what information is left of it is rounding."""
+"""Bounds larger than this count as infinite: the information left in them is rounding."""
 PLACES = 5
-"""Along one side, at which two tips are told from one: that takes 40 times as long as a bound."""
+"""Places along one side at which two tips are told from one; that takes 40 times as long as a
+bound."""
 
 
 @dataclass(frozen=True)
 class LimitRequest:
-    """Presses of one indenter at every cell of a grid and every depth, mm; yaw in degrees."""
+    """Presses of one indenter at every cell of a grid and every depth.
+
+    Attributes:
+        indenter: Indenter that presses.
+        grid: Places of the presses.
+        depths: Depths of the presses, mm.
+        yaw: Turn of the indenter, deg.
+        nuisances: Names of what the bound takes as unknown.
+    """
 
     indenter: Indenter
     grid: Grid
@@ -34,7 +43,7 @@ class LimitRequest:
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """x, y, depth, and the distance of the tips where there are two."""
+        """Names of the quantities: x, y, depth, and the distance of the tips if there are two."""
         return (*AXES, SEPARATION) if len(self.indenter.offsets) == 2 else AXES
 
     @property
@@ -44,7 +53,10 @@ class LimitRequest:
 
     @property
     def coarse(self) -> Grid:
-        """At most PLACES x PLACES cells of the grid around its middle, evenly spaced."""
+        """The grid of the two-point limit.
+
+        It has at most PLACES x PLACES cells of the grid, evenly spaced around its middle.
+        """
         half = [cells // 2 for cells in self.grid.shape]
         stride = max(1, -(-max(half) // (PLACES // 2)))
         rows, columns = (2 * (h // stride) + 1 for h in half)
@@ -57,10 +69,14 @@ class LimitRequest:
 class LimitMaps:
     """Smallest standard deviations, mm, on the grid of a request.
 
-    values: (depths, quantities, rows, columns); inf: the frame says nothing, or a tip does not
-    touch; nan: the sensor refuses the press. refusal: the sensor's first sentence about it.
-    spacings: (depths, rows, columns) mm on ``request.coarse``, from which two tips differ from one;
-    inf and nan likewise; None: the indenter has not two tips, or the sensor does not know.
+    Attributes:
+        request: The request.
+        values: (depths, quantities, rows, columns) mm; inf: the frame holds no information, or a
+            tip does not touch; nan: the sensor refuses the press.
+        refusal: First message with which the sensor refused a press; "": none was refused.
+        spacings: (depths, rows, columns) mm on ``request.coarse``: the spacing from which two tips
+            differ from one; inf and nan as in ``values``; None: the indenter has not two tips, or
+            the sensor does not know.
     """
 
     request: LimitRequest
@@ -70,7 +86,16 @@ class LimitMaps:
 
 
 def map_limits(sensor: Sensor, request: LimitRequest, advance: Callable[[int], None]) -> LimitMaps:
-    """Ask the sensor for the bound of every press. Raises UserError when it refuses them all."""
+    """Return the bounds of the sensor for every press.
+
+    Args:
+        sensor: The sensor.
+        request: The presses.
+        advance: Called with 1 after every press.
+
+    Raises:
+        UserError: The sensor refuses all presses.
+    """
     grid = request.grid
     x, y = grid.axes()
     values = np.full((len(request.depths), len(request.quantities), *grid.shape), np.nan)
@@ -113,7 +138,10 @@ def _map_spacings(sensor: Sensor, request: LimitRequest) -> FloatArray | None:
 def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[float]:
     """Return the bounds of x, y, depth of the worst contact, mm, and of the separation of two tips.
 
-    All inf when a tip does not touch: nothing in the frame is about it.
+    All are inf when a tip does not touch: the frame holds no information on it.
+
+    Raises:
+        UserError: The sensor does not know the bound, or refuses the press.
     """
     tips = len(scene.indenter.offsets)
     covariance = sensor.covariance(scene, nuisances)
@@ -129,10 +157,16 @@ def limits_of(sensor: Sensor, scene: Scene, nuisances: Sequence[str]) -> list[fl
 
 
 def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
-    """Return the standard deviation of |p1 - p2|, mm, from the (6, 6) covariance of two contacts.
+    """Return the standard deviation of |p1 - p2|, mm, of two contacts.
 
-    apart: (2,) p1 - p2, mm. With u its direction, var |p1 - p2| = g C g for g = (u, 0, -u, 0);
-    inf where a coordinate along u has no bound.
+    With u the direction of p1 - p2, var |p1 - p2| = g C g for g = (u, 0, -u, 0).
+
+    Args:
+        covariance: C, (6, 6) covariance of x, y, depth of both contacts, mm^2.
+        apart: (2,) p1 - p2, mm.
+
+    Returns:
+        inf where a coordinate along u has no bound.
     """
     u = apart / np.linalg.norm(apart)
     g = np.array([*u, 0.0, *-u, 0.0])
@@ -144,10 +178,11 @@ def separation_limit(covariance: FloatArray, apart: FloatArray) -> float:
 
 
 def summary(maps: LimitMaps) -> list[dict[str, Any]]:
-    """Return a line a depth and quantity: middle of the workspace, median, 90 %, worst, counts.
+    """Return one line for every depth and quantity.
 
-    Quantiles are over the n presses that have a bound; unbounded and refused count the others.
-    worst_at: (x, y) mm of the largest bound.
+    Each holds the bound in the middle of the workspace, median, 90 % quantile, largest bound and
+    counts. Quantiles are over the n presses that have a bound; "unbounded" and "refused" count the
+    others. "worst_at" is the place (x, y) of the largest bound, mm.
     """
     return [
         _summary_line(maps.values[d, q], maps.request.grid, depth, quantity)
@@ -157,7 +192,7 @@ def summary(maps: LimitMaps) -> list[dict[str, Any]]:
 
 
 def spacing_summary(maps: LimitMaps) -> list[dict[str, Any]]:
-    """Return a line a depth, as ``summary``, of where two tips begin to differ from one."""
+    """Return one line a depth, as ``summary``, of the spacing that tells two tips from one."""
     if maps.spacings is None:
         return []
     return [
@@ -192,7 +227,10 @@ def _summary_line(layer: FloatArray, grid: Grid, depth: float, quantity: str) ->
 
 
 def rows_of(maps: LimitMaps) -> list[dict[str, Any]]:
-    """Return tidy rows: metric, group, value (None: no bound), unit, n; shares of the presses."""
+    """Return tidy rows with metric, group, value (None: no bound), unit and n.
+
+    Further rows hold the shares of presses that are unbounded or refused.
+    """
     rows: list[dict[str, Any]] = []
     for line in [*summary(maps), *spacing_summary(maps)]:
         group = f"depth {line['depth']:g} mm"

@@ -1,8 +1,8 @@
 """The place of a submission among the committed records beside it.
 
-Nobody can derive the hash of test frames without making the frames, so a made-up hash opens a table
-of its own; and whoever names a model that ships joins its row. Both are said in the verdict, for
-the reviewer who merges it.
+Nobody can derive the hash of test frames without making the frames, so that an invented hash opens
+a table of its own. A submission that names a model that ships joins its row. The verdict says
+both, for the reviewer who merges it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Neighbours:
     """The committed records of one protocol beside a submission.
 
     Attributes:
-        row: training seeds of the row that it joins; empty where it begins one.
-        table: how many records stand in its table.
-        other_frames: how many are of the same test on the same sensor, but state another hash of
-            the test frames.
+        row: Training seeds of the row that it joins; empty where it begins one.
+        table: Number of records in its table.
+        other_frames: Number of records of the same test on the same sensor that state another hash
+            of the test frames.
     """
 
     row: tuple[int, ...]
@@ -36,7 +36,7 @@ class Neighbours:
 
     @property
     def note(self) -> str:
-        """A sentence on the place of the submission."""
+        """A clause on the place of the submission."""
         seeds = ", ".join(map(str, self.row))
         row = f"joins the row with seed {seeds}" if self.row else "begins a row"
         if self.table:
@@ -52,9 +52,13 @@ class Neighbours:
 def find_neighbours(record: Record, path: Path) -> Neighbours:
     """Return the place of a submission among the records in its folder.
 
+    Args:
+        record: Record of the submission.
+        path: Its file.
+
     Raises:
-        UserError: for a file of the same row and seed, and for one whose name differs in capitals
-            alone, which a file system may take for the same.
+        UserError: Another file holds the same row and seed, or its name differs only in capitals,
+            so that some file systems take both for one file.
     """
     for file in path.parent.glob("*.json"):
         if file.stem != path.stem and file.stem.casefold() == path.stem.casefold():
@@ -80,7 +84,7 @@ def find_neighbours(record: Record, path: Path) -> Neighbours:
 
 
 def _records_beside(path: Path) -> Iterator[Record]:
-    """Yield the other records in a folder; one that cannot be read gets a verdict of its own."""
+    """Yield the other records in a folder, without unreadable ones, which get their own verdict."""
     for other in sorted(path.parent.glob("*.json")):
         if other.stem == path.stem:
             continue

@@ -17,12 +17,17 @@ from tactibench.records.record import Record
 
 HARD_CASES = "stability"
 INSTANCES = "individual"
-"""The family of other sensors of the make; the overview shows more of them in a column."""
+"""The family of other sensors of the same make; the overview shows more of them in a column."""
 
 
 @dataclass(frozen=True)
 class WorstFamily:
-    """The family of hard cases with the largest error. error_mm: the mean over its cases."""
+    """The family of hard cases with the largest error.
+
+    Attributes:
+        family: Name of the family.
+        error_mm: Mean error over its cases.
+    """
 
     family: str
     error_mm: float
@@ -33,9 +38,9 @@ class OverviewLine:
     """A model on several boards.
 
     Attributes:
-        row: Of the protocol whose rows are the lines.
-        values: Of the columns, None where the model has no row or its row no value.
-        worst: Of the hard cases, None where the model was not tested on them.
+        row: Row of the protocol whose rows are the lines.
+        values: One value a column, None where the model has no row or its row no value.
+        worst: Hard cases with the largest error, None where the model was not tested on them.
     """
 
     row: Row
@@ -47,7 +52,7 @@ def overview(records: Mapping[str, Iterable[Record]]) -> list[OverviewLine]:
     """Return the lines of the overview, in its order; trivial models last.
 
     Args:
-        records: Of the present version of each protocol, by its id.
+        records: Records of the present version of each protocol, by its id.
     """
     spec = overview_spec()
     boards = {name: rows_of(whole(trained_for(of_board))) for name, of_board in records.items()}
@@ -83,20 +88,20 @@ def worst_family(row: Row) -> WorstFamily | None:
     families = []
     for family in family_errors(row, load_protocol(HARD_CASES).spec.axes):
         errors = [case.error.value for case in family.cases if case.error and not case.easy]
-        # Families without an easy case, as that of untouched frames, are no harder than others.
+        # A family without an easy case, such as untouched frames, has no harder cases.
         if errors and family.axis.easy is not None and family.axis.family != INSTANCES:
             families.append(WorstFamily(family.axis.family, statistics.fmean(errors)))
     return max(families, key=lambda family: family.error_mm, default=None)
 
 
 def _model(row: Row) -> list[Any]:
-    """Return model and encoder, as JSON values."""
+    """Return the model and its encoder, as JSON values."""
     encoder = row.first.encoder
     return [row.first.model.identity, None if encoder is None else encoder.identity]
 
 
 def _plates(row: Row) -> str:
-    """Return what a row shares with that of the same model on real plates."""
+    """Return what a row shares with the row of the same model on real plates."""
     return canonical(_model(row))
 
 

@@ -1,4 +1,4 @@
-"""The place of one run: its rank among the rows of a board, and how far it is from the bound."""
+"""The place of one run: its rank among the rows of a board, and its error over the bound."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class Placement:
 
     Attributes:
         ranking: The error that orders the board.
-        rank: Of the run's row; rows that cannot be told apart share one. None: it has too few seeds
-            or presses for one.
-        rows: How many rows have a rank.
-        above: The next better row, of another rank where it has one; None for the best.
+        rank: Rank of the run's row; rows that cannot be told apart share one. None: the row has too
+            few seeds or presses for a rank.
+        rows: Number of rows that have a rank.
+        above: The next better row, of another rank where the run has a rank; None for the best.
         board: Folder of the board.
-        committed: Whether the run itself is a row of it already.
+        committed: Whether the run itself is a row of the board already.
     """
 
     ranking: Ranking
@@ -54,9 +54,13 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     The row holds the run and the committed seeds of the same configuration, as the board would
     show it.
 
+    Args:
+        run: Stored run.
+        board: Folder of the board.
+
     Returns:
-        None where it has none: the run is partial or learned from fewer presses, no error orders
-        the board, or nothing was committed for this sensor and these test frames.
+        None where the run has no place: it is partial or learned from fewer presses, no error
+        orders the board, or nothing was committed for this sensor and these test frames.
 
     Raises:
         UserError: A committed record cannot be read.
@@ -69,22 +73,22 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     if ranking is None or protocol is None or shortened or not committed.is_dir():
         return None
     all_records = records_of_version(read_submissions(board, record.protocol.id), protocol)
-    own, key = compact(record), canonical(section_key(record))
+    compacted, key = compact(record), canonical(section_key(record))
     others = [
         other
         for other in all_records
         if other.limits.presses is None
         and canonical(section_key(other)) == key
-        and slot(other) != slot(own)
+        and slot(other) != slot(compacted)
     ]
     if not others:
         return None
     errors = all_press_errors(board, others)
     truth, predicted = run.arrays("truth"), run.arrays("predictions")
-    errors[own.name] = press_errors_of(protocol.spec, truth, predicted)
-    rows = ordered(record.protocol.label, rows_of([*others, own]))
+    errors[compacted.name] = press_errors_of(protocol.spec, truth, predicted)
+    rows = ordered(record.protocol.label, rows_of([*others, compacted]))
     ranked = ranks(record.protocol.label, rows, errors)
-    place = next(k for k, row in enumerate(rows) if own in row.records)
+    place = next(k for k, row in enumerate(rows) if compacted in row.records)
     if ranked is None or rows[place].metric(ranking.metric, ranking.group) is None:
         return None
     numbers = ranked.by_row
@@ -94,19 +98,22 @@ def place_run(run: StoredRun, board: Path) -> Placement | None:
     else:
         better = [k for k, number in enumerate(numbers) if number is not None and number < rank]
         above = max(better, key=lambda k: (numbers[k] or 0, k), default=None)
-    known = sum(number is not None for number in numbers)
+    ranked_rows = sum(number is not None for number in numbers)
     committed_names = {other.name for other in all_records}
     return Placement(
         ranking=ranking,
         rank=rank,
-        rows=known,
+        rows=ranked_rows,
         above=None if above is None else rows[above],
         board=board,
-        committed=own.name in committed_names,
+        committed=compacted.name in committed_names,
     )
 
 
 def times_bound(record: Record) -> tuple[float, float] | None:
-    """Return the smallest and the largest RMSE of an axis over its Cramer-Rao bound, or None."""
+    """Return the smallest and the largest ratio of the RMSE of an axis to its Cramer-Rao bound.
+
+    None where the record holds no such ratio.
+    """
     ratios = [m.value for m in record.metrics if m.metric == BOUND and m.value is not None]
     return (min(ratios), max(ratios)) if ratios else None

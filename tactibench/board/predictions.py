@@ -2,8 +2,8 @@
 
 The file holds the packed predictions as they were stored, and under ``ranked.`` the error that
 orders the board, press by press, so that a board ranks its rows without making any truth again.
-``tactibench board verify`` computes both anew. Files of strangers are read too: numbers,
-sizes and types are looked up before anything is unpacked, and values before a metric sees them.
+``tactibench board verify`` computes both anew. Files of strangers are read too: the number, sizes
+and types of arrays are checked before anything is unpacked, and values before a metric reads them.
 """
 
 from __future__ import annotations
@@ -33,28 +33,29 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 RANKED = "ranked."
 LARGEST = 64 * 2**20
-"""Bytes of all arrays of a file, unpacked; exp3 needs a third of a megabyte."""
+"""Most bytes of all arrays of a file, unpacked; exp3 needs a third of a megabyte."""
 LARGEST_PACKED = 8 * 2**20
-"""Bytes of a file; the longest of those here has 550 kB."""
+"""Most bytes of a file; the largest committed one has 550 kB."""
 MOST_ARRAYS = 16
-"""Arrays of a file: five of answers, three of failures, two to rank by for each of three tests."""
+"""Most arrays of a file. One holds five of answers, three of failures, and for each of three tests
+two to rank by."""
 LONGEST_TEXT = 200
-"""Characters of a text in an array: a cause, or the name of a press."""
+"""Most characters of a text in an array: a cause, or the name of a press."""
 DIRECTORY = 256
 """Bytes that an archive's directory takes for an array, with room to spare; numpy's takes 127."""
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Others may ask for gigabytes before they unpack a byte."""
+"""Packings that are read. Others may need gigabytes of memory before they unpack a byte."""
 ARRAY_NAME = re.compile(r"[a-z_.]{1,40}\.npy")
 
 
 @dataclass(frozen=True, eq=False)
 class PressErrors:
-    """The error that orders a board.
+    """The error that orders a board, press by press.
 
     Attributes:
         press: (P,) names, sorted.
-        error: (P,) mean of each press.
-        apart: The same of the tests that are scored apart and have a ranking, by their names.
+        error: (P,) mean error of each press.
+        apart: The same for tests that are scored apart and have a ranking, by name of the test.
     """
 
     press: npt.NDArray[Any]
@@ -70,20 +71,35 @@ def answers_file(record_file: Path) -> Path:
 def ranked_errors(
     spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> Arrays:
-    """Return arrays of the errors that order the board; empty where none does."""
+    """Return the errors that order the board, as arrays of a file; empty where no error orders it.
+
+    Args:
+        spec: The protocol.
+        truth: Packed truth of the test frames.
+        predicted: Packed predictions.
+    """
     if board_spec(spec.label).ranking is None:
         return {}
     errors = press_errors_of(spec, truth, predicted)
     arrays = {"press": errors.press, "error": errors.error}
-    for name, own in errors.apart.items():
-        arrays |= {f"{name}.press": own.press, f"{name}.error": own.error}
+    for name, test_errors in errors.apart.items():
+        arrays |= {f"{name}.press": test_errors.press, f"{name}.error": test_errors.error}
     return {f"{RANKED}{name}": array for name, array in arrays.items()}
 
 
 def press_errors_of(
     spec: Protocol, truth: Mapping[str, npt.NDArray[Any]], predicted: Arrays
 ) -> PressErrors:
-    """Return the errors that order the board of a protocol, which has a ranking."""
+    """Return the errors that order the board of a protocol.
+
+    Args:
+        spec: The protocol.
+        truth: Packed truth of the test frames.
+        predicted: Packed predictions.
+
+    Raises:
+        UserError: No error orders the board.
+    """
     board = board_spec(spec.label)
     if board.ranking is None:
         raise UserError(f"no error orders the board of {spec.id}, so it ranks nothing.")
@@ -99,30 +115,33 @@ def press_errors_of(
 
 def _press_errors(metric: str, group: str, trials: Trials | PlateTrials) -> PressErrors:
     error = press_means(metric, trials, (group,))[:, 0]
-    known = np.isfinite(error)
-    return PressErrors(np.unique(trials.press)[known], error[known])
+    finite = np.isfinite(error)
+    return PressErrors(np.unique(trials.press)[finite], error[finite])
 
 
 def split_ranked(arrays: Arrays) -> tuple[Arrays, Arrays]:
-    """Return packed answers, and what stands under ``ranked.``."""
+    """Return the packed answers, and the arrays whose names begin with ``ranked.``."""
     ranked = {name: array for name, array in arrays.items() if name.startswith(RANKED)}
     return {name: array for name, array in arrays.items() if name not in ranked}, ranked
 
 
 def read_answers_file(path: Path) -> Arrays:
-    """Read all arrays.
+    """Read all arrays of a file.
 
     Raises:
-        UserError: for a file that is missing, damaged, too large, or holds other arrays than
-            tactibench writes.
+        UserError: The file is missing, damaged or too large, or holds other arrays than tactibench
+            writes.
     """
     return _read_checked(path)
 
 
 def read_press_errors(path: Path) -> PressErrors | None:
-    """Return the errors that a board ranks by; None without answers beside the record, or an order.
+    """Return the errors that a board ranks by, read from the file of the predictions.
 
-    Raises UserError for a damaged file.
+    None where the file is missing, or holds no errors to rank by.
+
+    Raises:
+        UserError: The file is damaged.
     """
     if not path.is_file():
         return None
@@ -134,7 +153,16 @@ def read_press_errors(path: Path) -> PressErrors | None:
 
 
 def _read_test(arrays: Arrays, begin: str, path: Path) -> PressErrors:
-    """Return the errors of one test, whose arrays begin so. Raises UserError."""
+    """Return the errors of one test.
+
+    Args:
+        arrays: Arrays of the file.
+        begin: Text that the names of the test's arrays begin with.
+        path: File, for messages.
+
+    Raises:
+        UserError: The arrays do not hold one finite error a press, sorted by press.
+    """
     press, errors = (arrays.get(f"{begin}{name}", np.empty(0)) for name in ("press", "error"))
     fitting = press.dtype.kind == "U" and errors.dtype.kind == "f" and errors.ndim == 1
     if not fitting or press.shape != errors.shape or not np.isfinite(errors).all():
@@ -148,10 +176,10 @@ def _read_test(arrays: Arrays, begin: str, path: Path) -> PressErrors:
 
 
 def _read_checked(path: Path, begin: str = "") -> Arrays:
-    """Return the arrays of an archive whose names begin so; nothing is made unchecked.
+    """Return the arrays of an archive whose names begin with a text, after checks.
 
     The number of members, their sizes in the archive's directory, and every array's own header are
-    looked at before memory is asked for.
+    checked before memory is taken.
     """
     if path.is_symlink() or not path.is_file():
         raise UserError(f"{path} is missing: the answers belong beside the record.")
@@ -164,8 +192,8 @@ def _read_checked(path: Path, begin: str = "") -> Arrays:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             _refuse_members(members, path)
-            known = sum(member.compress_size + DIRECTORY for member in members)
-            if packed > known or min(member.header_offset for member in members):
+            expected = sum(member.compress_size + DIRECTORY for member in members)
+            if packed > expected or min(member.header_offset for member in members):
                 raise UserError(f"{path} holds more than its arrays; submit the run again.")
             names = [member.filename.removesuffix(".npy") for member in members]
             return {
@@ -204,7 +232,12 @@ def _refuse_bytes(count: int, what: object) -> None:
 
 
 def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) -> npt.NDArray[Any]:
-    """Return an array of a type and size that tactibench writes. Raises whatever a parser does."""
+    """Return an array of a type and size that tactibench writes.
+
+    Raises:
+        UserError: Its format, type, shape or size is not one that tactibench writes.
+        Exception: The data are damaged; any error of zip, zlib and the parsers.
+    """
     with archive.open(member) as stream:
         if np.lib.format.read_magic(stream) != (1, 0):
             raise UserError(f"{what} is written in another format than tactibench writes.")
@@ -235,11 +268,11 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str) ->
 
 
 MOST = 64
-"""Contacts in a frame; no protocol presses more than three."""
+"""Most contacts in a frame; no protocol presses more than three."""
 FARTHEST = 1e6
-"""mm or deg of an answer, a kilometre: farther ones would overflow where they are squared."""
+"""Largest value of an answer, mm (a kilometre) or deg: larger ones would overflow when squared."""
 SMALLEST_STD = 1e-9
-"""mm or deg of a standard deviation; an error is divided by it and squared."""
+"""Smallest standard deviation, mm or deg; an error is divided by it and squared."""
 CONTACTS = {
     "count": ("i", ()),
     "xy": ("f", (2,)),
@@ -260,8 +293,13 @@ def check_answers(
 ) -> None:
     """Raise UserError unless the arrays are packed answers (see ``pack``) to ``frames`` frames.
 
-    kind: "contacts" or "plate". guarded: whether the frames on which the model failed are listed
-    beside them (see ``Failures``).
+    Args:
+        answers: The arrays.
+        kind: "contacts" or "plate".
+        frames: Number of test frames.
+        where: Name of the file in messages.
+        guarded: Whether the frames on which the model failed are listed beside the answers (see
+            ``Failures``).
     """
     given = answers
     if guarded:
@@ -299,7 +337,7 @@ def check_answers(
 
 
 def _check_failures(answers: Arrays, frames: int, where: str) -> None:
-    """Refuse all but rising rows of frames without contacts, each with its cause."""
+    """Raise UserError unless failures are ascending frames without contacts, each with a cause."""
     failures = {name: answers.get(name, np.empty(0)) for name in FAILURES}
     for name, (letter, _) in FAILURES.items():
         array = failures[name]
@@ -347,7 +385,7 @@ def _check_lengths(answers: Arrays, columns: Mapping[str, Any], kind: str, where
 
 
 def _check_finite(array: npt.NDArray[Any], name: str, where: str) -> None:
-    """Refuse NaN, but in whole rows of standard deviations, where it stands for "not stated"."""
+    """Raise UserError for NaN; a whole row of NaN in standard deviations means "not stated"."""
     bad = ~np.isfinite(array)
     if name.endswith("std"):
         bad &= ~np.isnan(array).all(axis=1, keepdims=True)
@@ -357,9 +395,9 @@ def _check_finite(array: npt.NDArray[Any], name: str, where: str) -> None:
             "is finite, and a frame without contacts is answered with none."
         )
     low = SMALLEST_STD if name.endswith("std") else -FARTHEST
-    known = array[np.isfinite(array)]
-    if known.size and not low <= known.min() <= known.max() <= FARTHEST:
+    finite = array[np.isfinite(array)]
+    if finite.size and not low <= finite.min() <= finite.max() <= FARTHEST:
         raise UserError(
-            f"{where}: values of array {name!r} go from {known.min():g} to {known.max():g}; "
+            f"{where}: values of array {name!r} go from {finite.min():g} to {finite.max():g}; "
             f"{low:g} to {FARTHEST:g} are allowed."
         )

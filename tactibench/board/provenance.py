@@ -1,7 +1,7 @@
 """The provenance that a record states, compared with what can be derived of it.
 
-A record says more than its answers prove: what was tested, what trained, what was counted. Whatever
-the protocol, the options and the sensors determine is derived again and compared.
+A record states more than its answers prove: what was tested, what trained, what was counted.
+Everything that the protocol, the options and the sensors determine is derived again and compared.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from tactibench.records.record import Component, Record
 from tactibench.run.request import DATA
 
 TEXT = re.compile(r"(?!.*\.\.)[A-Za-z0-9_. -]{0,80}")
-"""A text that a parameter without choices may have: a name, which is no path."""
+"""Form of the text of a parameter without choices: a name, which is not a path."""
 MOST_PARAMETERS = 64
-"""Parameters of a model or encoder of others; the largest of those that ship has 43."""
+"""Most parameters of a model or encoder of others; of those that ship the largest has 43."""
 LONGEST_PARAMETER = 40
-"""Characters of the name of a parameter of others: it stands in the name of a row."""
+"""Most characters of the name of a parameter of others, because it stands in the name of a row."""
 FIT_SLACK = 1e-3
-"""Relative, of numbers that were fitted to the pins of a recording."""
+"""Relative tolerance of numbers that were fitted to the pins of a recording."""
 
 
 def refuse_components(
@@ -36,14 +36,20 @@ def refuse_components(
 ) -> None:
     """Raise UserError where model, encoder, sensors or plugins are not what ships under their name.
 
-    Models and encoders of others are their word; those that ship are checked by what they declare.
+    Models and encoders of others cannot be checked; those that ship are checked by their specs.
+
+    Args:
+        record: The record that is checked.
+        protocol: Its protocol.
+        host: The plugins that ship with tactibench.
+        where: Name of the record in messages.
     """
     if record.regime not in protocol.spec.regimes:
         raise UserError(
             f"{where}: regime {record.regime!r} is none of protocol {protocol.spec.id!r}; it has "
             f"{', '.join(protocol.spec.regimes)}."
         )
-    known: set[str] = set()
+    our_plugins: set[str] = set()
     others = 0
     components = (
         ("model", record.model, host.models),
@@ -67,21 +73,21 @@ def refuse_components(
             _refuse_strange(component, f"{where}: {place}")
             _refuse_settings(component, f"{where}: {place}")
             continue
-        known.add(catalogue.origins[component.name].plugin)
+        our_plugins.add(catalogue.origins[component.name].plugin)
         _refuse_parameters(spec, component, f"{where}: {place}", test=place == "sensor.tested")
     stated = record.identity.plugins
-    for name in sorted(known):
+    for name in sorted(our_plugins):
         if name not in stated or stated[name]["distribution"] != OURS:
             raise UserError(
                 f"{where}: identity.plugins does not say that {name!r} is of tactibench, whose "
                 "model, encoder or sensor the record names."
             )
-    strangers = set(stated) - known
+    strangers = set(stated) - our_plugins
     of_ours = [name for name in sorted(strangers) if stated[name]["distribution"] == OURS]
     if of_ours or len(strangers) > others or (others and not strangers):
         raise UserError(
             f"{where}: identity.plugins names {', '.join(sorted(stated)) or 'none'}, but the "
-            f"record's components are of {', '.join(sorted(known)) or 'others'}"
+            f"record's components are of {', '.join(sorted(our_plugins)) or 'others'}"
             f"{f' and {others} of others' if others else ''}."
         )
     _refuse_model(record, protocol, host, where)
@@ -97,8 +103,8 @@ def _refuse_model(record: Record, protocol: LoadedProtocol, host: PluginHost, wh
             f"protocol asks for {protocol.spec.answer}."
         )
     if model.uses_encoder != (record.encoder is not None):
-        what = "uses an encoder" if model.uses_encoder else "uses no encoder"
-        raise UserError(f"{where}: model {model.name!r} {what}, but the record says otherwise.")
+        use = "uses an encoder" if model.uses_encoder else "uses no encoder"
+        raise UserError(f"{where}: model {model.name!r} {use}, but the record says otherwise.")
     draws = [protocol.spec.draw(name) for name in protocol.spec.regimes[record.regime]]
     if model.max_contacts == 1 and any(draw.indenter != "single" for draw in draws):
         raise UserError(
@@ -116,7 +122,7 @@ def _refuse_model(record: Record, protocol: LoadedProtocol, host: PluginHost, wh
 def _refuse_parameters(
     spec: ModelSpec | EncoderSpec | SensorSpec, component: Component, where: str, *, test: bool
 ) -> None:
-    """Raise UserError for parameters that the spec does not have, or does not allow."""
+    """Raise UserError for parameters that the spec does not have or does not allow."""
     try:
         today = spec.settings_of_record(component.parameters)
     except UserError as error:
@@ -131,7 +137,7 @@ def _refuse_parameters(
             continue
         stated = component.parameters[name]
         replaced = str(stated) in spec.retired.get(name, {})
-        # As it is written: 0 and 0.0 are one value and two rows of a board.
+        # Values are compared as they are written: 0 and 0.0 are equal, but would make two rows.
         if str(stated) == "-0.0":
             raise UserError(f"{where}.{name} is -0.0; write 0.0.")
         if not replaced and canonical(stated) != canonical(today[name]):
@@ -159,7 +165,7 @@ def _refuse_parameters(
 
 
 def _refuse_look_alike(name: str, shipped: Iterable[str], where: str) -> None:
-    """Raise UserError for a name of somebody's that a reader takes for one that ships."""
+    """Raise UserError where a name of others looks like one that ships."""
     for other in shipped:
         if look_alike(name) == look_alike(other):
             raise UserError(
@@ -169,7 +175,7 @@ def _refuse_look_alike(name: str, shipped: Iterable[str], where: str) -> None:
 
 
 def _refuse_strange(component: Component, where: str) -> None:
-    """Raise UserError for parameters of others that would not read as parameters on a board."""
+    """Raise UserError for parameters of others that a board could not show as parameters."""
     if len(component.parameters) > MOST_PARAMETERS:
         raise UserError(
             f"{where} has {len(component.parameters):,} parameters; at most {MOST_PARAMETERS} have "
@@ -204,7 +210,14 @@ def _refuse_settings(component: Component, where: str) -> None:
 def refuse_underived(
     record: Record, derived: Derived, protocol: LoadedProtocol, where: str
 ) -> None:
-    """Raise UserError where a record does not state what was derived of it."""
+    """Raise UserError where a record does not state what was derived from its sources.
+
+    Args:
+        record: The record that is checked.
+        derived: The facts that it must state.
+        protocol: Its protocol.
+        where: Name of the record in messages.
+    """
     identity = record.identity
     because = "its protocol, options and sensors give"
     pairs: list[tuple[str, Any, Any]] = [
@@ -222,21 +235,21 @@ def refuse_underived(
         for name in ("origin", "range")
     ]
     recording = derived.sensor.get("recording")
-    # Of a recording that is not here, its submitter alone says what it was.
-    if (said := stated.get("recording")) is not None and derived.trained:
-        # Where a folder lies is its owner's; what is in it is not.
+    # Only the submitter can tell what a recording was that is not here.
+    if (recording_stated := stated.get("recording")) is not None and derived.trained:
+        # The name of the folder is free; its contents and its sensor are not.
         pairs += [
-            (f"sensor.recording.{name}", said[name], recording and recording[name])
+            (f"sensor.recording.{name}", recording_stated[name], recording and recording[name])
             for name in ("sha256", "sensor")
         ]
-    for key, one, other in pairs:
-        if not same(one, other):
-            raise differs(where, key, one, other, because)
+    for key, stated_value, derived_value in pairs:
+        if not same(stated_value, derived_value):
+            raise differs(where, key, stated_value, derived_value, because)
     if tested is not None:
         _refuse_tested(record, tested, derived.tested_values or {}, where, because)
     _refuse_data(record, derived, where, because)
     for released in identity.released:
-        if not any(same(released, known) for known in derived.released):
+        if not any(same(released, published) for published in derived.released):
             raise UserError(
                 f"{where}: identity.released holds {short(released)}, which was not published for "
                 "these test frames."
@@ -266,9 +279,9 @@ def _refuse_tested(
         ("presses", test.presses, tested["presses"]),
         ("trained_on", test.trained_on, trained_on),
     )
-    for name, one, other in pairs:
-        if not same(one, other):
-            raise differs(where, f"sensor.tested.{name}", one, other, because)
+    for name, stated_value, derived_value in pairs:
+        if not same(stated_value, derived_value):
+            raise differs(where, f"sensor.tested.{name}", stated_value, derived_value, because)
     if any(not LABEL.fullmatch(text.partition("=")[2]) for text in folders):
         raise UserError(f"{where}: sensor.tested.asked names a folder by more than two names.")
     for name, value in test.parameters.items():
@@ -304,14 +317,21 @@ def _refuse_data(record: Record, derived: Derived, where: str, because: str) -> 
         shown = [step.get("shots") for step in seen.adapted]
         if seen.adapted:
             pairs.append(("data.of_tested_sensor.adapted", shown, seen.labelled_frames))
-    for key, one, other in pairs:
+    for key, stated_value, derived_value in pairs:
         slack = FIT_SLACK if ".described." in key else SLACK
-        if not same(one, other, slack):
-            raise differs(where, key, one, other, because)
+        if not same(stated_value, derived_value, slack):
+            raise differs(where, key, stated_value, derived_value, because)
 
 
 def refuse_too_many(record: Record, host: PluginHost, most: int, where: str) -> None:
-    """Raise UserError where a model that ships answers with more contacts than it can."""
+    """Raise UserError where a model that ships answers with more contacts than it can.
+
+    Args:
+        record: The record that is checked.
+        host: The plugins that ship with tactibench.
+        most: Largest number of contacts in one answer.
+        where: Name of the record in messages.
+    """
     model = host.models.specs.get(record.model.name)
     if model is not None and model.max_contacts is not None and most > model.max_contacts:
         raise UserError(
@@ -321,9 +341,12 @@ def refuse_too_many(record: Record, host: PluginHost, most: int, where: str) -> 
 
 
 def refuse_failures(record: Record, derived: Mapping[str, Any] | None, where: str) -> None:
-    """Raise UserError unless a record counts the failures that lie with its answers.
+    """Raise UserError unless a record counts the failures that are listed with its answers.
 
-    derived: what ``failures_record`` gives of them; None where a failure ends the run.
+    Args:
+        record: The record that is checked.
+        derived: Result of ``failures_record`` for its answers; None where a failure ends the run.
+        where: Name of the record in messages.
     """
     failures = record.data.failures
     stated = None if failures is None else failures.json_values()
@@ -332,7 +355,7 @@ def refuse_failures(record: Record, derived: Mapping[str, Any] | None, where: st
 
 
 def on_word(derived: Derived) -> Sequence[str]:
-    """Return what is the submitter's word in a record that was not refused."""
+    """Return the parts of an accepted record that rest on the submitter's word alone."""
     words = ["the model", "its training", "weights", "times", "frames and their hashes"]
     if not derived.trained:
         words.append("numbers of training frames")

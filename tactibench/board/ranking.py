@@ -1,27 +1,28 @@
 """The order of a board's rows, and the ranks that rows share.
 
 Rows are ordered by an error that no missing contact can improve, where there is one. The order is
-no ranking: a rank is shared by rows that chance alone may have ordered, the chance of other presses
+no ranking: rows share a rank where chance alone may have ordered them, the chance of other presses
 and of other training seeds (see ``stats.crossed``, with the sources).
 
-Presses: of two rows with predictions beside all their records the per-press errors, averaged over
-seeds, are paired on their common presses, which must be nearly all. Where one has none, the
-intervals on the board stand for them. That never claims too much: the standard deviation of a
-difference is at most the sum of the two.
+Presses: two rows with predictions beside all their records are compared press by press. Their
+errors of each press, averaged over seeds, are paired on the common presses, which must be nearly
+all. Where a row has no predictions, the intervals on the board are used instead. That never claims
+too much: the standard deviation of a difference is at most the sum of the two.
 
-Seeds: the spread of the rows' own. A model that draws nothing when it is trained has none, and one
-seed of it is enough. That is believed of models that ship with tactibench (``ModelSpec``,
-``tactibench check``), not of a stranger's; seeds of one weights hash count once.
+Seeds: the spread of each row's own seeds. A model that draws nothing at random when it is trained
+has no spread, and one seed of it is enough. That is believed of models that ship with tactibench
+(``ModelSpec``, ``tactibench check``), not of others; seeds with the same weights count once.
 
 Errors are compared as ratios (differences of logarithms, their variances by the delta method):
 seeds scatter an error by a share of it, so that a model with ten times the error scatters by ten
 times as much.
 
-Two adjustments (Holm): the p values of presses and seeds for the comparisons that the ranks make,
-of the first row of a group with all that are left; those of presses alone for all pairs of the
-table, because which row is the first is decided by the same numbers. With the former alone up to
-15 % of the tables of twelve equal models were split at 5 %, with both 2 to 7 %. All pairs for both
-would be safe, but then no three seeds could tell an error from its tenfold.
+Two adjustments (Holm). The p values of presses and seeds are adjusted for the comparisons that the
+ranks make: the first row of a group with all rows that are left. The p values of presses alone are
+adjusted for all pairs of the table, because the same numbers decide which row is the first. With
+the first adjustment alone, up to 15 % of the tables of twelve equal models were split at 5 %, with
+both 2 to 7 %. Adjusting both for all pairs would be safe, but then three seeds could not even tell
+an error from one ten times as large.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def ranking_error(protocol: str) -> Ranking:
     """Return the error that orders the board of a protocol.
 
     Raises:
-        UserError: No error orders it.
+        UserError: No error orders the board.
     """
     ranking = board_spec(protocol).ranking
     if ranking is None:
@@ -65,7 +66,10 @@ def ranking_error(protocol: str) -> Ranking:
 def ordered(protocol: str, rows: Iterable[Row], apart: str = "") -> list[Row]:
     """Return rows from the smallest error to the largest, then those without; trivial rows last.
 
-    apart: name of the test that is scored apart whose error orders them; "": the main test.
+    Args:
+        protocol: Name of the protocol.
+        rows: Rows of one section.
+        apart: Name of the test scored apart whose error orders the rows; "": the main test.
     """
     ranking = _ranking(protocol, apart)
     return sorted(rows, key=lambda row: (row.trivial, *_place(ranking, row), row.label))
@@ -83,16 +87,17 @@ def _place(ranking: Ranking | None, row: Row) -> tuple[bool, float]:
 
 LEVEL = 0.95
 SHARED = 0.95
-"""Share of the presses of each row that must be common: a row with an error of few presses only
-could choose what it is compared on. Models here miss three presses in a thousand."""
+"""Share of the presses of each row that must be common: else a row with errors of a few presses
+could choose what it is compared on. Models on the boards miss three presses in a thousand."""
 FEWEST_PRESSES = 20
-"""Presses for a rank: the variance of fewer is off by a third and more, and one press decides."""
+"""Fewest presses for a rank: with fewer the variance is off by a third or more, and one press may
+decide."""
 FEWEST_SEEDS = 3
-"""Seeds for a rank: the standard deviation of two is off by three quarters."""
+"""Fewest seeds for a rank: the standard deviation of two is off by three quarters."""
 EQUAL = 1e-12
-"""Share of two numbers below which their difference is rounding."""
+"""Relative difference below which two numbers differ by rounding alone."""
 SMALLEST_MM = 1e-9
-"""Errors below this are this: zero has no logarithm."""
+"""Smaller errors are set to this value, because zero has no logarithm."""
 Errors = Mapping[str, PressErrors]
 """Per-press errors by the name of the record."""
 
@@ -103,8 +108,8 @@ class Ranks:
 
     Attributes:
         by_row: Rank of every row, None where it has none.
-        paired: How many rows of those with a rank have predictions beside all records.
-        too_few: How many rows have an error, but too few presses or seeds for a rank.
+        paired: Number of rows with a rank that have predictions beside all their records.
+        too_few: Number of rows that have an error, but too few presses or seeds for a rank.
     """
 
     by_row: tuple[int | None, ...]
@@ -113,7 +118,7 @@ class Ranks:
 
     @property
     def note(self) -> str:
-        """Sentences on what the page does not say of all ranks; "" where there is nothing."""
+        """Sentences on these ranks that the page does not say elsewhere; "" for none."""
         sentences = []
         if self.too_few:
             count = "1 row has" if self.too_few == 1 else f"{self.too_few} rows have"
@@ -135,7 +140,13 @@ class Ranks:
 class RowDifference:
     """The error of one row minus that of another, with its 95 % interval over presses and seeds.
 
-    Values are in the unit of the error that orders the board. presses: that both answered.
+    Values are in the unit of the error that orders the board.
+
+    Attributes:
+        value: First minus second.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        presses: Number of presses that both answered.
     """
 
     value: float
@@ -147,19 +158,22 @@ class RowDifference:
 def row_difference(protocol: str, first: Row, second: Row, errors: Errors) -> RowDifference | None:
     """Return the difference of the error that orders a board, first minus second, press by press.
 
-    None where one of the rows has no errors of its presses, or too few seeds to know their spread.
+    None where no error orders the board, or a row has no errors of its presses, too few presses in
+    common with the other, or too few seeds to know their spread.
 
     Args:
-        protocol: Of both rows.
+        protocol: Name of the protocol of both rows.
         first: A row.
         second: A row of the same section.
-        errors: Press by press, by the name of the record.
+        errors: Errors press by press, by the name of the record.
     """
     by = _ranking(protocol, "")
     if by is None:
         return None
-    found = [_sample(row, by, errors) for row in (first, second)]
-    samples = [one for one in found if one is not None and one.errors is not None and one.enough]
+    both_samples = [_sample(row, by, errors) for row in (first, second)]
+    samples = [
+        one for one in both_samples if one is not None and one.errors is not None and one.enough
+    ]
     if len(samples) < 2:
         return None
     one, other = (_errors(sample) for sample in samples)
@@ -177,13 +191,21 @@ def row_difference(protocol: str, first: Row, second: Row, errors: Errors) -> Ro
 def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -> Ranks | None:
     """Return the ranks of the rows of one section; None for a protocol that no error orders.
 
-    apart: name of the test that is scored apart whose error ranks them; "": the main test.
+    Args:
+        protocol: Name of the protocol.
+        rows: Rows of the section.
+        errors: Errors press by press, by the name of the record.
+        apart: Name of the test scored apart whose error ranks the rows; "": the main test.
     """
     by = _ranking(protocol, apart)
     if by is None:
         return None
     if apart:
-        errors = {name: own.apart[apart] for name, own in errors.items() if apart in own.apart}
+        errors = {
+            name: of_record.apart[apart]
+            for name, of_record in errors.items()
+            if apart in of_record.apart
+        }
     samples = [_sample(row, by, errors) for row in rows]
     enough = [(k, sample) for k, sample in enumerate(samples) if sample and sample.enough]
     enough.sort(key=lambda one: (one[1].value, rows[one[0]].label))
@@ -199,16 +221,16 @@ def ranks(protocol: str, rows: Sequence[Row], errors: Errors, apart: str = "") -
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """The error of a row, and all by which it may be off.
+    """The error of a row, and everything by which it may be off.
 
     Attributes:
-        value: The mean over seeds.
-        below: Standard error towards smaller values, of the presses, from the interval.
-        above: The same towards larger ones.
+        value: Mean over seeds.
+        below: Standard error towards smaller values, from the interval over presses.
+        above: The same towards larger values.
         presses: Number of presses.
-        seeds: Number of trainings; 0 where nothing of them is drawn.
-        seed_variance: Of the mean over seeds.
-        errors: Press by press, means over seeds; None without predictions of all seeds.
+        seeds: Number of trainings; 0 where a training draws nothing at random.
+        seed_variance: Variance of the mean over seeds.
+        errors: Errors press by press, means over seeds; None without predictions of all seeds.
     """
 
     value: float
@@ -252,9 +274,11 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
     # Seeds with one weights hash are one training, whatever they are called.
     trainings = {record.identity.weights_hash: record for record in row.records}
     values = [record.value(by.metric, by.group) for record in trainings.values()]
-    known = [value for value in values if value is not None]
+    seed_values = [value for value in values if value is not None]
     drawn = len(trainings) > 1 or not draws_nothing(row)
-    variance = float(np.var(known, ddof=1)) / len(known) if len(known) > 1 else 0.0
+    variance = (
+        float(np.var(seed_values, ddof=1)) / len(seed_values) if len(seed_values) > 1 else 0.0
+    )
     return _Sample(
         value=pooled.value,
         below=(pooled.value - low) / t,
@@ -267,7 +291,7 @@ def _sample(row: Row, by: Ranking, errors: Errors) -> _Sample | None:
 
 
 def draws_nothing(row: Row) -> bool:
-    """Return whether a training of the row draws nothing, as far as that is believed.
+    """Return whether trainings of the row draw nothing at random; believed of shipped models.
 
     A training for another sensor may draw how sensors differ (``kernel`` does).
     """
@@ -275,9 +299,11 @@ def draws_nothing(row: Row) -> bool:
 
 
 def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (K, K) differences of log errors, row minus column, and their p values.
+    """Return the differences of log errors, row minus column, and their p values.
 
-    These are of presses alone, and of presses and seeds.
+    Returns:
+        Three (K, K) arrays: the differences, the p values of presses alone, and the p values of
+        presses and seeds.
     """
     value = np.array([max(sample.value, SMALLEST_MM) for sample in samples])
     below = np.array([sample.below for sample in samples]) / value
@@ -288,13 +314,13 @@ def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatA
     facing = np.where(difference > 0, below[:, None] + above, above[:, None] + below)
     variance, counts = facing**2, np.minimum(presses[:, None], presses)
     for rows, columns, i, j in _shared_presses(samples):
-        here, there = np.ix_(rows, columns), np.ix_(columns, rows)
+        block, mirrored = np.ix_(rows, columns), np.ix_(columns, rows)
         errors = np.array([_errors(samples[k]).error[i] for k in rows])
         other = np.array([_errors(samples[k]).error[j] for k in columns])
         apart, spread = _ratios(errors, other)
-        difference[here], difference[there] = apart, -apart.T
-        variance[here], variance[there] = spread, spread.T
-        counts[here], counts[there] = errors.shape[1], errors.shape[1]
+        difference[block], difference[mirrored] = apart, -apart.T
+        variance[block], variance[mirrored] = spread, spread.T
+        counts[block], counts[mirrored] = errors.shape[1], errors.shape[1]
     of_presses, of_both = crossed_p_values(
         difference,
         variance,
@@ -306,9 +332,16 @@ def _compare(samples: Sequence[_Sample]) -> tuple[FloatArray, FloatArray, FloatA
 
 
 def _ratios(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return differences of the logarithms of mean errors of (K, P) and (L, P), and variances.
+    """Return the differences of the logarithms of mean errors, and their variances.
 
-    What is no more than rounding is 0.
+    Differences and variances no larger than rounding are 0.
+
+    Args:
+        one: (K, P) errors of K samples on P presses.
+        other: (L, P) errors of L samples on the same presses.
+
+    Returns:
+        Two (K, L) arrays.
     """
     mean, other_mean = (
         np.maximum(errors.mean(axis=1, keepdims=True), SMALLEST_MM) for errors in (one, other)
@@ -330,9 +363,9 @@ def _errors(sample: _Sample) -> PressErrors:
 
 
 def _shared_presses(samples: Sequence[_Sample]) -> Iterator[Pairs]:
-    """Yield two groups of samples, each of the same presses, and which of them both have.
+    """Yield pairs of groups of samples, and the places of their common presses in each.
 
-    Groups that share too few are left out.
+    All samples of a group have the same presses. Pairs with too few common presses are left out.
     """
     groups: dict[int, list[int]] = {}
     for k, sample in enumerate(samples):
@@ -350,18 +383,18 @@ def _shared_presses(samples: Sequence[_Sample]) -> Iterator[Pairs]:
 
 
 def _pool_seeds(row: Row, errors: Errors) -> PressErrors | None:
-    """Return the mean over seeds of presses that all have.
+    """Return the mean over seeds of the presses that all seeds have.
 
     None where a seed has no answers, or where the seeds share too few presses.
     """
-    known = [errors.get(record.name) for record in row.records]
-    seeds = [one for one in known if one is not None]
-    if not seeds or len(seeds) < len(known):
+    per_record = [errors.get(record.name) for record in row.records]
+    seeds = [seed for seed in per_record if seed is not None]
+    if not seeds or len(seeds) < len(per_record):
         return None
-    if all(one.press is seeds[0].press for one in seeds):
-        return PressErrors(seeds[0].press, np.mean([one.error for one in seeds], axis=0))
-    shared = reduce(np.intersect1d, [one.press for one in seeds])
-    if len(shared) < SHARED * max(len(one.press) for one in seeds):
+    if all(seed.press is seeds[0].press for seed in seeds):
+        return PressErrors(seeds[0].press, np.mean([seed.error for seed in seeds], axis=0))
+    shared = reduce(np.intersect1d, [seed.press for seed in seeds])
+    if len(shared) < SHARED * max(len(seed.press) for seed in seeds):
         return None
-    columns: list[FloatArray] = [one.error[np.isin(one.press, shared)] for one in seeds]
+    columns: list[FloatArray] = [seed.error[np.isin(seed.press, shared)] for seed in seeds]
     return PressErrors(shared, np.mean(columns, axis=0))

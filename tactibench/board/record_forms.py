@@ -1,8 +1,8 @@
 """A record by itself: keys and forms that tactibench writes, and keys that agree with each other.
 
-What follows from another key of a record must agree with it; what is the submitter's word must have
-the form in which tactibench writes it, and a value that a run can have. Keys that tactibench does
-not write are refused.
+A key that follows from another key of the record must agree with it. A key that is the submitter's
+word must have the form in which tactibench writes it, and a value that a run can have. Keys that
+tactibench does not write are refused.
 """
 
 from __future__ import annotations
@@ -35,35 +35,41 @@ FORMS: Mapping[str, re.Pattern[str]] = {
 """Key -> the form in which tactibench writes it."""
 CREATED = re.compile(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
 VERSION = re.compile(r"[A-Za-z0-9.+!_-]{1,60}|not installed")
-"""A version of a distribution: one of tactibench stands in the signature, between its signs."""
+"""Form of a version of a distribution. That of tactibench stands in the signature, and so must not
+hold the signs that divide it."""
 DISTRIBUTION = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 SHOWN = re.compile(r"[ !-;=?-_a-{}~]{1,160}")
-"""A text that pages and terminals show: ASCII, which has no look-alikes and no marks, and neither
-``<``, ``>``, ``|`` nor ```` ` ````."""
+"""Form of a text that pages and terminals show: ASCII, which has no look-alikes and no marks,
+without ``<``, ``>``, ``|`` and ```` ` ````."""
 LABEL = re.compile(r"[^/\\<>|]{1,80}(/[^/\\<>|]{1,80})?")
-"""The last two names of a folder, see ``folder_label``, or what a recording was made with."""
+"""Form of the last two names of a folder (see ``folder_label``) or the sensor of a recording."""
 PRIOR = re.compile(r"[A-Za-z][A-Za-z0-9 .-]{0,59}")
-"""The prior knowledge of a model, which stands in the name of a row."""
+"""Form of the prior knowledge of a model, which stands in the name of a row."""
 AHEAD = timedelta(days=1)
-"""The clock of a submitter may be fast, and a run is not made tomorrow."""
+"""Longest time that a record may be ahead of this clock: the clock of a submitter may be fast."""
 MOST_PARTS = 64
-"""Graphics cards of a machine, kinds of instructions of its processor, packages with a version, and
-configurations that were compared; the most here are 8."""
+"""Most graphics cards of a machine, kinds of instructions of its processor, packages with a
+version, and configurations that were compared; committed records have at most 8."""
 MOST_TIMES = 512
-"""Rows of latency; the most here are 30."""
+"""Most rows of latency; committed records have at most 30."""
 LARGEST_SEED = 2**63 - 1
 SCENARIOS = ("single", "offline")
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9_ -]{0,39}")
 SLACK = 1e-6
-"""Relative; sums of another processor differ in the last digits."""
+"""Relative tolerance; sums of another processor differ in the last digits."""
 MOST_NOTES = 4_000
-"""Characters of all notes of a training; the longest of those here have 127."""
+"""Most characters of all notes of a training; the longest in committed records have 127."""
 
 
 def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
-    """Return whether two JSON values are equal, numbers but for a relative slack.
+    """Return whether two JSON values are equal, numbers within a relative tolerance.
 
-    True is no 1, and 1 is 1.0.
+    True is not equal to 1, but 1 is equal to 1.0.
+
+    Args:
+        stated: Value of a record.
+        derived: Value that it is compared with.
+        slack: Largest relative difference of two floats.
     """
     if isinstance(stated, bool) or isinstance(derived, bool):
         return stated is derived
@@ -80,14 +86,14 @@ def same(stated: Any, derived: Any, slack: float = SLACK) -> bool:
 
 
 def refuse_forms(record: Record, values: Mapping[str, Any], where: str) -> None:
-    """Raise UserError for a record that says what tactibench does not write.
+    """Raise UserError for a record that holds what tactibench does not write.
 
-    That is a key or a form of its own, or two keys that do not agree.
+    That is an unknown key, a value in an unknown form, or two keys that do not agree.
 
     Args:
-        record: as it was read.
-        values: the JSON object that it was read from.
-        where: names the record in messages.
+        record: The record as it was read.
+        values: JSON object that it was read from.
+        where: Name of the record in messages.
     """
     if not same(values, record.json_values()):
         raise UserError(
@@ -109,7 +115,15 @@ def refuse_forms(record: Record, values: Mapping[str, Any], where: str) -> None:
 
 
 def differs(where: str, key: str, stated: Any, derived: Any, because: str) -> UserError:
-    """Return the error of a key that states something else than ``because`` gives."""
+    """Return the error for a key that states another value than the derived one.
+
+    Args:
+        where: Name of the record in messages.
+        key: The key.
+        stated: Value of the record.
+        derived: Value that it should have.
+        because: What gives the derived value, as subject and verb.
+    """
     return UserError(f"{where}: {key} is {short(stated)}, but {because} {short(derived)}.")
 
 
@@ -120,9 +134,9 @@ def short(value: Any) -> str:
 
 
 def _unknown_keys(part: BaseModel, place: str = "") -> Iterator[str]:
-    """Yield the keys of all parts that a version may add keys to, and that this one does not know.
+    """Yield the keys that this version does not know, of all parts to which a version may add keys.
 
-    Free notes and descriptions are dictionaries, whose values are looked at elsewhere.
+    Free notes and descriptions are dictionaries, whose values are checked elsewhere.
     """
     for key in part.model_extra or {}:
         yield f"{place}{key}"
@@ -134,9 +148,9 @@ def _unknown_keys(part: BaseModel, place: str = "") -> Iterator[str]:
 
 
 def _refuse_long(record: Record, where: str) -> None:
-    """Raise UserError for lists that no page has room for; before any of them are compared."""
+    """Raise UserError for lists that no page has room for, before any of them is compared."""
     facts = record.environment
-    several = (
+    lists = (
         ("speed", record.speed, MOST_TIMES),
         ("environment.gpu", facts.gpu, MOST_PARTS),
         ("environment.cpu_flags", facts.cpu_flags, MOST_PARTS),
@@ -144,7 +158,7 @@ def _refuse_long(record: Record, where: str) -> None:
         ("identity.versions", record.identity.versions, MOST_PARTS),
         ("timed.raced", record.timed.raced, MOST_PARTS),
     )
-    for name, parts, most in several:
+    for name, parts, most in lists:
         if len(parts) > most:
             raise UserError(
                 f"{where}: {name} has {len(parts):,} entries; a record has at most {most}."
@@ -160,9 +174,20 @@ def _refuse_forms(record: Record, where: str) -> None:
     optional = {"tested": identity.tested, "shots": identity.shots}
     lists = {"data": identity.data or [], "test_frames": identity.test_frames}
     hashes: list[tuple[str, Any]] = [
-        *((f"identity.{name}", one) for name, one in optional.items() if one is not None),
-        *((f"identity.{name}", one) for name, several in lists.items() for one in several),
-        *((f"identity.stored.{name}", one) for name, one in identity.stored.items()),
+        *(
+            (f"identity.{name}", stated_hash)
+            for name, stated_hash in optional.items()
+            if stated_hash is not None
+        ),
+        *(
+            (f"identity.{name}", stated_hash)
+            for name, stated_hashes in lists.items()
+            for stated_hash in stated_hashes
+        ),
+        *(
+            (f"identity.stored.{name}", stated_hash)
+            for name, stated_hash in identity.stored.items()
+        ),
     ]
     for place, hashed in hashes:
         if not isinstance(hashed, str) or not SHA256.fullmatch(hashed):
@@ -184,7 +209,7 @@ def _refuse_forms(record: Record, where: str) -> None:
 
 
 def _versions(record: Record) -> Iterator[tuple[str, str]]:
-    """Yield the versions of distributions, and their keys."""
+    """Yield the keys of the versions of distributions, and the versions."""
     for place, versions in (
         ("environment", record.environment.versions),
         ("identity", record.identity.versions),
@@ -193,7 +218,7 @@ def _versions(record: Record) -> Iterator[tuple[str, str]]:
 
 
 def _shown(record: Record) -> Iterator[tuple[str, str]]:
-    """Yield the texts of a record that pages show and nothing determines, and their keys."""
+    """Yield the keys and the texts that pages show and that nothing else determines."""
     facts = record.environment
     for name in ("cpu", "os", "python", "torch"):
         yield f"environment.{name}", getattr(facts, name) or "none"
@@ -205,7 +230,7 @@ def _shown(record: Record) -> Iterator[tuple[str, str]]:
 
 
 def _labels(record: Record) -> Iterator[tuple[str, str]]:
-    """Yield the names that somebody gave to a recording and its sensor, and their keys."""
+    """Yield the keys and the names that somebody gave to a recording and its sensor."""
     recording = record.sensor.recording
     if recording is not None:
         yield "sensor.recording.label", recording.label
@@ -213,7 +238,7 @@ def _labels(record: Record) -> Iterator[tuple[str, str]]:
 
 
 def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
-    """Yield key, stated value, and the value that other keys of the record give."""
+    """Yield a key, its stated value, and the value that other keys of the record give."""
     identity, limits, environment = record.identity, record.limits, record.environment
     yield "partial", record.partial, limits.quick or limits.limit is not None
     yield "limits.quick", limits.quick, False
@@ -269,7 +294,7 @@ def _agreements(record: Record) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _impossible(record: Record) -> Iterator[str]:
-    """Yield sentences about values that no run has."""
+    """Yield a sentence for every value that no run can have."""
     if not re.fullmatch(r".*-[0-9a-f]{8}", record.name):
         yield f"name is {record.name!r}, which does not end with 8 digits of the identity's hash"
     if not 0 <= record.seed <= LARGEST_SEED:
@@ -303,7 +328,7 @@ def _impossible(record: Record) -> Iterator[str]:
 
 
 def look_alike(name: str) -> str:
-    """Return one text for names that a reader, or a file system, takes for each other."""
+    """Return the same text for names that a reader or a file system may mistake for each other."""
     folded = re.sub(r"[-_.]", "", name.casefold()).translate(str.maketrans("01i5", "olls"))
     return folded.replace("rn", "m").replace("vv", "w")
 
@@ -321,27 +346,27 @@ def _impossible_machine(record: Record) -> Iterator[str]:
 def _impossible_times(record: Record) -> Iterator[str]:
     seen = set()
     for row in record.speed:
-        what = f"speed of phase {short(row.phase)}"
+        subject = f"speed of phase {short(row.phase)}"
         key = (row.scenario, row.threads, row.batch, row.phase)
         if key in seen:
-            yield f"the {what} is stated twice"
+            yield f"the {subject} is stated twice"
         seen.add(key)
         if row.scenario not in SCENARIOS or not WORD.fullmatch(row.phase):
-            yield f"the {what} is of scenario {short(row.scenario)}; allowed: single, offline"
+            yield f"the {subject} is of scenario {short(row.scenario)}; allowed: single, offline"
         if row.threads < 1 or row.batch < 1 or row.mean_ms < 0 or row.per_s <= 0:
-            yield f"the {what} has threads, a batch or times that are not positive"
+            yield f"the {subject} has threads, a batch or times that are not positive"
         if (row.scenario, row.threads, row.batch, "total") not in seen | {
             (r.scenario, r.threads, r.batch, r.phase) for r in record.speed
         }:
-            yield f"the {what} has no row of its total"
+            yield f"the {subject} has no row of its total"
         if row.phase == "total" and (row.p50_ms <= 0 or row.mean_ms <= 0):
-            yield f"the {what} takes no time"
+            yield f"the {subject} takes no time"
         if any(share is not None and not 0 <= share <= 1 for share in (row.stolen, row.foreign)):
-            yield f"the {what} has a share of the processors outside 0..1"
+            yield f"the {subject} has a share of the processors outside 0..1"
         if any(number is not None and number < 0 for number in (row.cpu_ms, row.load)):
-            yield f"the {what} has a negative processor time or load"
+            yield f"the {subject} has a negative processor time or load"
         if row.mean_ms < row.p50_ms / 2 * (1 - SLACK):  # half of the calls take p50 or more
-            yield f"the {what} has a mean below half of its median"
+            yield f"the {subject} has a mean below half of its median"
     if record.timed.interleaved is not None and record.timed.interleaved < 1:
         yield f"timed.interleaved is {record.timed.interleaved}; the model itself counts"
     for timed in (record.timed, *record.timed.raced):
@@ -366,7 +391,7 @@ def _impossible_training(record: Record) -> Iterator[str]:
     if (length := len(canonical(training.notes))) > MOST_NOTES:
         yield f"training.notes takes {length:,} characters; at most {MOST_NOTES:,} are kept"
     if "mixing" in training.notes:
-        # What a board shows as mixing comes from the notes, where they have it.
+        # A board shows the mixing of the notes, where they state it.
         asked, used = parameters.get("mixing"), training.notes["mixing"]
         number = isinstance(asked, int | float) and isinstance(used, int | float)
         if not number or not asked or (asked > 0 and used != asked):  # type: ignore[operator]

@@ -2,8 +2,8 @@
 
 Value: mean over seeds. Interval: mean of the seeds' intervals, end by end. The seeds answer the
 same presses, and the standard deviation of a mean is at most the mean of the standard deviations
-(Minkowski), so this interval covers the sampling of presses at least as often as it says. It holds
-nothing of the seeds' own spread, which is ``sd``: their sample standard deviation.
+(Minkowski), so this interval covers the sampling of presses at least as often as it says. It does
+not contain the seeds' own spread, which is ``sd``: their sample standard deviation.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from tactibench.records.record import Record
 from tactibench.run.request import SHOTS
 
 MIXING = "mixing"
-"""The parameter of a model that trains on contacts mixed out of single presses."""
+"""Parameter of models that can train on frames mixed out of single presses: how many they mix."""
 BOUND = "rmse_over_bound"
 BELOW_BOUND = (
     "more exact than the Cramer-Rao bound of the frames, which no unbiased reading of them is: the "
     "model may know more than the frames say, such as the test presses"
 )
 TRIVIAL = frozenset({"mean", "nearest"})
-"""Models that learn next to nothing: what any other has to beat."""
+"""Models that learn next to nothing: any other model has to beat them."""
 
 
 def below_bound(value: float | None, high: float | None) -> bool:
-    """Return whether an error over its Cramer-Rao bound is below 1, its whole interval included."""
+    """Return whether an error over its Cramer-Rao bound is below 1, with its whole interval."""
     return value is not None and (value if high is None else high) < 1.0
 
 
 def mixing_of(record: Record) -> float:
-    """Return the frames mixed out of single presses for every training frame."""
+    """Return the number of frames mixed out of single presses for every training frame."""
     share = record.training.notes.get(MIXING, record.model.parameters.get(MIXING))
     return max(float(share), 0.0) if isinstance(share, int | float) else 0.0
 
@@ -46,7 +46,7 @@ NOT_STATED = "not stated"
 def prior_of(record: Record) -> str:
     """Return what a model knew of contacts that press together, see ``FitReport.prior``.
 
-    Of a record that is older than this field: what follows from its parameters and notes.
+    For a record that is older than this field it follows from the model's parameters and notes.
     """
     stated = record.training.prior or record.training.notes.get("prior")
     if stated:
@@ -54,15 +54,15 @@ def prior_of(record: Record) -> str:
     parameters, name = record.model.parameters, record.model.name
     if mixing_of(record):
         return NOT_STATED
-    # Without frames that it mixed a network has nothing but those that it was given.
-    known = MIXING in parameters or name in TRIVIAL or name in one_contact_models()
-    return "none" if known else NOT_STATED
+    # A network that mixed no frames has nothing but the frames that it was given.
+    no_prior = MIXING in parameters or name in TRIVIAL or name in one_contact_models()
+    return "none" if no_prior else NOT_STATED
 
 
 def model_text(record: Record) -> str:
-    """Return the model with its parameters, and what it was shown of the tested sensor.
+    """Return the model with its parameters, and how many presses of the tested sensor it was shown.
 
-    Mixing is left out; it has a column of its own.
+    Mixing is left out, because it has its own column.
     """
     text = record.model.text(without=MIXING)
     if record.shots:
@@ -73,8 +73,11 @@ def model_text(record: Record) -> str:
 def label_of(record: Record, *, shots: bool = True, regime: bool = True) -> str:
     """Return model, encoder where there is one, mixing and regime, in one line.
 
-    shots: whether it says how many labelled presses of the tested sensor the model was shown.
-    regime: whether it says in which regime the model was trained.
+    Args:
+        record: Record of the run.
+        shots: Whether the line says how many labelled presses of the tested sensor the model was
+            shown.
+        regime: Whether the line says in which regime the model was trained.
     """
     text = model_text(record) if shots else record.model.text(without=MIXING)
     if record.encoder is not None:
@@ -85,7 +88,7 @@ def label_of(record: Record, *, shots: bool = True, regime: bool = True) -> str:
 
 
 def trained_on(record: Record) -> str:
-    """Return the sensor of a model that was tested on another one; "" where on the same."""
+    """Return the training sensor of a model that was tested on another one; "" for the same."""
     test = record.test_sensor
     return "" if test is None else test.trained_on or ""
 
@@ -95,8 +98,9 @@ class FittedFrames:
     """Labelled frames of the tested recording to which something else than the model was fitted.
 
     Attributes:
-        simulator: By the simulated sensor that the model was trained on.
-        labels: By offset and pivot of the labels; None: by an older run, which does not say.
+        simulator: Frames to which the simulated sensor of the training was fitted.
+        labels: Frames to which offset and pivot of the labels were fitted; None: by an older run,
+            which does not say.
     """
 
     simulator: int
@@ -104,7 +108,7 @@ class FittedFrames:
 
     @property
     def known(self) -> int:
-        """Sum of those that are known; a frame that served both is counted twice."""
+        """Sum of the known numbers; a frame that served both is counted twice."""
         return self.simulator + (self.labels or 0)
 
 
@@ -118,14 +122,14 @@ def fitted_frames(record: Record) -> FittedFrames | None:
     if isinstance(fit, Mapping):
         labels = int(fit["presses"])
     elif seen.described.get("pivot_mm") not in (None, test.parameters.get("pivot_mm")):
-        labels = None  # a pivot that nobody gave was fitted
+        labels = None  # a pivot that is not among the parameters was fitted
     return FittedFrames(seen.left_out_calibrated, labels)
 
 
 def command_options(record: Record) -> str:
-    """Return the options that ask for what a run was tested on: " --test reference", or "".
+    """Return the options that select the test of a run, such as " --test reference", or "".
 
-    Labelled presses are no part of the test; a row says how many it was shown.
+    Labelled presses are left out: they are no part of the test, and a row says how many were shown.
     """
     test = record.test_sensor
     options = [] if test is None else [o for o in test.options if not o.startswith(f"{SHOTS}=")]
@@ -133,7 +137,7 @@ def command_options(record: Record) -> str:
 
 
 def measured_on(record: Record) -> str:
-    """Return "simulated sensor tactip-127", and what it was tested on where that is another."""
+    """Return "simulated sensor tactip-127", with the test sensor where that is another one."""
     test = record.test_sensor
     if test is not None and test.trained_on:
         return f"real {test.description}, trained on {test.trained_on}"
@@ -146,7 +150,17 @@ def measured_on(record: Record) -> str:
 
 @dataclass(frozen=True)
 class PooledMetric:
-    """A number over seeds. clusters: presses behind it in one seed, the fewest and the most."""
+    """A number over seeds.
+
+    Attributes:
+        value: Mean over seeds.
+        low: Lower end of the interval.
+        high: Upper end of the interval.
+        sd: Sample standard deviation over seeds; None for one seed.
+        clusters: Number of presses behind the number in one seed, the fewest and the most.
+        unit: Unit of the value.
+        censored: "<" or ">" where the value is only a limit.
+    """
 
     value: float
     low: float | None
@@ -159,9 +173,11 @@ class PooledMetric:
 
 @dataclass(frozen=True)
 class Row:
-    """The seeds of one configuration, by seed.
+    """The seeds of one configuration, sorted by seed.
 
-    mark: tells rows apart whose parameters differ although their labels do not.
+    Attributes:
+        records: One record a seed.
+        mark: Text that tells rows apart whose parameters differ although their labels do not.
     """
 
     records: tuple[Record, ...]
@@ -226,12 +242,19 @@ class Row:
 
     @property
     def below_bound(self) -> bool:
-        """Return whether an error is surely below the Cramer-Rao bound, see ``below_bound``."""
+        """True where an error is surely below the Cramer-Rao bound, see ``below_bound``."""
         pooled = (self.metric(BOUND, axis) for axis in AXES)
-        return any(below_bound(one.value, one.high) for one in pooled if one is not None)
+        return any(
+            below_bound(axis_error.value, axis_error.high)
+            for axis_error in pooled
+            if axis_error is not None
+        )
 
     def metric(self, metric: str, group: str) -> PooledMetric | None:
-        """Return the metric over all seeds; None where one has none: the others would flatter."""
+        """Return a metric over all seeds.
+
+        None where a seed has no value, because the other seeds alone could look too good.
+        """
         rows = [row for record in self.records if (row := record.metric(metric, group))]
         values = [row.value for row in rows if row.value is not None]
         if not values or len(values) < len(self.records):
@@ -258,13 +281,15 @@ class Row:
 def _deviation(values: Sequence[float]) -> float:
     """Return the sample standard deviation; that of ``statistics`` is a hundred times slower.
 
-    Differences from the first value are summed: of equal values the result is 0.
+    Differences from the first value are summed, so that the result is 0 for equal values.
     """
     away = [value - values[0] for value in values]
-    squares = math.fsum(one * one for one in away) - math.fsum(away) ** 2 / len(away)
+    squares = math.fsum(difference * difference for difference in away) - math.fsum(
+        away
+    ) ** 2 / len(away)
     return math.sqrt(max(0.0, squares) / (len(away) - 1))
 
 
 def _mean_or_none(ends: Sequence[float | None]) -> float | None:
-    known = [end for end in ends if end is not None]
-    return statistics.fmean(known) if known and len(known) == len(ends) else None
+    given = [end for end in ends if end is not None]
+    return statistics.fmean(given) if given and len(given) == len(ends) else None

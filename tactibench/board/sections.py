@@ -23,8 +23,8 @@ KINDS = {
     PERTURBED: "a perturbed individual",
     FINITE_ELEMENTS: "finite-element scenes",
 }
-"""Why a section stands beside the first: a model that holds the simulator must not be judged by
-that simulator alone."""
+"""Kind of a section -> words for its title. Sections beside the nominal one exist because a model
+that holds the simulator must not be judged by that simulator alone."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Section:
 
     rows: tuple[Row, ...]
     mark: str = ""
-    """Tells test frames apart where two sections would have one title."""
+    """Text that tells test frames apart where two sections would have the same title."""
 
     @property
     def record(self) -> Record:
@@ -47,12 +47,12 @@ class Section:
 
     @property
     def origin(self) -> str:
-        """Either "simulated" or "real"."""
+        """The origin of the frames: "simulated" or "real"."""
         return self.sensor.origin
 
     @property
     def kind(self) -> int:
-        """NOMINAL, TESTED (on what it was not trained for), OTHER, PERTURBED, FINITE_ELEMENTS."""
+        """NOMINAL, TESTED (not on the training sensor), OTHER, PERTURBED or FINITE_ELEMENTS."""
         if self.record.test_sensor is not None:
             return TESTED
         values = self.sensor.parameters
@@ -80,16 +80,16 @@ class Section:
 
 
 def sections_of(records: Iterable[Record]) -> list[Section]:
-    """Return records by version, sensor and test frames.
+    """Return the records as sections: by version, sensor and test frames.
 
-    Simulated ones come first, then nominal ones, then those on published test frames.
+    Simulated sensors come first, then nominal ones, then published test frames.
     """
     groups: dict[str, list[Record]] = {}
     for record in records:
         groups.setdefault(canonical(section_key(record)), []).append(record)
-    made = [Section(tuple(rows_of(group))) for group in groups.values()]
-    titles = [section.title for section in made]
-    named = [Section(s.rows, _mark(s)) if titles.count(s.title) > 1 else s for s in made]
+    sections = [Section(tuple(rows_of(group))) for group in groups.values()]
+    titles = [section.title for section in sections]
+    named = [Section(s.rows, _mark(s)) if titles.count(s.title) > 1 else s for s in sections]
     return sorted(named, key=_order)
 
 
@@ -103,9 +103,12 @@ def _mark(section: Section) -> str:
 
 
 def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
-    """Return the records of ``all_records`` that were tested on what they were trained for.
+    """Return the records of ``all_records`` that were tested on the sensor of their training.
 
-    Others belong to tables of their own. Raises UserError.
+    Others belong to their own tables.
+
+    Raises:
+        UserError: As ``all_records``.
     """
     return trained_for(all_records(protocol, board, runs))
 
@@ -113,8 +116,15 @@ def gather_records(protocol: str, board: Path, runs: Path | None) -> list[Record
 def all_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
     """Return committed records of one version of a protocol, and complete runs of a store.
 
-    protocol: its id, for the present version, or the label of an earlier one. Of one row and seed
-    the newest run is taken. Raises UserError.
+    Of several runs of one row and seed the newest is taken.
+
+    Args:
+        protocol: Id of the protocol, for the present version, or the label of an earlier one.
+        board: Folder of the board.
+        runs: Folder of the run store; None: committed records alone.
+
+    Raises:
+        UserError: The protocol is unknown, there is no board, or a committed record is invalid.
     """
     loaded = load_protocol(protocol)
     name = loaded.spec.id
@@ -127,9 +137,16 @@ def all_records(protocol: str, board: Path, runs: Path | None) -> list[Record]:
 
 
 def select_section(records: Iterable[Record], sensor: str | None, protocol: str) -> Section:
-    """Return the section of one sensor: called so, or that of most runs, nominal ones first.
+    """Return the section of one sensor.
 
-    Raises UserError where there is none.
+    Args:
+        records: Records of one protocol.
+        sensor: Sensor with its changed parameters, in words; None: the section of most runs, of a
+            nominal sensor where there is one.
+        protocol: Name of the protocol, for messages.
+
+    Raises:
+        UserError: There are no records, or none of this sensor.
     """
     sections = sections_of(records)
     if not sections:
@@ -150,7 +167,7 @@ def select_section(records: Iterable[Record], sensor: str | None, protocol: str)
 
 
 def left_out(records: Sequence[Record], section: Section) -> int:
-    """Return the number of runs on other sensors."""
+    """Return the number of runs that are not in a section."""
     return len(records) - _runs(section)
 
 

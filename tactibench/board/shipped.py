@@ -12,7 +12,7 @@ OURS = "tactibench"
 
 
 def trusted_host() -> PluginHost:
-    """Return the plugins that ship with tactibench, and no others, whatever is installed."""
+    """Return the plugins that ship with tactibench, and no others, even if others are installed."""
     return PluginHost(
         [(point, origin) for point, origin in installed() if origin.distribution == OURS]
     )

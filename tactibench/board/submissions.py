@@ -1,10 +1,10 @@
-"""Committed records: what a board is made from, one small file a run.
+"""Committed records, from which a board is made: one small file a run.
 
 ``leaderboards/submissions/<protocol>/<name>.json`` is the record of a complete run without its
 arrays, without the loss of every epoch, and without the sensor's description of itself, of which
 the hash stays. It is a valid record all the same. ``<name>.npz`` beside it holds the predictions;
-older records have none. A record of a stranger is read with suspicion: its names must be names,
-and its texts must only show themselves.
+older records have none. A record of a stranger is not trusted: its names must be plain names, and
+its texts must be printable.
 """
 
 from __future__ import annotations
@@ -47,7 +47,12 @@ LISTS = ("metrics", "speed")
 
 @dataclass(frozen=True)
 class Submission:
-    """A record that was committed, and the files of the same row and seed that it replaced."""
+    """A committed record.
+
+    Attributes:
+        path: File of the record.
+        replaced: Files of the same row and seed that it replaced.
+    """
 
     path: Path
     replaced: tuple[Path, ...]
@@ -56,7 +61,8 @@ class Submission:
 def compact(record: Record) -> Record:
     """Return the record as it is committed.
 
-    How a training was resumed concerns the machine that trained, and may name a folder of it.
+    Notes on how a training was resumed are left out: they concern the machine that trained, and may
+    name a folder of it.
     """
     values = record.json_values()
     identity = values["identity"]
@@ -72,8 +78,13 @@ def compact(record: Record) -> Record:
 def add(run: StoredRun, board: Path) -> Submission:
     """Commit a run: write its record and answers, and remove older ones of the same row and seed.
 
-    Raises UserError for a partial run, one whose predictions are not those of its record, and one
-    that no file may be called after.
+    Args:
+        run: Stored run.
+        board: Folder of the board.
+
+    Raises:
+        UserError: The run is partial, its predictions are not those of its record, or its record
+            holds a name or text that a committed record may not have.
     """
     refuse_partial(run.record, str(run.folder))
     refuse_names(run.record, str(run.folder))
@@ -94,7 +105,7 @@ def add(run: StoredRun, board: Path) -> Submission:
 
 
 def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
-    """Return the errors to rank by; none for a version of a protocol that is not kept."""
+    """Return the errors to rank by; none where the version of the protocol is not kept."""
     protocol = version_of(run.record.protocol.id, run.record.protocol.hash)
     if protocol is None:
         return {}
@@ -102,14 +113,18 @@ def _ranked(run: StoredRun, predicted: Arrays) -> Arrays:
 
 
 def press_errors(board: Path, record: Record) -> PressErrors | None:
-    """Read what ranks a record, press by press; None where no answers lie beside it."""
+    """Return the errors that rank a record, press by press; None where no answers lie beside it."""
     place = board / FOLDER / record.protocol.id / f"{record.name}.json"
     return read_press_errors(answers_file(place))
 
 
 def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressErrors]:
-    """Read the errors of all records that have predictions, by name. Raises UserError."""
-    # Records of one test set name the same presses: they are kept once.
+    """Return the errors of all records that have predictions, by the name of the record.
+
+    Raises:
+        UserError: A file of predictions is damaged.
+    """
+    # Records of one test set name the same presses; these names are held in memory once.
     names: dict[bytes, npt.NDArray[Any]] = {}
     by_name = {}
     for record in records:
@@ -121,10 +136,11 @@ def all_press_errors(board: Path, records: Iterable[Record]) -> dict[str, PressE
 
 
 def read_submissions(board: Path, protocol: str) -> list[Record]:
-    """Read all committed records of a protocol, by name.
+    """Return all committed records of a protocol, sorted by the name of the file.
 
-    Raises UserError for a file that is no valid record of a complete run of this protocol under its
-    own name, and for two of the same row and seed.
+    Raises:
+        UserError: A file is no valid record of a complete run of this protocol under its own name,
+            or two records are of the same row and seed.
     """
     records = [_read(path) for path in _files(board / FOLDER / protocol)]
     refuse_twins(records)
@@ -134,7 +150,7 @@ def read_submissions(board: Path, protocol: str) -> list[Record]:
 def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> list[Record]:
     """Return the records of one version of their protocol.
 
-    Those of a version that is not kept stand with the present one, which says so.
+    Records of a version that is no longer available stand with the present one, which says so.
     """
     if protocol.archived:
         return [record for record in records if record.protocol.hash == protocol.hash]
@@ -143,7 +159,7 @@ def records_of_version(records: Iterable[Record], protocol: LoadedProtocol) -> l
 
 
 def refuse_twins(records: Sequence[Record]) -> None:
-    """Raise UserError for two records of one row and one seed: their mean would count it twice."""
+    """Raise UserError for two records of one row and seed: a mean would count the seed twice."""
     seen: dict[str, Record] = {}
     for record in records:
         other = seen.setdefault(slot(record), record)
@@ -164,12 +180,12 @@ def refuse_partial(record: Record, where: str) -> None:
 
 
 def slot(record: Record) -> str:
-    """Return the key of a row of a board and a training seed: it has one record."""
+    """Return the key of a row and a training seed, which have one record."""
     return digest([row_key(record), record.seed])
 
 
 def text_of(record: Record) -> str:
-    """Return JSON with a line for every key, and one for every metric and every time."""
+    """Return JSON with one line for every key, every metric and every time."""
     parts = []
     for name, value in record.json_values().items():
         if name in LISTS:
@@ -201,17 +217,17 @@ def _read(path: Path) -> Record:
 def _share_keys(record: Record) -> None:
     """Keep the set of keys that rows of a record were read with once, not once a row.
 
-    Three quarters of the memory of a board are such sets. The rows are not changed afterwards.
+    Such sets take three quarters of the memory of a board. The rows are not changed afterwards.
     """
-    known: dict[frozenset[str], set[str]] = {}
+    key_sets: dict[frozenset[str], set[str]] = {}
     for row in (*record.metrics, *record.speed):
         keys = row.__pydantic_fields_set__
-        shared = known.setdefault(frozenset(keys), keys)
+        shared = key_sets.setdefault(frozenset(keys), keys)
         object.__setattr__(row, "__pydantic_fields_set__", shared)
 
 
 def refuse_misplaced(record: Record, path: Path) -> None:
-    """Raise UserError unless file and folder are called after the record and its protocol."""
+    """Raise UserError unless file and folder have the names of the record and its protocol."""
     if record.name != path.stem or record.protocol.id != path.resolve().parent.name:
         raise UserError(
             f"{path} holds the record {record.name!r} of protocol "
@@ -227,25 +243,27 @@ def committed_protocols(board: Path) -> Iterator[str]:
 
 
 NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9_-]|\.(?!\.)){0,159}")
-"""The name of a run, a model, an encoder or a sensor: it is part of file names and pages."""
+"""Form of the name of a run, model, encoder or sensor, which is part of file names and pages."""
 LONGEST = 1000
-"""Characters of a text in a record; the longest of those here has 188."""
+"""Most characters of a text in a record; the longest in committed records has 188."""
 LARGEST = 2**20
-"""Bytes of a record; the longest of those here has 25 kB."""
+"""Most bytes of a record; the largest committed one has 25 kB."""
 
 
 MOST_VALUES = 50_000
-"""Values in a record; the longest of those here has 9,700."""
+"""Most values in a record; the longest committed one has 9,700."""
 DEEPEST = 12
-"""Lists and objects inside each other; the deepest of those here has 7."""
+"""Most lists and objects inside each other; the deepest committed record has 7."""
 LARGEST_NUMBER = 2.0**63
-"""A seed has 63 bits, and floating-point operations are the largest numbers beside it."""
+"""Largest number in a record: a seed has 63 bits, and next in size are operations of a model."""
 
 
 def read_untrusted(path: Path) -> dict[str, Any]:
     """Return the JSON object in a file of at most LARGEST bytes.
 
-    Raises UserError for another file, and for a number that is not finite.
+    Raises:
+        UserError: The file is missing, no plain file or too large, holds no JSON object, or holds
+            too many values, too deep ones, or a number that is too large or not finite.
     """
     try:
         size = path.stat().st_size
@@ -268,7 +286,7 @@ def read_untrusted(path: Path) -> dict[str, Any]:
 
 
 def _refuse_extremes(value: Any, where: str) -> None:
-    """Raise UserError for more values, deeper ones or larger numbers than a record has."""
+    """Raise UserError for more values, deeper lists or larger numbers than a record has."""
     level, count, depth = [value], 0, 0
     while level:
         count, depth = count + len(level), depth + 1
@@ -279,18 +297,20 @@ def _refuse_extremes(value: Any, where: str) -> None:
             )
         if any(isinstance(item, int | float) and abs(item) > LARGEST_NUMBER for item in level):
             raise UserError(f"{where} holds a number beyond {LARGEST_NUMBER:g}.")
-        several = [
+        containers = [
             item.values() if isinstance(item, dict) else item
             for item in level
             if isinstance(item, dict | list)
         ]
-        level = [inner for item in several for inner in item]
+        level = [inner for item in containers for inner in item]
 
 
 def refuse_names(record: Record, where: str) -> None:
-    """Raise UserError for a name with markup or a path in it, or text that is not printable.
+    """Raise UserError for a name with markup or a path in it, or a text that is not printable.
 
-    The record is valid otherwise (see ``parse_record``).
+    Args:
+        record: A record that is valid otherwise (see ``parse_record``).
+        where: Name of the record in messages.
     """
     for key, name in _names(record):
         if not NAME.fullmatch(name):
@@ -337,7 +357,7 @@ def _names(record: Record) -> Iterator[tuple[str, str]]:
 
 
 def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Yield all strings of a JSON value, with where they stand."""
+    """Yield the key and the text of all strings in a JSON value."""
     if isinstance(value, str):
         yield key, value
     elif isinstance(value, Mapping):
@@ -350,7 +370,11 @@ def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
 
 
 def records_of(board: Path, protocol: str) -> list[Record]:
-    """Return the committed records of a protocol. Raises UserError for no such one, or no board."""
+    """Return the committed records of a protocol.
+
+    Raises:
+        UserError: The protocol is unknown, there is no board, or a committed record is invalid.
+    """
     files = protocol_files()
     if protocol not in files:
         raise unknown_protocol(protocol, files)

@@ -1,8 +1,8 @@
 """The models of one board timed together, from trained weights, apart from their training.
 
-A run times its model after training it, whatever else the machine does. Here all models of a
+A run times its model after training it, while the machine may do other work. Here all models of a
 protocol are timed in turns in one job on a quiet machine, so that their times can be compared, and
-the new rows take the place of the old ones in their records.
+the new rows replace the old ones in their records.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class TimedModel:
     """The model of a run, ready to be timed.
 
     Attributes:
-        run: whose record takes the times.
-        stages: of the configuration that is timed.
-        frames: as a model may see them.
-        timed: what the configuration is and costs in accuracy, as a record holds it.
+        run: Run whose record takes the times.
+        stages: Stages of the configuration that is timed.
+        frames: Test frames, as a model may see them.
+        timed: Description of the configuration and its cost in accuracy, as a record holds it.
     """
 
     run: StoredRun
@@ -58,13 +58,13 @@ class TimedModel:
 
 @dataclass
 class Timekeeper:
-    """Opens the models of runs; runs that share test frames open them once.
+    """Opens the models of runs; test frames that runs share are opened once.
 
     Attributes:
-        host: of the plugins.
-        cache: of frames and weights.
-        reporter: shows the work.
-        data: folder of recorded frames.
+        host: The plugins.
+        cache: Folder of frames and weights.
+        reporter: Shows the progress.
+        data: Folder of recorded frames.
     """
 
     host: PluginHost
@@ -78,8 +78,8 @@ class Timekeeper:
         """Return the model of a run with the weights that it was scored with.
 
         Raises:
-            UserError: the run has no times to replace, is of another machine, its weights are not
-                in the cache, or they do not give its answers.
+            UserError: The run has no times to replace or is of another machine, or its weights are
+                not in the cache or do not give its answers.
         """
         record = run.record
         _refuse_untimed(record)
@@ -124,7 +124,7 @@ class Timekeeper:
 
 
 def request_of_record(record: Record, host: PluginHost, data: Path | None) -> RunRequest:
-    """Return the request that a run was made by, with all parameters as its record states them."""
+    """Return the request that a run was made with, with all parameters of its record."""
     test, bound = record.test_sensor, {"model": BoundSpec.of_record(host.models, record.model)}
     bound["sensor"] = BoundSpec.of_record(host.sensors, record.sensor)
     if record.encoder is not None:
@@ -140,8 +140,8 @@ def request_of_record(record: Record, host: PluginHost, data: Path | None) -> Ru
         seed=record.seed,
         device=record.training.device or "cpu",
         parameters={
-            kind: {name: str(value) for name, value in one.values.items()}
-            for kind, one in bound.items()
+            kind: {name: str(value) for name, value in spec.values.items()}
+            for kind, spec in bound.items()
         },
         presses=record.limits.presses,
         test=read_test_options(
@@ -160,13 +160,13 @@ def time_models(
     """Time all models in turns: one frame a call with one thread and with all, and in batches.
 
     Args:
-        models: with different names of their runs.
-        reporter: shows the work.
-        calls: of each model at batch 1.
-        batches: of the scenario ``offline``.
+        models: Models of runs with different names.
+        reporter: Shows the progress.
+        calls: Number of calls of each model at batch 1.
+        batches: Batch sizes of the scenario ``offline``.
 
     Returns:
-        By the name of the run.
+        Times by the name of the run.
     """
     moment = datetime.now(UTC).isoformat(timespec="seconds")
     together = {"interleaved": len(models), "at": moment}
@@ -204,7 +204,7 @@ def store_times(run: StoredRun, speed: Speed) -> StoredRun:
     """Return the run with new times in its record and beside it; all else stays as it is.
 
     Raises:
-        UserError: an array of the run is damaged, or the record breaks an invariant.
+        UserError: An array of the run is damaged, or the record breaks an invariant.
     """
     parts = {name: run.arrays(name) for name in PARTS if name != "times"}
     rows = [SpeedRow.model_validate(row) for row in speed.rows]
@@ -217,14 +217,14 @@ def commit_times(run: StoredRun, board: Path) -> Path | None:
     """Write the record of a run over the committed one of the same name; None where there is none.
 
     Raises:
-        UserError: as ``add``.
+        UserError: As ``add``.
     """
     path = board / FOLDER / run.record.protocol.id / f"{run.record.name}.json"
     return add(run, board).path if path.is_file() else None
 
 
 def refuse_noise(load: Load) -> None:
-    """Raise UserError where others compute on this machine, with how much they take."""
+    """Raise UserError where other processes or machines use this machine, with their shares."""
     if load.quiet is False:
         stolen, foreign = (round(100 * (share or 0)) for share in (load.stolen, load.foreign))
         raise UserError(
@@ -235,7 +235,7 @@ def refuse_noise(load: Load) -> None:
 
 
 def _refuse_untimed(record: Record) -> None:
-    """Raise UserError for runs whose model changes between frames, or that have no times."""
+    """Raise UserError for a run whose model changes between frames or that has no times."""
     protocol = version_of(record.protocol.id, record.protocol.hash)
     if protocol is None or protocol.archived:
         raise UserError(f"{record.name} is of an earlier version of its protocol; run it again.")

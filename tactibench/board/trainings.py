@@ -1,8 +1,8 @@
 """One name, one training: the rows of one name and seed have the same weights in every protocol.
 
-A row is called by model, parameters, regime, encoder and sensor. Who reads two boards takes rows of
-one name for one model; trained twice, with other epochs or another version of the code, they are
-two.
+A row is named by model, parameters, regime, encoder and sensor. A reader of two boards takes rows
+of the same name for the same model. Trained twice, with other epochs or another version of the
+code, they are two models.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Trainings:
 
     Attributes:
         contradictions: A sentence for each record whose weights are not those of its name.
-        names: How many names and seeds were compared.
-        older: How many records have no checksum; they were made before this rule.
-        older_names: How many names among these have several trainings.
+        names: Number of names and seeds that were compared.
+        older: Number of records without a checksum; they were made before this rule.
+        older_names: Number of names among these that have several trainings.
     """
 
     contradictions: tuple[str, ...]
@@ -50,10 +50,13 @@ class Trainings:
 
 
 def compare_trainings(records: Iterable[tuple[Record, LoadedProtocol]]) -> Trainings:
-    """Compare the weights of records, given with the versions of protocols that they stand with.
+    """Compare the weights of records.
 
-    Records of a present version with a checksum are held to the rule. Those without one are
-    counted, and archived versions are left out.
+    Records of a present version with a checksum must keep the rule. Records without a checksum are
+    counted only, and archived versions are left out.
+
+    Args:
+        records: Records, each with the version of its protocol that it stands with.
     """
     sealed: dict[str, list[Record]] = {}
     older: dict[str, list[Record]] = {}
@@ -63,18 +66,19 @@ def compare_trainings(records: Iterable[tuple[Record, LoadedProtocol]]) -> Train
         group = older if record.identity.checksum is None else sealed
         group.setdefault(canonical(training_key(record, protocol.spec)), []).append(record)
     return Trainings(
-        tuple(sentence for several in sealed.values() for sentence in _contradictions(several)),
+        tuple(sentence for same_name in sealed.values() for sentence in _contradictions(same_name)),
         len(sealed),
         sum(map(len, older.values())),
-        sum(len(_hashes(several)) > 1 for several in older.values()),
+        sum(len(_hashes(same_name)) > 1 for same_name in older.values()),
     )
 
 
 def training_key(record: Record, protocol: Protocol) -> list[Any]:
-    """Return all that is in the name of a training, as JSON values.
+    """Return everything that the name of a training holds, as JSON values.
 
-    The kind of answer and a training for another sensor are part of it: they follow from the
-    protocol and change what is learned. A model that draws nothing has one training for all seeds.
+    The kind of answer, and whether a training is for another sensor, are part of it: they follow
+    from the protocol and change what is learned. A model that draws nothing has one training for
+    all seeds.
     """
     transfers = protocol.transfer is not None
     draws = transfers or record.model.name not in deterministic_models()

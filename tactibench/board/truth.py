@@ -1,7 +1,7 @@
 """The truth of a submission's test frames, made again from the protocol and not from the record.
 
 Presses are drawn from the protocol's seed (or a hidden one) on the sensor that the record names,
-which must ship with tactibench; a simulated sensor reaches the poses that it is asked for. Recorded
+which must ship with tactibench. A simulated sensor reaches every pose that is requested. Recorded
 frames are read from their folder. No model and no encoder is imported.
 """
 
@@ -44,7 +44,7 @@ from tactibench.run.test_sensor import resolve_test_sensor
 T = TypeVar("T")
 
 MOST_KEPT = 16
-"""Test sets whose truth is kept: pull requests are of one or two, and one takes a megabyte."""
+"""Most test sets whose truth is kept: a pull request has one or two, and one takes a megabyte."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,11 @@ class Source:
     """The sources of the truth.
 
     Attributes:
-        host: plugins that are trusted.
-        cache: of frames.
-        data: folder of recorded frames.
-        kept: truths that were drawn, and facts about the sets of frames, by all that determines
-            them, so that a second submission on the same test set costs no draw.
+        host: Plugins that are trusted.
+        cache: Folder of frames.
+        data: Folder of recorded frames.
+        kept: Truths that were drawn, and facts about the sets of frames, by everything that
+            determines them, so that a second submission on the same test set needs no new draw.
     """
 
     host: PluginHost
@@ -65,14 +65,19 @@ class Source:
     kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def keep(self, identity: Any, make: Callable[[], T]) -> T:
-        """Return what was made of an identity, a JSON value, or make it."""
+        """Return the value that is kept for an identity, or make and keep it.
+
+        Args:
+            identity: Everything that determines the value, as a JSON value.
+            make: Makes the value.
+        """
         key = digest(identity)
         if key not in self.kept:
             while len(self.kept) >= MOST_KEPT:
                 del self.kept[next(iter(self.kept))]
             self.kept[key] = make()
-        kept: T = self.kept[key]
-        return kept
+        value: T = self.kept[key]
+        return value
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,8 @@ class TestSet:
     """The test set of a record.
 
     Attributes:
-        truth: packed true answers with press and group, and the bounds that the metrics need.
-        derived: what a record must say of its test set, its training set and its sensors.
+        truth: Packed true answers with press and group, and the bounds that the metrics need.
+        derived: Facts that a record must state of its test set, its training set and its sensors.
     """
 
     __test__ = False  # not a test case, whatever its name
@@ -95,8 +100,14 @@ def truth_of(
 ) -> Arrays:
     """Return packed true answers with press and group, and the bounds that the metrics need.
 
+    Args:
+        record: Record of a run.
+        protocol: Version of the protocol that it answers.
+        source: Sources of the truth.
+        hidden: Hidden seed of the test presses; None: the protocol's seed.
+
     Raises:
-        UserError: where they cannot be made here.
+        UserError: The truth cannot be made on this machine.
     """
     return test_set(record, protocol, source, hidden).truth
 
@@ -106,8 +117,15 @@ def test_set(
 ) -> TestSet:
     """Return the test set that a record names, made again.
 
+    Args:
+        record: Record of a run.
+        protocol: Version of the protocol that it answers.
+        source: Sources of the truth.
+        hidden: Hidden seed of the test presses; None: the protocol's seed.
+
     Raises:
-        UserError: where it cannot be made here.
+        UserError: The test set cannot be made on this machine, or the record does not agree with
+            its own options.
     """
     if protocol.archived:
         protocol = _without_sensor_settings(protocol)
@@ -151,7 +169,7 @@ def test_set(
     counts = labelled_counts(record, protocol)
     if protocol.spec.transfer is not None:
         _check_same_recording(record, facts.target, request.test_data)
-    # Records from before the limit was known do not state it.
+    # Records that are older than the two-point limit do not state it.
     limits = bool(record.metric(LIMIT, "all"))
     truth = source.keep(
         ["truth", *identity, limits, counts], lambda: _truth(frames(), counts, limits)
@@ -169,10 +187,10 @@ def _truth(frames: FrameSource, counts: tuple[int, ...], limits: bool) -> Arrays
 
 
 def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:
-    """Return the protocol whose families press with the sensor as it is.
+    """Return the protocol with families that press with the unchanged sensor.
 
-    A setting such as the tier changes frames and not what is pressed. So the truth of a version can
-    be made again when the setting that it names went.
+    A setting such as the tier changes frames but no presses. So the truth of a version can be made
+    again although the setting that it names no longer exists.
     """
     families = [family.model_copy(update={"sensor": {}}) for family in protocol.spec.families]
     spec = protocol.spec.model_copy(update={"families": tuple(families)})
@@ -180,10 +198,13 @@ def _without_sensor_settings(protocol: LoadedProtocol) -> LoadedProtocol:
 
 
 def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]:
-    """Return after how many labelled frames every test frame was answered; (): shown none.
+    """Return the numbers of labelled frames after which every test frame was answered.
+
+    Returns:
+        () where the protocol shows no labelled frames.
 
     Raises:
-        UserError: for other numbers than the protocol shows.
+        UserError: The record states other numbers than the protocol shows.
     """
     transfer = protocol.spec.transfer
     if transfer is None:
@@ -200,7 +221,7 @@ def labelled_counts(record: Record, protocol: LoadedProtocol) -> tuple[int, ...]
 
 
 def _transfer_truth(frames: TransferFrames, counts: tuple[int, ...]) -> Arrays:
-    """Return the truth of the recording that was tested, which --data names."""
+    """Return the truth of the recording that was tested, in the folder of ``--data``."""
     (test,) = frames.test_frames()
     truth = true_answers(frames.spec, [test.open(lambda _: None)])
     return truth_arrays(
@@ -212,7 +233,7 @@ def _transfer_truth(frames: TransferFrames, counts: tuple[int, ...]) -> Arrays:
 
 
 def _check_same_recording(record: Record, target: Mapping[str, Any], folder: Path | None) -> None:
-    """Raise UserError where the labels in the folder are not those that the run was tested on."""
+    """Raise UserError where the recording in the folder is not the one that was tested."""
     seen, test = record.data.of_tested_sensor, record.test_sensor
     stated = None if seen is None else seen.described.get("sha256")
     if stated is None or stated != target.get("sha256"):
@@ -228,17 +249,17 @@ def _test_options(record: Record, source: Source) -> TestOptions:
         return TestOptions()
     texts = tuple(text for text in test.options if text != HIDDEN)
     options = read_test_options(texts, hidden=HIDDEN in test.options)
-    # A record holds the folder's last names alone.
+    # A record holds only the last two names of the folder's path.
     return options if options.data is None else replace(options, data=source.data)
 
 
 def _as_old_as(
     record: Record, tested: BoundSpec[SensorSpec] | None
 ) -> BoundSpec[SensorSpec] | None:
-    """Return the tested sensor without what it learned after the record was made.
+    """Return the tested sensor with no parameter that is newer than the record.
 
-    The options of a record name what was asked for; a parameter that came later has the value
-    that stands for the time before it.
+    The options of a record name what was asked for. A parameter that came later has the value that
+    stands for the time before it.
     """
     if tested is None or record.test_sensor is None:
         return tested
@@ -252,7 +273,7 @@ def _as_old_as(
 
 
 def _sensor(record: Record, source: Source) -> BoundSpec[SensorSpec]:
-    """Return the sensor that pressed the training scenes, as the record says that it was set."""
+    """Return the sensor that pressed the training scenes, with the settings of the record."""
     stated, sensors = record.sensor, source.host.sensors
     spec = sensors[stated.name]
     if spec.origin == "real" and not spec.needs_data:
@@ -283,7 +304,7 @@ def _recorded_truth(frames: FrameSource) -> Arrays:
 
 
 def _drawn_truth(frames: DrawnFrames) -> Arrays:
-    """Return the truth of drawn scenes: a simulated sensor reaches any pose that is asked for."""
+    """Return the truth of drawn scenes: a simulated sensor reaches every pose that is requested."""
     sets = frames.test_frames()
     scenes = [scene for frame_set in sets for scene in frame_set.scenes]
     radius = frames.testing.pressed.workspace.dome_radius_mm
@@ -302,7 +323,7 @@ def _drawn_truth(frames: DrawnFrames) -> Arrays:
 
 
 def _limits(frames: DrawnFrames) -> Arrays:
-    """Return the two-point limits of the test presses, nothing where the sensor knows none."""
+    """Return the two-point limits of the test presses; empty where the sensor does not know one."""
     limits = []
     with frames.testing.open(np.random.SeedSequence(frames.testing.protocol.data_seed)) as sensor:
         for frame_set in (candidate for candidate in frames.test_frames() if not candidate.apart):

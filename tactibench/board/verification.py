@@ -1,4 +1,4 @@
-"""One submission, checked and scored again; the first thing that is wrong is said in a sentence."""
+"""One submission, checked and scored again; a message names the first thing that is wrong."""
 
 from __future__ import annotations
 
@@ -54,31 +54,36 @@ from tactibench.run.request import HIDDEN
 from tactibench.run.score import LIMIT, score_arrays
 
 TOLERANCE = 1e-6
-"""Relative; another processor or version of numpy sums in another order."""
+"""Relative tolerance; another processor or version of numpy sums in another order."""
 LIMIT_TOLERANCE = 1e-3
-"""Relative, of a limit that is searched in rendered frames of single precision."""
+"""Relative tolerance of a limit that is searched in rendered frames of single precision."""
 NEGLIGIBLE_MM = 1e-6
 """Tolerance of the error of one press, which is near 0 where the truth is fitted to pins."""
 MOST_S = 900.0
-"""Processor time for a file: thirty times what the slowest of the shipped protocols takes. It grows
-with the size of a frame, which a record may name."""
+"""Most processor time for a file, thirty times that of the slowest shipped protocol. The time grows
+with the size of a frame, which a record may choose."""
 AGAIN_S = 0.2
-"""Processor time after which a file is stopped again, where the first time was lost."""
+"""Processor time after which a file is stopped again, where the first stop had no effect."""
 EXCESS = "surface_excess_mm"
 FROM_MAPS = frozenset({"surface_rmse_mm", "surface_floor_mm", EXCESS})
 """Metrics of heatmaps, which are not submitted."""
 
 FORM = ("unit", "better", "censored", "method")
-"""Fields of a metric that do not rest on what was measured."""
+"""Fields of a metric that do not depend on what was measured."""
 
 
 @dataclass(frozen=True)
 class Verdict:
     """The verdict on a submission that was not refused.
 
-    again: metric rows computed anew and equal to the stated ones. stated: what is the submitter's
-    word, the names of metrics of heatmaps among them. neighbours: its place among the records
-    beside it.
+    Attributes:
+        path: File of the record.
+        record: The record.
+        frames: Number of test frames.
+        again: Rows of metrics that were computed anew and equal the stated ones.
+        stated: Everything that rests on the submitter's word, the names of metrics of heatmaps
+            included.
+        neighbours: Its place among the records beside it.
     """
 
     path: Path
@@ -90,12 +95,12 @@ class Verdict:
 
     @property
     def subject(self) -> str:
-        """Name such as "unet + hertz (single), seed 0 on simulated sensor tactip-127"."""
+        """Name, such as "unet + hertz (single), seed 0 on simulated sensor tactip-127"."""
         record = self.record
         return f"{label_of(record)}, seed {record.seed} on {measured_on(record)}"
 
     def headline(self) -> list[Metric]:
-        """Return the error that orders the board, and what was missed."""
+        """Return the error that orders the board, with missed and spurious contacts or coverage."""
         ranking = board_spec(self.record.protocol.label).ranking
         wanted = [] if ranking is None else [(ranking.metric, ranking.group)]
         wanted += [(name, "all") for name in ("missed", "spurious", "coverage")]
@@ -109,7 +114,7 @@ class Verdict:
 
 
 class _OutOfTimeError(BaseException):
-    """The time of a file is up. It is no Exception, which code in between might catch."""
+    """The time of a file is up. It is no Exception, which plugins and libraries might catch."""
 
 
 def verify(
@@ -120,18 +125,19 @@ def verify(
     folder: Path | None = None,
     limit_s: float = MOST_S,
 ) -> Verdict:
-    """Check and score one committed record. One file never ends the verification of others.
+    """Check and score one committed record. One file never stops the verification of others.
 
     Args:
-        path: of the record.
-        source: of the truth.
-        hidden: whether its test presses are from the hidden seed.
-        folder: of the published hashes of hidden seeds; None: those that ship with tactibench.
-        limit_s: processor time that it may take.
+        path: File of the record.
+        source: Sources of the truth.
+        hidden: Whether its test presses are from the hidden seed.
+        folder: Folder of the published hashes of hidden seeds; None: those that ship with
+            tactibench.
+        limit_s: Most processor time that it may take, s.
 
     Raises:
-        UserError: with what is wrong, or what is lacking to find out; whatever else is raised is a
-            verdict on that file, too.
+        UserError: Something is wrong with the file, or something is missing to verify it. Any other
+            exception of the code is turned into this verdict on the file.
     """
 
     def stop(_frame: FrameType | None) -> None:
@@ -156,7 +162,20 @@ def verify(
 def score_again(
     path: Path, source: Source, *, hidden: bool = False, folder: Path | None = None
 ) -> Verdict:
-    """Do what ``verify`` does; another exception than UserError is a mistake of tactibench."""
+    """Check and score one committed record, without the guards of ``verify``.
+
+    An exception other than UserError is a mistake of tactibench.
+
+    Args:
+        path: File of the record.
+        source: Sources of the truth.
+        hidden: Whether its test presses are from the hidden seed.
+        folder: Folder of the published hashes of hidden seeds; None: those that ship with
+            tactibench.
+
+    Raises:
+        UserError: Something is wrong with the file, or something is missing to verify it.
+    """
     values = read_untrusted(path)
     record = parse_record(values, str(path))
     refuse_names(record, str(path))
@@ -184,8 +203,8 @@ def score_again(
     seed = committed_seed(protocol, folder) if hidden else None
     if seed is not None and record.identity.hidden != seed.commitment:
         raise UserError(f"{path} was tested with another hidden seed than the published one.")
-    made = test_set(record, protocol, source, seed)
-    truth = made.truth
+    test = test_set(record, protocol, source, seed)
+    truth = test.truth
     times = len(labelled_counts(record, protocol)) or 1
     frames = len(truth["press"]) // times
     if record.data.test != frames:
@@ -194,7 +213,7 @@ def score_again(
             f"protocol tests {frames:,}."
         )
     _refuse_maps(record, frames, str(path))
-    refuse_underived(record, made.derived, protocol, str(path))
+    refuse_underived(record, test.derived, protocol, str(path))
     guarded = bool(protocol.spec.families)
     check_answers(answers, protocol.spec.answer, frames * times, str(place), guarded=guarded)
     if protocol.spec.answer == "contacts":
@@ -204,8 +223,10 @@ def score_again(
     again = score_arrays(protocol.spec, truth, answers, {})
     stated = refuse_differences(record.metrics, again, str(path))
     _refuse_ranked(ranked, ranked_errors(protocol.spec, truth, answers), place)
-    kept = tuple(row for row in again if row.metric not in FROM_MAPS)
-    return Verdict(path, record, frames, kept, (*on_word(made.derived), *stated), neighbours)
+    from_answers = tuple(row for row in again if row.metric not in FROM_MAPS)
+    return Verdict(
+        path, record, frames, from_answers, (*on_word(test.derived), *stated), neighbours
+    )
 
 
 def _kept_protocol(record: Record, path: Path) -> LoadedProtocol:
@@ -238,9 +259,9 @@ def _refuse_other_seed(record: Record, path: Path, hidden: bool) -> None:
 
 
 def refuse_signature(record: Record, where: str) -> None:
-    """Raise UserError unless the signature, which boards show, says what the record says."""
-    stated, made = record.signature.split("|"), make_signature(record).split("|")
-    for before, after in zip_longest(stated, made, fillvalue="nothing more"):
+    """Raise UserError unless the signature, which boards show, agrees with the record."""
+    stated, derived = record.signature.split("|"), make_signature(record).split("|")
+    for before, after in zip_longest(stated, derived, fillvalue="nothing more"):
         if before != after:
             raise UserError(
                 f"{where}: the signature says {before!r}, but the record says {after!r}."
@@ -252,7 +273,13 @@ def refuse_differences(
 ) -> tuple[str, ...]:
     """Raise UserError where a stated row is not what the answers give.
 
-    Returns the metrics that are stated and cannot be computed without heatmaps.
+    Args:
+        stated: Rows of the record.
+        again: Rows computed from the answers.
+        where: Name of the record in messages.
+
+    Returns:
+        Names of the metrics that are stated and cannot be computed without heatmaps.
     """
     before, after = ({(row.metric, row.group): row for row in rows} for rows in (stated, again))
     if len(before) < len(stated):
@@ -260,9 +287,9 @@ def refuse_differences(
     for metric, group in sorted({*before, *after}):
         row, computed = before.get((metric, group)), after.get((metric, group))
         if row is None or computed is None:
-            what = "lacks" if row is None else "states"
+            verb = "lacks" if row is None else "states"
             raise UserError(
-                f"{where} {what} {metric} of {group}, which the protocol "
+                f"{where} {verb} {metric} of {group}, which the protocol "
                 f"{'asks for' if row is None else 'does not ask for'}."
             )
         for field in FORM if metric in FROM_MAPS else Metric.model_fields:
@@ -278,7 +305,7 @@ def refuse_differences(
 
 
 def _refuse_maps(record: Record, frames: int, where: str) -> None:
-    """Raise UserError for errors of heatmaps that a run without heatmaps, or none, could have."""
+    """Raise UserError for errors of heatmaps that the run cannot have measured."""
     none = record.identity.stored["maps"] == arrays_hash({})
     for row in record.metrics:
         if row.metric not in FROM_MAPS:
@@ -303,7 +330,7 @@ def _is_equal(stated: Any, again: Any, tolerance: float) -> bool:
 
 
 def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
-    """Raise UserError unless a board would rank by what the answers give."""
+    """Raise UserError unless the errors that a board ranks by are those of the answers."""
     same = set(stated) == set(again) and all(
         stated[name].shape == array.shape
         and stated[name].dtype.kind == array.dtype.kind
@@ -322,6 +349,6 @@ def _refuse_ranked(stated: Arrays, again: Arrays, place: Path) -> None:
 
 
 def metric_rows(verdict: Verdict) -> Iterable[dict[str, Any]]:
-    """Yield tidy rows of what was computed anew."""
+    """Yield tidy rows of the metrics that were computed anew."""
     for row in verdict.again:
         yield {"file": verdict.path.name, "state": "verified", **row.json_values()}
